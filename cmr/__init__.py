@@ -1,0 +1,10 @@
+"""Calibrated Mixed Reality: real and virtual robots in one world.
+
+Rooms: `bus` (channels, messages, processes on LCM), `recordings` (event logs as arrays), `parameters`
+(the parameter file), `model` (how a robot moves), `calibration`, `world` (all robots, real and virtual),
+`tools` (log tools), `commands` (the cmr-* processes). Imports run towards `model`, which knows nobody.
+"""
+
+from importlib.metadata import version
+
+__version__ = version("cmr")

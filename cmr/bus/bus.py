@@ -1,0 +1,95 @@
+"""One connection to the bus: subscribe, publish, and receive what has arrived, decoded and checked."""
+
+import select
+import time
+from collections import Counter
+from typing import Any
+
+from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
+from cmr.bus.preflight import open_lcm, resolve_url, self_test, warnings
+from cmr.bus.streams import Stream
+
+DRAIN_LIMIT = 20_000  # messages handled in one go; a flood must not keep a process from its own work
+
+
+class Bus:
+    """A connection to the LCM bus at `url` (None: environment, then this host only).
+
+    `rejected` counts what was not taken, by (channel, reason). `warnings` are sentences about losses to expect.
+    Raises BusError when the bus cannot be used.
+    """
+
+    def __init__(self, url: str | None = None) -> None:
+        self.url = resolve_url(url)
+        self.warnings = warnings(self.url)
+        self.rejected: Counter[tuple[str, str]] = Counter()
+        self._lcm = open_lcm(self.url)
+        self_test(self._lcm, self.url)
+        self._every: set[str] = set()
+        self._arrived: list[Received] = []
+        self._repeated: dict[str, _Repeated] = {}
+
+    def subscribe(self, stream: Stream, robot_id: int | None = None, *, every: bool = False) -> None:
+        """Receive this stream: of one robot, or of all where `robot_id` is None.
+
+        `every` keeps every message; otherwise only the latest of each channel is received, which is what a
+        controller wants after it was held up.
+        """
+        pattern = stream.pattern if robot_id is None else stream.channel(robot_id)
+        subscription = self._lcm.subscribe(pattern, self._take)
+        subscription.set_queue_capacity(0)  # unlimited: LCM's 30 lose messages whenever we are held up
+        if every:
+            self._every.add(stream.name)
+
+    def publish(self, stream: Stream, message: Any, robot_id: int | None = None) -> None:
+        """Send a message once."""
+        self._lcm.publish(stream.channel(robot_id), message.encode())
+
+    def repeat(self, stream: Stream, message: Any, robot_id: int | None = None, *, period: float) -> None:
+        """Send a message now and every `period` seconds from `publish_repeated`, until another takes its place.
+
+        LCM keeps nothing for late joiners; `utime` is brought up to date at each repetition.
+        """
+        self._repeated[stream.channel(robot_id)] = _Repeated(message, period)
+        self.publish_repeated()
+
+    def publish_repeated(self) -> None:
+        """Send every repeated message that is due."""
+        now = time.monotonic()
+        for channel, repeated in self._repeated.items():
+            if now >= repeated.due:
+                repeated.due = now + repeated.period
+                repeated.message.utime = now_utime()
+                self._lcm.publish(channel, repeated.message.encode())
+
+    def receive(self, timeout: float) -> list[Received]:
+        """Wait up to `timeout` seconds for a message; return all that have arrived, oldest first."""
+        if select.select([self._lcm.fileno()], [], [], max(timeout, 0.0))[0]:
+            for _ in range(DRAIN_LIMIT):
+                if self._lcm.handle_timeout(0) <= 0:
+                    break
+        arrived, self._arrived = self._arrived, []
+        return self._latest(arrived)
+
+    def _take(self, channel: str, data: bytes) -> None:
+        try:
+            self._arrived.append(decode(channel, data))
+        except RejectedMessage as rejected:
+            self.rejected[channel, rejected.reason] += 1
+
+    def _latest(self, arrived: list[Received]) -> list[Received]:
+        last = {received.channel: index for index, received in enumerate(arrived)}
+        return [
+            received
+            for index, received in enumerate(arrived)
+            if received.stream.name in self._every or last[received.channel] == index
+        ]
+
+
+class _Repeated:
+    """A message to send again and again."""
+
+    def __init__(self, message: Any, period: float) -> None:
+        self.message = message
+        self.period = period
+        self.due = 0.0

@@ -1,0 +1,78 @@
+"""Make, encode and decode messages; whatever is not ours or is damaged is named, never passed on."""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from cmr.bus.streams import Stream, identify
+
+
+class RejectedMessage(Exception):  # noqa: N818 - it is a finding, not a failure of the program
+    """A message that was not taken; `reason` is one of the words in `REASONS`."""
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(f"{reason}: {detail}")
+        self.reason = reason
+
+
+# unknown_channel: none of our streams. foreign: another message type's fingerprint.
+# corrupt: the right fingerprint, but the bytes do not decode. wrong_robot: robot_id contradicts the channel name.
+REASONS = ("unknown_channel", "foreign", "corrupt", "wrong_robot")
+
+
+@dataclass(frozen=True)
+class Received:
+    """One decoded message: the channel it came on, the stream that channel belongs to, and the robot (None: all)."""
+
+    channel: str
+    stream: Stream
+    robot_id: int | None
+    message: Any
+
+
+def now_utime() -> int:
+    """Return the time of day in microseconds since the Unix epoch."""
+    return time.time_ns() // 1000
+
+
+def make(message_type: Any, **fields: Any) -> Any:
+    """Return a message of `message_type` with these fields; `n` follows from the arrays.
+
+    The generated classes accept any attribute and truncate arrays silently; this does neither.
+    Raises TypeError for a field that is missing or unknown, ValueError for arrays of unequal length.
+    """
+    message = message_type()
+    dimensions = dict(zip(message.__slots__, message.__dimensions__, strict=True))
+    counted = {name: length[0] for name, length in dimensions.items() if length is not None}
+    for count_field in set(counted.values()):
+        lengths = {name: len(fields[name]) for name, field in counted.items() if field == count_field}
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f"{message_type.__name__}: arrays differ in length: {lengths}")
+        fields[count_field] = next(iter(lengths.values()))
+    if set(fields) != set(dimensions):
+        wrong = sorted(set(fields) ^ set(dimensions))
+        raise TypeError(f"{message_type.__name__}: fields missing or unknown: {', '.join(wrong)}")
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+def decode(channel: str, data: bytes) -> Received:
+    """Decode one message from the bus or from a log.
+
+    Raises RejectedMessage when the channel is not ours, the type is not the channel's, the bytes are damaged,
+    or the robot id in the message is not the one in the channel name.
+    """
+    identity = identify(channel)
+    if identity is None:
+        raise RejectedMessage("unknown_channel", f"{channel} is not a channel of CMR")
+    stream, robot_id = identity
+    if data[:8] != stream.message_type._get_packed_fingerprint():
+        raise RejectedMessage("foreign", f"{channel} carries a type other than {stream.message_type.__name__}")
+    try:
+        message = stream.message_type.decode(data)
+    except Exception as error:  # the generated decoder raises whatever its parts raise on damaged bytes
+        raise RejectedMessage("corrupt", f"{channel}: {error}") from error
+    if robot_id is not None and message.robot_id != robot_id:
+        raise RejectedMessage("wrong_robot", f"{channel} carries a message of robot {message.robot_id}")
+    return Received(channel, stream, robot_id, message)

@@ -1,0 +1,134 @@
+"""Turn what LCM leaves unsaid ("Couldn't create LCM", or silence) into a sentence that says what to do."""
+
+import ipaddress
+import os
+import select
+import socket
+import struct
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import parse_qsl, urlsplit
+
+import lcm
+
+DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"
+SELF_TEST_CHANNEL = "CMR_SELF_TEST"
+SELF_TEST_SECONDS = 1.0  # the loopback takes a tenth of a millisecond; more is a fault, not load
+
+
+class BusError(Exception):
+    """The bus cannot be used; the text says why and what to do."""
+
+
+@dataclass
+class Multicast:
+    """A udpm URL in parts; defaults are LCM's own."""
+
+    group: str = "239.255.76.67"
+    port: int = 7667
+    ttl: int = 0
+    recv_buf_size: int = 0
+    options: dict[str, str] = field(default_factory=dict)
+
+
+def resolve_url(url: str | None) -> str:
+    """Return `url` if given, else LCM_DEFAULT_URL from the environment, else the URL that stays on this host."""
+    return url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
+
+
+def parse_udpm(url: str) -> Multicast:
+    """Return the parts of a udpm URL.
+
+    Raises BusError naming the part that is wrong.
+    """
+    try:
+        parts = urlsplit(url)
+        options = dict(parse_qsl(parts.query))
+        multicast = Multicast(
+            group=parts.hostname or Multicast.group,
+            port=parts.port or Multicast.port,
+            ttl=int(options.get("ttl", 0)),
+            recv_buf_size=int(options.get("recv_buf_size", 0)),
+            options=options,
+        )
+        is_multicast = ipaddress.IPv4Address(multicast.group).is_multicast
+    except ValueError as error:
+        raise BusError(f"The LCM URL {url!r} cannot be read ({error}). A working one is {DEFAULT_URL!r}.") from error
+    if not is_multicast:
+        raise BusError(f"{multicast.group} in {url!r} is not a multicast address. Use one in 239.0.0.0/8.")
+    return multicast
+
+
+def open_lcm(url: str) -> lcm.LCM:
+    """Return LCM on `url`.
+
+    Raises BusError when the URL is wrong, the machine has no multicast route, or LCM cannot start.
+    """
+    scheme = urlsplit(url).scheme
+    if scheme not in ("udpm", "memq", "tcpq"):
+        raise BusError(f"The LCM URL {url!r} is not a live bus. Use one such as {DEFAULT_URL!r}.")
+    if scheme == "udpm":
+        multicast = parse_udpm(url)
+        if not has_route(multicast.group):
+            raise BusError(
+                f"This machine has no network route for the multicast group {multicast.group}. Without a network: "
+                "sudo ip link set lo multicast on && sudo ip route add 224.0.0.0/4 dev lo"
+            )
+    try:
+        return lcm.LCM(url)
+    except RuntimeError as error:
+        raise BusError(
+            f"LCM could not start on {url!r}. Check that the address is a multicast address, that the port is free for "
+            "UDP, and that the network interface allows multicast (ip link show)."
+        ) from error
+
+
+def has_route(group: str) -> bool:
+    """Tell whether the kernel knows where to send packets for this IPv4 address."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((group, 9))  # connecting a UDP socket sends nothing; it only looks up the route
+        except OSError:
+            return False
+    return True
+
+
+def warnings(url: str, rmem_max: Path = Path("/proc/sys/net/core/rmem_max")) -> list[str]:
+    """Return what will not stop the bus but will lose messages under load; each with its remedy."""
+    if urlsplit(url).scheme != "udpm":
+        return []
+    wanted = parse_udpm(url).recv_buf_size
+    try:
+        allowed = int(rmem_max.read_text())
+    except (OSError, ValueError):
+        return []
+    if wanted == 0:
+        return [f"The LCM URL sets no recv_buf_size: bursts will be lost. Add recv_buf_size=4194304 to {url!r}."]
+    if allowed < wanted:
+        return [
+            f"The kernel allows a receive buffer of {allowed} bytes, less than the {wanted} asked for: bursts may be "
+            f"lost. To allow it: sudo sysctl -w net.core.rmem_max={wanted}"
+        ]
+    return []
+
+
+def self_test(bus: lcm.LCM, url: str) -> None:
+    """Send one message to ourselves and wait for it.
+
+    Raises BusError when it does not come back: the silence that a missing multicast route or a firewall causes.
+    """
+    token = struct.pack(">iq", os.getpid(), time.monotonic_ns())
+    arrived: list[bytes] = []
+    subscription = bus.subscribe(SELF_TEST_CHANNEL, lambda _channel, data: arrived.append(data))
+    bus.publish(SELF_TEST_CHANNEL, token)
+    deadline = time.monotonic() + SELF_TEST_SECONDS
+    while token not in arrived and time.monotonic() < deadline:
+        if select.select([bus.fileno()], [], [], 0.05)[0]:
+            bus.handle_timeout(0)
+    bus.unsubscribe(subscription)
+    if token not in arrived:
+        raise BusError(
+            f"A message sent on {url!r} did not come back. Multicast does not work here: check the firewall "
+            "(it must allow UDP to 239.255.76.67) and the interface of `ip route get 239.255.76.67`."
+        )

@@ -1,0 +1,135 @@
+"""The life of a process on the bus: signals, a steady loop, and a report on its health each second."""
+
+import os
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from types import FrameType, TracebackType
+from typing import Any
+
+from cmr.bus.bus import Bus
+from cmr.bus.messages import Received, make, now_utime
+from cmr.bus.streams import PROCESS_STATUS, Stream
+from cmr.msg import process_status_t
+
+LONGEST_WAIT = 0.1  # s; a signal is noticed within this time
+STATUS_PERIOD = 1.0  # s
+EXIT_INTERRUPTED = 130
+
+
+class Process:
+    """A process on the bus; use it as a context manager.
+
+    SIGINT and SIGTERM end `loop` at its next turn instead of raising anywhere. `state`, `message` and
+    `parameters_sha256` are what the next report says.
+    Raises BusError on entry when the bus cannot be used.
+    """
+
+    def __init__(self, name: str, url: str | None = None) -> None:
+        self.name = name
+        self.stopped_by_signal = False
+        self.state = process_status_t.STARTING
+        self.message = ""
+        self.parameters_sha256 = ""
+        self.overruns = 0
+        self._url = url
+        self._received: list[Received] = []
+        self._turns = 0
+        self._status_due = 0.0
+        self._status_sent = time.monotonic()
+        self._old_handlers: dict[int, Any] = {}
+
+    def __enter__(self) -> "Process":
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._old_handlers[number] = signal.signal(number, self._note_signal)
+        self.bus = Bus(self._url)
+        self.subscribe, self.publish, self.repeat = self.bus.subscribe, self.bus.publish, self.bus.repeat
+        self.message = " ".join(self.bus.warnings)
+        self.publish_status()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.state = process_status_t.STOPPING
+        if error is not None:
+            self.message = f"{kind.__name__ if kind else ''}: {error}"
+        self.publish_status()
+        for number, handler in self._old_handlers.items():
+            signal.signal(number, handler)
+
+    @property
+    def exit_code(self) -> int:
+        """0 after a normal end, 130 after SIGINT or SIGTERM."""
+        return EXIT_INTERRUPTED if self.stopped_by_signal else 0
+
+    def loop(self, rate_hz: float) -> Iterator[int]:
+        """Yield the time (us) at each turn of a steady loop until a signal comes.
+
+        Between turns it listens to the bus; `received` hands over what came. A turn that begins more than one
+        period late counts as an overrun, and the lost turns are not made up.
+        """
+        if self.state == process_status_t.STARTING:
+            self.state = process_status_t.RUNNING
+        period = 1.0 / rate_hz
+        due = time.monotonic()
+        while not self.stopped_by_signal:
+            self._listen_until(due)
+            late = time.monotonic() - due
+            if late > period:
+                self.overruns += 1
+                due += late
+            due += period
+            self._turns += 1
+            yield now_utime()
+            self.bus.publish_repeated()
+            if time.monotonic() >= self._status_due:
+                self.publish_status()
+
+    def received(self) -> list[Received]:
+        """Return what has arrived since the last call, oldest first."""
+        received, self._received = self._received, []
+        return received
+
+    def dispatch(self, handle: Callable[[int, str, Any], object]) -> None:
+        """Hand what has arrived to `handle(utime, channel, message)`, oldest first."""
+        for received in self.received():
+            handle(received.message.utime, received.channel, received.message)
+
+    def publish_all(self, messages: list[tuple[Stream, int | None, Any]]) -> None:
+        """Send messages given as (stream, robot id or None, message)."""
+        for stream, robot_id, message in messages:
+            self.publish(stream, message, robot_id)
+
+    def publish_status(self) -> None:
+        """Report on `PROCESS_STATUS`."""
+        now = time.monotonic()
+        rate = self._turns / max(now - self._status_sent, 1e-6)
+        self._turns, self._status_sent, self._status_due = 0, now, now + STATUS_PERIOD
+        rejected = ", ".join(f"{channel} {why} {count}" for (channel, why), count in self.bus.rejected.items())
+        self.publish(
+            PROCESS_STATUS,
+            make(
+                process_status_t,
+                utime=now_utime(),
+                process=self.name,
+                host=socket.gethostname(),
+                pid=os.getpid(),
+                state=self.state,
+                parameters_sha256=self.parameters_sha256,
+                loop_rate_hz=rate,
+                loop_overruns=float(self.overruns),
+                message=self.message + (f" Messages not taken: {rejected}." if rejected else ""),
+            ),
+        )
+
+    def _listen_until(self, due: float) -> None:
+        while not self.stopped_by_signal:
+            remaining = due - time.monotonic()
+            self._received += self.bus.receive(min(max(remaining, 0.0), LONGEST_WAIT))
+            if remaining <= 0.0:
+                return
+
+    def _note_signal(self, _number: int, _frame: FrameType | None) -> None:
+        self.stopped_by_signal = True

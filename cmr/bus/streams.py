@@ -1,0 +1,85 @@
+"""The table of channels: name, message type, rate and owner of every stream on the bus."""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from cmr import msg
+
+LCM_CHANNEL_NAME_LIMIT = 63  # bytes; LCM refuses longer names
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One kind of channel.
+
+    `name` is the whole channel name, or its beginning where each robot has a channel of its own
+    (MOTOR_COMMAND_7 for robot 7). `rate_hz` is the least rate at which its owner publishes while in
+    service; None means on occasion.
+    """
+
+    name: str
+    message_type: Any
+    per_robot: bool
+    rate_hz: float | None
+    owner: str
+
+    def channel(self, robot_id: int | None = None) -> str:
+        """Return the channel name; `robot_id` is needed exactly if each robot has its own.
+
+        Raises ValueError when `robot_id` is missing, superfluous or negative.
+        """
+        if not self.per_robot:
+            if robot_id is not None:
+                raise ValueError(f"{self.name} is one channel for all robots; it takes no robot id")
+            return self.name
+        if robot_id is None or robot_id < 0:
+            raise ValueError(f"{self.name} needs a robot id of 0 or more, not {robot_id}")
+        return f"{self.name}_{robot_id}"
+
+    @property
+    def pattern(self) -> str:
+        """Regular expression that LCM matches against whole channel names: this stream of every robot."""
+        return f"{self.name}_[0-9]+" if self.per_robot else self.name
+
+
+MOTOR_COMMAND = Stream("MOTOR_COMMAND", msg.motor_command_t, True, 20.0, "cmr-pilot, or any controller")
+MOTOR_FEEDBACK = Stream("MOTOR_FEEDBACK", msg.motor_feedback_t, True, 50.0, "cmr-driver")
+GYRO = Stream("GYRO", msg.gyro_t, True, 50.0, "cmr-driver")
+POSE = Stream("POSE", msg.pose_xyt_t, True, 5.0, "external localisation")
+ROBOT_STATE = Stream("ROBOT_STATE", msg.robot_state_t, True, 20.0, "cmr-sim")
+WORLD_STATE = Stream("WORLD_STATE", msg.world_state_t, False, 20.0, "cmr-sim")
+WAYPOINTS = Stream("WAYPOINTS", msg.waypoints_t, True, None, "whoever plans")
+PARAMETERS = Stream("PARAMETERS", msg.parameters_t, True, 1.0, "whoever wrote the file, and cmr-sim")
+CALIBRATION_STATUS = Stream("CALIBRATION_STATUS", msg.calibration_status_t, True, 2.0, "cmr-calibrate")
+PROCESS_STATUS = Stream("PROCESS_STATUS", msg.process_status_t, False, 1.0, "every process")
+ESTOP = Stream("ESTOP", msg.estop_t, False, 10.0, "whoever engages it, while engaged")
+
+STREAMS = (
+    MOTOR_COMMAND,
+    MOTOR_FEEDBACK,
+    GYRO,
+    POSE,
+    ROBOT_STATE,
+    WORLD_STATE,
+    WAYPOINTS,
+    PARAMETERS,
+    CALIBRATION_STATUS,
+    PROCESS_STATUS,
+    ESTOP,
+)
+
+_BY_NAME = {stream.name: stream for stream in STREAMS}
+_ROBOT_CHANNEL = re.compile(r"([A-Z_]+)_(0|[1-9][0-9]{0,8})")
+
+
+def identify(channel: str) -> tuple[Stream, int | None] | None:
+    """Return the stream and the robot id of a channel name; None if it is none of ours."""
+    stream = _BY_NAME.get(channel)
+    if stream is not None and not stream.per_robot:
+        return stream, None
+    match = _ROBOT_CHANNEL.fullmatch(channel)
+    if match is None:
+        return None
+    stream = _BY_NAME.get(match[1])
+    return (stream, int(match[2])) if stream is not None and stream.per_robot else None

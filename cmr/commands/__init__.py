@@ -1,0 +1,55 @@
+"""The cmr-* commands: each is a thin process around classes that know no bus.
+
+This module is what the shell starts. It loads a command only after it has seen to it that Ctrl-C ends the
+process quietly even while libraries are still being imported.
+"""
+
+import os
+import signal
+import sys
+from importlib import import_module
+
+
+def run(module: str) -> int:
+    """Run `main()` of a command's module; return its exit code (0 done, 1 failed, 2 wrong usage, 130 interrupted)."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: os._exit(130))
+    main = import_module(module).main
+    from cmr.commands.command_line import guarded
+
+    return guarded(main, sys.argv[1:])
+
+
+def calibrate() -> int:
+    """Start cmr-calibrate."""
+    return run("cmr.commands.calibrate")
+
+
+def demo() -> int:
+    """Start cmr-demo."""
+    return run("cmr.commands.demo")
+
+
+def driver() -> int:
+    """Start cmr-driver."""
+    return run("robot_driver.main")
+
+
+def emulate() -> int:
+    """Start cmr-emulate."""
+    return run("robot_driver.emulator.main")
+
+
+def import_log() -> int:
+    """Start cmr-import."""
+    return run("cmr.tools.import_log")
+
+
+def pilot() -> int:
+    """Start cmr-pilot."""
+    return run("cmr.commands.pilot")
+
+
+def sim() -> int:
+    """Start cmr-sim."""
+    return run("cmr.commands.sim")

@@ -1,0 +1,42 @@
+"""What all cmr-* commands share on the command line: help with an example, --version, exit codes, errors."""
+
+import argparse
+import sys
+from collections.abc import Callable
+
+from cmr import __version__
+from cmr.bus.preflight import DEFAULT_URL, BusError
+
+
+class CommandError(Exception):
+    """The command cannot do what was asked; the text is one line that says what is wrong and what to do."""
+
+
+class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
+    """Keeps the examples' lines as they are and shows defaults."""
+
+
+def parser(name: str, description: str, example: str) -> argparse.ArgumentParser:
+    """Return a parser with the options that every command has."""
+    result = argparse.ArgumentParser(
+        prog=name, description=description, epilog=f"example:\n  {example}", formatter_class=_HelpFormatter
+    )
+    result.add_argument(
+        "--lcm-url",
+        default=None,
+        metavar="URL",
+        help=f"LCM bus; otherwise LCM_DEFAULT_URL from the environment, otherwise {DEFAULT_URL} (this host only)",
+    )
+    result.add_argument("--version", action="version", version=f"{name} {__version__}")
+    return result
+
+
+def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
+    """Run `main`; turn an expected error into one line on stderr and exit code 1."""
+    try:
+        return main(arguments)
+    except (CommandError, BusError) as error:
+        print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130

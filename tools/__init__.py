@@ -1,0 +1,1 @@
+"""Log tools, installed as `cmr.tools` and run as cmr-* commands."""
