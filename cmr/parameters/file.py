@@ -1,0 +1,212 @@
+"""`robot_<id>.yaml`: the parameters of one robot, checked on reading and written so that it is never half there."""
+
+import hashlib
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from cmr.bus.messages import make, now_utime
+from cmr.model.parameters import DEFINITIONS, RobotParameters
+from cmr.msg import parameters_t
+
+SCHEMA = 1
+
+
+class ParameterFileError(Exception):
+    """The parameter file cannot be used; the text says what is wrong, where, and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """One parameter's value and, where it was estimated, its standard deviation (same unit)."""
+
+    value: float
+    std: float | None = None
+
+
+@dataclass(frozen=True)
+class ParameterFile:
+    """The content of a parameter file.
+
+    Raises ParameterFileError on construction for unknown names, values outside the parameter's range, and
+    standard deviations that are none.
+    """
+
+    robot_id: int
+    values: Mapping[str, Value]
+    effects: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    written: datetime = field(default_factory=lambda: datetime.now(timezone.utc).replace(microsecond=0))
+
+    def __post_init__(self) -> None:
+        if type(self.robot_id) is not int or self.robot_id < 0:
+            raise ParameterFileError(f"robot_id must be a whole number of 0 or more, not {self.robot_id!r}")
+        for name, value in self.values.items():
+            _check_value(name, value)
+        for name in self.effects:
+            raise ParameterFileError(f"effects: unknown effect {name!r}; this version knows none")
+
+    def value(self, name: str) -> float:
+        """Return a parameter's value.
+
+        Raises ParameterFileError when the file does not have it.
+        """
+        try:
+            return self.values[name].value
+        except KeyError:
+            raise ParameterFileError(f"{name} is missing; the file has {', '.join(self.values) or 'none'}") from None
+
+    def has(self, *names: str) -> bool:
+        """Tell whether the file has all of these parameters."""
+        return all(name in self.values for name in names)
+
+    @property
+    def robot_parameters(self) -> RobotParameters:
+        """The model's parameters.
+
+        Raises ParameterFileError naming the first that is missing.
+        """
+        return RobotParameters(*(self.value(name) for name in RobotParameters._fields))
+
+    def to_yaml(self) -> str:
+        """Return the text of the file."""
+        entries = {
+            name: {"value": value.value, "unit": DEFINITIONS[name].unit}
+            | ({} if value.std is None else {"std": value.std})
+            for name, value in self.values.items()
+        }
+        head = {
+            "schema": SCHEMA,
+            "robot_id": self.robot_id,
+            "written": self.written.astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        }
+        lines = [yaml.safe_dump(head, sort_keys=False).rstrip(), "parameters:"]
+        lines += [f"  {name}: {_flow(entry)}" for name, entry in entries.items()] or ["  {}"]
+        lines += [f"effects: {_flow(list(self.effects))}", f"provenance: {_flow(dict(self.provenance))}"]
+        return "\n".join(lines) + "\n"
+
+    def announcement(self, sequence: int) -> Any:
+        """Return the parameters_t message that announces this file; `sequence` is its version, larger is newer."""
+        return announcement(self.robot_id, self.to_yaml(), sequence)
+
+    def save(self, path: Path) -> None:
+        """Write the file atomically: a reader, or a crash at any moment, finds the old file or the new one.
+
+        Raises OSError when the folder cannot be written.
+        """
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        try:
+            with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+                stream.write(self.to_yaml())
+                stream.flush()
+                os.fsync(stream.fileno())
+            Path(temporary).chmod(0o644)  # mkstemp makes it private; other people's processes read it too
+            Path(temporary).replace(path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+
+
+def parse(text: str, source: str = "parameter file") -> ParameterFile:
+    """Return the parameters in the text of a parameter file; `source` names it in errors.
+
+    Raises ParameterFileError saying what is wrong and where.
+    """
+    try:
+        content = yaml.safe_load(text)
+        if not isinstance(content, dict):
+            raise ParameterFileError("it is not a YAML mapping with schema, robot_id and parameters")
+        if content.get("schema") != SCHEMA:
+            raise ParameterFileError(f"schema is {content.get('schema')!r}; this version reads schema {SCHEMA}")
+        unknown = set(content) - {"schema", "robot_id", "written", "parameters", "effects", "provenance"}
+        if unknown:
+            raise ParameterFileError(f"unknown key {sorted(map(str, unknown))[0]!r}")
+        return ParameterFile(
+            robot_id=content.get("robot_id", -1),
+            values=_parse_values(content.get("parameters")),
+            effects=tuple(content.get("effects") or ()),
+            provenance=content.get("provenance") or {},
+            written=_parse_time(content.get("written")),
+        )
+    except ParameterFileError as error:
+        raise ParameterFileError(f"{source}: {error}") from None
+    except (yaml.YAMLError, TypeError, ValueError) as error:
+        raise ParameterFileError(f"{source}: cannot be read: {' '.join(str(error).split())}") from error
+
+
+def load(path: Path) -> ParameterFile:
+    """Read a parameter file.
+
+    Raises ParameterFileError when it is missing, unreadable or wrong.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ParameterFileError(f"{path}: cannot be read: {error}") from error
+    return parse(text, str(path))
+
+
+def announcement(robot_id: int, text: str, sequence: int) -> Any:
+    """Return the parameters_t message that announces a parameter file's text as version `sequence`."""
+    return make(
+        parameters_t, utime=now_utime(), robot_id=robot_id, sequence=sequence, sha256=sha256_of(text), yaml=text
+    )
+
+
+def sha256_of(text: str) -> str:
+    """Return the SHA-256 of a file's text, in hexadecimal."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _flow(content: Any) -> str:
+    """Return YAML on one line, as in `{value: 118.0, unit: rad/s^2}`."""
+    return yaml.safe_dump(content, default_flow_style=True, sort_keys=False, width=float("inf")).strip()
+
+
+def _parse_values(entries: Any) -> dict[str, Value]:
+    if not isinstance(entries, dict):
+        raise ParameterFileError("parameters: must be a mapping of names to {value, unit, std}")
+    values = {}
+    for name, entry in entries.items():
+        definition = DEFINITIONS.get(name)
+        if definition is None:
+            raise ParameterFileError(f"parameters: unknown name {name!r}; known are {', '.join(DEFINITIONS)}")
+        if not isinstance(entry, dict) or "value" not in entry or not set(entry) <= {"value", "unit", "std"}:
+            raise ParameterFileError(f"parameters: {name}: must be {{value: number, unit: {definition.unit}}}")
+        if entry.get("unit", definition.unit) != definition.unit:
+            raise ParameterFileError(f"parameters: {name}: unit is {entry['unit']!r}, must be {definition.unit!r}")
+        values[name] = Value(entry["value"], entry.get("std"))
+    return values
+
+
+def _parse_time(written: Any) -> datetime:
+    if isinstance(written, str):
+        written = datetime.fromisoformat(written.replace("Z", "+00:00"))
+    if not isinstance(written, datetime):
+        raise ParameterFileError(f"written: must be a time such as 2026-01-31T12:00:00Z, not {written!r}")
+    return written if written.tzinfo else written.replace(tzinfo=timezone.utc)
+
+
+def _check_value(name: str, value: Value) -> None:
+    definition = DEFINITIONS.get(name)
+    if definition is None:
+        raise ParameterFileError(f"parameters: unknown name {name!r}; known are {', '.join(DEFINITIONS)}")
+    if not _is_number(value.value) or not definition.lower < value.value < definition.upper:
+        raise ParameterFileError(
+            f"parameters: {name}: value is {value.value!r}, must be a number between {definition.lower:g} and "
+            f"{definition.upper:g} {definition.unit}"
+        )
+    if value.std is not None and (not _is_number(value.std) or value.std < 0):
+        raise ParameterFileError(f"parameters: {name}: std is {value.std!r}, must be a number of 0 or more")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
