@@ -1,0 +1,37 @@
+"""What every emulated serial device offers to the engine: bytes and time in, bytes and time out, no I/O."""
+
+from typing import NamedTuple, Protocol
+
+BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit
+
+
+class Transmission(NamedTuple):
+    """Bytes that a device sends; `time` (s since the start) is when the last of them has left the wire."""
+
+    time: float
+    data: bytes
+
+
+class Device(Protocol):
+    """A device at the end of a serial line. Times are s since the start and never go back.
+
+    The plant stands at the given time whenever a method is called. `byte_time` (s) is what one byte takes on the
+    wire. `wake_time` (s) is when the device next acts of its own accord; infinity for never.
+    """
+
+    byte_time: float
+
+    @property
+    def wake_time(self) -> float:
+        """When the device next acts of its own accord."""
+
+    def receive(self, data: bytes, time: float) -> list[Transmission]:
+        """Take bytes of which the last has arrived at `time`."""
+
+    def wake(self, time: float) -> list[Transmission]:
+        """Act; called when `wake_time` has come."""
+
+
+def byte_time(baud: int) -> float:
+    """Return what one byte takes on a line at `baud` bit/s, in s; 0 where baud is 0."""
+    return BITS_PER_BYTE / baud if baud else 0.0

@@ -1,0 +1,108 @@
+"""cmr-emulate: a robot that is not there, behind serial ports that are."""
+
+import signal
+import tempfile
+from argparse import Namespace
+from pathlib import Path
+
+from cmr.bus.messages import make
+from cmr.bus.process import EXIT_INTERRUPTED, Process
+from cmr.bus.streams import POSE
+from cmr.commands.command_line import CommandError, parser
+from cmr.msg import pose_xyt_t
+from robot_driver.emulator.device import Device
+from robot_driver.emulator.dsp3000_device import Dsp3000Device
+from robot_driver.emulator.engine import Engine
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.pseudo_terminal import Ports, PortsError
+from robot_driver.emulator.roboclaw_device import RoboclawDevice
+from robot_driver.emulator.sensors import MotionCapture, Pose
+from robot_driver.emulator.settings import Settings, SettingsError, load_settings
+
+CHECK_PERIOD = 0.2  # s between looks at whether the emulated robot still runs
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def main(arguments: list[str]) -> int:
+    """Emulate a robot until a signal comes; return the exit code.
+
+    Raises CommandError when settings or ports cannot be used, BusError when there is no bus.
+    """
+    options = _options(arguments)
+    try:
+        settings = _settings(options)
+        ports = Ports(Path(options.ports or _default_folder(options.robot)), ("motor", "gyro"))
+        if options.no_pose:
+            return _run_without_bus(options.robot, settings, ports)
+        return _run_on_bus(options, settings, ports)
+    except (SettingsError, PortsError) as error:
+        raise CommandError(str(error)) from error
+
+
+def _options(arguments: list[str]) -> Namespace:
+    options = parser(
+        "cmr-emulate",
+        "Emulate a robot: RoboClaw motor controller and DSP-3000 gyro on pseudo-terminals, physics with friction, "
+        "slip and noise behind them, and its pose on POSE_N as motion capture would publish it.",
+        "cmr-emulate --ports /tmp/robot --ideal\n  cmr-driver --port /tmp/robot/motor --gyro-port /tmp/robot/gyro",
+    )
+    options.add_argument("--robot", type=int, default=0, metavar="N", help="id of the robot")
+    options.add_argument("--settings", type=Path, metavar="FILE.yaml", help="what differs from the default robot")
+    options.add_argument("--ideal", action="store_true", help="no imperfections but the noise of the sensors")
+    options.add_argument("--seed", type=int, help="of all random numbers, instead of that of the settings")
+    options.add_argument("--ports", type=Path, metavar="DIR", help=f"folder for the ports; else {_default_folder(0)}")
+    options.add_argument("--pose-rate", type=float, default=50.0, metavar="HZ", help="rate of POSE_N")
+    options.add_argument("--no-pose", action="store_true", help="no external pose; no bus is needed then")
+    result = options.parse_args(arguments)
+    if result.robot < 0:
+        options.error("--robot must be 0 or more")
+    if not 0.1 <= result.pose_rate <= 1000.0:
+        options.error("--pose-rate must be 0.1 to 1000 Hz")
+    return result
+
+
+def _default_folder(robot_id: int) -> Path:
+    return Path(tempfile.gettempdir()) / f"cmr-robot-{robot_id}"
+
+
+def _settings(options: Namespace) -> Settings:
+    settings = load_settings(options.settings, seed=options.seed)
+    return settings.ideal() if options.ideal else settings
+
+
+def _devices(settings: Settings, plant: Plant) -> dict[str, Device]:
+    """Return what is at the end of each port."""
+    return {"motor": RoboclawDevice(settings, plant), "gyro": Dsp3000Device(settings, plant)}
+
+
+def _run_on_bus(options: Namespace, settings: Settings, ports: Ports) -> int:
+    def publish(pose: Pose) -> None:
+        utime = engine.utime(pose.time)
+        message = make(pose_xyt_t, utime=utime, robot_id=options.robot, x=pose.x, y=pose.y, theta=pose.theta)
+        process.publish(POSE, message, options.robot)
+
+    plant = Plant(settings)
+    capture = MotionCapture(settings, plant, options.pose_rate)
+    with Process("cmr-emulate", options.lcm_url) as process, ports:
+        engine = Engine(plant, _devices(settings, plant), ports.terminals, motion_capture=capture, on_pose=publish)
+        with engine:
+            _announce(options.robot, ports)
+            for _ in process.loop(1.0 / CHECK_PERIOD):
+                engine.check()
+    return process.exit_code
+
+
+def _run_without_bus(robot_id: int, settings: Settings, ports: Ports) -> int:
+    plant = Plant(settings)
+    # Blocked, the signals wait until they are asked for, also while the ports are being made and removed.
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    with ports, Engine(plant, _devices(settings, plant), ports.terminals) as engine:
+        _announce(robot_id, ports)
+        while signal.sigtimedwait(SIGNALS, CHECK_PERIOD) is None:
+            engine.check()
+    return EXIT_INTERRUPTED
+
+
+def _announce(robot_id: int, ports: Ports) -> None:
+    paths = " ".join(f"{name} {path}" for name, path in ports.paths.items())
+    print(f"cmr-emulate: robot {robot_id} is ready: {paths}", flush=True)

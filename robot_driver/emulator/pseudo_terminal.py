@@ -1,0 +1,146 @@
+"""Pseudo-terminals that look like serial ports: a stable name in a folder, and bytes that nobody waits for."""
+
+import contextlib
+import errno
+import fcntl
+import os
+import select
+import termios
+import tty
+from pathlib import Path
+from types import TracebackType
+
+READ_SIZE = 4096  # bytes; what the kernel holds for a pseudo-terminal
+
+
+class PortsError(Exception):
+    """The ports cannot be offered; the text says why and what to do."""
+
+
+class PseudoTerminal:
+    """One serial port, seen from the device. It never blocks.
+
+    Like a real port it keeps nothing for a client that opens it later: bytes sent while it is closed are lost.
+    """
+
+    def __init__(self) -> None:
+        self._descriptor, client_side = os.openpty()
+        self.name = os.ttyname(client_side)
+        tty.setraw(client_side)
+        # With no open client side of our own, the kernel reports a hang-up whenever no client has the port open.
+        os.close(client_side)
+        os.set_blocking(self._descriptor, False)
+        self._poll = select.poll()
+        self._poll.register(self._descriptor, select.POLLIN)
+        self._was_open = False
+
+    def fileno(self) -> int:
+        """Return the file descriptor to wait on while `is_open`; a closed port is always readable."""
+        return self._descriptor
+
+    @property
+    def is_open(self) -> bool:
+        """Tell whether a client has the port open."""
+        closed = any(events & select.POLLHUP for _, events in self._poll.poll(0))
+        if closed and self._was_open:
+            self._discard_unread()
+        self._was_open = not closed
+        return self._was_open
+
+    def read(self) -> bytes:
+        """Return what the client has sent; nothing if it has sent nothing."""
+        try:
+            return os.read(self._descriptor, READ_SIZE)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EIO):  # EIO: no client has the port open
+                return b""
+            raise
+
+    def write(self, data: bytes) -> None:
+        """Send to the client. What does not fit, because it does not read, is lost, as on a real line."""
+        if self.is_open:
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._descriptor, data)
+
+    def close(self) -> None:
+        """Take the port away; a client that has it open sees the device vanish."""
+        os.close(self._descriptor)
+
+    def _discard_unread(self) -> None:
+        """Forget what the last client did not read. Only the client's side can do that."""
+        with contextlib.suppress(OSError):  # the next client may have opened it for itself alone by now
+            client_side = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            try:
+                termios.tcflush(client_side, termios.TCIFLUSH)
+            finally:
+                os.close(client_side)
+
+
+class Ports:
+    """Pseudo-terminals by name, each behind a symbolic link `folder/name`; use it as a context manager.
+
+    The links are removed at the end, and the folder too if it was made here and is empty.
+    Raises PortsError when the folder cannot be used or another emulator uses it.
+    """
+
+    def __init__(self, folder: Path, names: tuple[str, ...]) -> None:
+        self.paths = {name: folder / name for name in names}
+        self.terminals: dict[str, PseudoTerminal] = {}
+        self._folder = folder
+        self._resources = contextlib.ExitStack()
+
+    def __enter__(self) -> "Ports":
+        with contextlib.ExitStack() as resources:
+            try:
+                self._take_folder(resources)
+                for name, path in self.paths.items():
+                    terminal = PseudoTerminal()
+                    resources.callback(terminal.close)
+                    link(path, terminal.name)
+                    resources.callback(unlink, path, terminal.name)
+                    self.terminals[name] = terminal
+            except OSError as error:
+                raise PortsError(f"Cannot offer ports in {self._folder}: {error}. Choose another --ports.") from error
+            self._resources = resources.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._resources.close()
+
+    def _take_folder(self, resources: contextlib.ExitStack) -> None:
+        """Make the folder if need be and lock it: two emulators must not take each other's links."""
+        if not self._folder.exists():
+            self._folder.mkdir(parents=True)
+            resources.callback(_remove_if_empty, self._folder)
+        descriptor = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
+        resources.callback(os.close, descriptor)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise PortsError(f"Another emulator has its ports in {self._folder}. Choose another --ports.") from error
+
+
+def link(path: Path, target: str) -> None:
+    """Point the symbolic link `path` at `target` in one step, so that a client never finds half a link.
+
+    Raises PortsError when something that is not a symbolic link is in the way.
+    """
+    if path.exists() and not path.is_symlink():
+        raise PortsError(f"{path} exists and is not a link of an emulator. Move it away or choose another --ports.")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.symlink_to(target)
+    temporary.replace(path)
+
+
+def unlink(path: Path, target: str) -> None:
+    """Remove the symbolic link `path` if it still points at `target`."""
+    with contextlib.suppress(OSError):
+        if path.readlink() == Path(target):
+            path.unlink()
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):
+        folder.rmdir()

@@ -1,0 +1,58 @@
+"""What the emulated robot's yaw gyro and an external motion capture measure, with their errors, before any wire."""
+
+import math
+from dataclasses import dataclass
+from random import Random
+
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.settings import Settings
+
+
+class YawGyro:
+    """A rate gyro that integrates between samples, as fibre-optic gyros do."""
+
+    def __init__(self, settings: Settings, plant: Plant) -> None:
+        self._plant = plant
+        self._bias = settings.imperfections.gyro_bias.effective
+        self._noise = settings.imperfections.gyro_noise.effective
+        self._random = Random(f"{settings.seed} gyro")
+        self._last_theta = plant.theta
+
+    def rate(self, duration: float) -> float:
+        """Return the mean rate of turn (rad/s, counter-clockwise) over the `duration` (s) since the last call."""
+        turned = self._plant.theta - self._last_theta
+        self._last_theta = self._plant.theta
+        return turned / duration + self._bias + self._noise * self._random.gauss(0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A measured pose: `x`, `y` in m, `theta` in rad within [-pi, pi], stamped `time` in s since the start."""
+
+    time: float
+    x: float
+    y: float
+    theta: float
+
+
+class MotionCapture:
+    """Cameras that see the robot `rate` times a second. `wake_time` (s) is the moment of the next look."""
+
+    def __init__(self, settings: Settings, plant: Plant, rate: float) -> None:
+        noise = settings.imperfections.pose_noise
+        self.wake_time = 0.0
+        self._plant = plant
+        self._period = 1.0 / rate
+        self._position_noise = noise.position if noise.enabled else 0.0
+        self._heading_noise = noise.heading if noise.enabled else 0.0
+        self._latency = settings.imperfections.pose_latency.effective
+        self._random = Random(f"{settings.seed} pose")
+
+    def wake(self, time: float) -> Pose:
+        """Measure now, at `time`; with a latency the pose is ready, and stamped, later than that."""
+        self.wake_time += self._period
+        gauss = self._random.gauss
+        x = self._plant.x + self._position_noise * gauss(0.0, 1.0)
+        y = self._plant.y + self._position_noise * gauss(0.0, 1.0)
+        theta = self._plant.theta + self._heading_noise * gauss(0.0, 1.0)
+        return Pose(time + self._latency, x, y, math.remainder(theta, 2.0 * math.pi))

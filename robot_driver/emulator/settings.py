@@ -1,0 +1,269 @@
+"""What the emulated robot is like: read from YAML, checked once, never changed."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import yaml
+
+DEFAULT_FILE = Path(__file__).with_name("default.yaml")
+
+Section = TypeVar("Section")
+
+
+class SettingsError(ValueError):
+    """The settings cannot be used; the text names the key and says what it should be."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """The true robot: geometry in m, motors as in domega = k2_over_k3 V - k1 k2_over_k3 psi, pose at the start."""
+
+    wheel_radius: float
+    k2_over_k3: float
+    k1: float
+    base_width: float
+    ticks_per_turn: float
+    x: float
+    y: float
+    theta: float
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "wheel_radius", "k2_over_k3", "k1", "base_width", "ticks_per_turn")
+        # The plant steps 1 ms at a time; it cannot follow motors that answer within two steps.
+        _require(self.k1 * self.k2_over_k3 < 500.0, self, "k1 k2_over_k3", "below 500/s")
+
+
+@dataclass(frozen=True)
+class Electrics:
+    """Voltages in V, the current of one stalled motor at full duty in A, temperature in degrees Celsius."""
+
+    battery_voltage: float
+    logic_voltage: float
+    stall_current: float
+    temperature: float
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "battery_voltage", "logic_voltage", "stall_current")
+
+
+@dataclass(frozen=True)
+class Roboclaw:
+    """The motor controller on its serial line."""
+
+    address: int
+    baud: int
+    status_bytes: int
+
+    def __post_init__(self) -> None:
+        _require(0x80 <= self.address <= 0x87, self, "address", "0x80 to 0x87")
+        _require(self.baud >= 0, self, "baud", "0 or more")
+        _require(self.status_bytes in (1, 2, 4), self, "status_bytes", "1, 2 or 4")
+
+
+@dataclass(frozen=True)
+class Dsp3000:
+    """The gyro on its serial line: rate in Hz, start-up in s."""
+
+    rate: float
+    baud: int
+    start_up: float
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "rate")
+        _require(self.baud >= 0, self, "baud", "0 or more")
+        _require(self.start_up >= 0, self, "start_up", "0 or more")
+
+
+@dataclass(frozen=True)
+class Imperfection:
+    """One departure from the ideal robot; its unit stands in default.yaml."""
+
+    enabled: bool
+    size: float
+
+    @property
+    def effective(self) -> float:
+        """The size, or 0 where it is switched off."""
+        return self.size if self.enabled else 0.0
+
+
+@dataclass(frozen=True)
+class TorqueNoise(Imperfection):
+    """Acceleration noise of each wheel, rad/s^2, with a correlation time in s."""
+
+    correlation_time: float
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "correlation_time")
+
+
+@dataclass(frozen=True)
+class EncoderQuantisation:
+    """The encoder's disc: it shows only this many positions in a turn."""
+
+    enabled: bool
+    ticks_per_turn: float
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "ticks_per_turn")
+
+
+@dataclass(frozen=True)
+class PoseNoise:
+    """Standard deviations of the external pose: position in m (each of x and y), heading in rad."""
+
+    enabled: bool
+    position: float
+    heading: float
+
+    def __post_init__(self) -> None:
+        _require(min(self.position, self.heading) >= 0, self, "position and heading", "0 or more")
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """Everything that makes the robot differ from the ideal one."""
+
+    coulomb_friction: Imperfection
+    static_friction: Imperfection
+    battery_sag: Imperfection
+    torque_noise: TorqueNoise
+    command_delay: Imperfection
+    turn_slip: Imperfection
+    longitudinal_slip: Imperfection
+    slip_noise: Imperfection
+    encoder_quantisation: EncoderQuantisation
+    gyro_bias: Imperfection
+    gyro_noise: Imperfection
+    pose_noise: PoseNoise
+    pose_latency: Imperfection
+
+    # What a sensor does to a measurement. All others falsify the model of the motion, or the mean of a measurement.
+    MEASUREMENT = ("encoder_quantisation", "gyro_noise", "pose_noise")
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            imperfection = getattr(self, field.name)
+            if isinstance(imperfection, Imperfection) and field.name != "gyro_bias":
+                _require(imperfection.size >= 0, self, f"{field.name}.size", "0 or more")
+
+    def ideal(self) -> "Imperfections":
+        """Return a copy in which only the imperfections of measurement remain as they are."""
+        model_errors = (field.name for field in dataclasses.fields(self) if field.name not in self.MEASUREMENT)
+        off = {name: dataclasses.replace(getattr(self, name), enabled=False) for name in model_errors}
+        return dataclasses.replace(self, **off)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The whole emulated robot."""
+
+    seed: int
+    robot: Robot
+    electrics: Electrics
+    roboclaw: Roboclaw
+    dsp3000: Dsp3000
+    imperfections: Imperfections
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """What a calibration should find: k2_over_k3 (rad/s^2), k1 (s/rad), base_width (m)."""
+        return {name: getattr(self.robot, name) for name in ("k2_over_k3", "k1", "base_width")}
+
+    def ideal(self) -> "Settings":
+        """Return a copy without the imperfections that the paper's model does not know; sensor noise stays."""
+        return dataclasses.replace(self, imperfections=self.imperfections.ideal())
+
+
+def load_settings(path: Path | None = None, *, seed: int | None = None) -> Settings:
+    """Read settings: those of default.yaml, replaced where the file at `path` or `seed` says otherwise.
+
+    Raises SettingsError when the file cannot be read, is not YAML, or holds an unknown key or an impossible value.
+    """
+    values = _read(DEFAULT_FILE)
+    if path is not None:
+        try:
+            values = _merge(values, _read(path), "")
+        except SettingsError as error:
+            raise SettingsError(f"{path}: {error}") from error
+    if seed is not None:
+        values["seed"] = seed
+    return parse_settings(values)
+
+
+def parse_settings(values: dict[str, Any]) -> Settings:
+    """Return settings from the content of a complete file.
+
+    Raises SettingsError naming the key that is unknown, missing or impossible.
+    """
+    return _build(Settings, values, "")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise SettingsError(f"cannot be read: {' '.join(str(error).split())}") from error
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise SettingsError("must be a mapping of names to values")
+    return values
+
+
+def _merge(base: dict[str, Any], changes: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return `base` with `changes` laid over it, section by section."""
+    merged = dict(base)
+    for key, value in changes.items():
+        if key not in base:
+            raise SettingsError(f"{where}{key} is unknown. Known are: {', '.join(base)}.")
+        if isinstance(base[key], dict):
+            if not isinstance(value, dict):
+                raise SettingsError(f"{where}{key} must be a section with some of: {', '.join(base[key])}.")
+            value = _merge(base[key], value, f"{where}{key}.")
+        merged[key] = value
+    return merged
+
+
+def _build(section: type[Section], values: Any, where: str) -> Section:
+    """Return a dataclass from a mapping, with its sections, after a look at names and types."""
+    kinds = get_type_hints(section)
+    if not isinstance(values, dict):
+        raise SettingsError(f"{where.rstrip('.')} must be a section with: {', '.join(kinds)}.")
+    for key in values:
+        if key not in kinds:
+            raise SettingsError(f"{where}{key} is unknown. Known are: {', '.join(kinds)}.")
+    missing = [key for key in kinds if key not in values]
+    if missing:
+        raise SettingsError(f"{where}{missing[0]} is missing.")
+    built = {
+        key: _build(kind, values[key], f"{where}{key}.")
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind)
+        else _scalar(kind, values[key], where + key)
+        for key, kind in kinds.items()
+    }
+    return section(**built)
+
+
+def _scalar(kind: type, value: Any, name: str) -> Any:
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise SettingsError(f"{name} must be true or false, not {value!r}.")
+        return value
+    accepted = int if kind is int else (int, float)
+    if isinstance(value, bool) or not isinstance(value, accepted) or not math.isfinite(value):
+        raise SettingsError(f"{name} must be a {'whole' if kind is int else 'finite'} number, not {value!r}.")
+    return kind(value)
+
+
+def _require(holds: bool, section: object, name: str, expected: str) -> None:
+    if not holds:
+        raise SettingsError(f"{type(section).__name__.lower()}: {name} must be {expected}.")
+
+
+def _require_positive(section: object, *names: str) -> None:
+    for name in names:
+        _require(getattr(section, name) > 0, section, name, "greater than 0")
