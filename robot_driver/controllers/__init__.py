@@ -1,0 +1,11 @@
+"""Motor controllers: one module per protocol, bytes in and readings out, and the table of those we know.
+
+A new controller is one module with a subclass of `Controller` and one entry in `CONTROLLERS`.
+"""
+
+from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
+from robot_driver.controllers.roboclaw import RoboClaw
+
+CONTROLLERS: dict[str, type[Controller]] = {"roboclaw": RoboClaw}
+
+__all__ = ["CONTROLLERS", "BadReply", "Controller", "Request", "Telemetry"]

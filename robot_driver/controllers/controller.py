@@ -1,0 +1,77 @@
+"""What the driver asks of a motor controller that answers when it is spoken to."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypedDict, TypeVar
+
+T = TypeVar("T")
+
+
+class BadReply(Exception):  # noqa: N818 - noise on a line is an everyday event, not a failure of the program
+    """A reply that is damaged, or is not the one asked for; nothing in it may be used."""
+
+
+class Telemetry(TypedDict, total=False):
+    """What a controller measures besides its encoders; a key is absent where the controller has no such sensor."""
+
+    battery_voltage: float  # V
+    currents: tuple[float, float]  # A, first and second channel
+    temperature: float  # deg C
+    status: int  # sum of the STATUS constants of motor_feedback_t that the controller reports
+
+
+@dataclass(frozen=True)
+class Request(Generic[T]):
+    """One exchange with a controller: what to write, where the reply ends, and what it says.
+
+    `data` is written in one go. `longest_reply` (bytes) is what the deadline is computed from. `missing` tells how
+    many bytes at least are still to come after those given (0: the reply is complete). `parse` turns a reply into
+    what it says, or raises BadReply. `ends_in_silence`: a reply shorter than `longest_reply` may be complete; only
+    silence tells.
+    """
+
+    name: str
+    data: bytes
+    longest_reply: int
+    missing: Callable[[bytes], int]
+    parse: Callable[[bytes], T]
+    ends_in_silence: bool = False
+
+
+class Controller(ABC):
+    """The protocol of a controller with two motor channels; it does no I/O.
+
+    A new object is made for each connection, so it may remember what it learned about the device. The two channels
+    are in the controller's own order and sign; which is left is the driver's business.
+    """
+
+    default_baud_rate: int
+
+    @abstractmethod
+    def identify(self) -> Request[str]:
+        """Ask for the name and version of the device."""
+
+    @abstractmethod
+    def learn(self) -> list[Request[None]]:
+        """Return the requests, to be made once after connecting, from whose replies this object learns dialects."""
+
+    @abstractmethod
+    def set_watchdog(self, seconds: float) -> Request[None]:
+        """Have the device stop the motors by itself when it has heard nothing for this time."""
+
+    @abstractmethod
+    def read_watchdog(self) -> Request[float]:
+        """Ask for the time set with `set_watchdog` (s)."""
+
+    @abstractmethod
+    def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
+        """Set the duty of both channels (-1 to 1); the answer is the duty really sent, rounded as the wire rounds."""
+
+    @abstractmethod
+    def read_encoders(self) -> Request[tuple[int, int]]:
+        """Ask for both encoder counts (ticks, modulo 2^32, 0 to 2^32 - 1)."""
+
+    @abstractmethod
+    def read_telemetry(self) -> list[Request[Telemetry]]:
+        """Return the requests for everything else, to be made in turn, one in a cycle."""

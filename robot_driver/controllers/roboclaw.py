@@ -1,0 +1,178 @@
+"""RoboClaw and MCP controllers by Basicmicro: packet serial.
+
+Written as `address command data... crc`, answered with one byte 0xFF; or asked as `address command`, answered with
+`data... crc`. The CRC covers address, command and data, of a reply too. Numbers are big-endian. A packet that the
+device does not understand is answered with silence. Source: RoboClaw user manual, chapter "Packet serial".
+"""
+
+import struct
+from binascii import crc_hqx
+from collections.abc import Callable
+from typing import TypeVar
+
+from cmr.msg import motor_feedback_t
+from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
+
+T = TypeVar("T")
+
+ADDRESS = 0x80
+ACKNOWLEDGED = b"\xff"
+FULL_DUTY = 32767  # -32768 is to be avoided
+CRC_BYTES = 2
+LONGEST_VERSION = 48  # bytes, including the final LF and NUL
+WATCHDOG_STEP = 0.1  # s
+STATUS_LENGTHS = (4, 2, 1)  # bytes; by age of the firmware, newest first
+
+SET_WATCHDOG, READ_WATCHDOG, READ_VERSION, READ_BATTERY = 14, 15, 21, 24
+DRIVE_BOTH, READ_CURRENTS, READ_ENCODERS, READ_TEMPERATURE, READ_STATUS = 34, 49, 78, 82, 90
+
+_ESTOP = motor_feedback_t.STATUS_ESTOP
+_TEMPERATURE = motor_feedback_t.STATUS_TEMPERATURE
+_BATTERY = motor_feedback_t.STATUS_BATTERY
+_MOTOR_FAULT = motor_feedback_t.STATUS_MOTOR_FAULT
+
+# Which bits of command 90 mean what, by length of the reply in bytes. The bits for homing and limit switches are
+# no conditions. Errors of the speed and position loops count as motor faults.
+STATUS_BITS: dict[int, dict[int, int]] = {
+    4: {
+        _ESTOP: 0x00000001,
+        _TEMPERATURE: 0x00300006,
+        _BATTERY: 0x000CC038,
+        _MOTOR_FAULT: 0x03033FC0,
+    },
+    2: {_ESTOP: 0x0004, _TEMPERATURE: 0x3018, _BATTERY: 0x0CE0, _MOTOR_FAULT: 0x0303},
+    # The oldest firmware is known from client code only, so it is for display: no decision rests on it.
+    1: {_ESTOP: 0x04, _TEMPERATURE: 0x08, _BATTERY: 0xF0, _MOTOR_FAULT: 0x03},
+}
+
+
+def crc(data: bytes) -> int:
+    """Return the CRC-16/XMODEM of `data`, as every packet carries it, high byte first."""
+    return crc_hqx(data, 0)
+
+
+class RoboClaw(Controller):
+    """One RoboClaw at address 0x80; channel M1 is first, M2 second."""
+
+    default_baud_rate = 115200
+
+    def __init__(self) -> None:
+        self._status_length = STATUS_LENGTHS[0]
+
+    def identify(self) -> Request[str]:
+        """Ask for the firmware's name, for example "USB Roboclaw 2x15a v4.2.8" (command 21)."""
+        return Request(
+            "version",
+            _header(READ_VERSION),
+            LONGEST_VERSION + CRC_BYTES,
+            _missing_of_version,
+            lambda reply: _checked(READ_VERSION, reply)[:-1].decode("ascii", "replace").strip(),
+        )
+
+    def learn(self) -> list[Request[None]]:
+        """Find out which of three formats the status has: its length depends on the firmware (command 90)."""
+        return [
+            Request(
+                "status format",
+                _header(READ_STATUS),
+                STATUS_LENGTHS[0] + CRC_BYTES,
+                lambda reply: STATUS_LENGTHS[0] + CRC_BYTES - len(reply),
+                self._learn_status_length,
+                ends_in_silence=True,
+            )
+        ]
+
+    def set_watchdog(self, seconds: float) -> Request[None]:
+        """Stop the motors after a silence of up to 25.5 s, in steps of 0.1 s (command 14). Not kept over power-off."""
+        return _write(SET_WATCHDOG, struct.pack(">B", round(seconds / WATCHDOG_STEP)), None)
+
+    def read_watchdog(self) -> Request[float]:
+        """Ask for the time after which the motors stop (s, command 15)."""
+        return _read(READ_WATCHDOG, ">B", lambda steps: steps * WATCHDOG_STEP)
+
+    def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
+        """Set the duty of M1 and M2 (command 34).
+
+        Raises ValueError for a duty outside [-1, 1].
+        """
+        steps = [round(duty * FULL_DUTY) for duty in (first, second)]
+        if max(map(abs, steps)) > FULL_DUTY:
+            raise ValueError(f"A duty must be between -1 and 1, not {first}, {second}.")
+        return _write(DRIVE_BOTH, struct.pack(">hh", *steps), (steps[0] / FULL_DUTY, steps[1] / FULL_DUTY))
+
+    def read_encoders(self) -> Request[tuple[int, int]]:
+        """Ask for both encoder counts (command 78)."""
+        return _read(READ_ENCODERS, ">II", lambda first, second: (first, second))
+
+    def read_telemetry(self) -> list[Request[Telemetry]]:
+        """Ask for battery (command 24), motor currents (49), temperature (82) and status (90)."""
+        status_format = {4: ">I", 2: ">H", 1: ">B"}[self._status_length]
+        return [
+            _read(READ_BATTERY, ">H", lambda tenths: Telemetry(battery_voltage=tenths / 10)),
+            _read(READ_CURRENTS, ">hh", lambda *hundredths: Telemetry(currents=_pair_of_amperes(*hundredths))),
+            _read(READ_TEMPERATURE, ">H", lambda tenths: Telemetry(temperature=tenths / 10)),
+            _read(READ_STATUS, status_format, lambda word: Telemetry(status=self._status(word))),
+        ]
+
+    def _learn_status_length(self, reply: bytes) -> None:
+        _checked(READ_STATUS, reply)
+        if len(reply) - CRC_BYTES not in STATUS_LENGTHS:
+            raise BadReply(f"A status of {len(reply) - CRC_BYTES} bytes is none of the known formats.")
+        self._status_length = len(reply) - CRC_BYTES
+
+    def _status(self, word: int) -> int:
+        return sum(ours for ours, theirs in STATUS_BITS[self._status_length].items() if word & theirs)
+
+
+def _header(command: int) -> bytes:
+    return bytes((ADDRESS, command))
+
+
+def _write(command: int, data: bytes, done: T) -> Request[T]:
+    """Return a request that sets something; the answer to its acknowledgement is `done`."""
+
+    def parse(reply: bytes) -> T:
+        if reply != ACKNOWLEDGED:
+            raise BadReply(f"Command {command} was answered with {reply.hex()} instead of ff.")
+        return done
+
+    packet = _header(command) + data
+    packet += struct.pack(">H", crc(packet))
+    return Request(f"command {command}", packet, 1, lambda reply: 1 - len(reply), parse)
+
+
+def _read(command: int, layout: str, convert: Callable[..., T]) -> Request[T]:
+    """Return a request whose answer is `convert` of the numbers in the reply, laid out as for `struct`."""
+    length = struct.calcsize(layout) + CRC_BYTES
+
+    def parse(reply: bytes) -> T:
+        if len(reply) != length:
+            raise BadReply(f"Command {command} was answered with {len(reply)} bytes instead of {length}.")
+        return convert(*struct.unpack(layout, _checked(command, reply)))
+
+    return Request(f"command {command}", _header(command), length, lambda reply: length - len(reply), parse)
+
+
+def _checked(command: int, reply: bytes) -> bytes:
+    """Return the data of a reply without its CRC.
+
+    Raises BadReply when the CRC over address, command and data does not match.
+    """
+    data, received = reply[:-CRC_BYTES], reply[-CRC_BYTES:]
+    if struct.pack(">H", crc(_header(command) + data)) != received:
+        raise BadReply(f"The reply {reply.hex()} to command {command} has a wrong CRC.")
+    return data
+
+
+def _missing_of_version(reply: bytes) -> int:
+    """Tell how many bytes of a version are missing: it ends with NUL and CRC."""
+    end = reply.find(b"\0", 0, LONGEST_VERSION)
+    if end < 0:
+        # Without a NUL where one must be, this is no version: take what would be its CRC, which will not match.
+        return min(1 + CRC_BYTES, LONGEST_VERSION + CRC_BYTES - len(reply))
+    return end + 1 + CRC_BYTES - len(reply)
+
+
+def _pair_of_amperes(first: int, second: int) -> tuple[float, float]:
+    """Convert currents from steps of 10 mA."""
+    return first / 100, second / 100

@@ -1,0 +1,142 @@
+"""All of cmr-driver but the bus and the command line: ports, safety, parameters, and what to tell."""
+
+import queue
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, Stream
+from cmr.parameters.following import ParameterFollower
+from robot_driver.command_gate import CommandGate
+from robot_driver.controllers import CONTROLLERS
+from robot_driver.encoders import Wiring
+from robot_driver.gyro_device import GyroDevice
+from robot_driver.gyros import GYROS
+from robot_driver.motors import FASTEST_WHEEL, Motors
+from robot_driver.port_thread import PortThread
+from robot_driver.serial_port import SerialPort
+
+HELD_UP = 0.25  # s between two turns of the process, after which waiting commands count as old
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the robot is made of and where it is plugged in; names as on the command line."""
+
+    port: str
+    gyro_port: str | None = None
+    robot: int = 0
+    controller: str = "roboclaw"
+    gyro: str = "dsp3000"
+    baud: int | None = None
+    rate: float = 100.0
+    ticks_per_turn: int = 2048
+    wiring: Wiring = field(default_factory=Wiring)
+    invert_gyro: bool = False
+    parameters: Path | None = None
+
+
+class Driver:
+    """The driver of one robot, as a context manager: inside, the ports are open and the motors follow commands.
+
+    Knows no bus: `handle` takes messages, `outgoing` hands over those to publish. Raises PortLost on entry when a
+    port cannot be opened. On leaving, the motors have been stopped, acknowledged where the device answers.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.follower = ParameterFollower(settings.robot, settings.parameters)
+        self._robot_id = settings.robot
+        self._outgoing: queue.SimpleQueue[tuple[Stream, Any]] = queue.SimpleQueue()
+        self._gate = CommandGate()
+        self._last_turn: float | None = None
+        controller_type = CONTROLLERS[settings.controller]
+        port = SerialPort(settings.port, settings.baud or controller_type.default_baud_rate)
+        self._motors = Motors(
+            port,
+            controller_type,
+            self._gate,
+            robot_id=settings.robot,
+            rate_hz=settings.rate,
+            ticks_per_turn=settings.ticks_per_turn,
+            wiring=settings.wiring,
+            publish=lambda message: self._outgoing.put((MOTOR_FEEDBACK, message)),
+        )
+        self._threads = [PortThread(port, self._motors)]
+        if settings.gyro_port is not None:
+            self._threads.append(self._gyro_thread(settings, settings.gyro_port))
+        self._inside = ExitStack()
+
+    def __enter__(self) -> "Driver":
+        with ExitStack() as inside:
+            for thread in reversed(self._threads):  # the motors come last, when all else is there
+                inside.enter_context(thread)
+            self._inside = inside.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._inside.__exit__(kind, error, trace)
+
+    def turn(self) -> None:
+        """Note that the process is alive, and look at the parameter file; to be called before messages are handled."""
+        now = time.monotonic()
+        if self._last_turn is not None and now - self._last_turn > HELD_UP:
+            self._gate.note_held_up(now)
+        self._last_turn = now
+        if self.follower.poll():
+            self._use_parameters()
+
+    def handle(self, utime: int, channel: str, message: Any) -> None:
+        """Take a message from the bus."""
+        if channel == MOTOR_COMMAND.channel(self._robot_id):
+            self._gate.offer(utime, message.left, message.right, time.monotonic())
+        elif channel == ESTOP.channel():
+            self._gate.set_estop(bool(message.engaged))
+        elif self.follower.handle(utime, channel, message):
+            self._use_parameters()
+
+    def outgoing(self) -> Iterator[tuple[Stream, int | None, Any]]:
+        """Yield what has been measured since the last call, as (stream, robot id, message)."""
+        while not self._outgoing.empty():
+            stream, message = self._outgoing.get()
+            yield stream, self._robot_id, message
+
+    def problems(self) -> str:
+        """Return what keeps the driver from full service, in sentences; "" when nothing does.
+
+        Raises what ended a port's thread, if it was a fault of the program.
+        """
+        return " ".join(problem for thread in self._threads if (problem := thread.problem))
+
+    def remarks(self) -> str:
+        """Return what else a person might want to know, in sentences."""
+        remarks = [self.follower.message]
+        if self._gate.rejected:
+            counts = ", ".join(f"{reason} {count}" for reason, count in sorted(self._gate.rejected.items()))
+            remarks.append(f"Commands not taken: {counts}.")
+        if self._motors.faults:
+            remarks.append(f"Replies lost or damaged: {self._motors.faults}.")
+        return " ".join(remark for remark in remarks if remark)
+
+    def _gyro_thread(self, settings: Settings, path: str) -> PortThread:
+        gyro_type = GYROS[settings.gyro]
+        port = SerialPort(path, gyro_type.baud_rate)
+        device = GyroDevice(
+            port,
+            gyro_type,
+            robot_id=settings.robot,
+            sign=-1 if settings.invert_gyro else 1,
+            publish=lambda message: self._outgoing.put((GYRO, message)),
+        )
+        return PortThread(port, device)
+
+    def _use_parameters(self) -> None:
+        """Take over how fast the wheels can turn: 1/k1 at full duty, and twice that is not believed."""
+        parameters = self.follower.parameters
+        k1 = parameters.value("k1") if parameters is not None else 0.0
+        self._motors.fastest_wheel = 2.0 / k1 if k1 > 0.0 else FASTEST_WHEEL

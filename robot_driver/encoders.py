@@ -1,0 +1,85 @@
+"""From the raw counts of two encoders to total ticks and wheel velocities."""
+
+import math
+from dataclasses import dataclass
+
+COUNTER_RANGE = 2**32  # counters wrap at this value, both ways
+
+
+def signed_step(before: int, after: int) -> int:
+    """Return the step from one raw count to another, modulo 2^32, as the smaller of the two ways round (ticks)."""
+    return (after - before + COUNTER_RANGE // 2) % COUNTER_RANGE - COUNTER_RANGE // 2
+
+
+@dataclass(frozen=True)
+class WheelMotion:
+    """Where the wheels are and how fast they turn, left first: total ticks, and velocity (rad/s)."""
+
+    ticks: tuple[int, int]
+    psi: tuple[float, float]
+
+
+class WheelEncoders:
+    """Adds up the steps of both encoders; `ticks` begin at 0 and never wrap.
+
+    `fastest` is the wheel speed (rad/s) beyond which a step is not believed. `jumps` counts such steps.
+    """
+
+    def __init__(self, ticks_per_turn: int) -> None:
+        self.ticks = (0, 0)
+        self.jumps = 0
+        self._ticks_per_turn = ticks_per_turn
+        self._before: tuple[tuple[int, int], int] | None = None
+
+    def rebase(self) -> None:
+        """Take the next counts as a new beginning: what happened since the last ones is not known."""
+        self._before = None
+
+    def update(self, counts: tuple[int, int], nanoseconds: int, fastest: float) -> WheelMotion | None:
+        """Take raw counts (ticks modulo 2^32, left first) read at a monotonic time.
+
+        Returns None where there is no velocity to tell: at a new beginning, and when the step is not believed
+        because a wheel would have turned faster than `fastest` (rad/s).
+        """
+        before, self._before = self._before, (counts, nanoseconds)
+        if before is None or nanoseconds <= before[1]:
+            return None
+        steps = (signed_step(before[0][0], counts[0]), signed_step(before[0][1], counts[1]))
+        radians_per_tick = 2 * math.pi / self._ticks_per_turn
+        seconds = (nanoseconds - before[1]) / 1e9
+        psi = (steps[0] * radians_per_tick / seconds, steps[1] * radians_per_tick / seconds)
+        if max(abs(psi[0]), abs(psi[1])) > fastest:
+            self.jumps += 1
+            return None
+        self.ticks = (self.ticks[0] + steps[0], self.ticks[1] + steps[1])
+        return WheelMotion(self.ticks, psi)
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """How the two channels of a controller are mounted: which is left, and which turns backwards."""
+
+    swap: bool = False
+    invert_left: bool = False
+    invert_right: bool = False
+
+    def sides(self, first: float, second: float) -> tuple[float, float]:
+        """Return values of the controller's channels as (left, right), without regard to direction."""
+        return (second, first) if self.swap else (first, second)
+
+    def channels(self, left: float, right: float) -> tuple[float, float]:
+        """Return the duty of (first, second) channel that drives the sides with this duty."""
+        return self.sides(-left if self.invert_left else left, -right if self.invert_right else right)
+
+    def forward(self, first: float, second: float) -> tuple[float, float]:
+        """Return duties of the channels as (left, right), positive forward: the inverse of `channels`."""
+        left, right = self.sides(first, second)
+        return (-left if self.invert_left else left, -right if self.invert_right else right)
+
+    def forward_counts(self, first: int, second: int) -> tuple[int, int]:
+        """Return raw encoder counts of the channels as (left, right), growing forward, modulo 2^32."""
+        left, right = (second, first) if self.swap else (first, second)
+        return (
+            (-left if self.invert_left else left) % COUNTER_RANGE,
+            (-right if self.invert_right else right) % COUNTER_RANGE,
+        )

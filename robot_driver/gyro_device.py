@@ -1,0 +1,70 @@
+"""The gyro of one robot, as the thread of its port sees it: keep it talking, stamp what it says."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from cmr.bus.messages import make
+from cmr.msg import gyro_t
+from robot_driver.clock import utime_at
+from robot_driver.gyros import Gyro, GyroReading
+from robot_driver.port_thread import Device
+from robot_driver.serial_port import SerialPort
+
+SILENCE_LIMIT = 0.5  # s without a reading after which the gyro may have been off and needs to be woken up again
+LONGEST_READ = 0.05  # s
+READ_SIZE = 4096  # bytes
+
+
+class GyroDevice(Device):
+    """Publishes a gyro_t for every reading; `sign` -1 is for a sensor mounted upside down."""
+
+    def __init__(
+        self, port: SerialPort, gyro_type: type[Gyro], *, robot_id: int, sign: int, publish: Callable[[Any], None]
+    ) -> None:
+        self._port = port
+        self._gyro_type = gyro_type
+        self._gyro = gyro_type()
+        self._robot_id = robot_id
+        self._sign = sign
+        self._publish = publish
+        self._last_reading = 0.0
+
+    def connect(self, stop: threading.Event) -> None:  # noqa: ARG002 - nothing here takes long
+        """Put the gyro into its mode."""
+        self._gyro = self._gyro_type()
+        self._port.write(self._gyro.wake_up)
+        self._last_reading = time.monotonic()
+        self.problem = ""
+
+    def turn(self, stop: threading.Event) -> None:  # noqa: ARG002 - a read does not take long
+        """Publish what has come; wake the gyro up when nothing has come for a while."""
+        data = self._port.read(READ_SIZE, LONGEST_READ)
+        arrived = time.monotonic_ns()
+        readings = self._gyro.feed(data)
+        for reading in readings:
+            self._publish(self._message(reading, arrived))
+        if readings:
+            self._last_reading, self.problem = time.monotonic(), ""
+        elif time.monotonic() - self._last_reading > SILENCE_LIMIT:
+            self._port.write(self._gyro.wake_up)
+            self._last_reading = time.monotonic()
+            self.problem = (
+                f"The gyro at {self._port.path} sends no readings. Check its power, its cable and its baud rate "
+                f"({self._port.baud_rate})."
+            )
+
+    def leave(self) -> None:
+        """Do nothing: a gyro moves nothing."""
+
+    def _message(self, reading: GyroReading, arrived: int) -> Any:
+        began = arrived - round(self._port.wire_time(reading.bytes_since) * 1e9)
+        return make(
+            gyro_t,
+            utime=utime_at(began),
+            robot_id=self._robot_id,
+            yaw_rate=self._sign * reading.yaw_rate,
+            valid=int(reading.valid),
+            received_utime=utime_at(arrived),
+        )

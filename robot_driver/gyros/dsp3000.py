@@ -1,0 +1,60 @@
+"""KVH DSP-3000 fibre-optic gyro, 100 Hz asynchronous digital interface: one ASCII line a reading.
+
+A line is a rate in deg/s and a validity digit, `       0.015733   1` CR LF. There is no checksum. Seen from above an
+upright sensor counts clockwise positive. Source: KVH 54-0215 Rev C, pages 7, 12 and 13.
+"""
+
+import math
+import re
+
+from robot_driver.gyros.gyro import Gyro, GyroReading
+
+LARGEST_RATE = 500.0  # deg/s; beyond it the output is unreliable whatever the validity digit says
+LONGEST_LINE = 64  # bytes; real lines have 21, a run of more without an LF is another protocol or noise
+RATE_MODE = b"R"
+
+_LINE = re.compile(rb"[ \t]*(-?[0-9]{1,9}(?:\.[0-9]{0,9})?)[ \t]+([01])[ \t]*\r?\n")
+
+
+class Dsp3000(Gyro):
+    """A DSP-3000 in rate mode, mounted upright."""
+
+    baud_rate = 38400
+
+    def __init__(self) -> None:
+        self._line = b""
+        self._at_line_start = False  # what comes first is the rest of a line that began before we listened
+
+    @property
+    def wake_up(self) -> bytes:
+        """The letter of the rate mode; three times, because one may be lost and nothing answers."""
+        return RATE_MODE * 3
+
+    def feed(self, data: bytes) -> list[GyroReading]:
+        """Take the next bytes; return the readings completed by them. Lines that make no sense are skipped."""
+        readings = []
+        *complete, rest = (self._line + data).split(b"\n")
+        remaining = len(rest) + sum(len(line) + 1 for line in complete)
+        for line in complete:
+            reading = _reading(line + b"\n", remaining) if self._at_line_start else None
+            self._at_line_start = True
+            remaining -= len(line) + 1
+            if reading is not None:
+                readings.append(reading)
+        if len(rest) > LONGEST_LINE:
+            self._at_line_start, rest = False, b""
+        self._line = rest
+        return readings
+
+
+def _reading(line: bytes, bytes_since: int) -> GyroReading | None:
+    """Return the reading in one line with its LF, None if it is not a line of this gyro."""
+    match = _LINE.fullmatch(line)
+    if match is None:
+        return None
+    if match[2] == b"0":
+        return GyroReading(math.nan, False, bytes_since)
+    rate = float(match[1])
+    if abs(rate) > LARGEST_RATE:
+        return None
+    return GyroReading(-math.radians(rate), True, bytes_since)

@@ -1,0 +1,33 @@
+"""What the driver asks of a gyro that sends readings by itself."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class GyroReading:
+    """One reading.
+
+    `yaw_rate` is in rad/s, counter-clockwise positive seen from above with the sensor upright; NaN if not `valid`.
+    `bytes_since` is how many bytes of the stream had been received since the reading began: what the time stamp is
+    computed from.
+    """
+
+    yaw_rate: float
+    valid: bool
+    bytes_since: int = field(compare=False, default=0)
+
+
+class Gyro(ABC):
+    """The protocol of a gyro; it does no I/O. A new object is made for each connection."""
+
+    baud_rate: int
+
+    @property
+    @abstractmethod
+    def wake_up(self) -> bytes:
+        """What to send after connecting, and after a silence, to have readings come in the mode we understand."""
+
+    @abstractmethod
+    def feed(self, data: bytes) -> list[GyroReading]:
+        """Take the next bytes of the stream, in pieces of any size; return the readings completed by them."""

@@ -1,0 +1,107 @@
+"""cmr-driver: the process that connects one real robot to the bus."""
+
+import argparse
+from pathlib import Path
+
+from cmr.bus.process import Process
+from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
+from cmr.commands.command_line import CommandError, parser
+from cmr.msg import process_status_t
+from robot_driver.controllers import CONTROLLERS
+from robot_driver.driver import Driver, Settings
+from robot_driver.encoders import Wiring
+from robot_driver.gyros import GYROS
+from robot_driver.serial_port import PortLost
+
+LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
+
+DESCRIPTION = """Drives a real robot: MOTOR_COMMAND_N in; MOTOR_FEEDBACK_N and GYRO_N out.
+
+The motors stop when no command has come for 0.5 s, when ESTOP is engaged, and when this process ends. If this
+computer fails, the motor controller stops them by itself after 0.5 s."""
+EXAMPLE = "cmr-driver --port /dev/serial/by-id/usb-Basicmicro_RoboClaw-if00 --gyro-port /dev/ttyUSB0 --robot 0"
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-driver; return its exit code.
+
+    Raises CommandError when a port cannot be opened, BusError when there is no bus.
+    """
+    options = _options(arguments)
+    try:
+        with Process("cmr-driver", options.lcm_url) as process, Driver(_settings(options)) as driver:
+            process.subscribe(MOTOR_COMMAND, options.robot, every=True)
+            process.subscribe(ESTOP, every=True)
+            process.subscribe(PARAMETERS, options.robot)
+            for _ in process.loop(LOOP_RATE):
+                driver.turn()
+                process.dispatch(driver.handle)
+                process.publish_all(list(driver.outgoing()))
+                _report(process, driver)
+            return process.exit_code
+    except PortLost as lost:
+        raise CommandError(str(lost)) from lost
+
+
+def _report(process: Process, driver: Driver) -> None:
+    """Have the next PROCESS_STATUS tell how the driver is."""
+    problems = driver.problems()
+    process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
+    process.message = " ".join(text for text in (problems, driver.remarks(), *process.bus.warnings) if text)
+    process.parameters_sha256 = driver.follower.sha256
+
+
+def _settings(options: argparse.Namespace) -> Settings:
+    return Settings(
+        port=options.port,
+        gyro_port=options.gyro_port,
+        robot=options.robot,
+        controller=options.controller,
+        gyro=options.gyro,
+        baud=options.baud,
+        rate=options.rate,
+        ticks_per_turn=options.ticks_per_turn,
+        wiring=Wiring(options.swap, options.invert_left, options.invert_right),
+        invert_gyro=options.invert_gyro,
+        parameters=options.parameters,
+    )
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    result = parser("cmr-driver", DESCRIPTION, EXAMPLE)
+    add = result.add_argument
+    add("--port", required=True, metavar="DEVICE", help="serial port of the motor controller")
+    add("--gyro-port", metavar="DEVICE", help="serial port of the gyro; without it, no gyro is read")
+    add("--robot", type=_natural, default=0, metavar="N", help="id of the robot")
+    add("--controller", choices=sorted(CONTROLLERS), default="roboclaw", help="kind of motor controller")
+    add("--gyro", choices=sorted(GYROS), default="dsp3000", help="kind of gyro")
+    add("--baud", type=_positive, metavar="RATE", help="of the motor controller, if not what its kind has by default")
+    add("--rate", type=_positive_number, default=100.0, metavar="HZ", help="how often the motors are served")
+    add("--ticks-per-turn", type=_positive, default=2048, metavar="TICKS", help="encoder counts per turn of a wheel")
+    add("--swap", action="store_true", help="the controller's first channel is the right side, not the left")
+    add("--invert-left", action="store_true", help="motor and encoder of the left side are mounted backwards")
+    add("--invert-right", action="store_true", help="motor and encoder of the right side are mounted backwards")
+    add("--invert-gyro", action="store_true", help="the gyro is mounted upside down")
+    add("--parameters", type=Path, metavar="FILE", help="parameter file of the robot; followed while it changes")
+    return result.parse_args(arguments)
+
+
+def _natural(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{value} must be 0 or more")
+    return value
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"{value} must be greater than 0")
+    return value
+
+
+def _positive_number(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{value} must be greater than 0")
+    return value

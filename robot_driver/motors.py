@@ -1,0 +1,226 @@
+"""The motor controller of one robot, as the thread of its port sees it: drive, measure, tell."""
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from cmr.bus.messages import make
+from cmr.msg import motor_feedback_t
+from robot_driver.clock import utime_at
+from robot_driver.command_gate import CommandGate
+from robot_driver.controllers import BadReply, Controller, Request, Telemetry
+from robot_driver.encoders import WheelEncoders, WheelMotion, Wiring
+from robot_driver.port_thread import Device
+from robot_driver.serial_port import Answer, PortLost, SerialPort
+
+T = TypeVar("T")
+
+WATCHDOG_SECONDS = 0.5  # the device stops the motors by itself when this computer falls silent for as long
+SILENCE_LIMIT = 0.5  # s without any answer after which the device counts as gone, perhaps switched off
+ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
+STOP_ATTEMPTS = 10  # of the last zero: 0.4 s at most, so that the process still ends within a second
+TELEMETRY_ATTEMPTS = 5  # in a row; a firmware does not answer what it does not know
+FASTEST_WHEEL = 200.0  # rad/s; no robot of this kind gets there, used until the robot's parameters are known
+
+
+@dataclass
+class _Connection:
+    """What holds from one connection to the next."""
+
+    controller: Controller
+    requests: list[Request[Telemetry]]  # the telemetry that this device has
+    unarmed: str = ""  # why the motors must not turn; "" when they may
+    turn: int = 0
+    failures: dict[str, int] = field(default_factory=dict)  # of telemetry requests, in a row, by name
+    telemetry: Telemetry = field(default_factory=Telemetry)
+
+
+class Motors(Device):
+    """Drives two motors through a controller at a steady rate and publishes a motor_feedback_t each time.
+
+    The command to drive comes from `gate`, at the very moment it is sent: whatever happens to other threads, an old
+    command does not drive. `fastest_wheel` (rad/s) may be set at any time. `faults` counts replies that failed.
+    """
+
+    def __init__(
+        self,
+        port: SerialPort,
+        controller_type: type[Controller],
+        gate: CommandGate,
+        *,
+        robot_id: int,
+        rate_hz: float,
+        ticks_per_turn: int,
+        wiring: Wiring,
+        publish: Callable[[Any], None],
+    ) -> None:
+        self.fastest_wheel = FASTEST_WHEEL
+        self.faults = 0
+        self._port = port
+        self._controller_type = controller_type
+        self._gate = gate
+        self._robot_id = robot_id
+        self._period = 1.0 / rate_hz
+        self._encoders = WheelEncoders(ticks_per_turn)
+        self._wiring = wiring
+        self._publish = publish
+        self._connection: _Connection | None = None
+        self._jumps_told = 0
+        self._last_answer = 0.0
+        self._due = 0.0
+
+    def connect(self, stop: threading.Event) -> None:
+        """Stop the motors, learn what the device is, arm it; from here on a new command is needed."""
+        controller = self._controller_type()
+        self._port.resynchronise()
+        self._insist(controller.drive(0.0, 0.0), stop)
+        self._insist(controller.identify(), stop)
+        for request in controller.learn():
+            self._insist(request, stop)
+        self._connection = _Connection(controller, controller.read_telemetry(), self._arm(controller, stop))
+        self.problem = self._connection.unarmed
+        self._encoders.rebase()
+        self._gate.clear()
+        self._due = self._last_answer = time.monotonic()
+
+    def turn(self, stop: threading.Event) -> None:
+        """Send the duty, read the encoders, and one slow reading; then wait for the next turn's time."""
+        assert self._connection is not None
+        try:
+            applied, status = self._drive(self._connection)
+            self._read_encoders(self._connection, applied, status)
+            self._read_telemetry(self._connection)
+        except BadReply:
+            self._recover()
+        if time.monotonic() - self._last_answer > SILENCE_LIMIT:
+            raise PortLost(self._silence())
+        self._due = max(self._due + self._period, time.monotonic() - self._period)
+        stop.wait(max(self._due - time.monotonic(), 0.0))
+
+    def leave(self) -> None:
+        """Stop the motors and have it acknowledged."""
+        controller = self._connection.controller if self._connection else self._controller_type()
+        self._connection = None
+        for _ in range(STOP_ATTEMPTS):
+            try:
+                self._port.exchange(controller.drive(0.0, 0.0))
+                return
+            except BadReply:
+                self._recover()
+
+    def _arm(self, controller: Controller, stop: threading.Event) -> str:
+        """Set the device's own watchdog and read it back; return why the motors must not turn, or ""."""
+        try:
+            self._insist(controller.set_watchdog(WATCHDOG_SECONDS), stop)
+            seconds = self._insist(controller.read_watchdog(), stop)
+        except PortLost as lost:
+            if not self._answers(controller):
+                raise
+            return f"Not driving: the controller at {self._port.path} does not let its watchdog be set ({lost})."
+        if math.isclose(seconds, WATCHDOG_SECONDS, abs_tol=1e-6):
+            return ""
+        return (
+            f"Not driving: the watchdog of the controller at {self._port.path} was set to {WATCHDOG_SECONDS:g} s but "
+            f"reads {seconds:g} s, so nothing would stop the motors if this computer failed. Check its firmware."
+        )
+
+    def _drive(self, connection: _Connection) -> tuple[tuple[float, float], int]:
+        """Send the duty in force; return what was acknowledged, left first, and the status that goes with it."""
+        drive = self._gate.drive(time.monotonic())
+        left, right, status = drive.left, drive.right, drive.status
+        if connection.unarmed:
+            left, right, status = 0.0, 0.0, status | motor_feedback_t.STATUS_NOT_ARMED
+        request = connection.controller.drive(*self._wiring.channels(left, right))
+        return self._wiring.forward(*self._ask(request).value), status
+
+    def _read_encoders(self, connection: _Connection, applied: tuple[float, float], status: int) -> None:
+        answer = self._ask(connection.controller.read_encoders())
+        counts = self._wiring.forward_counts(*answer.value)
+        motion = self._encoders.update(counts, answer.measured, self.fastest_wheel)
+        if motion is not None:
+            self._publish(self._feedback(connection.telemetry, answer, motion, applied, status))
+
+    def _feedback(
+        self,
+        telemetry: Telemetry,
+        answer: Answer[Any],
+        motion: WheelMotion,
+        applied: tuple[float, float],
+        status: int,
+    ) -> Any:
+        # A jump is told with the next believable reading, because it has itself no velocity to publish.
+        jumped, self._jumps_told = self._encoders.jumps > self._jumps_told, self._encoders.jumps
+        status |= telemetry.get("status", 0) | (motor_feedback_t.STATUS_ENCODER_JUMP if jumped else 0)
+        currents = self._wiring.sides(*telemetry.get("currents", (math.nan, math.nan)))
+        return make(
+            motor_feedback_t,
+            utime=utime_at(answer.measured),
+            robot_id=self._robot_id,
+            ticks_left=motion.ticks[0],
+            ticks_right=motion.ticks[1],
+            psi_left=motion.psi[0],
+            psi_right=motion.psi[1],
+            applied_left=applied[0],
+            applied_right=applied[1],
+            current_left=currents[0],
+            current_right=currents[1],
+            battery_voltage=telemetry.get("battery_voltage", math.nan),
+            temperature=telemetry.get("temperature", math.nan),
+            status=status,
+            received_utime=utime_at(answer.arrived),
+        )
+
+    def _read_telemetry(self, connection: _Connection) -> None:
+        """Make the next of the slow requests; give up one that this device never answers."""
+        if not connection.requests:
+            return
+        connection.turn += 1
+        request = connection.requests[connection.turn % len(connection.requests)]
+        try:
+            connection.telemetry.update(self._ask(request).value)
+            connection.failures[request.name] = 0
+        except BadReply:
+            connection.failures[request.name] = connection.failures.get(request.name, 0) + 1
+            if connection.failures[request.name] >= TELEMETRY_ATTEMPTS:
+                connection.requests.remove(request)
+            raise
+
+    def _ask(self, request: Request[T]) -> Answer[T]:
+        answer = self._port.exchange(request)
+        self._last_answer = time.monotonic()
+        return answer
+
+    def _insist(self, request: Request[T], stop: threading.Event) -> T:
+        """Return the answer to a request, asking again when it fails.
+
+        Raises PortLost when it fails every time, or when the process is ending.
+        """
+        for _ in range(ATTEMPTS):
+            if stop.is_set():
+                raise PortLost("The process is ending.")
+            try:
+                return self._ask(request).value
+            except BadReply as bad:
+                reason = str(bad)
+                self._recover()
+        raise PortLost(f"{self._silence()} Last failure: {reason}")
+
+    def _answers(self, controller: Controller) -> bool:
+        try:
+            self._ask(controller.drive(0.0, 0.0))
+        except BadReply:
+            return False
+        return True
+
+    def _recover(self) -> None:
+        self.faults += 1
+        self._port.resynchronise()
+
+    def _silence(self) -> str:
+        return (
+            f"The motor controller at {self._port.path} does not answer. Check its power, its cable, and that it is "
+            f"set to packet serial, address 0x80, at {self._port.baud_rate} baud."
+        )

@@ -1,0 +1,188 @@
+"""One serial port: opened for us alone, read and written with deadlines, lost without a crash.
+
+Every failure of the device, however the libraries report it, becomes `PortLost` with a sentence for a person.
+"""
+
+import errno
+import fcntl
+import os
+import select
+import stat
+import termios
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import serial
+from serial.tools import list_ports
+
+from robot_driver.controllers import BadReply, Request
+
+T = TypeVar("T")
+
+# pyserial lets termios.error out of its flushing calls; it is neither of the others.
+PORT_ERRORS = (serial.SerialException, OSError, termios.error)
+BITS_PER_BYTE = 10  # 8N1: start bit, eight data bits, stop bit
+REPLY_MARGIN = 0.020  # s on top of the time on the wire: USB adapters hold bytes back for up to 16 ms
+WRITE_TIMEOUT = 0.1  # s
+PACKET_GAP = 0.010  # s of silence after which a device drops a half-received packet
+RESYNC_LIMIT = 0.1  # s; a device that never stops talking is not waited for
+PSEUDO_TERMINALS = "/dev/pts/"
+
+
+class PortLost(Exception):  # noqa: N818 - unplugging is an event to live with
+    """The port cannot be opened or used any more; the text says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Answer(Generic[T]):
+    """What a device said, and when: monotonic nanoseconds of the request's write and of the reply's last byte."""
+
+    value: T
+    sent: int
+    arrived: int
+
+    @property
+    def measured(self) -> int:
+        """When the device took the reading: midway, within half the exchange (monotonic nanoseconds)."""
+        return (self.sent + self.arrived) // 2
+
+
+class SerialPort:
+    """The port at `path` (8N1, no flow control). One thread at a time may use it."""
+
+    def __init__(self, path: str, baud_rate: int) -> None:
+        self.path = path
+        self.baud_rate = baud_rate
+        self._serial: serial.Serial | None = None
+
+    def wire_time(self, byte_count: int) -> float:
+        """Return how long so many bytes take on the wire (s)."""
+        return byte_count * BITS_PER_BYTE / self.baud_rate
+
+    def open(self) -> None:
+        """Open the port, if it is not open, and lock out every other program.
+
+        Raises PortLost.
+        """
+        if self._serial is not None:
+            return
+        try:
+            self._serial = serial.Serial(
+                self.path, self.baud_rate, timeout=0, write_timeout=WRITE_TIMEOUT, exclusive=True
+            )
+        except (*PORT_ERRORS, ValueError) as error:
+            raise PortLost(why_not_open(self.path, error)) from error
+        with suppress(*PORT_ERRORS, ValueError):  # most adapters have no such mode
+            self._serial.set_low_latency_mode(True)
+        # The kernel keeps this lock on a pseudo-terminal after we are gone, until its other end closes.
+        if not os.path.realpath(self.path).startswith(PSEUDO_TERMINALS):
+            with suppress(*PORT_ERRORS):
+                fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
+
+    def close(self) -> None:
+        """Close the port; it may be opened again."""
+        if self._serial is not None:
+            with suppress(*PORT_ERRORS):
+                self._serial.close()
+            self._serial = None
+
+    def write(self, data: bytes) -> None:
+        """Write a whole packet in one go.
+
+        Raises PortLost.
+        """
+        try:
+            self._opened().write(data)
+        except PORT_ERRORS as error:
+            raise self._lost(error) from error
+
+    def read(self, most: int, timeout: float) -> bytes:
+        """Return what has arrived, up to `most` bytes, as soon as there is any; b"" after `timeout` seconds.
+
+        Raises PortLost.
+        """
+        port = self._opened()
+        try:
+            if not select.select([port.fileno()], [], [], max(timeout, 0.0))[0]:
+                return b""
+            return port.read(most)
+        except PORT_ERRORS as error:
+            raise self._lost(error) from error
+
+    def exchange(self, request: Request[T]) -> Answer[T]:
+        """Ask a device and return its answer.
+
+        Raises BadReply when no reply, half a reply or a damaged one comes before the deadline; then call
+        `resynchronise` before the next request. Raises PortLost.
+        """
+        self._discard_strays()
+        sent = time.monotonic_ns()
+        self.write(request.data)
+        deadline = sent / 1e9 + self.wire_time(len(request.data) + request.longest_reply) + REPLY_MARGIN
+        reply = b""
+        while (missing := request.missing(reply)) > 0:
+            data = self.read(missing, deadline - time.monotonic())
+            if not data and reply and request.ends_in_silence:
+                break
+            if not data:
+                raise BadReply(f"{request.name}: {len(reply)} bytes came in time, at least {missing} are missing.")
+            reply += data
+            if request.ends_in_silence:
+                deadline = time.monotonic() + REPLY_MARGIN
+        arrived = time.monotonic_ns()
+        return Answer(request.parse(reply), sent, arrived)
+
+    def resynchronise(self) -> None:
+        """Be silent until the line is silent, for long enough that the device drops what it has half received.
+
+        Raises PortLost.
+        """
+        give_up = time.monotonic() + RESYNC_LIMIT
+        while self.read(4096, PACKET_GAP) and time.monotonic() < give_up:
+            pass
+
+    def _discard_strays(self) -> None:
+        """Get back in step if bytes are waiting that no request asked for: a late reply is not the next one's."""
+        if self.read(4096, 0.0):
+            self.resynchronise()
+
+    def _opened(self) -> serial.Serial:
+        if self._serial is None:
+            raise PortLost(f"{self.path} is not open.")
+        return self._serial
+
+    def _lost(self, error: Exception) -> PortLost:
+        return PortLost(f"The device at {self.path} is gone ({error}). Check the cable and the power.")
+
+
+def why_not_open(path: str, error: Exception) -> str:
+    """Return one line that says why a port cannot be opened and what to do."""
+    number = getattr(error, "errno", None)
+    if number == errno.ENOENT:
+        present = ", ".join(available_ports()) or "none"
+        return f"There is no serial port {path}. Plug the device in, or choose one that is there: {present}."
+    if number in (errno.EACCES, errno.EPERM):
+        return f"You may not use {path}. Join its group, then log in again: sudo usermod -aG dialout $USER"
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return f"Another program is using {path}. End it first: sudo fuser -v {path} shows which."
+    if not _is_terminal(path):
+        present = ", ".join(available_ports()) or "none"
+        return f"{path} is not a serial port. Choose one that is: {present}."
+    return f"{path} cannot be opened: {error}."
+
+
+def available_ports() -> list[str]:
+    """Return the serial ports of this machine; by stable name where there is one."""
+    stable = sorted(str(link) for link in Path("/dev/serial/by-id").glob("*"))
+    named = {os.path.realpath(link) for link in stable}
+    return stable + sorted(port.device for port in list_ports.comports() if port.device not in named)
+
+
+def _is_terminal(path: str) -> bool:
+    try:
+        return stat.S_ISCHR(Path(path).stat().st_mode)
+    except OSError:
+        return False
