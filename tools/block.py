@@ -1,0 +1,70 @@
+"""A block of a mapping file, read key by key; whatever is missing, unknown or wrong is named with what is allowed."""
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+
+class MappingError(Exception):
+    """The mapping cannot be used; the text names file and key, what is wrong and what is allowed."""
+
+
+class Block:
+    """The keys of one block; `place` says where it is, for errors: file, then the keys that lead to it.
+
+    Raises MappingError on construction when `content` is not a block of keys.
+    """
+
+    def __init__(self, content: Any, place: str) -> None:
+        if not isinstance(content, dict):
+            raise MappingError(f"{place}: must be a block of keys, not {content!r}")
+        self._content = content
+        self._asked: list[str] = []
+        self.place = place
+
+    def __iter__(self) -> Iterator[str]:
+        return (str(key) for key in self._content)
+
+    def error(self, key: str, problem: str) -> MappingError:
+        """Return the error that says this of a key."""
+        return MappingError(f"{self.place}: {key}: {problem}")
+
+    def value(self, key: str) -> Any:
+        """Return what the file says of `key`; None where it says nothing."""
+        self._asked.append(key)
+        return self._content.get(key)
+
+    def text(self, key: str) -> str:
+        """Return a text that must be there."""
+        value = self.value(key)
+        if not isinstance(value, str) or not value.strip():
+            raise self.error(key, f"must be a text, not {value!r}")
+        return value.strip()
+
+    def choice(self, key: str, allowed: Iterable[str], default: str | None = None) -> str:
+        """Return one of the allowed words."""
+        value = self.value(key)
+        value = default if value is None else value
+        if value not in list(allowed):
+            raise self.error(key, f"is {value!r}; allowed are {', '.join(allowed)}")
+        return str(value)
+
+    def number(self, key: str, default: float | None = None, *, positive: bool = False) -> float:
+        """Return a finite number, which must be there unless it has a default."""
+        value = self.value(key)
+        value = default if value is None else value
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise self.error(key, f"must be a number, not {value!r}")
+        if positive and value <= 0:
+            raise self.error(key, f"must be greater than 0, not {value!r}")
+        return float(value)
+
+    def block(self, key: str) -> "Block":
+        """Return the block under `key`, which must be there."""
+        return Block(self.value(key), f"{self.place}: {key}")
+
+    def finish(self) -> None:
+        """Raise MappingError if the file has a key here that nobody asked for."""
+        for key in self:
+            if key not in self._asked:
+                raise self.error(key, f"unknown key; allowed are {', '.join(dict.fromkeys(self._asked))}")

@@ -1,0 +1,101 @@
+"""cmr-import: turn measured data of other robots into our event logs.
+
+Usage: cmr-import MAPPING INPUT --out RUN.lcm, or cmr-import --list
+"""
+
+import argparse
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from cmr.commands.command_line import CommandError, parser
+from cmr.tools import mapping as mappings
+from cmr.tools.block import MappingError
+from cmr.tools.converting import ConversionError, Event, convert
+from cmr.tools.mapping import Mapping
+from cmr.tools.sources import MICROSECONDS, Source, SourceError, read
+from cmr.tools.writing import write_log
+
+LARGEST_ROBOT_ID = 999_999_999  # nine digits: what channel names are read with
+
+
+def main(arguments: list[str]) -> int:
+    """Import one recording, or list the shipped mappings.
+
+    Raises CommandError when mapping, recording or output cannot be used.
+    """
+    options = _parse(arguments)
+    if options.list:
+        print("\n".join(_list()))
+        return 0
+    recording, out = Path(options.input), Path(options.out)
+    try:
+        if out.exists() and out.samefile(recording):
+            raise CommandError(f"{out} is the recording itself; name another file with --out")
+        mapping = mappings.load(options.mapping)
+        source = read(mapping, recording)
+        events = convert(mapping, source, options.robot, _provenance(mapping, recording))
+        write_log(out, events, options.robot)
+    except (MappingError, SourceError, ConversionError) as error:
+        raise CommandError(str(error)) from error
+    except OSError as error:
+        raise CommandError(f"{error.filename or out}: {error.strerror or error}") from error
+    print("\n".join(_summary(events, source, options.robot, out)))
+    return 0
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    command_line = parser(
+        "cmr-import",
+        "Turn a recording of another robot (a foreign LCM log, or CSV) into an event log of ours, by a mapping file.",
+        "cmr-import mbot drive_square.log --out run.lcm && cmr-calibrate --log run.lcm",
+    )
+    command_line.add_argument("mapping", nargs="?", help="name of a shipped mapping, or path of a mapping file")
+    command_line.add_argument("input", nargs="?", help="the recording: an LCM log, .csv or .csv.gz")
+    command_line.add_argument("--out", metavar="RUN.lcm", help="the event log to write; replaced if it is there")
+    command_line.add_argument("--robot", type=int, default=0, metavar="N", help="id that the robot gets in the log")
+    command_line.add_argument("--list", action="store_true", help="list the shipped mappings and end")
+    options = command_line.parse_args(arguments)
+    if not options.list and None in (options.mapping, options.input, options.out):
+        command_line.error("MAPPING, INPUT and --out are needed; or --list")
+    if not 0 <= options.robot <= LARGEST_ROBOT_ID:
+        command_line.error(f"--robot must be 0 to {LARGEST_ROBOT_ID}, not {options.robot}")
+    return options
+
+
+def _list() -> list[str]:
+    names = mappings.shipped()
+    width = max(map(len, names))
+    return [f"{name:{width}}  {mappings.load(name).about}" for name in names]
+
+
+def _provenance(mapping: Mapping, recording: Path) -> dict[str, Any]:
+    """Return where the nominal parameters and the log come from, and what is needed to undo the mapping."""
+    provenance: dict[str, Any] = {
+        "method": "nominal",
+        "mapping": mapping.name,
+        "log": recording.name,
+        "sha256": hashlib.sha256(recording.read_bytes()).hexdigest(),
+    }
+    if mapping.feedback is not None:
+        provenance["ticks_per_turn"] = mapping.feedback.ticks_per_turn
+    if mapping.command is not None and mapping.command.full_scale is not None:
+        provenance["full_scale_rad_s"] = mapping.command.full_scale
+    return provenance
+
+
+def _summary(events: Sequence[Event], source: Source, robot_id: int, out: Path) -> list[str]:
+    """Return what a person wants to know: what came out, what was left out, what to do next."""
+    times: dict[str, list[int]] = {}
+    for event in events:
+        times.setdefault(event.stream.channel(robot_id), []).append(event.message.utime)
+    start = events[0].message.utime
+    lines = [f"{out}: {len(events)} messages over {(events[-1].message.utime - start) / MICROSECONDS:.1f} s"]
+    for channel, utimes in times.items():
+        first, last = ((utime - start) / MICROSECONDS for utime in (utimes[0], utimes[-1]))
+        lines.append(f"  {channel:20} {len(utimes):7}  from {first:8.2f} s to {last:8.2f} s")
+    lines += [f"  skipped, {place}: {count} x {reason}" for (place, reason), count in sorted(source.skipped.items())]
+    lines += [f"  note: {note}" for note in source.notes]
+    robot = f" --robot {robot_id}" if robot_id else ""
+    return [*lines, f"next: cmr-calibrate --log {out}{robot}"]

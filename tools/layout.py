@@ -1,0 +1,94 @@
+"""Foreign LCM messages: a struct's layout as text, and the bytes of its messages as NumPy arrays.
+
+LCM encodes a struct as an 8-byte fingerprint and then its members in order, big-endian and without padding
+(LCM type specification, lcm-proj.github.io). A struct of numbers alone therefore has a fixed length and is one NumPy
+record. The fingerprint is not needed, so logs can be read whose type definitions are lost.
+"""
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FINGERPRINT_BYTES = 8
+TYPES = {
+    "int8_t": ">i1",
+    "int16_t": ">i2",
+    "int32_t": ">i4",
+    "int64_t": ">i8",
+    "float": ">f4",
+    "double": ">f8",
+    "boolean": ">i1",
+    "byte": ">u1",
+}
+
+_MEMBER = re.compile(r"(\w+)\s+(.+)", re.DOTALL)
+_NAME = re.compile(r"([A-Za-z_]\w*)\s*(?:\[\s*([1-9]\d*)\s*\])?")
+
+
+class LayoutError(Exception):
+    """The layout cannot be used; the text says which part and what is allowed."""
+
+
+def parse_layout(text: str) -> np.dtype[Any]:
+    """Return the record of a struct written as LCM members: `int64_t utime; float gyro[3], accel[3];`.
+
+    `struct name { ... }` around them, comments, and types without `_t` are accepted.
+    Raises LayoutError for anything but numbers and arrays of fixed length.
+    """
+    text = re.sub(r"//[^\n]*|/\*.*?\*/", " ", text, flags=re.DOTALL)
+    body = re.fullmatch(r"\s*struct\s+\w+\s*\{(.*)\}\s*;?\s*", text, re.DOTALL)
+    fields: list[tuple[str, str, tuple[int, ...]]] = []
+    for member in (body[1] if body else text).split(";"):
+        if member.strip():
+            fields += _parse_member(member.strip())
+    names = [name for name, _, _ in fields]
+    if len(set(names)) != len(names) or not names:
+        raise LayoutError("needs at least one member, each with a name of its own")
+    return np.dtype(fields)
+
+
+def _parse_member(member: str) -> list[tuple[str, str, tuple[int, ...]]]:
+    match = _MEMBER.fullmatch(member)
+    code = match and (TYPES.get(match[1]) or TYPES.get(f"{match[1]}_t"))
+    if not match or not code:
+        raise LayoutError(f"{member!r} is not a type and a name; types are {', '.join(TYPES)}")
+    fields: list[tuple[str, str, tuple[int, ...]]] = []
+    for declared in match[2].split(","):
+        name = _NAME.fullmatch(declared.strip())
+        if not name:
+            raise LayoutError(f"{declared.strip()!r} is not a name or name[count] with a fixed count")
+        fields.append((name[1], code, (int(name[2]),) if name[2] else ()))
+    return fields
+
+
+def column_names(layout: np.dtype[Any]) -> tuple[str, ...]:
+    """Return the columns that `decode` gives: a member's name, or name[0], name[1] ... of an array."""
+    names: list[str] = []
+    for member in layout.names or ():
+        shape = layout[member].shape
+        names += [f"{member}[{index}]" for index in range(shape[0])] if shape else [member]
+    return tuple(names)
+
+
+def decode(layout: np.dtype[Any], payloads: Sequence[bytes]) -> dict[str, NDArray[Any]]:
+    """Return one array of shape (len(payloads),) for each column, in the member's own number type.
+
+    Every payload is a whole message, fingerprint included, of exactly `message_bytes(layout)`.
+    """
+    records = np.frombuffer(b"".join(payload[FINGERPRINT_BYTES:] for payload in payloads), layout)
+    columns: dict[str, NDArray[Any]] = {}
+    for member in layout.names or ():
+        values = records[member].astype(layout[member].base.newbyteorder("="))
+        if values.ndim == 2:
+            columns |= {f"{member}[{index}]": values[:, index] for index in range(values.shape[1])}
+        else:
+            columns[member] = values
+    return columns
+
+
+def message_bytes(layout: np.dtype[Any]) -> int:
+    """Return the length of a message of this layout, fingerprint included."""
+    return FINGERPRINT_BYTES + layout.itemsize

@@ -1,0 +1,49 @@
+"""Write an event log so that an interrupted command leaves no half file."""
+
+import os
+import signal
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import lcm
+
+from cmr.tools.converting import Event
+
+
+def write_log(path: Path, events: Sequence[Event], robot_id: int) -> None:
+    """Write the messages as an LCM event log, each logged at its own utime, in the order given.
+
+    The log appears under its name when it is complete, in place of one that was there. Raises OSError when the
+    folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.
+    """
+    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    os.close(descriptor)
+    temporary = Path(name)
+    try:
+        with _signals_raise():
+            log = lcm.EventLog(str(temporary), "w", overwrite=True)
+            try:
+                for event in events:
+                    channel = event.stream.channel(robot_id)
+                    log.write_event(event.message.utime, channel, event.message.encode())
+            finally:
+                log.close()
+            temporary.chmod(0o644)  # mkstemp makes it private
+            temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def _signals_raise() -> Iterator[None]:
+    """Let SIGINT and SIGTERM raise KeyboardInterrupt, so that the temporary file is removed on the way out."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
