@@ -11,7 +11,7 @@ from random import Random
 from robot_driver.emulator.settings import Settings
 
 STEP = 0.001  # s; a hundredth of what the motors take to answer, so a second-order step errs by parts in 1e5
-STATIC_FADE = 0.5  # rad/s; the speed at which static friction has fallen to a third
+STATIC_FADE = 0.5  # rad/s; the speed at which static friction has fallen to a third and the ground is felt fully
 
 
 class Wheel:
@@ -32,7 +32,9 @@ class Wheel:
 
     def advance(self, voltage: float, duration: float) -> float:
         """Turn for `duration` (s) at `voltage` (share of full drive); return the angle turned (rad)."""
-        torque = self._gain * voltage + self._next_noise(duration)
+        # Uneven gears and ground are felt by a wheel that turns; they do not set off one that rests.
+        felt = min(1.0, abs(self.velocity) / STATIC_FADE)
+        torque = self._gain * voltage + felt * self._next_noise(duration)
         turned, remaining = 0.0, duration
         while remaining > 0.0:
             direction = self._direction(torque)

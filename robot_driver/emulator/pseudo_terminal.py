@@ -18,21 +18,17 @@ class PortsError(Exception):
 
 
 class PseudoTerminal:
-    """One serial port, seen from the device. It never blocks.
+    """One serial port, seen from the device, behind the symbolic link `path`. It never blocks.
 
-    Like a real port it keeps nothing for a client that opens it later: bytes sent while it is closed are lost.
+    Like a real port it keeps nothing for a client that opens it later: bytes sent while it is closed are lost, and
+    so is one client's claim to have it alone (TIOCEXCL).
+    Raises PortsError when something that is not a symbolic link is at `path`, OSError when there can be no port.
     """
 
-    def __init__(self) -> None:
-        self._descriptor, client_side = os.openpty()
-        self.name = os.ttyname(client_side)
-        tty.setraw(client_side)
-        # With no open client side of our own, the kernel reports a hang-up whenever no client has the port open.
-        os.close(client_side)
-        os.set_blocking(self._descriptor, False)
-        self._poll = select.poll()
-        self._poll.register(self._descriptor, select.POLLIN)
+    def __init__(self, path: Path) -> None:
+        self._path = path
         self._was_open = False
+        self._make()
 
     def fileno(self) -> int:
         """Return the file descriptor to wait on while `is_open`; a closed port is always readable."""
@@ -41,10 +37,9 @@ class PseudoTerminal:
     @property
     def is_open(self) -> bool:
         """Tell whether a client has the port open."""
-        closed = any(events & select.POLLHUP for _, events in self._poll.poll(0))
-        if closed and self._was_open:
-            self._discard_unread()
-        self._was_open = not closed
+        if self._was_open and not self._has_client():
+            self._forget_client()
+        self._was_open = self._has_client()
         return self._was_open
 
     def read(self) -> bytes:
@@ -63,17 +58,37 @@ class PseudoTerminal:
                 os.write(self._descriptor, data)
 
     def close(self) -> None:
-        """Take the port away; a client that has it open sees the device vanish."""
+        """Take the port and its link away; a client that has it open sees the device vanish."""
+        unlink(self._path, self._name)
         os.close(self._descriptor)
 
-    def _discard_unread(self) -> None:
-        """Forget what the last client did not read. Only the client's side can do that."""
-        with contextlib.suppress(OSError):  # the next client may have opened it for itself alone by now
-            client_side = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-            try:
-                termios.tcflush(client_side, termios.TCIFLUSH)
-            finally:
-                os.close(client_side)
+    def _make(self) -> None:
+        self._descriptor, client_side = os.openpty()
+        self._name = os.ttyname(client_side)
+        tty.setraw(client_side)
+        # With no open client side of our own, the kernel reports a hang-up whenever no client has the port open.
+        os.close(client_side)
+        os.set_blocking(self._descriptor, False)
+        link(self._path, self._name)
+
+    def _has_client(self) -> bool:
+        poll = select.poll()
+        poll.register(self._descriptor, select.POLLIN)
+        return not any(events & select.POLLHUP for _, events in poll.poll(0))
+
+    def _forget_client(self) -> None:
+        """Discard what the last client did not read and its claim; only the client's side can do that."""
+        try:
+            client_side = os.open(self._name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError as error:
+            if error.errno == errno.EBUSY and not self._has_client():
+                # The claim outlives the client on a pseudo-terminal, unlike on a real port: make a new one.
+                os.close(self._descriptor)
+                self._make()
+            return
+        fcntl.ioctl(client_side, termios.TIOCNXCL)
+        termios.tcflush(client_side, termios.TCIFLUSH)
+        os.close(client_side)
 
 
 class Ports:
@@ -94,11 +109,8 @@ class Ports:
             try:
                 self._take_folder(resources)
                 for name, path in self.paths.items():
-                    terminal = PseudoTerminal()
-                    resources.callback(terminal.close)
-                    link(path, terminal.name)
-                    resources.callback(unlink, path, terminal.name)
-                    self.terminals[name] = terminal
+                    self.terminals[name] = PseudoTerminal(path)
+                    resources.callback(self.terminals[name].close)
             except OSError as error:
                 raise PortsError(f"Cannot offer ports in {self._folder}: {error}. Choose another --ports.") from error
             self._resources = resources.pop_all()
