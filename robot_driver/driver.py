@@ -69,6 +69,7 @@ class Driver:
         if settings.gyro_port is not None:
             self._threads.append(self._gyro_thread(settings, settings.gyro_port))
         self._inside = ExitStack()
+        self._use_parameters()
 
     def __enter__(self) -> "Driver":
         with ExitStack() as inside:

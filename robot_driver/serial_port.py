@@ -7,7 +7,6 @@ import errno
 import fcntl
 import os
 import select
-import stat
 import termios
 import time
 from contextlib import suppress
@@ -183,6 +182,10 @@ def available_ports() -> list[str]:
 
 def _is_terminal(path: str) -> bool:
     try:
-        return stat.S_ISCHR(Path(path).stat().st_mode)
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError:
         return False
+    try:
+        return os.isatty(descriptor)
+    finally:
+        os.close(descriptor)
