@@ -35,25 +35,31 @@ class RobotState(NamedTuple):
 
 
 class Trajectory(NamedTuple):
-    """A simulated drive: each array has the time on its first axis and the candidates on the others."""
+    """A simulated drive: each array has the time on its first axis and the candidates on the others.
+
+    Pose and wheel speeds are as in RobotState; `angle_left` and `angle_right` [rad] are how far the wheels have
+    turned since the start.
+    """
 
     x: Any
     y: Any
     theta: Any
     psi_left: Any
     psi_right: Any
+    angle_left: Any
+    angle_right: Any
 
 
 def step(state: RobotState, left: Any, right: Any, parameters: RobotParameters, dt: Any) -> RobotState:
     """Return the state after `dt` [s] of constant duties `left` and `right`."""
     dx, dy = displacement(state.theta, state.psi_left, state.psi_right, left, right, parameters, dt)
-    angle = heading_change(state.psi_left, state.psi_right, left, right, parameters, dt)
+    angle_left, angle_right = wheel_angles(state.psi_left, state.psi_right, left, right, parameters, dt)
     psi_left = wheel_speed_after(state.psi_left, left, parameters, dt)
     psi_right = wheel_speed_after(state.psi_right, right, parameters, dt)
     return RobotState(
         state.x + dx,
         state.y + dy,
-        wrap(state.theta + angle),
+        wrap(state.theta + turn(angle_left, angle_right, parameters)),
         psi_left,
         psi_right,
         wheel_acceleration(psi_left, left, parameters),
@@ -61,11 +67,14 @@ def step(state: RobotState, left: Any, right: Any, parameters: RobotParameters, 
     )
 
 
-def heading_change(psi_left: Any, psi_right: Any, left: Any, right: Any, parameters: RobotParameters, dt: Any) -> Any:
-    """Return the change of heading [rad] during `dt` [s] of constant duties."""
-    angle_left = wheel_angle_after(psi_left, left, parameters, dt)
-    angle_right = wheel_angle_after(psi_right, right, parameters, dt)
-    return turn(angle_left, angle_right, parameters)
+def wheel_angles(
+    psi_left: Any, psi_right: Any, left: Any, right: Any, parameters: RobotParameters, time: Any
+) -> tuple[Any, Any]:
+    """Return the angles [rad] through which the wheels of both sides turn during `time` [s] of constant duties."""
+    return (
+        wheel_angle_after(psi_left, left, parameters, time),
+        wheel_angle_after(psi_right, right, parameters, time),
+    )
 
 
 def displacement(
@@ -75,7 +84,7 @@ def displacement(
     dx, dy = 0.0, 0.0
     for point in GAUSS_POINTS:
         time = point * dt
-        heading = theta + heading_change(psi_left, psi_right, left, right, parameters, time)
+        heading = theta + turn(*wheel_angles(psi_left, psi_right, left, right, parameters, time), parameters)
         speed = forward(
             wheel_speed_after(psi_left, left, parameters, time),
             wheel_speed_after(psi_right, right, parameters, time),
@@ -112,9 +121,18 @@ def drive(left: Any, right: Any, dt: Any, parameters: RobotParameters, start: Ro
     in_time = (slice(None), *(np.newaxis,) * candidates)
     spans = (psi_left[:-1], psi_right[:-1], np.asarray(left)[in_time], np.asarray(right)[in_time])
     span = np.asarray(dt)[in_time]
-    theta = _accumulate(start.theta, heading_change(*spans, parameters, span))
+    angle_left, angle_right = wheel_angles(*spans, parameters, span)
+    theta = _accumulate(start.theta, turn(angle_left, angle_right, parameters))
     dx, dy = displacement(theta[:-1], *spans, parameters, span)
-    return Trajectory(_accumulate(start.x, dx), _accumulate(start.y, dy), theta, psi_left, psi_right)
+    return Trajectory(
+        _accumulate(start.x, dx),
+        _accumulate(start.y, dy),
+        theta,
+        psi_left,
+        psi_right,
+        _accumulate(0.0, angle_left),
+        _accumulate(0.0, angle_right),
+    )
 
 
 def roll(angle_left: Any, angle_right: Any, parameters: RobotParameters, start: RobotState) -> Trajectory:
@@ -130,7 +148,8 @@ def roll(angle_left: Any, angle_right: Any, parameters: RobotParameters, start: 
     theta = _accumulate(start.theta, angle)
     dx, dy = arc(theta[:-1], forward(left, right, parameters), angle)
     unknown = np.full(len(angle_left), np.nan)
-    return Trajectory(_accumulate(start.x, dx), _accumulate(start.y, dy), theta, unknown, unknown)
+    x, y = _accumulate(start.x, dx), _accumulate(start.y, dy)
+    return Trajectory(x, y, theta, unknown, unknown, angle_left, angle_right)
 
 
 def _accumulate(first: Any, increments: Any) -> Any:

@@ -1,0 +1,11 @@
+"""Find the parameters with which the model drives the path that the real robot drove.
+
+`calibrate(recording)` does it; `coverage` tells when a drive holds enough for it, `calibrator` joins the two for
+live use. Source of the method: Edwards, Gaskell and Olson, AAMAS 2018, section 2: grid search with numerical
+integration that minimises the Euclidean distance between real and simulated path at every time step.
+"""
+
+from cmr.calibration.calibrate import calibrate
+from cmr.calibration.result import CalibrationError, CalibrationResult, Estimate
+
+__all__ = ["CalibrationError", "CalibrationResult", "Estimate", "calibrate"]

@@ -1,0 +1,175 @@
+"""Cut a recording into drives that can be simulated from end to end, on one time line each."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from cmr.model.motion import RobotState, Trajectory, drive, roll
+from cmr.model.parameters import RobotParameters
+from cmr.recordings.recording import Floats, Recording, Signal, Times
+
+LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is not known and a new segment begins
+FEWEST_POSES = 3  # a segment with fewer says nothing about its path
+LEAD = 1.0  # s of rest kept before the robot begins to move: enough to average its start pose
+MOVING_DUTY = 1e-3  # commands below are rest
+START_SPAN = 0.15  # s around the start over which the wheel speeds are averaged
+FEWEST_POSES_FOR_START = 50  # with fewer, the start pose is taken as measured and not fitted
+SECONDS = 1e-6  # per microsecond
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One drive between two gaps of the external pose.
+
+    The drive is made of T spans of constant duty: `dt` [s], `left`, `right` [duty], shape (T,), and of the wheel
+    angles `angle_left`, `angle_right` [rad] at their T + 1 borders (empty where no wheels were recorded), of which
+    the borders `wheels_at` were measured and the others interpolated. The M measured poses `x`, `y` [m], `theta`
+    [rad, unwrapped] fall on the borders `at`; `utime` are their times. `start` is the state at the first border, as
+    measured.
+    """
+
+    dt: Floats
+    left: Floats
+    right: Floats
+    angle_left: Floats
+    angle_right: Floats
+    wheels_at: Times
+    at: Times
+    utime: Times
+    x: Floats
+    y: Floats
+    theta: Floats
+    start: RobotState
+
+    @property
+    def fits_start(self) -> bool:
+        """Whether there are poses enough to fit the start pose along with the parameters."""
+        return len(self.x) >= FEWEST_POSES_FOR_START
+
+    def simulate(self, parameters: RobotParameters) -> Trajectory:
+        """Drive the recorded duties with the motor model; the trajectory at all borders."""
+        return drive(self.left, self.right, self.dt, parameters, self.start)
+
+    def follow_wheels(self, parameters: RobotParameters) -> Trajectory:
+        """Follow the recorded wheel angles (dead reckoning); the trajectory at all borders."""
+        return roll(self.angle_left, self.angle_right, parameters, self.start)
+
+
+def segments_of(recording: Recording) -> list[Segment]:
+    """Return the segments of a recording; none where no pose was recorded."""
+    poses = recording.poses
+    gaps = np.flatnonzero(np.diff(poses.utime) > LONGEST_POSE_GAP / SECONDS) + 1
+    bounds = [0, *gaps.tolist(), len(poses)]
+    runs = [(poses.utime[a], poses.utime[b - 1]) for a, b in pairwise(bounds) if b > a]
+    segments = [_segment(recording, first, last) for first, last in runs]
+    return [segment for segment in segments if segment is not None]
+
+
+def hold(signal: Signal, field: str, times: Times) -> Floats:
+    """Return the value in force at each time: the last one said, 0 before the first."""
+    index = np.searchsorted(signal.utime, times, side="right") - 1
+    if len(signal) == 0:
+        return np.zeros(len(times))
+    return np.where(index >= 0, signal[field][np.maximum(index, 0)], 0.0)
+
+
+def wheel_angles(wheels: Signal) -> tuple[Floats, Floats]:
+    """Return how far each side's wheels have turned [rad] at each time of `wheels`, from 0.
+
+    Speeds are averages over the time since the previous message, so their sum is the angle.
+    """
+    dt = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
+    return np.cumsum(wheels["psi_left"] * dt), np.cumsum(wheels["psi_right"] * dt)
+
+
+def _segment(recording: Recording, first: int, last: int) -> Segment | None:
+    duty = recording.duty
+    first = max(first, _onset(recording, first, last) - int(LEAD / SECONDS))
+    poses = recording.poses.between(first, last)
+    if len(poses) < FEWEST_POSES:
+        return None
+    inside = [signal.between(int(poses.utime[0]), last).utime for signal in (duty, recording.wheels)]
+    times = np.unique(np.concatenate([*inside, poses.utime]))
+    angle_left, angle_right = np.empty(0), np.empty(0)
+    if len(recording.wheels):
+        angles = wheel_angles(recording.wheels)
+        angle_left, angle_right = (np.interp(times, recording.wheels.utime, angle) for angle in angles)
+    theta = np.unwrap(poses["theta"])
+    return Segment(
+        dt=np.diff(times) * SECONDS,
+        left=hold(duty, "left", times[:-1]),
+        right=hold(duty, "right", times[:-1]),
+        angle_left=angle_left,
+        angle_right=angle_right,
+        wheels_at=np.searchsorted(times, inside[1]),
+        at=np.searchsorted(times, poses.utime),
+        utime=poses.utime,
+        x=poses["x"],
+        y=poses["y"],
+        theta=theta,
+        start=_start(recording, poses, theta, _onset(recording, int(poses.utime[0]), last)),
+    )
+
+
+def _onset(recording: Recording, first: int, last: int) -> int:
+    """Return when the robot begins to be driven, or to roll, within [first, last]; `first` if it never does."""
+    moments = [last]
+    for signal, left, right, threshold in (
+        (recording.duty, "left", "right", MOVING_DUTY),
+        (recording.wheels, "psi_left", "psi_right", 0.0),
+    ):
+        moving = (np.abs(signal[left]) > threshold) | (np.abs(signal[right]) > threshold)
+        times = signal.utime[moving & (signal.utime >= first)]
+        moments += times[:1].tolist()
+    onset = min(moments)
+    return onset if onset < last else first
+
+
+def _start(recording: Recording, poses: Signal, theta: Floats, onset: int) -> RobotState:
+    """Return the state at the first pose: poses at rest averaged, wheel speeds as measured."""
+    rest = max(int(np.count_nonzero(poses.utime <= onset)), 1)
+    near = recording.wheels.between(
+        int(poses.utime[0] - START_SPAN / SECONDS), int(poses.utime[0] + START_SPAN / SECONDS)
+    )
+    psi_left, psi_right = (float(near[name].mean()) if len(near) else 0.0 for name in ("psi_left", "psi_right"))
+    return RobotState(
+        float(poses["x"][:rest].mean()),
+        float(poses["y"][:rest].mean()),
+        float(theta[:rest].mean()),
+        psi_left,
+        psi_right,
+        0.0,
+        0.0,
+    )
+
+
+def path_error(segments: list[Segment], trajectories: list[Trajectory]) -> float:
+    """Return the root mean square distance [m] between measured and simulated positions."""
+    pairs = zip(segments, trajectories, strict=True)
+    squares = [(t.x[s.at] - s.x) ** 2 + (t.y[s.at] - s.y) ** 2 for s, t in pairs]
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def heading_range(segments: list[Segment]) -> float:
+    """Return the largest range of headings [rad] that a segment spans."""
+    return max((float(np.ptp(segment.theta)) for segment in segments), default=0.0)
+
+
+def turned_angle(theta: Floats, threshold: float = 0.2) -> float:
+    """Return the sum of turns [rad], both ways counted up; wiggles under `threshold` [rad] are taken as noise."""
+    return _variation(theta, theta * 0.0, threshold)
+
+
+def travelled(x: Floats, y: Floats, threshold: float = 0.1) -> float:
+    """Return the length of the path [m]; steps under `threshold` [m] are taken as noise."""
+    return _variation(x, y, threshold)
+
+
+def _variation(x: Floats, y: Floats, threshold: float) -> float:
+    total, last = 0.0, (x[0], y[0])
+    for point in zip(x, y, strict=True):
+        distance = float(np.hypot(point[0] - last[0], point[1] - last[1]))
+        if distance >= threshold:
+            total, last = total + distance, point
+    return total

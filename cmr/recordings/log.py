@@ -1,0 +1,34 @@
+"""Read LCM event logs message by message; damaged parts are counted and passed over."""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import lcm
+
+from cmr.bus.messages import Received, RejectedMessage, decode
+
+
+class LogReader:
+    """The messages of an event log at `path`, in the order in which they were logged.
+
+    `rejected` counts by (channel, reason) what was not taken while iterating. A truncated log yields its intact
+    events. Raises OSError when the file cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.rejected: Counter[tuple[str, str]] = Counter()
+        with path.open("rb"):
+            pass  # LCM's own error does not say why a file cannot be opened
+
+    def __iter__(self) -> Iterator[Received]:
+        log = lcm.EventLog(str(self.path), "r")
+        try:
+            for event in log:
+                try:
+                    yield decode(event.channel, event.data)
+                except RejectedMessage as rejected:
+                    self.rejected[event.channel, rejected.reason] += 1
+        finally:
+            log.close()
