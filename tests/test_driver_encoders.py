@@ -1,0 +1,84 @@
+"""Encoder counts become ticks that never wrap and velocities over measured time."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_driver.encoders import WheelEncoders, Wiring, signed_step
+
+FAST = 1e12  # rad/s
+MS = 1_000_000  # ns
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(-(2**31), 2**31 - 1))
+def test_a_step_is_found_again_wherever_the_counter_wraps(start: int, step: int) -> None:
+    assert signed_step(start, (start + step) % 2**32) == step
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.lists(st.tuples(st.integers(-(2**20), 2**20), st.integers(-(2**20), 2**20)), max_size=50),
+)
+def test_ticks_begin_at_zero_and_never_wrap(start: int, steps: list[tuple[int, int]]) -> None:
+    encoders, left, right, time = WheelEncoders(2048), 0, 0, 0
+    encoders.update((start, start), time, FAST)
+    for step in steps:
+        left, right, time = left + step[0], right + step[1], time + 10 * MS
+        encoders.update(((start + left) % 2**32, (start + right) % 2**32), time, FAST)
+        assert encoders.ticks == (left, right)
+
+
+@pytest.mark.parametrize(("before", "after", "step"), [(2**32 - 10, 10, 20), (10, 2**32 - 10, -20)])
+def test_the_counter_wraps_both_ways(before: int, after: int, step: int) -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((before, 0), 0, FAST)
+    motion = encoders.update((after, 0), 10 * MS, FAST)
+    assert motion is not None
+    assert motion.ticks == (step, 0)
+    assert motion.psi == pytest.approx((step * 2 * math.pi / 2048 / 0.010, 0.0))
+
+
+def test_velocity_is_over_the_time_measured_not_the_time_planned() -> None:
+    encoders = WheelEncoders(1000)
+    encoders.update((0, 0), 0, FAST)
+    motion = encoders.update((1000, 500), 40 * MS, FAST)
+    assert motion is not None
+    assert motion.psi == pytest.approx((2 * math.pi / 0.040, math.pi / 0.040))
+
+
+def test_a_jump_is_neither_counted_nor_told_as_a_velocity() -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((100, 100), 0, 40.0)
+    encoders.update((110, 110), 10 * MS, 40.0)
+    assert encoders.update((110, 900_000), 20 * MS, 40.0) is None
+    assert (encoders.jumps, encoders.ticks) == (1, (10, 10))
+    motion = encoders.update((115, 900_005), 30 * MS, 40.0)
+    assert motion is not None
+    assert motion.ticks == (15, 15)
+
+
+def test_after_a_new_connection_counting_goes_on_from_the_total() -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((0, 0), 0, FAST)
+    encoders.update((10, 20), 10 * MS, FAST)
+    encoders.rebase()
+    assert encoders.update((5000, 5000), 20 * MS, FAST) is None
+    encoders.update((5001, 5002), 30 * MS, FAST)
+    assert (encoders.ticks, encoders.jumps) == ((11, 22), 0)
+
+
+@given(
+    st.builds(Wiring, st.booleans(), st.booleans(), st.booleans()),
+    st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
+)
+def test_wiring_reads_back_what_it_drives(wiring: Wiring, duty: tuple[float, float]) -> None:
+    assert wiring.forward(*wiring.channels(*duty)) == duty
+
+
+def test_wiring_drives_and_counts_alike() -> None:
+    wiring = Wiring(swap=True, invert_left=True)
+    assert wiring.channels(0.5, 0.25) == (0.25, -0.5)
+    assert wiring.forward_counts(25, 2**32 - 50) == (50, 25)
+    assert wiring.sides(1.5, 2.5) == (2.5, 1.5)
