@@ -18,6 +18,7 @@ from robot_driver.emulator.sensors import MotionCapture, Pose
 
 LONGEST_WAIT = 0.5  # s
 CLOSED_PORT_PERIOD = 0.005  # s between looks at a port that no client has open; such a port cannot be waited on
+CLOCKS_TOGETHER = 50e-6  # s within which both clocks must be read to be compared; it takes 1e-6
 
 
 class Port(Protocol):
@@ -100,7 +101,10 @@ class Engine:
 
     def utime(self, moment: float) -> int:
         """Return a time of the robot in microseconds since the Unix epoch."""
-        return time.time_ns() // 1000 - round((self.now() - moment) * 1e6)
+        while True:
+            before, utime, now = self.now(), time.time_ns() // 1000, self.now()
+            if now - before < CLOCKS_TOGETHER:  # else the thread was held up between the two clocks
+                return utime - round((now - moment) * 1e6)
 
     def _run(self) -> None:
         try:

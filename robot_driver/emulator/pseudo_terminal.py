@@ -28,6 +28,7 @@ class PseudoTerminal:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._was_open = False
+        self._kept = b""  # the last words of a client whose port had to be made anew
         self._make()
 
     def fileno(self) -> int:
@@ -44,11 +45,12 @@ class PseudoTerminal:
 
     def read(self) -> bytes:
         """Return what the client has sent; nothing if it has sent nothing."""
+        kept, self._kept = self._kept, b""
         try:
-            return os.read(self._descriptor, READ_SIZE)
+            return kept + os.read(self._descriptor, READ_SIZE)
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.EIO):  # EIO: no client has the port open
-                return b""
+                return kept
             raise
 
     def write(self, data: bytes) -> None:
@@ -83,6 +85,7 @@ class PseudoTerminal:
         except OSError as error:
             if error.errno == errno.EBUSY and not self._has_client():
                 # The claim outlives the client on a pseudo-terminal, unlike on a real port: make a new one.
+                self._kept = self.read()
                 os.close(self._descriptor)
                 self._make()
             return

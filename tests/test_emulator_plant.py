@@ -1,0 +1,216 @@
+"""The emulated robot moves as physics says; every imperfection can be switched off without a trace."""
+
+import dataclasses
+import math
+from typing import Any
+
+import pytest
+
+from robot_driver.emulator.plant import STEP, Plant
+from robot_driver.emulator.sensors import MotionCapture, YawGyro
+from robot_driver.emulator.settings import Settings, load_settings
+
+IMPERFECTIONS = [
+    "coulomb_friction",
+    "static_friction",
+    "battery_sag",
+    "torque_noise",
+    "command_delay",
+    "turn_slip",
+    "longitudinal_slip",
+    "slip_noise",
+    "encoder_quantisation",
+    "gyro_bias",
+    "gyro_noise",
+    "pose_noise",
+    "pose_latency",
+]
+
+
+def plain() -> Settings:
+    settings = load_settings()
+    off = {
+        field.name: dataclasses.replace(getattr(settings.imperfections, field.name), enabled=False)
+        for field in dataclasses.fields(settings.imperfections)
+    }
+    return dataclasses.replace(settings, imperfections=dataclasses.replace(settings.imperfections, **off))
+
+
+def with_one(name: str, **changes: Any) -> Settings:
+    settings = plain()
+    changed = dataclasses.replace(getattr(settings.imperfections, name), **changes)
+    return dataclasses.replace(settings, imperfections=dataclasses.replace(settings.imperfections, **{name: changed}))
+
+
+def record(settings: Settings) -> list[Any]:
+    """Return everything that can be observed during a drive with starts, turns, reversals and a rest."""
+    plant = Plant(settings)
+    gyro, capture = YawGyro(settings, plant), MotionCapture(settings, plant, 50.0)
+    observed: list[Any] = []
+    for index in range(200):
+        time = (index + 1) * 0.0103  # no multiple of the step
+        if index % 25 == 0:
+            plant.command(*[(0.4, 0.6), (-0.5, 0.3), (0.0, 0.0), (0.02, -0.002)][index // 25 % 4])
+        plant.advance(time)
+        observed.append((plant.x, plant.y, plant.theta, plant.left.velocity, plant.right.velocity))
+        observed.append((plant.encoder_counts(), plant.battery_voltage(), gyro.rate(0.0103), capture.wake(time)))
+    return observed
+
+
+def test_a_step_of_duty_gives_the_closed_form_speed_and_angle_to_second_order() -> None:
+    settings = plain()
+    gain = settings.robot.k2_over_k3
+    damping = settings.robot.k1 * gain
+    plant = Plant(settings)
+    plant.command(0.5, 0.5)
+    final = 0.5 * gain / damping
+    for time in (0.01, 0.1, 0.25, 1.0):
+        plant.advance(time)
+        # Heun errs by (damping h)^3 / 6 of what is left to go in each step; in sum by no more than this.
+        tolerance = final * (damping * STEP) ** 2 / 6.0
+        assert plant.left.velocity == pytest.approx(final * (1.0 - math.exp(-damping * time)), abs=tolerance)
+        angle = final * (time - (1.0 - math.exp(-damping * time)) / damping)
+        assert plant.left.angle == pytest.approx(angle, abs=2.0 * tolerance / damping)
+
+
+def test_a_constant_turn_is_a_circle_of_the_closed_form_radius() -> None:
+    settings = plain()
+    plant = Plant(settings)
+    plant.command(0.4, 0.6)
+    plant.advance(5.0)  # 30 time constants: steady
+    x, y, theta, time = plant.x, plant.y, plant.theta, plant.time
+    left, right = 0.4 / settings.robot.k1, 0.6 / settings.robot.k1
+    rate = settings.robot.wheel_radius * (right - left) / settings.robot.base_width
+    radius = settings.robot.base_width / 2.0 * (right + left) / (right - left)
+    centre_x, centre_y = x - radius * math.sin(theta), y + radius * math.cos(theta)
+    for _ in range(50):
+        time += 0.1
+        plant.advance(time)
+        # Chord for arc: the radius is too small by (rate h)^2 / 24 of itself, 4e-8 here.
+        assert math.hypot(plant.x - centre_x, plant.y - centre_y) == pytest.approx(radius, rel=1e-6)
+    assert plant.theta - theta == pytest.approx(5.0 * rate, rel=1e-9)
+
+
+def test_how_often_the_plant_is_asked_changes_the_motion_no_more_than_the_integrator_errs() -> None:
+    often, seldom = Plant(plain()), Plant(plain())
+    for plant in (often, seldom):
+        plant.command(0.7, -0.2)
+    for index in range(1, 3001):
+        often.advance(index * 0.00037)
+    seldom.advance(3000 * 0.00037)
+    assert (often.x, often.y, often.theta) == pytest.approx((seldom.x, seldom.y, seldom.theta), abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["coulomb_friction", "static_friction"])
+def test_friction_holds_a_resting_wheel_below_break_away_and_lets_go_above(name: str) -> None:
+    settings = with_one(name, enabled=True, size=2.0)
+    break_away = 2.0 / settings.robot.k2_over_k3
+    plant = Plant(settings)
+    plant.command(0.99 * break_away, -0.99 * break_away)
+    plant.advance(1.0)
+    assert (plant.left.angle, plant.right.angle) == (0.0, 0.0)
+    plant.command(1.01 * break_away, -1.01 * break_away)
+    plant.advance(2.0)
+    assert plant.left.angle > 0.0 > plant.right.angle
+
+
+def test_friction_brings_a_rolling_wheel_to_a_complete_stop_after_the_closed_form_time() -> None:
+    settings = with_one("coulomb_friction", enabled=True, size=4.0)
+    gain = settings.robot.k2_over_k3
+    damping = settings.robot.k1 * gain
+    plant = Plant(settings)
+    plant.command(0.5, 0.5)
+    plant.advance(5.0)
+    speed = (0.5 * gain - 4.0) / damping
+    assert plant.left.velocity == pytest.approx(speed, rel=1e-6)
+    plant.command(0.0, 0.0)
+    stop = math.log(1.0 + speed * damping / 4.0) / damping
+    plant.advance(5.0 + stop - 2 * STEP)
+    assert plant.left.velocity > 0.0
+    plant.advance(5.0 + stop + 2 * STEP)
+    assert plant.left.velocity == 0.0
+
+
+def test_noise_does_not_move_a_resting_robot() -> None:
+    plant = Plant(load_settings())
+    plant.advance(30.0)
+    assert (plant.x, plant.y, plant.theta, plant.encoder_counts()) == (0.0, 0.0, 0.0, (0, 0))
+
+
+def test_turn_slip_divides_the_rate_of_turn_by_the_grown_base_width() -> None:
+    settings = with_one("turn_slip", enabled=True, size=0.03)
+    plant = Plant(settings)
+    plant.command(-0.3, 0.3)
+    plant.advance(5.0)
+    before = plant.theta
+    plant.advance(6.0)
+    rate = plant.theta - before
+    ideal = settings.robot.wheel_radius * 0.6 / settings.robot.k1 / settings.robot.base_width
+    assert rate * (1.0 + 0.03 * rate) == pytest.approx(ideal, rel=1e-6)
+
+
+def test_battery_sag_takes_the_set_share_from_one_stalled_motor_at_full_duty() -> None:
+    settings = with_one("battery_sag", enabled=True, size=0.25)
+    plant = Plant(settings)
+    plant.command(1.0, 0.0)
+    # s = 1 - R s for the stalled motor: the load shrinks with the voltage.
+    assert plant.battery_voltage() == pytest.approx(settings.electrics.battery_voltage / 1.25)
+
+
+def test_command_delay_puts_the_same_motion_off() -> None:
+    late, prompt = Plant(with_one("command_delay", enabled=True, size=0.03)), Plant(plain())
+    for plant in (late, prompt):
+        plant.command(0.5, 0.2)
+    late.advance(1.03)
+    prompt.advance(1.0)
+    assert (late.x, late.y, late.theta) == pytest.approx((prompt.x, prompt.y, prompt.theta), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", IMPERFECTIONS)
+def test_an_imperfection_of_size_zero_is_bit_for_bit_the_plain_robot(name: str) -> None:
+    others: dict[str, dict[str, Any]] = {
+        "encoder_quantisation": {"enabled": False},
+        "pose_noise": {"enabled": True, "position": 0.0, "heading": 0.0},
+    }
+    zero = others.get(name, {"enabled": True, "size": 0.0})
+    assert record(with_one(name, **zero)) == record(plain())
+
+
+@pytest.mark.parametrize("name", IMPERFECTIONS)
+def test_an_imperfection_that_is_on_changes_what_is_observed(name: str) -> None:
+    assert record(with_one(name, enabled=True)) != record(plain())
+
+
+def test_the_list_of_imperfections_above_is_complete() -> None:
+    assert [field.name for field in dataclasses.fields(load_settings().imperfections)] == IMPERFECTIONS
+
+
+def test_the_same_seed_gives_the_same_drive_and_another_seed_another() -> None:
+    assert record(load_settings()) == record(load_settings())
+    assert record(load_settings()) != record(load_settings(seed=1))
+
+
+def test_the_gyro_averages_over_its_period_and_the_sensors_see_the_truth_when_perfect() -> None:
+    settings = plain()
+    plant = Plant(settings)
+    gyro, capture = YawGyro(settings, plant), MotionCapture(settings, plant, 50.0)
+    plant.command(-0.4, 0.4)
+    plant.advance(0.5)
+    assert gyro.rate(0.5) == plant.theta / 0.5 > 0.0  # counter-clockwise is positive
+    pose = capture.wake(0.5)
+    assert (pose.x, pose.y) == (plant.x, plant.y)
+    assert pose.theta == pytest.approx(math.remainder(plant.theta, 2.0 * math.pi))
+
+
+def test_sensor_noise_has_the_set_size() -> None:
+    settings = load_settings()
+    plant = Plant(settings)
+    gyro, capture = YawGyro(settings, plant), MotionCapture(settings, plant, 50.0)
+    count = 4000
+    rates = [gyro.rate(0.01) for _ in range(count)]
+    xs = [capture.wake(0.0).x for _ in range(count)]
+    mean = sum(rates) / count
+    five_sigma = 5.0 / math.sqrt(count)
+    assert mean == pytest.approx(0.002, abs=0.005 * five_sigma)
+    assert math.sqrt(sum((rate - mean) ** 2 for rate in rates) / count) == pytest.approx(0.005, rel=five_sigma)
+    assert math.sqrt(sum(x * x for x in xs) / count) == pytest.approx(0.003, rel=five_sigma)
