@@ -139,5 +139,6 @@ class Driver:
     def _use_parameters(self) -> None:
         """Take over how fast the wheels can turn: 1/k1 at full duty, and twice that is not believed."""
         parameters = self.follower.parameters
-        k1 = parameters.value("k1") if parameters is not None else 0.0
+        # A nominal file may hold the wheel radius alone.
+        k1 = parameters.value("k1") if parameters is not None and "k1" in parameters.values else 0.0
         self._motors.fastest_wheel = 2.0 / k1 if k1 > 0.0 else FASTEST_WHEEL

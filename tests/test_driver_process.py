@@ -1,0 +1,106 @@
+"""The driver as a whole: it says what is wrong in one sentence, takes parameters over, and ends at once."""
+
+import errno
+import os
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import ESTOP, MOTOR_COMMAND
+from cmr.msg import estop_t, motor_command_t
+from robot_driver.driver import Driver, Settings
+from robot_driver.main import main
+from robot_driver.motors import FASTEST_WHEEL
+from robot_driver.serial_port import why_not_open
+
+PARAMETER_FILE = """schema: 1
+robot_id: {robot_id}
+written: 2026-01-31T12:00:00Z
+parameters:
+  wheel_radius: {{value: 0.04, unit: m}}
+  k1: {{value: {k1}, unit: s/rad}}
+"""
+
+
+@pytest.fixture
+def silent_port() -> Iterator[str]:
+    """A port on which nothing ever answers."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    yield os.ttyname(slave)
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_silent_device_is_reported_and_does_not_hold_up_the_end(silent_port: str) -> None:
+    with Driver(Settings(port=silent_port)) as driver:
+        assert driver.problems()
+        deadline = time.monotonic() + 10.0
+        while "does not answer" not in driver.problems():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        began = time.monotonic()
+    assert time.monotonic() - began < 1.0
+
+
+def test_parameters_in_use_say_how_fast_wheels_can_turn(silent_port: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot_0.yaml"
+    path.write_text(PARAMETER_FILE.format(robot_id=0, k1=0.05))
+    driver = Driver(Settings(port=silent_port, parameters=path))
+    assert driver._motors.fastest_wheel == pytest.approx(40.0)
+    assert driver.follower.sha256
+    assert Driver(Settings(port=silent_port))._motors.fastest_wheel == FASTEST_WHEEL
+
+
+def test_a_nominal_parameter_file_with_the_wheel_radius_alone_is_fine(silent_port: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot_0.yaml"
+    path.write_text(
+        "".join(line for line in PARAMETER_FILE.format(robot_id=0, k1=1).splitlines(True) if "k1" not in line)
+    )
+    driver = Driver(Settings(port=silent_port, parameters=path))
+    assert driver._motors.fastest_wheel == FASTEST_WHEEL
+    assert driver.remarks() == ""
+
+
+def test_a_foreign_parameter_file_changes_nothing_and_is_reported(silent_port: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot_1.yaml"
+    path.write_text(PARAMETER_FILE.format(robot_id=1, k1=0.05))
+    driver = Driver(Settings(port=silent_port, parameters=path))
+    assert driver._motors.fastest_wheel == FASTEST_WHEEL
+    assert "robot 1" in driver.remarks()
+
+
+def test_commands_that_were_not_taken_are_counted_by_reason(silent_port: str) -> None:
+    driver = Driver(Settings(port=silent_port, robot=3))
+    for utime, left in ((1, 0.1), (2, float("nan")), (3, 1.5), (1, 0.1)):
+        message = make(motor_command_t, utime=utime, robot_id=3, left=left, right=0.0)
+        driver.handle(utime, MOTOR_COMMAND.channel(3), message)
+    assert driver.remarks() == "Commands not taken: not_finite 1, old 1, out_of_range 1."
+
+
+def test_estop_on_the_bus_reaches_the_motors(silent_port: str) -> None:
+    driver = Driver(Settings(port=silent_port))
+    driver.handle(
+        1, MOTOR_COMMAND.channel(0), make(motor_command_t, utime=now_utime(), robot_id=0, left=0.5, right=0.5)
+    )
+    assert driver._gate.drive(time.monotonic()).left == 0.5
+    driver.handle(2, ESTOP.channel(), make(estop_t, utime=now_utime(), engaged=True, source="test", reason="test"))
+    assert driver._gate.drive(time.monotonic()).left == 0.0
+
+
+def test_a_port_that_cannot_be_opened_is_explained() -> None:
+    assert "dialout" in why_not_open("/dev/ttyUSB0", PermissionError(errno.EACCES, "denied"))
+    assert "Another program" in why_not_open("/dev/ttyUSB0", OSError(errno.EBUSY, "busy"))
+    assert "not a serial port" in why_not_open("/dev/null", OSError(errno.ENOTTY, "ioctl"))
+
+
+@pytest.mark.parametrize("wrong", [["--rate", "0"], ["--robot", "-1"], ["--baud", "x"], ["--ticks-per-turn", "0"]])
+def test_wrong_usage_exits_with_2(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["--port", "/dev/null", *wrong])
+    assert end.value.code == 2
+    assert wrong[0] in capsys.readouterr().err
