@@ -18,6 +18,22 @@ STATUS_PERIOD = 1.0  # s
 EXIT_INTERRUPTED = 130
 
 
+class Timer:
+    """Tells when `period` [s] has passed; it is due at once the first time."""
+
+    def __init__(self, period: float) -> None:
+        self.period = period
+        self._due = time.monotonic()
+
+    def due(self) -> bool:
+        """Tell whether it is time; if so, wait for the next period. Periods that were missed are not made up."""
+        now = time.monotonic()
+        if now < self._due:
+            return False
+        self._due = max(self._due + self.period, now)
+        return True
+
+
 class Process:
     """A process on the bus; use it as a context manager.
 
@@ -36,7 +52,7 @@ class Process:
         self._url = url
         self._received: list[Received] = []
         self._turns = 0
-        self._status_due = 0.0
+        self._report = Timer(STATUS_PERIOD)
         self._status_sent = time.monotonic()
         self._old_handlers: dict[int, Any] = {}
 
@@ -84,7 +100,7 @@ class Process:
             self._turns += 1
             yield now_utime()
             self.bus.publish_repeated()
-            if time.monotonic() >= self._status_due:
+            if self._report.due():
                 self.publish_status()
 
     def received(self) -> list[Received]:
@@ -106,7 +122,7 @@ class Process:
         """Report on `PROCESS_STATUS`."""
         now = time.monotonic()
         rate = self._turns / max(now - self._status_sent, 1e-6)
-        self._turns, self._status_sent, self._status_due = 0, now, now + STATUS_PERIOD
+        self._turns, self._status_sent = 0, now
         rejected = ", ".join(f"{channel} {why} {count}" for (channel, why), count in self.bus.rejected.items())
         self.publish(
             PROCESS_STATUS,

@@ -72,7 +72,9 @@ class Refinement:
             for value, std in zip(unknowns[: self._start_column], spread[: self._start_column], strict=True)
         ]
         count = len(self.names)
-        return Refined(dict(zip(self.names, found[:count], strict=True)), found[count] if self._fits_wheel_factor else None)
+        return Refined(
+            dict(zip(self.names, found[:count], strict=True)), found[count] if self._fits_wheel_factor else None
+        )
 
     @property
     def _start_column(self) -> int:

@@ -1,0 +1,133 @@
+"""Calibrate during a drive: gather messages, see when the manoeuvre is complete, and fit.
+
+It knows no bus and looks only at the time stamps of the messages, so a log, replayed at any speed or read directly,
+gives the same numbers as the drive itself.
+"""
+
+import math
+from typing import Any
+
+from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import MOTOR_COMMAND, MOTOR_FEEDBACK, identify
+from cmr.calibration.calibrate import PAPER_PARAMETERS, calibrate
+from cmr.calibration.coverage import Coverage
+from cmr.calibration.result import CalibrationError, CalibrationResult
+from cmr.calibration.segments import LEAD
+from cmr.msg import calibration_status_t
+from cmr.parameters.file import ParameterFile
+from cmr.recordings.recording import Recorder, Recording
+
+REST = 1_000_000  # us at rest that end the manoeuvre
+STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
+ENOUGH = 2.5  # a robot that does not stop is calibrated when every bucket has this many times its minimum
+
+
+class Calibrator:
+    """The calibration of one robot.
+
+    `nominal` gives at least the wheel radius; None takes the newest parameters announced during the drive.
+    `state` is one of the states of calibration_status_t; `result` is there once `fit` succeeded. `missing` says
+    what the drive still lacks.
+    """
+
+    def __init__(self, robot_id: int, nominal: ParameterFile | None = None) -> None:
+        self.robot_id = robot_id
+        self.state: int = calibration_status_t.WAITING
+        self.result: CalibrationResult | None = None
+        self.failure = ""
+        self._nominal = nominal
+        self._recorder = Recorder(robot_id)
+        self._coverage = Coverage()
+        self._has_wheels = False
+        self._onset: int | None = None
+        self._last_motion: int | None = None
+        self._end: int | None = None
+        self._latest = 0
+
+    def handle(self, utime: int, channel: str, message: Any) -> None:
+        """Take one message; those of other robots, and those after the manoeuvre, are passed over."""
+        stream, robot_id = identify(channel) or (None, None)
+        if stream is None or robot_id != self.robot_id or self.complete:
+            return
+        self._recorder.handle(utime, channel, message)
+        self._latest = max(self._latest, utime)
+        if stream is MOTOR_FEEDBACK:
+            self._has_wheels = True
+            self._watch(utime, message.psi_left, message.psi_right)
+        elif stream is MOTOR_COMMAND and not self._has_wheels:
+            self._watch(utime, message.left, message.right)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the manoeuvre is over and all its messages have had time to arrive."""
+        return self._end is not None and self._latest > self._end + STRAGGLERS
+
+    @property
+    def measured(self) -> int:
+        """How many messages have come that only a real robot has."""
+        return self._recorder.measured
+
+    @property
+    def missing(self) -> str:
+        """What the drive still lacks, for a person; empty when it is covered."""
+        return self._coverage.missing
+
+    def recording(self) -> Recording:
+        """Return the recording of the manoeuvre: from just before the first motion to its end (so far)."""
+        recording = self._recorder.recording()
+        first = 0 if self._onset is None else self._onset - int(2 * LEAD * 1e6)
+        return recording.between(first, self._end if self._end is not None else self._latest)
+
+    def fit(self) -> CalibrationResult | None:
+        """Find the parameters from what has been gathered; None on failure, which `failure` explains."""
+        try:
+            self.result = calibrate(self.recording(), self._nominal)
+        except CalibrationError as error:
+            self.failure = str(error)
+        self.state = calibration_status_t.FAILED if self.result is None else calibration_status_t.DONE
+        return self.result
+
+    def status(self) -> Any:
+        """Return the calibration_status_t message of this moment."""
+        fields: dict[str, float] = {}
+        for name in PAPER_PARAMETERS:
+            estimate = self.result.estimates.get(name) if self.result else None
+            fields[name] = estimate.value if estimate else math.nan
+            fields[f"{name}_std"] = estimate.std if estimate else math.nan
+        return make(
+            calibration_status_t,
+            utime=now_utime(),
+            robot_id=self.robot_id,
+            state=self.state,
+            progress=1.0 if self._end is not None else self._coverage.progress,
+            path_rmse_before=self.result.path_rmse_before if self.result else math.nan,
+            path_rmse_after=self.result.path_rmse_after if self.result else math.nan,
+            message=self._sentence(),
+            **fields,
+        )
+
+    def _watch(self, utime: int, left: float, right: float) -> None:
+        """Follow the motion; decide when it is over."""
+        if self._end is not None or not (math.isfinite(left) and math.isfinite(right)):
+            return
+        if self._coverage.add(utime, left, right):
+            self._last_motion = utime
+            if self._onset is None:
+                self._onset = utime
+                self.state = calibration_status_t.COLLECTING
+        rested = self._last_motion is not None and utime - self._last_motion >= REST
+        if (self._coverage.complete and rested) or self._coverage.exceeds(ENOUGH):
+            self._end = utime
+            self.state = calibration_status_t.FITTING
+
+    def _sentence(self) -> str:
+        if self.state == calibration_status_t.WAITING:
+            return "Waiting for the robot to move: drive a figure-eight, both lobes."
+        if self.state == calibration_status_t.COLLECTING:
+            return f"Still needed: {self.missing}." if self.missing else "Covered. Stop the robot to finish."
+        if self.state == calibration_status_t.FITTING:
+            return "The manoeuvre is complete; computing the parameters."
+        if self.result is None:
+            return self.failure
+        skipped = "; ".join(f"{name} not identifiable: {why}" for name, why in self.result.unidentified.items())
+        return " ".join(["Parameters found.", *([skipped + "."] if skipped else []), *self.result.notes])

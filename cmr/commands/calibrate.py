@@ -1,0 +1,153 @@
+"""cmr-calibrate: find the parameters of a real robot from a figure-eight drive, live or from a log."""
+
+import argparse
+import hashlib
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from cmr.bus.messages import now_utime
+from cmr.bus.process import Process, Timer
+from cmr.bus.streams import CALIBRATION_STATUS, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE
+from cmr.calibration.calibrate import calibrate
+from cmr.calibration.calibrator import Calibrator
+from cmr.calibration.result import CalibrationError
+from cmr.commands.command_line import CommandError, parser
+from cmr.msg import calibration_status_t, process_status_t
+from cmr.parameters.file import ParameterFile, ParameterFileError, load
+from cmr.recordings.recording import RecordingError, choose_robot, read_log
+
+STATUS_PERIOD = 0.25  # s
+FINISHED = (calibration_status_t.DONE, calibration_status_t.FAILED)
+ANNOUNCING = 3.0  # s for which a new file is announced before the command ends; cmr-sim goes on announcing it
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-calibrate."""
+    options = _options(arguments)
+    nominal = _nominal(options.parameters)
+    if options.log:
+        return _from_logs(options, nominal)
+    return _live(options, nominal)
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-calibrate",
+        "Find k2_over_k3, k1 and base_width of a real robot while it drives a figure-eight (both lobes), and write "
+        "them to its parameter file. With --log the same from an LCM event log.",
+        "cmr-calibrate --robot 0 --out robot_0.yaml\n  cmr-calibrate --log run.lcm --out robot_0.yaml",
+    )
+    options.add_argument("--robot", type=int, default=None, metavar="N", help="robot id; live: 0, log: the only one")
+    options.add_argument(
+        "--log", type=Path, nargs="+", default=None, metavar="RUN.lcm", help="event logs of one robot, fitted together"
+    )
+    options.add_argument(
+        "--parameters",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="nominal parameters, at least wheel_radius; otherwise those announced on PARAMETERS_N",
+    )
+    options.add_argument(
+        "--out", type=Path, default=None, metavar="FILE", help="file to write; live: robot_N.yaml, log: only print"
+    )
+    return options.parse_args(arguments)
+
+
+def _nominal(path: Path | None) -> ParameterFile | None:
+    try:
+        return load(path) if path else None
+    except ParameterFileError as error:
+        raise CommandError(str(error)) from error
+
+
+def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
+    try:
+        recordings = [_gather(path, options.robot, nominal).recording() for path in options.log]
+        result = calibrate(recordings, nominal)
+    except (RecordingError, CalibrationError) as error:
+        raise CommandError(str(error)) from error
+    print(result.summary())
+    if options.out:
+        digest = hashlib.sha256()
+        for path in options.log:
+            digest.update(path.read_bytes())
+        source = {"log": " ".join(str(path) for path in options.log), "sha256": digest.hexdigest()}
+        _save(result.parameter_file(source), options.out)
+        print(f"written to {options.out}")
+    return 0
+
+
+def _gather(path: Path, robot_id: int | None, nominal: ParameterFile | None) -> Calibrator:
+    """Return the calibrator of a log's robot after it has seen the log."""
+    calibrators: dict[int, Calibrator] = {}
+    for received in read_log(path):
+        if received.robot_id is not None:
+            calibrator = calibrators.setdefault(received.robot_id, Calibrator(received.robot_id, nominal))
+            calibrator.handle(received.message.utime, received.channel, received.message)
+    measured = {robot: calibrator.measured for robot, calibrator in calibrators.items()}
+    calibrator = calibrators[choose_robot(measured, robot_id, str(path))]
+    if calibrator.missing:
+        print(f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.")
+    return calibrator
+
+
+def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
+    robot_id = options.robot if options.robot is not None else 0
+    path = options.out or Path(f"robot_{robot_id}.yaml")
+    calibrator = Calibrator(robot_id, nominal)
+    # The fit runs in a thread of its own, so that a signal still ends the process at once.
+    fitting = threading.Thread(target=calibrator.fit, daemon=True)
+    report = Timer(STATUS_PERIOD)
+    finished_at: float | None = None
+    said = ""
+    with Process("cmr-calibrate", options.lcm_url) as process:
+        for stream in (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS):
+            process.subscribe(stream, robot_id, every=True)
+        for _utime in process.loop(rate_hz=50.0):
+            process.dispatch(calibrator.handle)
+            if calibrator.complete and fitting.ident is None:
+                fitting.start()
+            if calibrator.state in FINISHED and finished_at is None:
+                finished_at = time.monotonic()
+                _publish_result(calibrator, path, process)
+            if report.due():
+                status = calibrator.status()
+                process.publish(CALIBRATION_STATUS, status, robot_id)
+                said = _say(robot_id, status, said)
+            if finished_at is not None and time.monotonic() > finished_at + ANNOUNCING:
+                break
+    if calibrator.state == calibration_status_t.FAILED:
+        raise CommandError(calibrator.failure)
+    return process.exit_code
+
+
+def _publish_result(calibrator: Calibrator, path: Path, process: Process) -> None:
+    """Write and announce the parameters; without any, report why."""
+    if calibrator.result is None:
+        process.state, process.message = process_status_t.DEGRADED, calibrator.failure
+        return
+    print(calibrator.result.summary())
+    parameters = calibrator.result.parameter_file({"log": "live"})
+    _save(parameters, path)
+    print(f"written to {path}", flush=True)
+    announcement = parameters.announcement(sequence=now_utime())
+    process.parameters_sha256 = announcement.sha256
+    process.repeat(PARAMETERS, announcement, calibrator.robot_id, period=1.0)
+
+
+def _save(parameters: ParameterFile, path: Path) -> None:
+    try:
+        parameters.save(path)
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be written: {error.strerror}. Choose another place with --out.") from error
+
+
+def _say(robot_id: int, status: Any, said: str) -> str:
+    """Print the status once for each new state, and each time another tenth is covered; return what was said."""
+    saying = f"{status.state} {int(status.progress * 10)}"
+    if saying != said:
+        print(f"robot {robot_id}: {100 * status.progress:3.0f} %  {status.message}", flush=True)
+    return saying

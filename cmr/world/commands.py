@@ -1,0 +1,22 @@
+"""Motor commands as a robot obeys them: the newest one counts, for half a second."""
+
+import math
+
+COMMAND_LIFETIME = 500_000  # us; an older command means zero, for real and simulated robots alike
+
+
+class CommandMemory:
+    """The newest motor command of one robot."""
+
+    def __init__(self) -> None:
+        self._command = (0, 0.0, 0.0)
+
+    def take(self, utime: int, left: float, right: float) -> None:
+        """Take a command decided at `utime` [us]; one that is no number, or older than the last, is passed over."""
+        if utime >= self._command[0] and math.isfinite(left) and math.isfinite(right):
+            self._command = (utime, left, right)
+
+    def at(self, utime: int) -> tuple[float, float]:
+        """Return the duties (left, right) in force at `utime` [us]."""
+        decided, left, right = self._command
+        return (left, right) if utime - decided <= COMMAND_LIFETIME else (0.0, 0.0)
