@@ -171,6 +171,23 @@ def test_a_truncated_log_gives_its_intact_events_and_says_so(
     assert "truncated or damaged" in capsys.readouterr().out
 
 
+def test_damage_inside_a_log_costs_only_the_damaged_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    events = [(t, "ENCODERS", encoders(t, 0, 0)) for t in (1000, 2000, 3000, 4000, 5000, -5)]
+    content = bytearray(write_foreign_log(tmp_path, events).read_bytes())
+    event_bytes = len(content) // len(events)
+    content[event_bytes + 28] = 0xFF  # the second event's channel name, behind a header of 28 bytes
+    content[3 * event_bytes] ^= 0xFF  # the fourth event's sync word
+    recording = tmp_path / "foreign.log"
+    recording.write_bytes(content)
+    assert [message.utime for message in run(tmp_path, encoder_mapping(), recording)["MOTOR_FEEDBACK_0"]] == [
+        3000,
+        5000,
+    ]
+    said = capsys.readouterr().out
+    assert "truncated or damaged" in said
+    assert "ENCODERS: 1 x message of an impossible time" in said
+
+
 def test_a_truncated_gzip_gives_its_intact_rows_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = "".join(f"{i / 20},{i * 7919 % 1009},{i * i % 997},{i}\n" for i in range(20_000))
     recording = tmp_path / "recording.csv.gz"
@@ -203,7 +220,7 @@ def test_rows_with_cells_that_hold_no_number_are_skipped_for_that_signal_and_cou
     said = capsys.readouterr().out
     assert "POSE_0: 2 x row without a number" in said
     assert "GYRO_0: 1 x row without a number" in said
-    assert "the file: 1 x row without a number in t" in said
+    assert "the file: 1 x row without a time in t" in said
     assert "the file: 1 x row with another number of cells" in said
 
 

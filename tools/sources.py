@@ -18,6 +18,8 @@ from cmr.tools.mapping import CSV_TABLE, Channel, Mapping, Rows
 
 LOG_EVENT_HEADER_BYTES = 28  # sync word, event number, time stamp, lengths of channel name and of data
 MICROSECONDS = 1e6
+LATEST_UTIME = 7_258_118_400_000_000  # us; the year 2200: a later time is a damaged one
+LONGEST_SECONDS = 1e9  # 31 years: a recording is shorter
 
 
 class SourceError(Exception):
@@ -69,7 +71,7 @@ def _read_log(mapping: Mapping, path: Path) -> Source:
     intact_bytes = 0
     log = lcm.EventLog(str(path), "r")
     try:
-        for event in log:
+        for event in _intact_events(log):
             intact_bytes += LOG_EVENT_HEADER_BYTES + len(event.channel.encode()) + len(event.data)
             channels_present.add(event.channel)
             channel = mapping.channels.get(event.channel)
@@ -92,11 +94,30 @@ def _read_log(mapping: Mapping, path: Path) -> Source:
             raise SourceError(
                 f"{path}: {name}: {why}; channels present: {', '.join(sorted(channels_present)) or 'none'}"
             )
-    source.tables = _log_tables(mapping.channels, events)
+    source.tables = _log_tables(mapping.channels, events, source.skipped)
     return source
 
 
-def _log_tables(channels: dict[str, Channel], events: dict[str, list[tuple[int, bytes]]]) -> dict[str, Table]:
+def _intact_events(log: Any) -> Iterator[Any]:
+    """Yield the intact events.
+
+    LCM ends its iteration at the first damaged event, but finds the next intact one when it is asked again; only
+    when nothing more is read is it the end.
+    """
+    position = -1
+    while log.tell() > position:
+        position = log.tell()
+        try:
+            event = log.read_next_event()
+        except UnicodeDecodeError:  # the channel name is damaged
+            continue
+        if event is not None:
+            yield event
+
+
+def _log_tables(
+    channels: dict[str, Channel], events: dict[str, list[tuple[int, bytes]]], skipped: Counter[tuple[str, str]]
+) -> dict[str, Table]:
     """Decode the events; all channels of a clock that was set wrong are shifted alike, to keep them in step."""
     decoded = {name: decode(channel.layout, [data for _, data in events[name]]) for name, channel in channels.items()}
     arrivals = {name: np.array([timestamp for timestamp, _ in events[name]], np.int64) for name in channels}
@@ -112,7 +133,12 @@ def _log_tables(channels: dict[str, Channel], events: dict[str, list[tuple[int, 
             utime = arrivals[name]
         else:
             utime = decoded[name]["utime"] + (min(delays) if channel.clock == "shifted_utime" else 0)
-        tables[name] = _in_time_order(utime, arrivals[name], np.zeros_like(utime), decoded[name])
+        possible = (utime >= 0) & (utime < LATEST_UTIME)
+        if not possible.all():
+            skipped[name, "message of an impossible time"] += int((~possible).sum())
+        columns = {column: values[possible] for column, values in decoded[name].items()}
+        segment = np.zeros(int(possible.sum()), np.int64)
+        tables[name] = _in_time_order(utime[possible], arrivals[name][possible], segment, columns)
     return tables
 
 
@@ -146,9 +172,9 @@ def _read_csv(mapping: Mapping, rows: Rows, path: Path) -> Source:
     columns = {name: _numbers(by_column[name]) for name in mapping.columns(CSV_TABLE)}
     seconds = _numbers(by_column[rows.time_column])
     labels = by_column[rows.segment_column] if rows.segment_column is not None else ("",) * len(seconds)
-    timed = np.isfinite(seconds)
+    timed = np.abs(seconds) < LONGEST_SECONDS
     if not timed.all():
-        source.skipped[CSV_TABLE, f"row without a number in {rows.time_column}"] += int((~timed).sum())
+        source.skipped[CSV_TABLE, f"row without a time in {rows.time_column}"] += int((~timed).sum())
     segment = _segment_numbers(np.array(labels, str))[timed]
     utime = _utime(rows, seconds[timed], segment)
     source.tables[CSV_TABLE] = _in_time_order(
