@@ -13,10 +13,10 @@ from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, Stream
 from cmr.parameters.following import ParameterFollower
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers import CONTROLLERS
-from robot_driver.encoders import Wiring
+from robot_driver.encoders import FASTEST_WHEEL, Wiring
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros import GYROS
-from robot_driver.motors import FASTEST_WHEEL, Motors
+from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
 
@@ -122,6 +122,8 @@ class Driver:
             remarks.append(f"Commands not taken: {counts}.")
         if self._motors.faults:
             remarks.append(f"Replies lost or damaged: {self._motors.faults}.")
+        if self._motors.jumps:
+            remarks.append(f"Encoder jumps not counted: {self._motors.jumps}.")
         return " ".join(remark for remark in remarks if remark)
 
     def _gyro_thread(self, settings: Settings, path: str) -> PortThread:
@@ -140,5 +142,5 @@ class Driver:
         """Take over how fast the wheels can turn: 1/k1 at full duty, and twice that is not believed."""
         parameters = self.follower.parameters
         # A nominal file may hold the wheel radius alone.
-        k1 = parameters.value("k1") if parameters is not None and "k1" in parameters.values else 0.0
+        k1 = parameters.value("k1") if parameters is not None and parameters.has("k1") else 0.0
         self._motors.fastest_wheel = 2.0 / k1 if k1 > 0.0 else FASTEST_WHEEL

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 COUNTER_RANGE = 2**32  # counters wrap at this value, both ways
+FASTEST_WHEEL = 200.0  # rad/s; no wheel of a robot of this kind gets there, whatever its parameters say
 
 
 def signed_step(before: int, after: int) -> int:
@@ -22,7 +23,7 @@ class WheelMotion:
 class WheelEncoders:
     """Adds up the steps of both encoders; `ticks` begin at 0 and never wrap.
 
-    `fastest` is the wheel speed (rad/s) beyond which a step is not believed. `jumps` counts such steps.
+    `jumps` counts the steps that were not believed.
     """
 
     def __init__(self, ticks_per_turn: int) -> None:
@@ -30,6 +31,7 @@ class WheelEncoders:
         self.jumps = 0
         self._ticks_per_turn = ticks_per_turn
         self._before: tuple[tuple[int, int], int] | None = None
+        self._jumped = False
 
     def rebase(self) -> None:
         """Take the next counts as a new beginning: what happened since the last ones is not known."""
@@ -39,7 +41,8 @@ class WheelEncoders:
         """Take raw counts (ticks modulo 2^32, left first) read at a monotonic time.
 
         Returns None where there is no velocity to tell: at a new beginning, and when the step is not believed
-        because a wheel would have turned faster than `fastest` (rad/s).
+        because a wheel would have turned faster than `fastest` (rad/s). Two such steps in a row are no jump, though:
+        then the wheels are faster than thought, and steps up to FASTEST_WHEEL are believed.
         """
         before, self._before = self._before, (counts, nanoseconds)
         if before is None or nanoseconds <= before[1]:
@@ -48,7 +51,10 @@ class WheelEncoders:
         radians_per_tick = 2 * math.pi / self._ticks_per_turn
         seconds = (nanoseconds - before[1]) / 1e9
         psi = (steps[0] * radians_per_tick / seconds, steps[1] * radians_per_tick / seconds)
-        if max(abs(psi[0]), abs(psi[1])) > fastest:
+        speed = max(abs(psi[0]), abs(psi[1]))
+        limit = max(fastest, FASTEST_WHEEL) if self._jumped else fastest
+        self._jumped = speed > fastest
+        if speed > limit:
             self.jumps += 1
             return None
         self.ticks = (self.ticks[0] + steps[0], self.ticks[1] + steps[1])

@@ -12,7 +12,7 @@ from cmr.msg import motor_feedback_t
 from robot_driver.clock import utime_at
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers import BadReply, Controller, Request, Telemetry
-from robot_driver.encoders import WheelEncoders, WheelMotion, Wiring
+from robot_driver.encoders import FASTEST_WHEEL, WheelEncoders, WheelMotion, Wiring
 from robot_driver.port_thread import Device
 from robot_driver.serial_port import Answer, PortLost, SerialPort
 
@@ -23,7 +23,6 @@ SILENCE_LIMIT = 0.5  # s without any answer after which the device counts as gon
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 STOP_ATTEMPTS = 10  # of the last zero: 0.4 s at most, so that the process still ends within a second
 TELEMETRY_ATTEMPTS = 5  # in a row; a firmware does not answer what it does not know
-FASTEST_WHEEL = 200.0  # rad/s; no robot of this kind gets there, used until the robot's parameters are known
 
 
 @dataclass
@@ -71,6 +70,11 @@ class Motors(Device):
         self._jumps_told = 0
         self._last_answer = 0.0
         self._due = 0.0
+
+    @property
+    def jumps(self) -> int:
+        """How many encoder steps were not believed."""
+        return self._encoders.jumps
 
     def connect(self, stop: threading.Event) -> None:
         """Stop the motors, learn what the device is, arm it; from here on a new command is needed."""

@@ -59,6 +59,20 @@ def test_a_jump_is_neither_counted_nor_told_as_a_velocity() -> None:
     assert motion.ticks == (15, 15)
 
 
+def test_parameters_that_are_wrong_do_not_silence_the_encoders() -> None:
+    encoders = WheelEncoders(2048)
+    motions = [encoders.update((200 * turn, 200 * turn), 10 * turn * MS, 10.0) for turn in range(6)]
+    assert [motion is not None for motion in motions] == [False, False, True, True, True, True]
+    assert encoders.jumps == 1
+
+
+def test_what_no_wheel_can_do_is_never_believed() -> None:
+    encoders = WheelEncoders(2048)
+    motions = [encoders.update((100_000 * turn, 0), 10 * turn * MS, 40.0) for turn in range(6)]
+    assert motions == [None] * 6
+    assert (encoders.jumps, encoders.ticks) == (5, (0, 0))
+
+
 def test_after_a_new_connection_counting_goes_on_from_the_total() -> None:
     encoders = WheelEncoders(2048)
     encoders.update((0, 0), 0, FAST)

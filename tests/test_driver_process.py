@@ -13,8 +13,8 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND
 from cmr.msg import estop_t, motor_command_t
 from robot_driver.driver import Driver, Settings
+from robot_driver.encoders import FASTEST_WHEEL
 from robot_driver.main import main
-from robot_driver.motors import FASTEST_WHEEL
 from robot_driver.serial_port import why_not_open
 
 PARAMETER_FILE = """schema: 1
