@@ -1,0 +1,17 @@
+"""Measured moments become times of day without losing what was measured."""
+
+import time
+
+from robot_driver.clock import utime_at
+
+
+def test_a_moment_keeps_its_distance_from_now() -> None:
+    now = time.monotonic_ns()
+    before = time.time_ns() // 1000
+    assert abs(utime_at(now) - before) < 100_000
+    assert abs(utime_at(now) - utime_at(now - 5_000_000) - 5000) < 1000
+
+
+def test_later_moments_have_later_stamps() -> None:
+    stamps = [utime_at(time.monotonic_ns()) for _ in range(2000) if time.sleep(0.00002) is None]
+    assert all(later > earlier for earlier, later in zip(stamps, stamps[1:], strict=False))
