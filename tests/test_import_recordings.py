@@ -172,17 +172,15 @@ def test_a_truncated_log_gives_its_intact_events_and_says_so(
 
 
 def test_damage_inside_a_log_costs_only_the_damaged_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    events = [(t, "ENCODERS", encoders(t, 0, 0)) for t in (1000, 2000, 3000, 4000, 5000, -5)]
+    events = [(t, "ENCODERS", encoders(t, 0, 0)) for t in (1000, 2000, 3000, 4000, 5000, 6000, -5)]
     content = bytearray(write_foreign_log(tmp_path, events).read_bytes())
     event_bytes = len(content) // len(events)
     content[event_bytes + 28] = 0xFF  # the second event's channel name, behind a header of 28 bytes
-    content[3 * event_bytes] ^= 0xFF  # the fourth event's sync word
+    content[3 * event_bytes] ^= 0xFF  # the fourth event's sync word: LCM then distrusts the third, too
     recording = tmp_path / "foreign.log"
     recording.write_bytes(content)
-    assert [message.utime for message in run(tmp_path, encoder_mapping(), recording)["MOTOR_FEEDBACK_0"]] == [
-        3000,
-        5000,
-    ]
+    feedback = run(tmp_path, encoder_mapping(), recording)["MOTOR_FEEDBACK_0"]
+    assert [message.utime for message in feedback] == [5000, 6000]
     said = capsys.readouterr().out
     assert "truncated or damaged" in said
     assert "ENCODERS: 1 x message of an impossible time" in said
