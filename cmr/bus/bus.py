@@ -46,12 +46,13 @@ class Bus:
         self._lcm.publish(stream.channel(robot_id), message.encode())
 
     def repeat(self, stream: Stream, message: Any, robot_id: int | None = None, *, period: float) -> None:
-        """Send a message now and every `period` seconds from `publish_repeated`, until another takes its place.
+        """Send a message every `period` seconds from `publish_repeated`, until another takes its place.
 
-        LCM keeps nothing for late joiners; `utime` is brought up to date at each repetition.
+        LCM keeps nothing for late joiners; `utime` is brought up to date at each repetition. What is repeated
+        already is replaced without being sent earlier than it is due.
         """
-        self._repeated[stream.channel(robot_id)] = _Repeated(message, period)
-        self.publish_repeated()
+        repeated = self._repeated.setdefault(stream.channel(robot_id), _Repeated(message, period))
+        repeated.message, repeated.period = message, period
 
     def publish_repeated(self) -> None:
         """Send every repeated message that is due."""

@@ -50,7 +50,8 @@ class Estimator:
     @property
     def state(self) -> RobotState:
         """The newest estimate."""
-        return RobotState(*(float(value) for value in self._pose), *self._psi, *self._domega)
+        x, y, theta = self._pose.tolist()
+        return RobotState(x, y, theta, *self._psi, *self._domega)
 
     def handle(self, _utime: int, channel: str, message: Any) -> None:
         """Take MOTOR_FEEDBACK_N, GYRO_N or POSE_N of this robot."""

@@ -51,9 +51,9 @@ class Fleet:
             return False
         self.utime += STEP
         if self._index:
-            self._state = np.stack(
-                step(RobotState(*self._state), *self._duty, RobotParameters(*self._parameters), STEP * 1e-6)
-            )
+            left, right = self._duty
+            state, parameters = RobotState(*self._state), RobotParameters(*self._parameters)
+            self._state = np.stack(step(state, left, right, parameters, STEP * 1e-6))
         return True
 
     def robots(self) -> list[Robot]:

@@ -59,7 +59,7 @@ class WorldView:
 
 
 def world_messages(utime: int, robots: Iterable[Robot], largest: int | None = None) -> list[Any]:
-    """Return world_state_t messages of all robots at `utime`: one, or as many as it takes to keep to `largest` bytes."""
+    """Return world_state_t messages of all robots at `utime`: one, or so many that none exceeds `largest` bytes."""
     robots = list(robots)
     part = len(robots) if largest is None else max((largest - BYTES_OF_HEAD) // BYTES_PER_ROBOT, 1)
     return [_message(utime, robots[first : first + part]) for first in range(0, len(robots), max(part, 1))]

@@ -1,0 +1,53 @@
+"""cmr-pilot: drive a real robot by a behaviour, for example after a virtual leader."""
+
+import argparse
+from pathlib import Path
+
+from cmr.bus.process import Process
+from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.commands.command_line import CommandError, parser
+from cmr.commands.robots import behaviour_of
+from cmr.msg import process_status_t
+from cmr.parameters.following import ParameterFollower
+from cmr.world.pilot import Pilot
+
+RATE = 50.0  # Hz
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-pilot."""
+    options = _options(arguments)
+    behaviour, pose = behaviour_of(options.behaviour)
+    if pose:
+        raise CommandError("A real robot starts where it stands: x, y and theta are for virtual robots.")
+    path = options.parameters or Path(f"robot_{options.robot}.yaml")
+    pilot = Pilot(options.robot, behaviour, ParameterFollower(options.robot, path))
+    with Process("cmr-pilot", options.lcm_url) as process:
+        process.subscribe(WORLD_STATE, every=True)
+        process.subscribe(ESTOP, every=True)
+        process.subscribe(PARAMETERS, options.robot)
+        process.subscribe(WAYPOINTS, options.robot)
+        for utime in process.loop(rate_hz=RATE):
+            process.dispatch(pilot.handle)
+            pilot.parameters.poll()
+            process.publish(MOTOR_COMMAND, pilot.command(utime), options.robot)
+            process.parameters_sha256 = pilot.parameters.sha256
+            process.state = process_status_t.DEGRADED if pilot.waiting_for else process_status_t.RUNNING
+            process.message = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
+        process.publish(MOTOR_COMMAND, pilot.stop(), options.robot)
+        return process.exit_code
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-pilot",
+        "Drive a real robot by a behaviour: it sees the world on WORLD_STATE and commands the motors on "
+        "MOTOR_COMMAND_N. It stops whenever cmr-sim, the robot or its parameters are missing, and on ESTOP.",
+        "cmr-pilot --robot 0 --behaviour follow,leader=10,gap=0.5",
+    )
+    options.add_argument("--robot", type=int, default=0, metavar="N", help="robot id")
+    options.add_argument("--behaviour", default="follow", metavar="NAME,KEY=VALUE,...", help="as for cmr-sim --virtual")
+    options.add_argument(
+        "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
+    )
+    return options.parse_args(arguments)

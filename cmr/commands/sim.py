@@ -1,0 +1,116 @@
+"""cmr-sim: the world. Estimates real robots, simulates virtual ones and twins, and tells everybody."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from cmr.bus.messages import make
+from cmr.bus.process import Process, Timer
+from cmr.bus.streams import (
+    ESTOP,
+    GYRO,
+    MOTOR_COMMAND,
+    MOTOR_FEEDBACK,
+    PARAMETERS,
+    POSE,
+    ROBOT_STATE,
+    WAYPOINTS,
+    WORLD_STATE,
+    Stream,
+)
+from cmr.commands.command_line import parser
+from cmr.commands.robots import numbered, virtual_robots
+from cmr.msg import process_status_t, robot_state_t
+from cmr.parameters.following import ParameterFollower
+from cmr.world.view import REAL, world_messages
+from cmr.world.world import World
+
+STEP_RATE = 100.0  # Hz
+PACKET = 1400  # bytes; more than that is split by a real network
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-sim."""
+    options = _options(arguments)
+    world = World(
+        virtual_robots(options.virtual, options.parameters_of),
+        lambda robot_id: ParameterFollower(robot_id, options.parameters / f"robot_{robot_id}.yaml"),
+    )
+    publish = Timer(1.0 / options.rate)
+    check = Timer(0.25)
+    with Process("cmr-sim", options.lcm_url) as process:
+        for stream in (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP):
+            process.subscribe(stream, every=True)
+        process.subscribe(MOTOR_COMMAND)
+        for utime in process.loop(rate_hz=STEP_RATE):
+            process.dispatch(world.handle)
+            world.advance(utime)
+            if publish.due():
+                process.publish_all(_state_messages(world, utime, PACKET if options.split else None))
+            if check.due():
+                world.poll_parameters()
+                _announce(world, process)
+        return process.exit_code
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-sim",
+        "Keep the state of the whole world: estimate real robots from their sensors, simulate virtual robots and a "
+        "twin of each real robot, and publish all on WORLD_STATE. Real robots are found by their messages.",
+        "cmr-sim --virtual 10=figure_eight,x=0.5 --virtual 11=follow,leader=10,x=0.2 --parameters .\n\n"
+        "behaviours: figure_eight (size, speed, laps, start), follow (leader, gap, speed), commanded (does what\n"
+        "MOTOR_COMMAND_N says), or your own as module:Class; x, y, theta set where a virtual robot starts.",
+    )
+    options.add_argument(
+        "--virtual", type=numbered, action="append", default=[], metavar="ID=BEHAVIOUR,...", help="a virtual robot"
+    )
+    options.add_argument(
+        "--parameters", type=Path, default=Path(), metavar="DIR", help="folder with the files robot_<id>.yaml"
+    )
+    options.add_argument(
+        "--parameters-of", type=int, default=0, metavar="N", help="virtual robots move by the parameters of robot N"
+    )
+    options.add_argument("--rate", type=_rate, default=50.0, metavar="HZ", help="of WORLD_STATE, 20 to 100")
+    options.add_argument(
+        "--split", action="store_true", help=f"split WORLD_STATE into messages of at most {PACKET} bytes"
+    )
+    return options.parse_args(arguments)
+
+
+def _rate(text: str) -> float:
+    rate = float(text)
+    if not 20.0 <= rate <= 100.0:
+        raise argparse.ArgumentTypeError(f"{text} Hz is not between 20 and 100")
+    return rate
+
+
+def _state_messages(world: World, utime: int, largest: int | None) -> list[tuple[Stream, int | None, Any]]:
+    robots = world.robots()
+    messages: list[tuple[Stream, int | None, Any]] = [
+        (WORLD_STATE, None, message) for message in world_messages(utime, robots, largest)
+    ]
+    for robot in robots:
+        if robot.origin == REAL:
+            message = make(
+                robot_state_t,
+                utime=robot.utime,
+                robot_id=robot.robot_id,
+                origin=robot.origin,
+                **robot.state._asdict(),
+            )
+            messages.append((ROBOT_STATE, robot.robot_id, message))
+    return messages
+
+
+def _announce(world: World, process: Process) -> None:
+    """Repeat the parameters in use of all real robots, and report what is wrong with any file."""
+    for robot_id in world.real_robots:
+        announcement = world.parameters[robot_id].announcement()
+        if announcement is not None:
+            process.repeat(PARAMETERS, announcement, robot_id, period=1.0)
+    followers = [world.parameters[robot_id] for robot_id in sorted(world.parameters)]
+    process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
+    problems = [follower.message for follower in followers if follower.message]
+    process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
+    process.message = " ".join(problems)

@@ -1,0 +1,65 @@
+"""Drive a real robot by a behaviour, from what WORLD_STATE says of the world."""
+
+from typing import Any
+
+from cmr.bus.estop import EmergencyStop
+from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.msg import motor_command_t
+from cmr.parameters.file import ParameterFileError
+from cmr.parameters.following import ParameterFollower
+from cmr.world.behaviours import Behaviour
+from cmr.world.view import WorldView
+
+OLDEST_WORLD = 500_000  # us; with older knowledge of the world the robot stops
+
+
+class Pilot:
+    """The pilot of one real robot; `waiting_for` says what keeps it from driving, empty when nothing does."""
+
+    def __init__(self, robot_id: int, behaviour: Behaviour, parameters: ParameterFollower) -> None:
+        self.robot_id = robot_id
+        self.behaviour = behaviour
+        self.parameters = parameters
+        self.waiting_for = "the world"
+        self._world = WorldView()
+        self._estop = EmergencyStop()
+
+    def handle(self, utime: int, channel: str, message: Any) -> None:
+        """Take WORLD_STATE, PARAMETERS_N, WAYPOINTS_N or ESTOP."""
+        self._estop.handle(utime, channel, message)
+        if channel == WORLD_STATE.name:
+            self._world.handle(utime, channel, message)
+        elif channel == PARAMETERS.channel(self.robot_id):
+            self.parameters.handle(utime, channel, message)
+        elif channel == WAYPOINTS.channel(self.robot_id):
+            self.behaviour.take_waypoints(list(message.x), list(message.y))
+
+    def command(self, utime: int) -> Any:
+        """Return the motor_command_t of this moment; zero whenever the robot must not, or need not, move."""
+        return self._message(utime, *self._decide(utime))
+
+    def stop(self) -> Any:
+        """Return the motor_command_t that ends a drive."""
+        return self._message(now_utime(), 0.0, 0.0)
+
+    def _message(self, utime: int, left: float, right: float) -> Any:
+        return make(motor_command_t, utime=utime, robot_id=self.robot_id, left=left, right=right)
+
+    def _decide(self, utime: int) -> tuple[float, float]:
+        me = self._world.robot(self.robot_id)
+        if self._estop.engaged:
+            self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
+        elif me is None or utime - me.utime > OLDEST_WORLD:
+            self.waiting_for = f"robot {self.robot_id} in WORLD_STATE: is cmr-sim running, and the driver?"
+        elif self.parameters.parameters is None:
+            self.waiting_for = f"parameters of robot {self.robot_id}. {self.parameters.message}"
+        else:
+            try:
+                model = self.parameters.parameters.robot_parameters
+            except ParameterFileError as error:
+                self.waiting_for = f"complete parameters of robot {self.robot_id}: {error}"
+            else:
+                self.waiting_for = ""
+                return self.behaviour.command(utime, me, self._world, model)
+        return 0.0, 0.0
