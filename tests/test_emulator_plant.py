@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -214,3 +216,13 @@ def test_sensor_noise_has_the_set_size() -> None:
     assert mean == pytest.approx(0.002, abs=0.005 * five_sigma)
     assert math.sqrt(sum((rate - mean) ** 2 for rate in rates) / count) == pytest.approx(0.005, rel=five_sigma)
     assert math.sqrt(sum(x * x for x in xs) / count) == pytest.approx(0.003, rel=five_sigma)
+
+
+def test_the_emulated_robot_shares_no_code_with_the_model_and_the_driver() -> None:
+    modules = ("plant", "sensors", "roboclaw_device", "dsp3000_device", "engine", "pseudo_terminal")
+    imports = "; ".join(f"import robot_driver.emulator.{module}" for module in modules)
+    listing = "import sys; print('\\n'.join(sys.modules))"
+    ended = subprocess.run([sys.executable, "-c", f"{imports}; {listing}"], capture_output=True, text=True, check=True)
+    ours = {name for name in ended.stdout.split() if name.split(".")[0] in ("cmr", "robot_driver")}
+    foreign = {name for name in ours if not name.startswith("robot_driver.emulator")} - {"robot_driver"}
+    assert foreign == set()

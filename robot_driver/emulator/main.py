@@ -49,7 +49,7 @@ def _options(arguments: list[str]) -> Namespace:
     options.add_argument("--robot", type=int, default=0, metavar="N", help="id of the robot")
     options.add_argument("--settings", type=Path, metavar="FILE.yaml", help="what differs from the default robot")
     options.add_argument("--ideal", action="store_true", help="no imperfections but the noise of the sensors")
-    options.add_argument("--seed", type=int, help="of all random numbers, instead of that of the settings")
+    options.add_argument("--seed", type=int, metavar="N", help="of all random numbers, instead of that of the settings")
     options.add_argument("--ports", type=Path, metavar="DIR", help=f"folder for the ports; else {_default_folder(0)}")
     options.add_argument("--pose-rate", type=float, default=50.0, metavar="HZ", help="rate of POSE_N")
     options.add_argument("--no-pose", action="store_true", help="no external pose; no bus is needed then")

@@ -38,10 +38,12 @@ class PseudoTerminal:
     @property
     def is_open(self) -> bool:
         """Tell whether a client has the port open."""
-        if self._was_open and not self._has_client():
+        is_open = self._has_client()
+        if self._was_open and not is_open:
             self._forget_client()
-        self._was_open = self._has_client()
-        return self._was_open
+            is_open = self._has_client()
+        self._was_open = is_open
+        return is_open
 
     def read(self) -> bytes:
         """Return what the client has sent; nothing if it has sent nothing."""
@@ -71,12 +73,12 @@ class PseudoTerminal:
         # With no open client side of our own, the kernel reports a hang-up whenever no client has the port open.
         os.close(client_side)
         os.set_blocking(self._descriptor, False)
+        self._poll = select.poll()
+        self._poll.register(self._descriptor, select.POLLIN)
         link(self._path, self._name)
 
     def _has_client(self) -> bool:
-        poll = select.poll()
-        poll.register(self._descriptor, select.POLLIN)
-        return not any(events & select.POLLHUP for _, events in poll.poll(0))
+        return not any(events & select.POLLHUP for _, events in self._poll.poll(0))
 
     def _forget_client(self) -> None:
         """Discard what the last client did not read and its claim; only the client's side can do that."""
