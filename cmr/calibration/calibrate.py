@@ -145,7 +145,7 @@ def _radius_note(radius: float, factor: Estimate | None) -> tuple[str, ...]:
         return ()
     return (
         f"The wheels turn {factor.value:.3f} times as far as the path says. Check wheel_radius "
-        f"({radius * factor.value:.4g} m would fit instead of {radius:g} m) and the encoder's ticks per turn.",
+        f"({radius / factor.value:.4g} m would fit instead of {radius:g} m) and the encoder's ticks per turn.",
     )
 
 

@@ -1,0 +1,266 @@
+"""cmr-demo: the main job without any hardware. An emulated robot is driven, calibrated and driven again."""
+
+import argparse
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import lcm
+
+from cmr.bus.messages import make, now_utime
+from cmr.bus.preflight import DEFAULT_URL
+from cmr.bus.process import Process
+from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
+from cmr.commands.children import Children, our_command
+from cmr.commands.command_line import CommandError, parser
+from cmr.model.parameters import DEFINITIONS
+from cmr.msg import calibration_status_t, process_status_t, waypoints_t
+from cmr.parameters.file import ParameterFile, Value, load
+from cmr.world.behaviours.leading import figure_eight
+from cmr.world.comparison import Drive, drives_of
+from cmr.world.figure import draw_before_and_after
+from cmr.world.view import WorldView
+from robot_driver.emulator.settings import Settings, SettingsError, load_settings
+
+ROBOT = 0
+LEADER = 10
+FOLLOWER = 11  # virtual, behind the real robot
+GAP = 0.5  # m between one robot and the next
+SIZE = 0.7  # m, of the figure-eight
+LAPS = 2
+SPEED = 0.3  # m/s
+# What the lab believed of its robot before: each wrong by a quarter to a third.
+NOMINAL = {"wheel_radius": 0.04, "k2_over_k3": 80.0, "k1": 0.065, "base_width": 0.20}
+START_UP = 30.0  # s for all processes to be in service, on a slow machine
+FIT = 60.0  # s
+REST = 1_500_000  # us for which robot and leader must stand still before a drive counts as over
+
+
+class Interrupted(Exception):  # noqa: N818 - the user's wish, not an error
+    """Ctrl-C or SIGTERM."""
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-demo."""
+    options = _options(arguments)
+    folder: Path = options.out
+    try:
+        settings = load_settings(options.settings)
+    except SettingsError as error:
+        raise CommandError(str(error)) from error
+    settings = settings.ideal() if options.ideal else settings
+    _prepare(folder)
+    with Process("cmr-demo", options.lcm_url or _private_url()) as process, Children(folder) as children:
+        demo = _Demo(process, children)
+        try:
+            demo.run(_commands(folder, process.bus.url, options))
+        except Interrupted:
+            print("Stopping.", flush=True)
+            return process.exit_code
+    return _report(folder, settings)
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-demo",
+        "Drive an emulated robot through a figure-eight behind a virtual leader, calibrate it, and drive again: all "
+        "processes that a real robot needs, on an LCM bus of their own, with a pseudo-terminal for the serial line. "
+        "Takes about a minute and a half.",
+        "cmr-demo --out demo-run",
+    )
+    options.add_argument("--out", type=Path, default=Path("demo-run"), metavar="DIR", help="folder for the results")
+    options.add_argument("--settings", type=Path, default=None, metavar="FILE", help="as for cmr-emulate")
+    options.add_argument("--ideal", action="store_true", help="emulate a robot that is exactly as the model says")
+    return options.parse_args(arguments)
+
+
+def _private_url() -> str:
+    """Return a bus that nobody else is on: a free port, and nothing leaves this host."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        return DEFAULT_URL.replace(":7667", f":{probe.getsockname()[1]}")
+
+
+def _prepare(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "run.lcm").unlink(missing_ok=True)
+        nominal = ParameterFile(ROBOT, {name: Value(value) for name, value in NOMINAL.items()})
+        nominal.save(folder / f"robot_{ROBOT}.yaml")
+    except OSError as error:
+        raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
+
+
+def _commands(folder: Path, url: str, options: argparse.Namespace) -> dict[str, list[str]]:
+    """Return the command of each process, in the order in which they start."""
+    ports, parameters = folder / "ports", str(folder / f"robot_{ROBOT}.yaml")
+    bus = ["--lcm-url", url]
+    emulate = [our_command("cmr-emulate"), "--robot", str(ROBOT), "--ports", str(ports), *bus]
+    if options.settings:
+        emulate += ["--settings", str(options.settings)]
+    if options.ideal:
+        emulate += ["--ideal"]
+    return {
+        "logger": [str(Path(lcm.LCM_BIN_DIR) / "lcm-logger"), f"--lcm-url={url}", "-q", str(folder / "run.lcm")],
+        "emulate": emulate,
+        "driver": [
+            *(our_command("cmr-driver"), "--robot", str(ROBOT), "--port", str(ports / "motor")),
+            *("--gyro-port", str(ports / "gyro"), "--parameters", parameters, *bus),
+        ],
+        "sim": [
+            *(our_command("cmr-sim"), "--parameters", str(folder), "--parameters-of", str(ROBOT)),
+            *("--virtual", f"{LEADER}=figure_eight,laps=0,speed={SPEED},x={GAP}"),
+            *("--virtual", f"{FOLLOWER}=follow,leader={ROBOT},gap={GAP},x={-GAP}", *bus),
+        ],
+        "pilot": [
+            *(our_command("cmr-pilot"), "--robot", str(ROBOT), "--parameters", parameters),
+            *("--behaviour", f"follow,leader={LEADER},gap={GAP}", *bus),
+        ],
+        "calibrate": [our_command("cmr-calibrate"), "--robot", str(ROBOT), "--out", parameters, *bus],
+    }
+
+
+class _Demo:
+    """The run of the demo: what it waits for, and what it says meanwhile."""
+
+    def __init__(self, process: Process, children: Children) -> None:
+        self._process = process
+        self._children = children
+        self._world = WorldView()
+        self._states: dict[str, int] = {}
+        self._parameters_in_use = ""
+        self._parameters_before = ""
+        self._calibration: Any = None
+        self._last_motion = 0
+        process.subscribe(WORLD_STATE)
+        process.subscribe(PROCESS_STATUS, every=True)
+        process.subscribe(CALIBRATION_STATUS, ROBOT)
+
+    def run(self, commands: dict[str, list[str]]) -> None:
+        """Start everything, drive, calibrate, drive again."""
+        began = time.monotonic()
+        for name, command in commands.items():
+            self._children.start(name, command)
+            if name == "emulate":
+                self._wait(lambda: "ready" in self._children.said("emulate"), START_UP, "the emulated robot")
+        self._wait(self._in_service, START_UP, "all processes")
+        print(f"[{time.monotonic() - began:5.1f} s] {', '.join(commands)} are running", flush=True)
+        self._parameters_before = self._parameters_in_use
+        self._drive("first drive, with the nominal parameters")
+        self._wait(self._calibrated, FIT, "the calibration")
+        self._wait(self._new_parameters_in_use, 5.0, "cmr-sim to use the new parameters")
+        print(f"calibrated: {self._calibration.message} Path error of the fit: ", end="")
+        print(f"{self._calibration.path_rmse_before:.3f} m before, {self._calibration.path_rmse_after:.3f} m after")
+        self._drive("second drive, with the parameters found")
+        print(f"[{time.monotonic() - began:5.1f} s] done", flush=True)
+
+    def _drive(self, title: str) -> None:
+        """Let the leader drive a figure-eight from where it is, and wait until everybody rests again."""
+        leader = self._world.robot(LEADER)
+        assert leader is not None, "the leader is in service"
+        state = leader.state
+        x, y = figure_eight(state.x, state.y, state.theta, SIZE, LAPS)
+        length = LAPS * 6.1 * SIZE  # Gerono's lemniscate is 6.1 times as long as its half
+        expected = length / SPEED + 4.0
+        self._process.publish(WAYPOINTS, make(waypoints_t, utime=now_utime(), robot_id=LEADER, x=x, y=y), LEADER)
+        began = time.monotonic()
+        self._last_motion = now_utime()
+        self._wait(self._resting, 4.0 * expected, title, lambda: min((time.monotonic() - began) / expected, 1.0))
+
+    def _wait(
+        self,
+        condition: Callable[[], bool],
+        seconds: float,
+        what: str,
+        progress: Callable[[], float] | None = None,
+    ) -> None:
+        """Listen to the bus until a condition holds; show progress."""
+        deadline = time.monotonic() + seconds
+        shown = -1
+        for _utime in self._process.loop(rate_hz=20.0):
+            self._listen()
+            if condition():
+                if progress is not None:
+                    print(f"{what}: 100 %", flush=True)
+                return
+            failure = self._children.failed()
+            if failure:
+                raise CommandError(failure)
+            if time.monotonic() > deadline:
+                raise CommandError(f"Waited {seconds:.0f} s for {what} in vain. See {self._children.folder}/*.txt.")
+            if progress is not None and int(progress() * 5) > shown:
+                shown = int(progress() * 5)
+                print(f"{what}: {shown * 20:3d} %", flush=True)
+        raise Interrupted
+
+    def _listen(self) -> None:
+        for received in self._process.received():
+            message = received.message
+            if received.stream is WORLD_STATE:
+                self._world.handle(message.utime, received.channel, message)
+                self._note_motion()
+            elif received.stream is CALIBRATION_STATUS:
+                self._calibration = message
+            elif received.stream is PROCESS_STATUS:
+                self._states[message.process] = message.state
+                if message.process == "cmr-sim":
+                    self._parameters_in_use = message.parameters_sha256
+
+    def _note_motion(self) -> None:
+        for robot_id in (ROBOT, LEADER, FOLLOWER):
+            robot = self._world.robot(robot_id)
+            if robot is not None and abs(robot.state.psi_left) + abs(robot.state.psi_right) > 0.2:
+                self._last_motion = robot.utime
+
+    def _resting(self) -> bool:
+        return self._world.utime - self._last_motion > REST
+
+    def _in_service(self) -> bool:
+        running = [name for name, state in self._states.items() if state == process_status_t.RUNNING]
+        robots = all(self._world.robot(robot_id) is not None for robot_id in (ROBOT, LEADER, FOLLOWER))
+        return robots and {"cmr-driver", "cmr-sim", "cmr-pilot", "cmr-calibrate", "cmr-emulate"} <= set(running)
+
+    def _calibrated(self) -> bool:
+        if self._calibration is not None and self._calibration.state == calibration_status_t.FAILED:
+            raise CommandError(f"The calibration failed: {self._calibration.message}")
+        return self._calibration is not None and self._calibration.state == calibration_status_t.DONE
+
+    def _new_parameters_in_use(self) -> bool:
+        return self._parameters_in_use not in ("", self._parameters_before)
+
+
+def _report(folder: Path, settings: Settings) -> int:
+    """Draw the figure and print the table."""
+    drives = drives_of(folder / "run.lcm", ROBOT)
+    if len(drives) != 2:
+        raise CommandError(f"{folder}/run.lcm holds {len(drives)} drives instead of 2. See {folder}/*.txt.")
+    before, after = drives
+    draw_before_and_after((before, after), folder / "figure_eight.png")
+    print(_table(load(folder / f"robot_{ROBOT}.yaml"), settings.truth))
+    print(_verdict(before, after))
+    print(
+        f"Look at {folder}/figure_eight.png; the log is {folder}/run.lcm, the parameters are in "
+        f"{folder}/robot_{ROBOT}.yaml."
+    )
+    return 0
+
+
+def _table(found: ParameterFile, truth: dict[str, float]) -> str:
+    lines = [f"{'parameter':12s} {'unit':8s} {'nominal':>9s} {'true':>9s} {'found':>9s} {'std':>9s} {'error':>8s}"]
+    for name, true in truth.items():
+        value = found.values[name]
+        std = "-" if value.std is None else f"{value.std:9.2g}"
+        lines.append(
+            f"{name:12s} {DEFINITIONS[name].unit:8s} {NOMINAL[name]:9.4g} {true:9.4g} {value.value:9.4g} {std:>9s} "
+            f"{100.0 * (value.value / true - 1.0):+7.2f} %"
+        )
+    return "\n".join(lines)
+
+
+def _verdict(before: Drive, after: Drive) -> str:
+    return (
+        f"Path error between the robot and its simulated twin: {before.path_rmse:.3f} m before calibration, "
+        f"{after.path_rmse:.3f} m after: {before.path_rmse / after.path_rmse:.0f} times smaller."
+    )

@@ -1,0 +1,71 @@
+"""Compare, drive by drive, where a real robot went and where its twin went, from the log of a run."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cmr.bus.streams import MOTOR_COMMAND, POSE, WORLD_STATE
+from cmr.recordings.log import LogReader
+from cmr.recordings.recording import Floats, Times
+from cmr.world.view import WorldView
+from cmr.world.world import REST_BEFORE_DRIVE
+
+SETTLING = 100_000  # us after the first command until the twin, put to its robot, is surely on the bus
+SHORTEST_DRIVE = 2_000_000  # us
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive of a real robot and of its twin: measured and simulated positions [m] at the same times, shape (n,)."""
+
+    utime: Times
+    real_x: Floats
+    real_y: Floats
+    twin_x: Floats
+    twin_y: Floats
+
+    @property
+    def path_rmse(self) -> float:
+        """Root mean square distance between the two [m]."""
+        return float(np.sqrt(np.mean((self.real_x - self.twin_x) ** 2 + (self.real_y - self.twin_y) ** 2)))
+
+
+def drives_of(log: Path, robot_id: int) -> list[Drive]:
+    """Return the drives of a robot in an event log: spans of commands between rests, where pose and twin are known."""
+    driven: list[int] = []
+    poses: list[tuple[int, float, float]] = []
+    twins: list[tuple[int, float, float]] = []
+    view = WorldView()
+    for received in LogReader(log):
+        message = received.message
+        if received.stream is WORLD_STATE:
+            view.handle(message.utime, received.channel, message)
+            twin = view.twin(robot_id)
+            if twin is not None and twin.utime == message.utime:
+                twins.append((message.utime, twin.state.x, twin.state.y))
+        elif received.channel == POSE.channel(robot_id):
+            poses.append((message.utime, message.x, message.y))
+        elif received.channel == MOTOR_COMMAND.channel(robot_id) and (message.left or message.right):
+            driven.append(message.utime)
+    pauses = np.flatnonzero(np.diff(driven) > REST_BEFORE_DRIVE) + 1
+    spans = [(int(part[0]), int(part[-1])) for part in np.split(np.array(driven, np.int64), pauses) if len(part)]
+    drives = [_drive(poses, twins, *span) for span in spans if span[1] - span[0] >= SHORTEST_DRIVE]
+    return [drive for drive in drives if drive is not None]
+
+
+def _drive(
+    poses: list[tuple[int, float, float]], twins: list[tuple[int, float, float]], first: int, last: int
+) -> Drive | None:
+    real = np.array([row for row in poses if first + SETTLING <= row[0] <= last])
+    twin = np.array([row for row in twins if first + SETTLING // 2 <= row[0] <= last])
+    if len(real) < 2 or len(twin) < 2:
+        return None
+    utime = real[:, 0]
+    return Drive(
+        utime.astype(np.int64),
+        real[:, 1],
+        real[:, 2],
+        np.interp(utime, twin[:, 0], twin[:, 1]),
+        np.interp(utime, twin[:, 0], twin[:, 2]),
+    )
