@@ -13,6 +13,7 @@ import lcm
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.recordings.log import intact_events
 from cmr.tools.layout import decode, message_bytes
 from cmr.tools.mapping import CSV_TABLE, Channel, Mapping, Rows
 
@@ -71,7 +72,7 @@ def _read_log(mapping: Mapping, path: Path) -> Source:
     intact_bytes = 0
     log = lcm.EventLog(str(path), "r")
     try:
-        for event in _intact_events(log):
+        for event in intact_events(log):
             intact_bytes += LOG_EVENT_HEADER_BYTES + len(event.channel.encode()) + len(event.data)
             channels_present.add(event.channel)
             channel = mapping.channels.get(event.channel)
@@ -96,23 +97,6 @@ def _read_log(mapping: Mapping, path: Path) -> Source:
             )
     source.tables = _log_tables(mapping.channels, events, source.skipped)
     return source
-
-
-def _intact_events(log: Any) -> Iterator[Any]:
-    """Yield the intact events.
-
-    LCM ends its iteration at the first damaged event, but finds the next intact one when it is asked again; only
-    when nothing more is read is it the end.
-    """
-    position = -1
-    while log.tell() > position:
-        position = log.tell()
-        try:
-            event = log.read_next_event()
-        except UnicodeDecodeError:  # the channel name is damaged
-            continue
-        if event is not None:
-            yield event
 
 
 def _log_tables(

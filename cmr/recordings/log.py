@@ -25,10 +25,27 @@ class LogReader:
     def __iter__(self) -> Iterator[Received]:
         log = lcm.EventLog(str(self.path), "r")
         try:
-            for event in log:
+            for event in intact_events(log):
                 try:
                     yield decode(event.channel, event.data)
                 except RejectedMessage as rejected:
                     self.rejected[event.channel, rejected.reason] += 1
         finally:
             log.close()
+
+
+def intact_events(log: lcm.EventLog) -> Iterator[lcm.Event]:
+    """Yield the intact events of an open log.
+
+    LCM ends its iteration at the first damaged event, but finds the next intact one when it is asked again; only
+    when nothing more is read is it the end.
+    """
+    position = -1
+    while log.tell() > position:
+        position = log.tell()
+        try:
+            event = log.read_next_event()
+        except UnicodeDecodeError:  # the channel name is damaged
+            continue
+        if event is not None:
+            yield event
