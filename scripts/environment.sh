@@ -1,0 +1,55 @@
+# Sourced by scripts/demo and scripts/test: makes .venv and installs the package, on a bare Debian or Ubuntu with
+# python3 (3.10 or later), its venv module and git, as an ordinary user. Touches nothing outside this folder.
+
+cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
+
+fail() {
+    echo "$(basename "$0"): $*" >&2
+    exit 1
+}
+
+# Unpack Debian packages below .venv/debian: needs apt-get, but neither root nor changes to the system.
+unpack_debian() {
+    command -v apt-get > /dev/null && command -v dpkg-deb > /dev/null || return 1
+    local work="$PWD/.venv/debian" package
+    local apt=(apt-get -qq -o "Dir::State::lists=$work/lists" -o "Dir::Cache=$work/cache" -o APT::Sandbox::User=)
+    mkdir -p "$work/lists/partial" "$work/cache/archives/partial"
+    [ -n "$(ls "$work"/lists/*Packages* 2> /dev/null)" ] || "${apt[@]}" update > /dev/null 2>&1 || return 1
+    for package in "$@"; do
+        (cd "$work/cache" && "${apt[@]}" download "$package" > /dev/null 2>&1) || return 1
+    done
+    for package in "$work"/cache/*.deb; do
+        dpkg-deb -x "$package" "$work" && rm "$package" || return 1
+    done
+}
+
+# The lcm wheel uses GLib of the system, which a bare machine lacks.
+provide_glib() {
+    local library
+    for library in "$PWD"/.venv/debian/usr/lib/*-linux-gnu "$PWD"/.venv/debian/lib/*-linux-gnu; do
+        [ -d "$library" ] && export LD_LIBRARY_PATH="$library${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}"
+    done
+    .venv/bin/python -c 'import ctypes; ctypes.CDLL("libglib-2.0.so.0")' 2> /dev/null && return
+    [ -z "${GLIB_TRIED:-}" ] || fail "LCM needs the library libglib-2.0.so.0: sudo apt-get install libglib2.0-0"
+    GLIB_TRIED=1
+    echo "Fetching GLib, which LCM needs (to have it for all: sudo apt-get install libglib2.0-0) ..."
+    unpack_debian libglib2.0-0 || unpack_debian libglib2.0-0t64
+    provide_glib
+}
+
+# Make .venv and install the package with the extras named by $1, unless that has been done for this pyproject.toml.
+provide_environment() {
+    local extras="$1" stamp
+    command -v python3 > /dev/null || fail "python3 is missing: sudo apt-get install python3 python3-venv"
+    python3 -c 'import sys; sys.exit(sys.version_info < (3, 10))' || fail "Python 3.10 or later is needed; this is $(python3 --version)"
+    if [ ! -x .venv/bin/pip ]; then
+        python3 -m venv .venv || fail "the venv module is missing: sudo apt-get install python3-venv"
+    fi
+    provide_glib
+    stamp="$(cat pyproject.toml lcmtypes/*.lcm scripts/build_messages.py | sha256sum) $PWD"
+    if [ "$(cat ".venv/installed$extras" 2> /dev/null)" != "$stamp" ]; then
+        echo "Installing into .venv ..."
+        .venv/bin/pip install --quiet --editable ".$extras" || fail "pip could not install the package; see above"
+        echo "$stamp" > ".venv/installed$extras"
+    fi
+}
