@@ -13,5 +13,8 @@ def test_a_moment_keeps_its_distance_from_now() -> None:
 
 
 def test_later_moments_have_later_stamps() -> None:
-    stamps = [utime_at(time.monotonic_ns()) for _ in range(2000) if time.sleep(0.00002) is None]
-    assert all(later > earlier for earlier, later in zip(stamps, stamps[1:], strict=False))
+    stamps = []
+    for _ in range(500):
+        stamps.append(utime_at(time.monotonic_ns()))
+        time.sleep(0.0001)
+    assert stamps == sorted(set(stamps))
