@@ -1,10 +1,11 @@
 """Refine parameters by least squares, and tell how well the data determine them.
 
-Two signals are compared with the model: the measured positions, which the paper's calibration minimises, and, where
-the commands are driven, the wheel speeds. Positions fix how far and how tightly the robot goes (k1, base_width);
-they say little about how fast its motors answer, because every small disturbance of the drive adds up in them. The
-wheel speeds fix just that. A free factor between measured and modelled wheel speeds keeps a wrong wheel radius, or
-a wrong number of ticks per turn, out of it.
+Three signals are compared with the model: the measured positions, which the paper's calibration minimises, the
+measured headings and, where the commands are driven, the wheel speeds. Positions fix how far and how tightly the
+robot goes (k1, base_width), but of short drives they also show where on the robot the pose is taken; the headings
+fix base_width wherever that is. Positions say little about how fast the motors answer, because every small
+disturbance of the drive adds up in them. The wheel speeds fix just that. A free factor between measured and modelled
+wheel speeds keeps a wrong wheel radius, or a wrong number of ticks per turn, out of it.
 """
 
 from collections.abc import Mapping
@@ -120,9 +121,17 @@ class Refinement:
             half = len(segment.x)
             blocks.append(_Block("position", residual[:half, 0], jacobian[:half]))
             blocks.append(_Block("position", residual[half:, 0], jacobian[half:]))
+            if "base_width" in self.names:
+                blocks.append(self._heading_block(path, segment, len(unknowns)))
             if not self.by_wheels and len(segment.wheels_at) > 1:
                 blocks += self._wheel_blocks(path, segment, unknowns)
         return blocks
+
+    def _heading_block(self, path: Trajectory, segment: Segment, unknowns: int) -> _Block:
+        """Return the residuals of the heading [rad], about their mean: markers need not point forward exactly."""
+        residual = path.theta[segment.at] - segment.theta[:, np.newaxis]
+        residual = residual - residual.mean(axis=0)
+        return _Block("heading", residual[:, 0], self._parameter_columns(residual, unknowns))
 
     def _wheel_blocks(self, path: Trajectory, segment: Segment, unknowns: Floats) -> list[_Block]:
         """Return the residuals of each side's speed [rad/s], averaged between measurements."""
