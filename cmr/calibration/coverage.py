@@ -36,12 +36,12 @@ class Coverage:
         self._fastest = SLOWEST_SPEED
 
     def add(self, utime: int, left: float, right: float) -> bool:
-        """Count one sample; tell whether the robot moves in it."""
+        """Count one sample; tell whether the robot moves in it. One older than the last adds no time."""
         total = abs(left) + abs(right)
         self._fastest = max(self._fastest, total)
         moving = total > MOVING * self._fastest
         dt = 0.0 if self._last_utime is None else min(max(utime - self._last_utime, 0) * 1e-6, LONGEST_SAMPLE)
-        self._last_utime = utime
+        self._last_utime = max(utime, self._last_utime or 0)
         if moving:
             self.seconds[MOVING_AT_ALL] += dt
             ratio = (right - left) / total

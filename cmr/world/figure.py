@@ -18,7 +18,7 @@ def draw_before_and_after(drives: tuple[Drive, Drive], path: Path) -> None:
         axes.plot(drive.real_x, drive.real_y, color=REAL_COLOUR, linewidth=4.0, label="real robot")
         axes.plot(drive.twin_x, drive.twin_y, color=TWIN_COLOUR, linewidth=1.4, label="simulated robot")
         axes.plot(drive.real_x[0], drive.real_y[0], "o", color="black", markersize=5, label="start")
-        axes.set_title(f"{title}: path error {drive.path_rmse:.3f} m (root mean square)")
+        axes.set_title(f"{title}\npath error {drive.path_rmse:.3f} m (root mean square)")
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("x [m]")
         axes.set_ylabel("y [m]")

@@ -1,0 +1,181 @@
+"""What calibrate() promises, on drives of an emulated robot whose truth is known."""
+
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmr.calibration import CalibrationError, CalibrationResult, calibrate
+from cmr.calibration.grid import axes_for, search
+from cmr.calibration.segments import segments_of
+from cmr.model.parameters import RobotParameters
+from cmr.parameters.file import ParameterFile, Value, parse
+from cmr.recordings import Recorder, Recording
+from tests.emulated_drive import DEFAULT, IDEAL, NOMINAL, TRUTH, Message, messages, straight, write_log
+
+
+def recording_of(drive: list[Message]) -> Recording:
+    recorder = Recorder(0)
+    for channel, message in drive:
+        recorder.handle(message.utime, channel, message)
+    return recorder.recording()
+
+
+def errors_in_deviations(result: CalibrationResult) -> dict[str, float]:
+    return {name: (e.value - TRUTH[name]) / e.std for name, e in result.estimates.items()}
+
+
+@pytest.fixture(scope="module")
+def default_drive() -> list[Message]:
+    return messages(DEFAULT)
+
+
+@pytest.fixture(scope="module")
+def default_result(default_drive: list[Message]) -> CalibrationResult:
+    return calibrate(recording_of(default_drive))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_parameters_of_an_ideal_robot_are_found_within_three_standard_deviations(seed: int) -> None:
+    result = calibrate(recording_of(messages(IDEAL, seed=seed)))
+    assert set(result.estimates) == set(TRUTH)
+    assert all(abs(error) < 3.0 for error in errors_in_deviations(result).values())
+    # The deviations must be worth something: none above half a percent on this drive.
+    assert all(e.std < 0.005 * e.value for e in result.estimates.values())
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_parameters_of_an_imperfect_robot_are_found_within_three_percent(seed: int) -> None:
+    result = calibrate(recording_of(messages(DEFAULT, seed=seed)))
+    for name, estimate in result.estimates.items():
+        assert estimate.value == pytest.approx(TRUTH[name], rel=0.03), name
+    assert result.path_rmse_after < result.path_rmse_before / 5.0
+
+
+def test_what_was_believed_before_does_not_change_what_is_found(
+    default_drive: list[Message], default_result: CalibrationResult
+) -> None:
+    other = ParameterFile(0, {"wheel_radius": Value(0.04), "k1": Value(0.02), "k2_over_k3": Value(900.0)})
+    assert calibrate(recording_of(default_drive), other).estimates == default_result.estimates
+
+
+def test_the_grid_is_the_loop_over_all_its_points() -> None:
+    segments = segments_of(recording_of(messages(DEFAULT, seconds=6.0)))
+    full = axes_for(segments, 0.04, None)
+    axes = (full[0][::6], full[1][::10], full[2][::10])
+    grid = search(segments, 0.04, axes)
+    (segment,) = segments
+    for (i, gain), (j, k1), (k, width) in itertools.product(*(enumerate(axis) for axis in axes)):
+        path = segment.simulate(RobotParameters(0.04, gain, k1, width))
+        square = (path.x[segment.at] - segment.x) ** 2 + (path.y[segment.at] - segment.y) ** 2
+        assert grid.mean_square[i, j, k] == pytest.approx(float(square.mean()), rel=1e-9)
+    assert grid.best["k1"] == axes[1][np.unravel_index(grid.mean_square.argmin(), grid.mean_square.shape)[1]]
+
+
+def test_a_robot_that_never_turned_has_no_base_width() -> None:
+    result = calibrate(recording_of(messages(DEFAULT, seconds=8.0, duties=straight)))
+    assert "never turned" in result.unidentified["base_width"]
+    assert set(result.estimates) == {"k2_over_k3", "k1"}
+    assert result.estimates["k1"].value == pytest.approx(TRUTH["k1"], rel=0.03)
+    # The file keeps what was given, without a deviation that nobody estimated.
+    assert result.parameter_file({}).values["base_width"] == NOMINAL.values["base_width"]
+
+
+def test_without_commands_wheel_radius_and_base_width_are_found_and_the_motor_is_not_invented() -> None:
+    drive = messages(IDEAL, channels=("MOTOR_FEEDBACK", "POSE", "PARAMETERS"))
+    for _channel, message in drive:
+        if hasattr(message, "applied_left"):
+            message.applied_left = message.applied_right = math.nan
+    result = calibrate(recording_of(drive))
+    assert set(result.estimates) == {"wheel_radius", "base_width"}
+    assert result.estimates["wheel_radius"].value == pytest.approx(0.04, rel=0.005)
+    assert result.estimates["base_width"].value == pytest.approx(TRUTH["base_width"], rel=0.005)
+    assert all("no motor commands" in result.unidentified[name] for name in ("k2_over_k3", "k1"))
+
+
+def test_without_poses_motor_and_base_width_are_found_from_wheels_and_gyro() -> None:
+    result = calibrate(
+        recording_of(messages(IDEAL, channels=("MOTOR_COMMAND", "MOTOR_FEEDBACK", "GYRO", "PARAMETERS")))
+    )
+    assert set(result.estimates) == set(TRUTH)
+    for name, estimate in result.estimates.items():
+        assert estimate.value == pytest.approx(TRUTH[name], rel=0.01), name
+    assert math.isnan(result.path_rmse_after)
+
+
+def test_without_poses_and_gyro_the_base_width_is_not_invented() -> None:
+    result = calibrate(recording_of(messages(IDEAL, channels=("MOTOR_COMMAND", "MOTOR_FEEDBACK", "PARAMETERS"))))
+    assert set(result.estimates) == {"k2_over_k3", "k1"}
+    assert "gyro" in result.unidentified["base_width"]
+
+
+def test_poses_and_commands_without_wheels_are_enough_for_the_path() -> None:
+    result = calibrate(recording_of(messages(IDEAL, channels=("MOTOR_COMMAND", "POSE", "PARAMETERS"))))
+    for name, estimate in result.estimates.items():
+        assert estimate.value == pytest.approx(TRUTH[name], rel=0.01), name
+
+
+def test_a_wrong_wheel_radius_is_told_and_the_path_is_still_right() -> None:
+    given = ParameterFile(0, {"wheel_radius": Value(0.044)})
+    result = calibrate(recording_of(messages(IDEAL)), given)
+    assert result.path_rmse_after < 0.01
+    (note,) = result.notes
+    assert "0.04 m would fit instead of 0.044 m" in note
+
+
+def test_two_recordings_tell_more_than_one() -> None:
+    first, second = (recording_of(messages(IDEAL, seed=seed, seconds=15.0)) for seed in (1, 2))
+    alone, together = calibrate(first), calibrate([first, second])
+    assert together.samples == alone.samples + calibrate(second).samples
+    for name in TRUTH:
+        assert together.estimates[name].std < alone.estimates[name].std
+
+
+def test_without_a_wheel_radius_it_says_what_to_do(default_drive: list[Message]) -> None:
+    recording = replace(recording_of(default_drive), parameters=None)
+    with pytest.raises(CalibrationError, match="--parameters"):
+        calibrate(recording)
+
+
+def test_a_robot_that_never_moved_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="Nothing to compare"):
+        calibrate(
+            recording_of(
+                messages(
+                    DEFAULT, seconds=3.0, duties=lambda _share: (0.0, 0.0), channels=["MOTOR_FEEDBACK", "PARAMETERS"]
+                )
+            )
+        )
+
+
+def test_a_robot_that_stood_still_though_commanded_is_refused() -> None:
+    drive = messages(DEFAULT, seconds=3.0)
+    for channel, message in drive:
+        if channel.startswith("POSE"):
+            message.x = message.y = message.theta = 0.0
+    with pytest.raises(CalibrationError, match="did not travel"):
+        calibrate(recording_of(drive))
+
+
+def test_the_log_on_disk_gives_the_same_numbers(
+    default_drive: list[Message], default_result: CalibrationResult, tmp_path: Path
+) -> None:
+    recording = Recording.read(write_log(tmp_path / "run.lcm", default_drive))
+    assert calibrate(recording).estimates == default_result.estimates
+
+
+def test_the_parameter_file_says_where_the_numbers_come_from(default_result: CalibrationResult) -> None:
+    file = parse(default_result.parameter_file({"log": "run.lcm"}).to_yaml())
+    assert file.provenance["method"] == "grid+refine"
+    assert file.provenance["log"] == "run.lcm"
+    assert file.values["k1"].std == pytest.approx(default_result.estimates["k1"].std)
+    assert file.value("wheel_radius") == 0.04
+
+
+def test_the_summary_reads_as_a_table(default_result: CalibrationResult) -> None:
+    summary = default_result.summary()
+    for word in ("k2_over_k3", "rad/s^2", "k1", "s/rad", "base_width", "wheel_radius", "(as given)", "before", "after"):
+        assert word in summary

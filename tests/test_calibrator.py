@@ -1,0 +1,111 @@
+"""The live calibrator: it sees when a drive is enough, says what is missing, and gives the offline numbers."""
+
+import random
+
+import pytest
+
+from cmr.calibration.calibrator import Calibrator
+from cmr.calibration.coverage import Coverage
+from cmr.msg import calibration_status_t
+from tests.emulated_drive import DEFAULT, EPOCH, Message, messages, straight
+
+
+@pytest.fixture(scope="module")
+def drive() -> list[Message]:
+    return messages(DEFAULT)
+
+
+def fed(drive: list[Message], calibrator: Calibrator | None = None) -> Calibrator:
+    calibrator = calibrator or Calibrator(0)
+    for channel, message in drive:
+        calibrator.handle(message.utime, channel, message)
+    return calibrator
+
+
+def test_it_waits_collects_and_fits_in_this_order(drive: list[Message]) -> None:
+    calibrator = Calibrator(0)
+    states: list[int] = []
+    progress = []
+    for channel, message in drive:
+        calibrator.handle(message.utime, channel, message)
+        status = calibrator.status()
+        if not states or states[-1] != status.state:
+            states.append(status.state)
+        progress.append(status.progress)
+    assert states == [calibration_status_t.WAITING, calibration_status_t.COLLECTING, calibration_status_t.FITTING]
+    assert progress == sorted(progress)
+    assert calibrator.complete
+    assert calibrator.fit() is not None
+    status = calibrator.status()
+    assert status.state == calibration_status_t.DONE
+    assert status.path_rmse_after < status.path_rmse_before
+    assert status.k1_std > 0.0
+
+
+def test_half_a_figure_eight_is_not_enough_and_it_says_what_is_missing(drive: list[Message]) -> None:
+    half = [entry for entry in drive if entry[1].utime < EPOCH + 16_000_000]
+    calibrator = fed(half)
+    assert not calibrator.complete
+    assert "turning right" in calibrator.status().message
+    assert "turning left" not in calibrator.status().message
+
+
+def test_a_straight_drive_is_never_enough() -> None:
+    calibrator = fed(messages(DEFAULT, seconds=40.0, duties=straight))
+    assert not calibrator.complete
+    assert "turning left" in calibrator.missing
+    assert "turning right" in calibrator.missing
+
+
+def test_a_robot_that_does_not_stop_is_calibrated_all_the_same() -> None:
+    def laps(share: float) -> tuple[float, float]:
+        turning = 0.09 if int(share * 6) % 2 else -0.09
+        return 0.42 - turning, 0.42 + turning
+
+    endless = [m for m in messages(DEFAULT, seconds=60.0, duties=laps) if m[1].utime < EPOCH + 60_000_000]
+    assert fed(endless).complete
+
+
+def test_messages_that_arrive_out_of_step_do_not_change_the_numbers(drive: list[Message]) -> None:
+    """Each process's messages arrive in order, but which process is heard first is chance."""
+    delays = {channel: random.Random(channel).uniform(0, 50_000) for channel, _message in drive}
+    shuffled = sorted(drive, key=lambda entry: entry[1].utime + delays[entry[0]])
+    in_order, out_of_order = fed(drive).recording(), fed(shuffled).recording()
+    for name in ("commands", "wheels", "gyro", "poses"):
+        ours, theirs = getattr(in_order, name), getattr(out_of_order, name)
+        assert (ours.utime == theirs.utime).all()
+        assert all((ours[field] == theirs[field]).all() for field in ours.fields)
+
+
+def test_what_comes_after_the_manoeuvre_changes_nothing(drive: list[Message]) -> None:
+    later = [entry for entry in messages(DEFAULT, seed=5) if entry[1].utime > EPOCH]
+    for _channel, message in later:
+        message.utime += 60_000_000
+    calibrator = fed(drive)
+    before = calibrator.recording()
+    fed(later, calibrator)
+    after = calibrator.recording()
+    assert len(before.poses) == len(after.poses)
+    assert before.wheels.utime[-1] == after.wheels.utime[-1]
+
+
+def test_other_robots_are_not_mixed_in(drive: list[Message]) -> None:
+    calibrator = Calibrator(1)
+    fed(drive, calibrator)
+    assert calibrator.measured == 0
+    assert calibrator.state == calibration_status_t.WAITING
+
+
+def test_a_calibrator_that_has_seen_nothing_fails_with_a_sentence() -> None:
+    calibrator = Calibrator(0)
+    assert calibrator.fit() is None
+    assert calibrator.status().state == calibration_status_t.FAILED
+    assert "--parameters" in calibrator.status().message
+
+
+def test_gaps_in_the_data_do_not_count_as_driving() -> None:
+    coverage = Coverage()
+    for k in range(100):
+        coverage.add(k * 5_000_000, 5.0, 8.0)  # a sample every five seconds
+    assert max(coverage.seconds.values()) <= 100 * 0.1
+    assert coverage.progress < 1.0
