@@ -24,7 +24,7 @@ from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, WorldView, world_messages
 from cmr.world.world import VirtualRobot, World
 from robot_driver.emulator.settings import Settings
-from tests.emulated_drive import DEFAULT, EPOCH, TRUTH, messages
+from tests.emulated_drive import DEFAULT, EPOCH, TRUTH, Message, messages
 
 TRUE = ParameterFile(0, {"wheel_radius": Value(0.04)} | {name: Value(value) for name, value in TRUTH.items()})
 OTHER = ParameterFile(
@@ -193,9 +193,7 @@ def test_the_twin_starts_each_drive_at_its_robot_and_then_runs_freely(file: Path
     world = world_of(file)
     drive_one = messages(DEFAULT, seconds=10.0)
     offset = 14_000_000
-    drive_two = messages(DEFAULT, seed=9, seconds=10.0)
-    for _channel, message in drive_two:
-        message.utime += offset
+    drive_two = _continued(messages(DEFAULT, seed=9, seconds=10.0), drive_one, offset)
     gaps = []
     for channel, message in drive_one + drive_two:
         world.handle(message.utime, channel, message)
@@ -342,6 +340,19 @@ def test_users_bring_their_own_behaviour_by_name(file: Path) -> None:
 def test_a_wrong_behaviour_is_named_with_what_is_allowed(description: str, settings: dict[str, str], said: str) -> None:
     with pytest.raises(BehaviourError, match=said):
         make_behaviour(description, settings)
+
+
+def _continued(drive: list[Message], earlier: list[Message], offset: int) -> list[Message]:
+    """Move a drive that starts at the origin to `offset` [us] later and to where the earlier one ended."""
+    end = [message for channel, message in earlier if channel.startswith("POSE")][-1]
+    cos, sin = math.cos(end.theta), math.sin(end.theta)
+    for channel, message in drive:
+        message.utime += offset
+        if channel.startswith("POSE"):
+            x, y = message.x, message.y
+            message.x, message.y = end.x + cos * x - sin * y, end.y + sin * x + cos * y
+            message.theta += end.theta
+    return drive
 
 
 def _without_pose_noise() -> Settings:

@@ -58,10 +58,13 @@ def make_behaviour(description: str, settings: dict[str, str]) -> Behaviour:
     unknown = set(settings) - set(allowed)
     if unknown:
         raise BehaviourError(f"{description} has no setting {min(unknown)!r}; it has {', '.join(allowed) or 'none'}.")
+    values: dict[str, float] = {}
+    for name, text in settings.items():
+        try:
+            values[name] = int(text) if allowed[name].annotation is int else float(text)
+        except ValueError as error:
+            raise BehaviourError(f"{description}: {name}={text} is not a number of the right kind") from error
     try:
-        values = {
-            name: int(text) if allowed[name].annotation is int else float(text) for name, text in settings.items()
-        }
         behaviour: Behaviour = kind(**values)
     except (ValueError, TypeError) as error:
         raise BehaviourError(f"{description}: {error}") from error
