@@ -9,13 +9,14 @@ from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test, warnings
 from cmr.bus.streams import Stream
 
-DRAIN_LIMIT = 20_000  # messages handled in one go; a flood must not keep a process from its own work
+DRAIN_SECONDS = 0.05  # handled in one go at most; a flood must not keep a process from its own work
 
 
 class Bus:
     """A connection to the LCM bus at `url` (None: environment, then this host only).
 
-    `rejected` counts what was not taken, by (channel, reason). `warnings` are sentences about losses to expect.
+    `rejected` counts what was not taken, by (channel, reason); `unsent` what could not be sent, by the system's
+    words for why. `warnings` are sentences about losses to expect.
     Raises BusError when the bus cannot be used.
     """
 
@@ -23,6 +24,7 @@ class Bus:
         self.url = resolve_url(url)
         self.warnings = warnings(self.url)
         self.rejected: Counter[tuple[str, str]] = Counter()
+        self.unsent: Counter[str] = Counter()
         self._lcm = open_lcm(self.url)
         self_test(self._lcm, self.url)
         self._every: set[str] = set()
@@ -42,8 +44,8 @@ class Bus:
             self._every.add(stream.name)
 
     def publish(self, stream: Stream, message: Any, robot_id: int | None = None) -> None:
-        """Send a message once."""
-        self._lcm.publish(stream.channel(robot_id), message.encode())
+        """Send a message once. Where the network is gone it is lost, as any message can be, and counted."""
+        self._send(stream.channel(robot_id), message)
 
     def repeat(self, stream: Stream, message: Any, robot_id: int | None = None, *, period: float) -> None:
         """Send a message every `period` seconds from `publish_repeated`, until another takes its place.
@@ -61,30 +63,37 @@ class Bus:
             if now >= repeated.due:
                 repeated.due = now + repeated.period
                 repeated.message.utime = now_utime()
-                self._lcm.publish(channel, repeated.message.encode())
+                self._send(channel, repeated.message)
 
     def receive(self, timeout: float) -> list[Received]:
         """Wait up to `timeout` seconds for a message; return all that have arrived, oldest first."""
         if select.select([self._lcm.fileno()], [], [], max(timeout, 0.0))[0]:
-            for _ in range(DRAIN_LIMIT):
-                if self._lcm.handle_timeout(0) <= 0:
-                    break
+            enough = time.monotonic() + DRAIN_SECONDS
+            while self._lcm.handle_timeout(0) > 0 and time.monotonic() < enough:
+                pass
         arrived, self._arrived = self._arrived, []
-        return self._latest(arrived)
+        return self.latest(arrived)
 
-    def _take(self, channel: str, data: bytes) -> None:
-        try:
-            self._arrived.append(decode(channel, data))
-        except RejectedMessage as rejected:
-            self.rejected[channel, rejected.reason] += 1
-
-    def _latest(self, arrived: list[Received]) -> list[Received]:
+    def latest(self, arrived: list[Received]) -> list[Received]:
+        """Return the last message of each channel, and all of those subscribed to with `every`, in order."""
         last = {received.channel: index for index, received in enumerate(arrived)}
         return [
             received
             for index, received in enumerate(arrived)
             if received.stream.name in self._every or last[received.channel] == index
         ]
+
+    def _send(self, channel: str, message: Any) -> None:
+        try:
+            self._lcm.publish(channel, message.encode())
+        except OSError as error:  # Wi-Fi that drops out takes its route with it, and brings it back
+            self.unsent[error.strerror or str(error)] += 1
+
+    def _take(self, channel: str, data: bytes) -> None:
+        try:
+            self._arrived.append(decode(channel, data))
+        except RejectedMessage as rejected:
+            self.rejected[channel, rejected.reason] += 1
 
 
 class _Repeated:

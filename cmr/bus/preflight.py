@@ -13,6 +13,8 @@ from urllib.parse import parse_qsl, urlsplit
 import lcm
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"
+LARGEST_TTL = 255  # one byte in the IP header
+LARGEST_BUFFER = 2**31 - 1  # bytes; the int that LCM and the kernel take
 SELF_TEST_CHANNEL = "CMR_SELF_TEST"
 SELF_TEST_SECONDS = 1.0  # the loopback takes a tenth of a millisecond; more is a fault, not load
 
@@ -48,16 +50,34 @@ def parse_udpm(url: str) -> Multicast:
         multicast = Multicast(
             group=parts.hostname or Multicast.group,
             port=parts.port or Multicast.port,
-            ttl=int(options.get("ttl", 0)),
-            recv_buf_size=int(options.get("recv_buf_size", 0)),
+            ttl=_whole_number(options, "ttl", LARGEST_TTL),
+            recv_buf_size=_whole_number(options, "recv_buf_size", LARGEST_BUFFER),
             options=options,
         )
         is_multicast = ipaddress.IPv4Address(multicast.group).is_multicast
     except ValueError as error:
-        raise BusError(f"The LCM URL {url!r} cannot be read ({error}). A working one is {DEFAULT_URL!r}.") from error
+        raise _unreadable(url, error) from error
     if not is_multicast:
         raise BusError(f"{multicast.group} in {url!r} is not a multicast address. Use one in 239.0.0.0/8.")
     return multicast
+
+
+def _whole_number(options: dict[str, str], name: str, largest: int) -> int:
+    text = options.get(name, "0")
+    if not text.isdecimal() or int(text) > largest:
+        raise ValueError(f"{name} must be a whole number of 0 to {largest}, not {text!r}")
+    return int(text)
+
+
+def _unreadable(url: str, error: ValueError) -> BusError:
+    return BusError(f"The LCM URL {url!r} cannot be read ({error}). A working one is {DEFAULT_URL!r}.")
+
+
+def _scheme(url: str) -> str:
+    try:
+        return urlsplit(url).scheme
+    except ValueError as error:
+        raise _unreadable(url, error) from error
 
 
 def open_lcm(url: str) -> lcm.LCM:
@@ -65,7 +85,7 @@ def open_lcm(url: str) -> lcm.LCM:
 
     Raises BusError when the URL is wrong, the machine has no multicast route, or LCM cannot start.
     """
-    scheme = urlsplit(url).scheme
+    scheme = _scheme(url)
     if scheme not in ("udpm", "memq", "tcpq"):
         raise BusError(f"The LCM URL {url!r} is not a live bus. Use one such as {DEFAULT_URL!r}.")
     if scheme == "udpm":
@@ -95,8 +115,11 @@ def has_route(group: str) -> bool:
 
 
 def warnings(url: str, rmem_max: Path = Path("/proc/sys/net/core/rmem_max")) -> list[str]:
-    """Return what will not stop the bus but will lose messages under load; each with its remedy."""
-    if urlsplit(url).scheme != "udpm":
+    """Return what will not stop the bus but will lose messages under load; each with its remedy.
+
+    Raises BusError when the URL is wrong.
+    """
+    if _scheme(url) != "udpm":
         return []
     wanted = parse_udpm(url).recv_buf_size
     try:
@@ -128,7 +151,8 @@ def self_test(bus: lcm.LCM, url: str) -> None:
             bus.handle_timeout(0)
     bus.unsubscribe(subscription)
     if token not in arrived:
+        group = parse_udpm(url).group
         raise BusError(
             f"A message sent on {url!r} did not come back. Multicast does not work here: check the firewall "
-            "(it must allow UDP to 239.255.76.67) and the interface of `ip route get 239.255.76.67`."
+            f"(it must allow UDP to {group}) and the interface of `ip route get {group}`."
         )

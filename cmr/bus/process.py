@@ -57,11 +57,10 @@ class Process:
         self._old_handlers: dict[int, Any] = {}
 
     def __enter__(self) -> "Process":
+        self.bus = Bus(self._url)
         for number in (signal.SIGINT, signal.SIGTERM):
             self._old_handlers[number] = signal.signal(number, self._note_signal)
-        self.bus = Bus(self._url)
         self.subscribe, self.publish, self.repeat = self.bus.subscribe, self.bus.publish, self.bus.repeat
-        self.message = " ".join(self.bus.warnings)
         self.publish_status()
         return self
 
@@ -106,7 +105,7 @@ class Process:
     def received(self) -> list[Received]:
         """Return what has arrived since the last call, oldest first."""
         received, self._received = self._received, []
-        return received
+        return self.bus.latest(received)
 
     def dispatch(self, handle: Callable[[int, str, Any], object]) -> None:
         """Hand what has arrived to `handle(utime, channel, message)`, oldest first."""
@@ -119,11 +118,10 @@ class Process:
             self.publish(stream, message, robot_id)
 
     def publish_status(self) -> None:
-        """Report on `PROCESS_STATUS`."""
+        """Report on `PROCESS_STATUS`: `message`, and what is wrong with the bus."""
         now = time.monotonic()
         rate = self._turns / max(now - self._status_sent, 1e-6)
         self._turns, self._status_sent = 0, now
-        rejected = ", ".join(f"{channel} {why} {count}" for (channel, why), count in self.bus.rejected.items())
         self.publish(
             PROCESS_STATUS,
             make(
@@ -136,9 +134,20 @@ class Process:
                 parameters_sha256=self.parameters_sha256,
                 loop_rate_hz=rate,
                 loop_overruns=float(self.overruns),
-                message=self.message + (f" Messages not taken: {rejected}." if rejected else ""),
+                message=self._full_message(),
             ),
         )
+
+    def _full_message(self) -> str:
+        sentences = [self.message] if self.message else []
+        sentences += [warning for warning in self.bus.warnings if warning not in self.message]
+        rejected = [f"{channel} {why} {count}" for (channel, why), count in self.bus.rejected.items()]
+        if rejected:
+            sentences.append(f"Messages not taken: {', '.join(rejected)}.")
+        unsent = [f"{why} {count}" for why, count in self.bus.unsent.items()]
+        if unsent:
+            sentences.append(f"Messages not sent: {', '.join(unsent)}.")
+        return " ".join(sentences)
 
     def _listen_until(self, due: float) -> None:
         while not self.stopped_by_signal:

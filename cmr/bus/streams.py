@@ -7,6 +7,7 @@ from typing import Any
 from cmr import msg
 
 LCM_CHANNEL_NAME_LIMIT = 63  # bytes; LCM refuses longer names
+LARGEST_ROBOT_ID = 2**31 - 1  # what the int32 of the messages holds
 
 
 @dataclass(frozen=True)
@@ -27,14 +28,14 @@ class Stream:
     def channel(self, robot_id: int | None = None) -> str:
         """Return the channel name; `robot_id` is needed exactly if each robot has its own.
 
-        Raises ValueError when `robot_id` is missing, superfluous or negative.
+        Raises ValueError when `robot_id` is missing, superfluous, negative or too large for a message.
         """
         if not self.per_robot:
             if robot_id is not None:
                 raise ValueError(f"{self.name} is one channel for all robots; it takes no robot id")
             return self.name
-        if robot_id is None or robot_id < 0:
-            raise ValueError(f"{self.name} needs a robot id of 0 or more, not {robot_id}")
+        if robot_id is None or not 0 <= robot_id <= LARGEST_ROBOT_ID:
+            raise ValueError(f"{self.name} needs a robot id of 0 to {LARGEST_ROBOT_ID}, not {robot_id}")
         return f"{self.name}_{robot_id}"
 
     @property
@@ -70,7 +71,7 @@ STREAMS = (
 )
 
 _BY_NAME = {stream.name: stream for stream in STREAMS}
-_ROBOT_CHANNEL = re.compile(r"([A-Z_]+)_(0|[1-9][0-9]{0,8})")
+_ROBOT_CHANNEL = re.compile(r"([A-Z_]+)_(0|[1-9][0-9]{0,9})")
 
 
 def identify(channel: str) -> tuple[Stream, int | None] | None:
@@ -79,7 +80,7 @@ def identify(channel: str) -> tuple[Stream, int | None] | None:
     if stream is not None and not stream.per_robot:
         return stream, None
     match = _ROBOT_CHANNEL.fullmatch(channel)
-    if match is None:
+    if match is None or int(match[2]) > LARGEST_ROBOT_ID:
         return None
     stream = _BY_NAME.get(match[1])
     return (stream, int(match[2])) if stream is not None and stream.per_robot else None
