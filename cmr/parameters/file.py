@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import LARGEST_ROBOT_ID
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 from cmr.msg import parameters_t
 
@@ -46,8 +47,10 @@ class ParameterFile:
     written: datetime = field(default_factory=lambda: datetime.now(timezone.utc).replace(microsecond=0))
 
     def __post_init__(self) -> None:
-        if type(self.robot_id) is not int or self.robot_id < 0:
-            raise ParameterFileError(f"robot_id must be a whole number of 0 or more, not {self.robot_id!r}")
+        if type(self.robot_id) is not int or not 0 <= self.robot_id <= LARGEST_ROBOT_ID:
+            raise ParameterFileError(
+                f"robot_id: must be a whole number of 0 to {LARGEST_ROBOT_ID}, not {self.robot_id!r}"
+            )
         for name, value in self.values.items():
             _check_value(name, value)
         for name in self.effects:
@@ -129,16 +132,17 @@ def parse(text: str, source: str = "parameter file") -> ParameterFile:
         unknown = set(content) - {"schema", "robot_id", "written", "parameters", "effects", "provenance"}
         if unknown:
             raise ParameterFileError(f"unknown key {sorted(map(str, unknown))[0]!r}")
+        robot_id: Any = content.get("robot_id")  # of the right type or not: ParameterFile says so
         return ParameterFile(
-            robot_id=content.get("robot_id", -1),
+            robot_id=robot_id,
             values=_parse_values(content.get("parameters")),
-            effects=tuple(content.get("effects") or ()),
-            provenance=content.get("provenance") or {},
+            effects=tuple(_part(content, "effects", list)),
+            provenance=_part(content, "provenance", dict),
             written=_parse_time(content.get("written")),
         )
     except ParameterFileError as error:
         raise ParameterFileError(f"{source}: {error}") from None
-    except (yaml.YAMLError, TypeError, ValueError) as error:
+    except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
         raise ParameterFileError(f"{source}: cannot be read: {' '.join(str(error).split())}") from error
 
 
@@ -169,6 +173,14 @@ def sha256_of(text: str) -> str:
 def _flow(content: Any) -> str:
     """Return YAML on one line, as in `{value: 118.0, unit: rad/s^2}`."""
     return yaml.safe_dump(content, default_flow_style=True, sort_keys=False, width=float("inf")).strip()
+
+
+def _part(content: dict[str, Any], key: str, kind: type) -> Any:
+    """Return a part that may be absent or empty."""
+    part = content.get(key) or kind()
+    if not isinstance(part, kind):
+        raise ParameterFileError(f"{key}: must be a {'mapping' if kind is dict else 'list'}, not {part!r}")
+    return part
 
 
 def _parse_values(entries: Any) -> dict[str, Value]:
@@ -209,4 +221,9 @@ def _check_value(name: str, value: Value) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number larger than any float
+        return False

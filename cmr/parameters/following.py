@@ -16,7 +16,7 @@ class ParameterFollower:
 
     They come from the file at `path` (None: none) and from announcements on PARAMETERS_N; the newest wins.
     `sequence` is the version in use: the time (us) at which it was written. What cannot be used changes nothing:
-    `message` then says why, and is empty otherwise.
+    `message` says why, until the file is repaired or a sound announcement comes.
     """
 
     def __init__(self, robot_id: int, path: Path | None = None) -> None:
@@ -25,13 +25,20 @@ class ParameterFollower:
         self.parameters: ParameterFile | None = None
         self.sha256 = ""
         self.sequence = 0
-        self.message = ""
+        self._file_problem = ""
+        self._content_problem = ""  # of the file as last read; it may be missing or unreadable by now
+        self._announcement_problem = ""
         self._seen: tuple[int, int, int] | None = None
         self._text = ""
         self._poll_due = 0.0
         self._started = False
         self.poll()
         self._started = True
+
+    @property
+    def message(self) -> str:
+        """What is wrong with the file and with the announcements; empty if nothing is."""
+        return " ".join(problem for problem in (self._file_problem, self._announcement_problem) if problem)
 
     def poll(self) -> bool:
         """Look at the file if it is time to; tell whether the parameters in use changed.
@@ -45,40 +52,49 @@ class ParameterFollower:
             status = self.path.stat()
             signature = (status.st_mtime_ns, status.st_ino, status.st_size)
             if signature == self._seen:
+                self._file_problem = self._content_problem
                 return False
             text = self.path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            self.message = f"{self.path}: cannot be read: {error}"
-            self._seen = None
+            self._file_problem = self._kept(f"{self.path}: cannot be read: {error}")
             return False
         # A file found at the start is as old as it says; one replaced later is the newest there is.
-        sequence = now_utime() if self._started else status.st_mtime_ns // 1000
+        now = now_utime()
+        sequence = now if self._started else min(status.st_mtime_ns // 1000, now)
         self._seen = signature
-        return self._adopt(text, sha256_of(text), sequence, str(self.path))
+        changed, self._content_problem = self._adopt(text, sha256_of(text), sequence, str(self.path))
+        self._file_problem = self._content_problem
+        return changed
 
     def handle(self, _utime: int, channel: str, message: Any) -> bool:
         """Take an announcement (parameters_t); tell whether the parameters in use changed."""
-        if channel != PARAMETERS.channel(self.robot_id) or message.sequence <= self.sequence:
+        if channel != PARAMETERS.channel(self.robot_id):
             return False
         if sha256_of(message.yaml) != message.sha256:
-            self.message = f"{channel}: the announced sha256 does not fit the content; parameters kept."
+            self._announcement_problem = self._kept(f"{channel}: the announced sha256 does not fit the content")
             return False
-        return self._adopt(message.yaml, message.sha256, message.sequence, channel)
+        if message.sequence <= self.sequence:
+            self._announcement_problem = ""
+            return False
+        changed, self._announcement_problem = self._adopt(message.yaml, message.sha256, message.sequence, channel)
+        return changed
 
     def announcement(self) -> Any | None:
         """Return the parameters_t message that announces the parameters in use; None without parameters."""
         return announcement(self.robot_id, self._text, self.sequence) if self.parameters else None
 
-    def _adopt(self, text: str, sha256: str, sequence: int, source: str) -> bool:
+    def _adopt(self, text: str, sha256: str, sequence: int, source: str) -> tuple[bool, str]:
+        """Use a file's text if it is sound; return whether the parameters changed, and what is wrong with it."""
         try:
             parameters = parse(text, source)
             if parameters.robot_id != self.robot_id:
                 raise ParameterFileError(f"{source}: is of robot {parameters.robot_id}, not {self.robot_id}")
         except ParameterFileError as error:
-            self.message = f"{error}. Parameters in use were kept."
-            return False
+            return False, self._kept(str(error))
         changed = sha256 != self.sha256
-        self.parameters, self.sha256, self.message = parameters, sha256, ""
-        self._text = text
+        self.parameters, self.sha256, self._text = parameters, sha256, text
         self.sequence = max(self.sequence, sequence)
-        return changed
+        return changed, ""
+
+    def _kept(self, problem: str) -> str:
+        return f"{problem}. Parameters in use were kept." if self.parameters else f"{problem}."
