@@ -3,8 +3,6 @@
 Rooms: `bus` (channels, messages, processes on LCM), `recordings` (event logs as arrays), `parameters`
 (the parameter file), `model` (how a robot moves), `calibration`, `world` (all robots, real and virtual),
 `tools` (log tools), `commands` (the cmr-* processes). Imports run towards `model`, which knows nobody.
+
+This module imports nothing, so that a command hears Ctrl-C before anything that takes time.
 """
-
-from importlib.metadata import version
-
-__version__ = version("cmr")

@@ -14,9 +14,19 @@ def run(module: str) -> int:
     """Run `main()` of a command's module; return its exit code (0 done, 1 failed, 2 wrong usage, 130 interrupted)."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: os._exit(130))
-    main = import_module(module).main
-    from cmr.commands.command_line import guarded
-
+    try:
+        main = import_module(module).main
+        from cmr.commands.command_line import guarded
+    except ImportError as error:
+        if "libglib-2.0.so.0" not in str(error):
+            raise
+        command = sys.argv[0].rsplit("/", 1)[-1]
+        print(
+            f"{command}: LCM needs the system's library libglib-2.0.so.0. To install it: "
+            "sudo apt-get install libglib2.0-0",
+            file=sys.stderr,
+        )
+        return 1
     return guarded(main, sys.argv[1:])
 
 

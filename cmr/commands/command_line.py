@@ -3,9 +3,12 @@
 import argparse
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
+from textwrap import fill
 
-from cmr import __version__
 from cmr.bus.preflight import DEFAULT_URL, BusError
+
+HELP_WIDTH = 79  # characters; a terminal's usual 80 leave room for no more
 
 
 class CommandError(Exception):
@@ -13,13 +16,19 @@ class CommandError(Exception):
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
-    """Keeps the examples' lines as they are and shows defaults."""
+    """Keeps the examples' lines as they are, and shows the defaults that say something."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        if action.default is None or action.default is False or action.default == []:
+            return action.help
+        return super()._get_help_string(action)
 
 
 def parser(name: str, description: str, example: str) -> argparse.ArgumentParser:
     """Return a parser with the options that every command has."""
+    paragraphs = [fill(paragraph, HELP_WIDTH, break_on_hyphens=False) for paragraph in description.split("\n\n")]
     result = argparse.ArgumentParser(
-        prog=name, description=description, epilog=f"example:\n  {example}", formatter_class=_HelpFormatter
+        prog=name, description="\n\n".join(paragraphs), epilog=f"example:\n  {example}", formatter_class=_HelpFormatter
     )
     result.add_argument(
         "--lcm-url",
@@ -27,7 +36,7 @@ def parser(name: str, description: str, example: str) -> argparse.ArgumentParser
         metavar="URL",
         help=f"LCM bus; otherwise LCM_DEFAULT_URL from the environment, otherwise {DEFAULT_URL} (this host only)",
     )
-    result.add_argument("--version", action="version", version=f"{name} {__version__}")
+    result.add_argument("--version", action="version", version=f"{name} {version('cmr')}")
     return result
 
 
