@@ -44,14 +44,14 @@ def make(message_type: Any, **fields: Any) -> Any:
     message = message_type()
     dimensions = dict(zip(message.__slots__, message.__dimensions__, strict=True))
     counted = {name: length[0] for name, length in dimensions.items() if length is not None}
+    wrong = (set(fields) ^ set(dimensions)) - set(counted.values())
+    if wrong:
+        raise TypeError(f"{message_type.__name__}: fields missing or unknown: {', '.join(sorted(wrong))}")
     for count_field in set(counted.values()):
         lengths = {name: len(fields[name]) for name, field in counted.items() if field == count_field}
         if len(set(lengths.values())) > 1:
             raise ValueError(f"{message_type.__name__}: arrays differ in length: {lengths}")
         fields[count_field] = next(iter(lengths.values()))
-    if set(fields) != set(dimensions):
-        wrong = sorted(set(fields) ^ set(dimensions))
-        raise TypeError(f"{message_type.__name__}: fields missing or unknown: {', '.join(wrong)}")
     for name, value in fields.items():
         setattr(message, name, value)
     return message
