@@ -85,12 +85,8 @@ class ParameterFile:
             | ({} if value.std is None else {"std": value.std})
             for name, value in self.values.items()
         }
-        head = {
-            "schema": SCHEMA,
-            "robot_id": self.robot_id,
-            "written": self.written.astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        }
-        lines = [yaml.safe_dump(head, sort_keys=False).rstrip(), "parameters:"]
+        written = self.written.astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+        lines = [f"schema: {SCHEMA}", f"robot_id: {self.robot_id}", f"written: {written}", "parameters:"]
         lines += [f"  {name}: {_flow(entry)}" for name, entry in entries.items()] or ["  {}"]
         lines += [f"effects: {_flow(list(self.effects))}", f"provenance: {_flow(dict(self.provenance))}"]
         return "\n".join(lines) + "\n"
