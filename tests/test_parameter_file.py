@@ -1,0 +1,503 @@
+"""The parameter file is never half there, is refused with its place when wrong, and is followed within a second."""
+
+import itertools
+import math
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmr.bus.messages import now_utime
+from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.model.parameters import DEFINITIONS
+from cmr.msg import parameters_t
+from cmr.parameters.file import ParameterFile, ParameterFileError, Value, announcement, load, parse, sha256_of
+from cmr.parameters.following import ParameterFollower
+
+# The example of interfaces.md, section 3, letter for letter.
+EXAMPLE = """schema: 1
+robot_id: 0
+written: 2026-01-31T12:00:00Z
+parameters:              # name: {value, unit, std}; a name absent = its neutral value; an unknown name = an error
+  wheel_radius: {value: 0.04, unit: m}
+  k2_over_k3:   {value: 118.0, unit: rad/s^2, std: 0.8}
+  k1:           {value: 0.054, unit: s/rad, std: 0.0002}
+  base_width:   {value: 0.161, unit: m, std: 0.0006}
+effects: []              # names of the extended effects in use, each with its parameters above
+provenance: {log: run.lcm, sha256: ..., method: grid+refine, samples: 6000, path_rmse_m: 0.012, held_out_path_rmse_m: 0.014}
+"""  # noqa: E501
+PROMISED = 1.0  # s from the replacement of a file to its use
+SAVE_FOR_EVER = """
+import itertools, sys
+from pathlib import Path
+from cmr.parameters.file import ParameterFile, Value
+for count in itertools.count(1):
+    provenance = {"count": count, "padding": "x" * (count * 997 % 20_000)}
+    ParameterFile(0, {"wheel_radius": Value(count * 1e-9 + 0.01)}, provenance=provenance).save(Path(sys.argv[1]))
+"""
+
+
+def with_radius(radius: float, robot_id: int = 0) -> ParameterFile:
+    return ParameterFile(robot_id, {"wheel_radius": Value(radius)})
+
+
+def announced(file: ParameterFile, sequence: int) -> Any:
+    return announcement(file.robot_id, file.to_yaml(), sequence)
+
+
+def radius_of(follower: ParameterFollower) -> float | None:
+    return follower.parameters.value("wheel_radius") if follower.parameters else None
+
+
+def take(follower: ParameterFollower, message: Any) -> bool:
+    return follower.handle(message.utime, f"PARAMETERS_{message.robot_id}", message)
+
+
+def poll_until(follower: ParameterFollower, happened: Callable[[], bool], patience: float = 10.0) -> float:
+    """Poll until something has happened; return how long it took [s]."""
+    began = time.monotonic()
+    while not happened():
+        assert time.monotonic() - began < patience
+        follower.poll()
+        time.sleep(0.01)
+    return time.monotonic() - began
+
+
+def poll_for_a_while(follower: ParameterFollower) -> list[bool]:
+    """Poll long enough for the file to be looked at more than once; return what each look reported."""
+    reported = []
+    end = time.monotonic() + 0.6
+    while time.monotonic() < end:
+        reported.append(follower.poll())
+        time.sleep(0.01)
+    return reported
+
+
+# Reading and writing
+
+
+@st.composite
+def parameter_files(draw: st.DrawFn) -> ParameterFile:
+    values = {}
+    for name in draw(st.lists(st.sampled_from(sorted(DEFINITIONS)), unique=True)):
+        definition = DEFINITIONS[name]
+        value = st.floats(definition.lower, definition.upper, exclude_min=True, exclude_max=True)
+        std = st.none() | st.floats(0.0, 1e300)
+        values[name] = Value(draw(value), draw(std))
+    scalars = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
+    provenance = draw(st.dictionaries(st.text(), scalars | st.lists(scalars, max_size=3), max_size=4))
+    written = draw(st.datetimes(datetime(1970, 1, 1), datetime(2200, 1, 1), timezones=st.just(timezone.utc)))
+    return ParameterFile(
+        draw(st.integers(0, LARGEST_ROBOT_ID)), values, provenance=provenance, written=written.replace(microsecond=0)
+    )
+
+
+@given(parameter_files())
+def test_what_is_written_is_read_back_the_same(file: ParameterFile) -> None:
+    text = file.to_yaml()
+    assert parse(text) == file
+    assert parse(text).to_yaml() == text
+
+
+def test_what_is_saved_is_loaded_back_the_same_and_others_can_read_it(tmp_path: Path) -> None:
+    path = tmp_path / "new folder" / "robot_0.yaml"
+    file = parse(EXAMPLE)
+    file.save(path)
+    assert load(path) == file
+    assert path.stat().st_mode & 0o777 == 0o644
+    assert [entry.name for entry in path.parent.iterdir()] == ["robot_0.yaml"]
+
+
+def test_the_example_of_the_interface_is_read_as_it_stands_there() -> None:
+    file = parse(EXAMPLE)
+    assert (file.robot_id, file.effects, file.provenance["samples"]) == (0, (), 6000)
+    assert file.values == {
+        "wheel_radius": Value(0.04),
+        "k2_over_k3": Value(118.0, 0.8),
+        "k1": Value(0.054, 0.0002),
+        "base_width": Value(0.161, 0.0006),
+    }
+    assert file.written == datetime(2026, 1, 31, 12, tzinfo=timezone.utc)
+    assert file.robot_parameters == (0.04, 118.0, 0.054, 0.161)
+
+
+def test_our_writing_looks_like_the_example() -> None:
+    def squeeze(text: str) -> str:
+        return re.sub(r" +", " ", re.sub(r" +#.*", "", text))
+
+    assert squeeze(parse(EXAMPLE).to_yaml()) == squeeze(EXAMPLE)
+
+
+def test_an_unknown_name_is_an_error_that_lists_the_known_ones() -> None:
+    with pytest.raises(ParameterFileError, match="unknown name 'k4'") as error:
+        parse(EXAMPLE.replace("  k1: ", "  k4: "), "robot_0.yaml")
+    assert all(name in str(error.value) for name in DEFINITIONS)
+    with pytest.raises(ParameterFileError, match="unknown name 'k4'"):
+        ParameterFile(0, {"k4": Value(1.0)})
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "place"),
+    [
+        ("unit: s/rad", "unit: rad/s", r"parameters: k1: unit is 'rad/s', must be 's/rad'"),
+        ("value: 0.054", "value: .nan", r"parameters: k1: value is nan"),
+        ("value: 0.054", "value: .inf", r"parameters: k1: value is inf"),
+        ("value: 0.054", "value: -0.054", r"parameters: k1: value is -0.054, must be a number between"),
+        ("value: 0.054", "value: 0", r"parameters: k1: value is 0"),
+        ("value: 0.054", "value: fast", r"parameters: k1: value is 'fast'"),
+        ("value: 0.054", "value: true", r"parameters: k1: value is True"),
+        ("value: 0.054", "value: [0.054]", r"parameters: k1: value is \[0.054\]"),
+        ("value: 0.054", f"value: 1{'0' * 400}", r"parameters: k1: value is 1000"),
+        ("value: 0.054, ", "", r"parameters: k1: must be \{value: number, unit: s/rad\}"),
+        ("{value: 0.054, unit: s/rad, std: 0.0002}", "0.054", r"parameters: k1: must be \{value"),
+        ("std: 0.0002", "std: -1", r"parameters: k1: std is -1"),
+        ("std: 0.0002", "std: .nan", r"parameters: k1: std is nan"),
+        ("std: 0.0002", "sdt: 0.0002", r"parameters: k1: must be"),
+        ("schema: 1\n", "", r"schema is None"),
+        ("schema: 1\n", "schema: 2\n", r"schema is 2; this version reads schema 1"),
+        ("robot_id: 0\n", "", r"robot_id: must be a whole number .*None"),
+        ("robot_id: 0\n", "robot_id: -1\n", r"robot_id: must be a whole number .*-1"),
+        ("robot_id: 0\n", "robot_id: 2147483648\n", r"robot_id: must be a whole number .*2147483648"),
+        ("robot_id: 0\n", "robot_id: zero\n", r"robot_id: must be a whole number .*'zero'"),
+        ("written: 2026-01-31T12:00:00Z\n", "", r"written: must be a time such as"),
+        ("2026-01-31T12:00:00Z", "yesterday", r"yesterday"),
+        ("2026-01-31T12:00:00Z", "2026-13-31T12:00:00Z", r"month must be in 1..12"),
+        ("effects: []", "effects: [back_lash]", r"effects: unknown effect 'back_lash'"),
+        ("effects: []", "effects: backlash", r"effects: must be a list, not 'backlash'"),
+        ("effects: []", "efects: []", r"unknown key 'efects'"),
+        ("provenance: {log", "provenance: [{log", r"cannot be read"),
+        ("parameters:  ", "parameters: 5 #", r"cannot be read"),
+    ],
+)
+def test_what_is_wrong_is_an_error_that_names_file_and_place(before: str, after: str, place: str) -> None:
+    assert before in EXAMPLE
+    with pytest.raises(ParameterFileError, match=rf"^/etc/robot_0\.yaml: .*{place}"):
+        parse(EXAMPLE.replace(before, after, 1), "/etc/robot_0.yaml")
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (b"", "not a YAML mapping"),
+        (b"\n# nothing yet\n", "not a YAML mapping"),
+        (b"just a sentence", "not a YAML mapping"),
+        (b"- a\n- list\n", "not a YAML mapping"),
+        (b"services: {web: {image: nginx}}\n", "schema is None"),
+        (b"a: !!python/object/apply:os.system [true]\n", "cannot be read"),
+        (b"a: *nobody\n", "cannot be read"),
+        (b"{" * 50_000, "cannot be read"),
+        (b"[" * 50_000 + b"]" * 50_000, "cannot be read"),
+        (bytes(range(256)), "cannot be read"),
+        (b"\x7fELF\x02\x01\x01\x00", "cannot be read"),
+        (b"schema: 1\nrobot_id: 0\nwritten: 2026-01-31T12:00:00Z\n", "parameters: must be a mapping"),
+        (EXAMPLE.encode()[:200], "cannot be read"),
+        (EXAMPLE.replace("{log: run.lcm", "5 # ").encode(), "provenance: must be a mapping"),
+    ],
+)
+def test_a_foreign_empty_or_broken_file_is_an_error_that_names_it(content: bytes, why: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot_0.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ParameterFileError, match=f"^{re.escape(str(path))}: .*{why}"):
+        load(path)
+
+
+@pytest.mark.parametrize("name", ["missing.yaml", "."])
+def test_a_file_that_cannot_be_opened_is_an_error_that_names_it(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ParameterFileError, match=f"^{re.escape(str(tmp_path / name))}: cannot be read"):
+        load(tmp_path / name)
+
+
+@given(st.text() | st.binary().map(lambda data: data.decode("latin-1")))
+def test_any_text_is_read_or_refused_and_nothing_else(text: str) -> None:
+    for content in (text, EXAMPLE + text, EXAMPLE.replace("0.161", text, 1)):
+        try:
+            parse(content, "robot_0.yaml")
+        except ParameterFileError as error:
+            said = str(error)
+        else:
+            continue
+        assert said.startswith("robot_0.yaml: ")
+
+
+def test_a_value_that_the_file_lacks_is_named() -> None:
+    file = with_radius(0.04)
+    assert file.has("wheel_radius")
+    assert not file.has("wheel_radius", "k1")
+    with pytest.raises(ParameterFileError, match="k2_over_k3 is missing; the file has wheel_radius"):
+        file.robot_parameters
+
+
+# Atomic writing
+
+
+def test_a_kill_at_any_moment_and_a_reader_at_any_moment_find_a_whole_file(tmp_path: Path) -> None:
+    path = tmp_path / "robot_0.yaml"
+    moments = random.Random(1)
+    reads = 0
+    for _ in range(30):
+        path.unlink(missing_ok=True)
+        saver = subprocess.Popen([sys.executable, "-c", SAVE_FOR_EVER, str(path)])
+        try:
+            deadline = time.monotonic() + 20.0
+            while not path.exists():
+                assert time.monotonic() < deadline
+                time.sleep(0.001)
+            end = time.monotonic() + moments.uniform(0.0, 0.1)
+            while time.monotonic() < end:
+                assert_whole(load(path))
+                reads += 1
+        finally:
+            saver.send_signal(signal.SIGKILL)
+            saver.wait()
+        assert_whole(load(path))
+    assert reads > 30
+
+
+def assert_whole(file: ParameterFile) -> None:
+    """All parts are of the same version, and the last is complete."""
+    count = file.provenance["count"]
+    assert file.value("wheel_radius") == count * 1e-9 + 0.01
+    assert len(file.provenance["padding"]) == count * 997 % 20_000
+
+
+def test_a_folder_that_cannot_be_written_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "robot_0.yaml"
+    with_radius(0.04).save(path)
+    tmp_path.chmod(0o555)
+    try:
+        if os.access(tmp_path, os.W_OK):
+            pytest.skip("permissions do not bind root")
+        with pytest.raises(PermissionError):
+            with_radius(0.05).save(path)
+    finally:
+        tmp_path.chmod(0o755)
+    assert load(path).value("wheel_radius") == 0.04
+
+
+def test_a_disk_that_fails_leaves_the_old_file_and_no_litter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "robot_0.yaml"
+    with_radius(0.04).save(path)
+
+    def full(_descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        with_radius(0.05).save(path)
+    assert load(path).value("wheel_radius") == 0.04
+    assert [entry.name for entry in tmp_path.iterdir()] == ["robot_0.yaml"]
+
+
+def test_the_content_is_on_the_disk_before_the_name_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, order = tmp_path / "robot_0.yaml", []
+    sync = os.fsync
+
+    def note(descriptor: int) -> None:
+        order.append((path.exists(), os.fstat(descriptor).st_size))
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", note)
+    file = with_radius(0.04)
+    file.save(path)
+    assert order[0] == (False, len(file.to_yaml()))
+
+
+# Following
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A parameter file, a minute old."""
+    path = tmp_path / "robot_0.yaml"
+    with_radius(0.04).save(path)
+    minute_ago = time.time() - 60.0
+    os.utime(path, (minute_ago, minute_ago))
+    return path
+
+
+def test_the_file_at_the_start_is_in_use_at_once(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    assert radius_of(follower) == 0.04
+    assert follower.sha256 == sha256_of(path.read_text())
+    assert follower.message == ""
+
+
+def test_a_replaced_file_is_in_use_within_a_second_and_reported_once(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    with_radius(0.05).save(path)
+    assert poll_until(follower, lambda: radius_of(follower) == 0.05) < PROMISED
+    with_radius(0.06).save(path)
+    assert poll_for_a_while(follower).count(True) == 1
+    assert radius_of(follower) == 0.06
+
+
+def test_a_file_edited_in_place_is_in_use_within_a_second(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    path.write_text(path.read_text().replace("0.04", "0.05"))
+    assert poll_until(follower, lambda: radius_of(follower) == 0.05) < PROMISED
+
+
+def test_a_file_that_appears_later_is_in_use_within_a_second(path: Path) -> None:
+    other = path.with_name("later.yaml")
+    follower = ParameterFollower(0, other)
+    assert follower.parameters is None
+    assert str(other) in follower.message
+    with_radius(0.07).save(other)
+    assert poll_until(follower, lambda: radius_of(follower) == 0.07) < PROMISED
+    assert follower.message == ""
+
+
+def test_a_newer_announcement_is_in_use_at_once(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    assert take(follower, announced(with_radius(0.05), now_utime()))
+    assert radius_of(follower) == 0.05
+    assert not any(poll_for_a_while(follower))
+    assert radius_of(follower) == 0.05
+
+
+def test_an_announcement_without_any_file_is_enough() -> None:
+    follower = ParameterFollower(3)
+    assert follower.announcement() is None
+    assert take(follower, announced(with_radius(0.05, robot_id=3), 1))
+    assert radius_of(follower) == 0.05
+
+
+def test_an_old_announcement_repeated_after_a_newer_file_is_ignored(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    old = announced(with_radius(0.05), now_utime())
+    assert take(follower, old)
+    with_radius(0.06).save(path)
+    poll_until(follower, lambda: radius_of(follower) == 0.06)
+    for _ in range(3):
+        old.utime = now_utime()
+        assert not take(follower, old)
+        assert not any(poll_for_a_while(follower))
+    assert radius_of(follower) == 0.06
+    assert follower.message == ""
+
+
+def test_an_announcement_older_than_the_file_at_the_start_is_ignored(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    assert not take(follower, announced(with_radius(0.05), now_utime() - 3600_000_000))
+    assert radius_of(follower) == 0.04
+
+
+def test_a_file_from_the_future_does_not_shut_out_announcements(path: Path) -> None:
+    tomorrow = time.time() + 86_400.0
+    os.utime(path, (tomorrow, tomorrow))
+    follower = ParameterFollower(0, path)
+    assert take(follower, announced(with_radius(0.05), now_utime() + 1))
+    assert radius_of(follower) == 0.05
+
+
+def test_the_same_content_again_is_no_change(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    path.write_text(path.read_text())
+    assert not any(poll_for_a_while(follower))
+    assert not take(follower, announcement(0, path.read_text(), now_utime()))
+    assert not any(poll_for_a_while(follower))
+
+
+def test_processes_that_announce_to_each_other_settle_on_one_version(path: Path) -> None:
+    followers = [ParameterFollower(0, path), ParameterFollower(0), ParameterFollower(0, path)]
+    with_radius(0.05).save(path)
+    poll_until(followers[0], lambda: radius_of(followers[0]) == 0.05)
+    poll_until(followers[2], lambda: radius_of(followers[2]) == 0.05)
+    changes = []
+    for _ in range(3):
+        for sender, receiver in itertools.permutations(followers, 2):
+            message = sender.announcement()
+            changes.append(message is not None and take(receiver, parameters_t.decode(message.encode())))
+    assert changes.count(True) == 1  # the one without a file learned it
+    assert {follower.sha256 for follower in followers} == {sha256_of(path.read_text())}
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (b"", "not a YAML mapping"),
+        (b"\xff\xfe\x00binary", "cannot be read"),
+        (with_radius(0.05).to_yaml()[:60].encode(), "must be a mapping|cannot be read|written"),
+        (with_radius(0.05, robot_id=1).to_yaml().encode(), "is of robot 1, not 0"),
+        (b"[" * 50_000, "cannot be read"),
+    ],
+    ids=["empty", "binary", "half", "foreign robot", "nested"],
+)
+def test_a_broken_or_foreign_file_changes_nothing_is_told_and_can_be_repaired(
+    content: bytes, why: str, path: Path
+) -> None:
+    follower = ParameterFollower(0, path)
+    sha256 = follower.sha256
+    path.write_bytes(content)
+    assert not any(poll_for_a_while(follower))
+    assert (radius_of(follower), follower.sha256) == (0.04, sha256)
+    assert re.search(why, follower.message)
+    assert str(path) in follower.message
+    assert follower.message.endswith("Parameters in use were kept.")
+    with_radius(0.05).save(path)
+    assert poll_until(follower, lambda: radius_of(follower) == 0.05) < PROMISED
+    assert follower.message == ""
+
+
+def test_the_fault_of_a_file_is_told_as_long_as_it_lasts(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    path.write_text("broken")
+    poll_for_a_while(follower)
+    assert take(follower, announced(with_radius(0.05), now_utime()))
+    assert radius_of(follower) == 0.05
+    assert "not a YAML mapping" in follower.message
+
+
+def test_a_file_that_is_away_for_a_moment_does_not_win_over_a_newer_announcement(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    assert take(follower, announced(with_radius(0.05), now_utime()))
+    path.rename(path.with_suffix(".away"))
+    poll_until(follower, lambda: "cannot be read" in follower.message)
+    path.with_suffix(".away").rename(path)
+    poll_until(follower, lambda: follower.message == "")
+    assert radius_of(follower) == 0.05
+
+
+def test_an_announcement_with_the_wrong_sha256_changes_nothing_and_is_told_until_a_sound_one_comes(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    wrong = announced(with_radius(0.05), now_utime())
+    wrong.yaml = wrong.yaml.replace("0.05", "0.09")
+    assert not take(follower, wrong)
+    assert radius_of(follower) == 0.04
+    assert follower.message.startswith("PARAMETERS_0: the announced sha256 does not fit")
+    own = follower.announcement()
+    assert not take(follower, own)
+    assert follower.message == ""
+
+
+@pytest.mark.parametrize("text", ["", "broken", with_radius(0.05, robot_id=1).to_yaml()])
+def test_a_broken_announcement_changes_nothing_and_is_told(text: str, path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    assert not take(follower, announcement(0, text, now_utime()))
+    assert radius_of(follower) == 0.04
+    assert follower.message.startswith("PARAMETERS_0: ")
+    assert take(follower, announced(with_radius(0.05), now_utime()))
+    assert follower.message == ""
+
+
+def test_announcements_of_other_robots_and_other_messages_are_passed_over(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    assert not take(follower, announced(with_radius(0.05, robot_id=1), now_utime()))
+    assert not follower.handle(now_utime(), "MOTOR_COMMAND_0", object())
+    assert (radius_of(follower), follower.message) == (0.04, "")
+
+
+def test_numbers_have_bounds_that_no_wheeled_robot_reaches() -> None:
+    for definition in DEFINITIONS.values():
+        assert 0.0 < definition.lower < definition.upper < math.inf
