@@ -136,7 +136,8 @@ def test_our_writing_looks_like_the_example() -> None:
     def squeeze(text: str) -> str:
         return re.sub(r" +", " ", re.sub(r" +#.*", "", text))
 
-    assert squeeze(parse(EXAMPLE).to_yaml()) == squeeze(EXAMPLE)
+    example = EXAMPLE.replace("sha256: ...", "sha256: 1f3a")
+    assert squeeze(parse(example).to_yaml()) == squeeze(example)
 
 
 def test_an_unknown_name_is_an_error_that_lists_the_known_ones() -> None:
