@@ -1,0 +1,81 @@
+"""Score parameters on recordings on which they were not found: the model runs freely, the errors are counted.
+
+Errors over a whole drive show what a user sees, but one wrong turn early on spoils all that follows. Errors at the
+end of short pieces, each started at the measured pose, show what the parameters are worth. The pose of a robot at
+rest is the mean of all measured before it begins to move.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cmr.calibration.segments import SECONDS, Segment, hold, path_error, segments_of
+from cmr.model.motion import Trajectory, wheel_speeds
+from cmr.model.parameters import RobotParameters
+from cmr.recordings.recording import Floats, Recording
+
+COMPLETE = 0.95  # share of its length that a piece must have: the last pose seldom falls on the end
+
+
+class EndErrors(NamedTuple):
+    """Errors at the last pose of each of n pieces: `distance` [m] and `heading` [rad, signed], shape (n,)."""
+
+    distance: Floats
+    heading: Floats
+
+
+def pieces(recording: Recording, seconds: float) -> list[Recording]:
+    """Cut a recording into pieces of `seconds`, end to end from its first pose on; a shorter rest is left out."""
+    if len(recording.poses) == 0:
+        return []
+    first, last = int(recording.poses.utime[0]), int(recording.poses.utime[-1])
+    length = int(seconds / SECONDS)
+    starts = range(first, last + 1, length)
+    return [recording.between(a, a + length) for a in starts if last - a >= COMPLETE * length]
+
+
+def end_errors(
+    recordings: list[Recording], parameters: RobotParameters, *, by_wheels: bool = False, shortest: float = 0.0
+) -> EndErrors:
+    """Return the errors at the last pose of each recording, started at its measured pose.
+
+    `by_wheels` follows the measured wheels instead of driving the commands. Recordings whose last pose is no more
+    than `shortest` [s] after their beginning are left out, and so are those without a path.
+    """
+    distance, heading = [], []
+    for recording in recordings:
+        for segment in segments_of(recording):
+            if (segment.utime[-1] - recording.poses.utime[0]) * SECONDS <= shortest:
+                continue
+            path = _path(segment, parameters, by_wheels)
+            distance.append(np.hypot(path.x[-1] - segment.x[-1], path.y[-1] - segment.y[-1]))
+            heading.append(path.theta[-1] - segment.theta[-1])
+    return EndErrors(np.array(distance), np.array(heading))
+
+
+def path_rmse(recording: Recording, parameters: RobotParameters, *, by_wheels: bool = False) -> float:
+    """Return the root mean square distance [m] between measured and simulated path, started at the measured pose."""
+    segments = segments_of(recording)
+    return path_error(segments, [_path(segment, parameters, by_wheels) for segment in segments])
+
+
+def wheel_speed_errors(recording: Recording, parameters: RobotParameters, side: str) -> Floats:
+    """Return simulated minus measured wheel speed [rad/s] of a side ("left", "right"), shape (len(wheels) - 1,).
+
+    The model starts at the first measured speed and then runs freely on the recorded commands.
+    """
+    wheels = recording.wheels
+    duty = recording.duty.between(int(wheels.utime[0]), int(wheels.utime[-1]))
+    times = np.union1d(duty.utime, wheels.utime)
+    measured = wheels[f"psi_{side}"]
+    speeds = wheel_speeds(hold(duty, side, times[:-1]), np.diff(times) * SECONDS, parameters, measured[0])
+    return np.asarray((speeds[np.searchsorted(times, wheels.utime)] - measured)[1:])
+
+
+def root_mean_square(values: Floats) -> float:
+    """Return the root of the mean of the squares."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _path(segment: Segment, parameters: RobotParameters, by_wheels: bool) -> Trajectory:
+    return segment.follow_wheels(parameters) if by_wheels else segment.simulate(parameters)

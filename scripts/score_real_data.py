@@ -1,0 +1,287 @@
+#!/usr/bin/env python3
+"""Score the calibration on recordings of real robots that nobody of this project made; print the README's table.
+
+Usage: .venv/bin/python scripts/score_real_data.py [--data ../shared/data]
+
+It takes about four minutes on two cores. The recordings come in through cmr-import's own code. Every error is of parts
+that the fit has not seen, unless it says otherwise. "Nominal" is what the maker or author of the robot says; "-" where
+nobody does. "Plain least squares" is what a fit of the same model (one gain, one lag, one base width) with soft-L1
+loss gave once on the same parts; for OptiOdom the widths its authors found, and path errors on the runs fitted.
+"""
+
+import argparse
+import csv
+import gzip
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
+from io import StringIO
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from cmr.calibration import calibrate
+from cmr.calibration.scoring import EndErrors, end_errors, path_rmse, pieces, root_mean_square, wheel_speed_errors
+from cmr.calibration.wheel_fit import fit_motor
+from cmr.model.parameters import RobotParameters
+from cmr.recordings.recording import Floats, Recording
+from cmr.tools.import_log import main as import_log
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+DECIMALS = {"m": 4, "m/s": 3, "rad/s": 3, "degrees": 1}
+MAEBOT_PIECE = 5.0  # s
+GRASS_PIECE = 3.0  # s
+WINDOW_GAP = 1_000_000  # us; between the tile's windows nothing was recorded
+POSES_THINNED = 5  # OptiOdom: every fifth pose is used in the fits, 4 of 20 a second
+
+
+@dataclass(frozen=True)
+class Score:
+    """One line of the table: what was scored, in `unit`; None where there is no such figure."""
+
+    recording: str
+    what: str
+    unit: str
+    nominal: float | None
+    found: float
+    median: float | None
+    reference: float | None
+
+    def line(self) -> str:
+        """Return the line of the Markdown table."""
+        figures = (self.nominal, self.found, self.median, self.reference)
+        cells = ["-" if f is None else f"{f:.{DECIMALS[self.unit]}f}" for f in figures]
+        return f"| {self.recording} | {self.what} [{self.unit}] | {' | '.join(cells)} |"
+
+
+HEADER = (
+    "| recording | scored [unit] | nominal | calibrated | its median | plain least squares |\n|---|---|---|---|---|---|"
+)
+
+
+class Importer:
+    """Imports recordings of the folder `data` with cmr-import into the folder `into`, and reads them back."""
+
+    def __init__(self, data: Path, into: Path) -> None:
+        self.data = data
+        self._into = into
+
+    def read(self, mapping: str, path: Path) -> Recording:
+        """Return the recording at `path`, imported with a shipped mapping."""
+        log = self._into / f"{mapping}_{path.name.partition('.')[0]}.lcm"
+        with redirect_stdout(StringIO()):
+            import_log([mapping, str(path), "--out", str(log)])
+        return Recording.read(log)
+
+    def rows(self, path: str) -> list[dict[str, str]]:
+        """Return the rows of a packed CSV below the data folder."""
+        with gzip.open(self.data / path, "rt", encoding="utf-8", newline="") as stream:
+            return list(csv.DictReader(stream))
+
+
+def score_mbot(importer: Importer) -> list[Score]:
+    """PWM to wheel speed, each wheel alone: fitted until half of the time of last motion, scored from there to it."""
+    recording = importer.read("mbot", importer.data / "mbot_square/drive_square.log")
+    wheels = recording.wheels
+    moving = (wheels["psi_left"] != 0.0) | (wheels["psi_right"] != 0.0)
+    first, last = int(wheels.utime[0]), int(wheels.utime[moving][-1])
+    middle = (first + last) // 2
+    driven = recording.between(first, last)
+    second_half = driven.wheels.utime[1:] > middle
+    scores = []
+    for side, reference in (("left", 0.097), ("right", 0.069)):
+        motor = fit_motor([recording.between(first, middle)], (side,))
+        found = _nominal(recording)._replace(**{name: estimate.value for name, estimate in motor.items()})
+        errors = found.wheel_radius * wheel_speed_errors(driven, found, side)[second_half]
+        scores.append(_score("MBot", f"PWM to {side} wheel speed", "m/s", None, errors, reference))
+    return scores
+
+
+def score_maebot(importer: Importer) -> list[Score]:
+    """Encoders to SLAM pose: fitted on 5 s pieces of the first half, scored on those of the second, and on all."""
+    recording = importer.read("maebot", importer.data / "maebot_convex/convex.log")
+    first, last = int(recording.poses.utime[0]), int(recording.poses.utime[-1])
+    middle = (first + last) // 2
+    result = calibrate(pieces(recording.between(first, middle), MAEBOT_PIECE))
+    found = _parameters(result.values)
+    ends = end_errors(pieces(recording.between(middle, last), MAEBOT_PIECE), found, by_wheels=True)
+    whole = path_rmse(recording, found, by_wheels=True)
+    return [
+        _score("MAEBot", "encoders to pose, end of each 5 s piece", "m", None, ends.distance, 0.0275),
+        Score("MAEBot", "encoders to pose, whole run (first half fitted)", "m", None, whole, None, 0.305),
+    ]
+
+
+def score_optiodom(importer: Importer, sessions: int | None = None) -> list[Score]:
+    """Encoders to pose: base width and wheel diameter of all runs, path error with one session left out at a time.
+
+    `sessions` limits how many of each kind of path are used; None takes all.
+    """
+    runs = _optiodom_runs(importer, sessions)
+    thinned = {key: [_thinned(run) for run in of_session] for key, of_session in runs.items()}
+    together = _parameters(calibrate([run for of_session in thinned.values() for run in of_session]).values)
+    nominal = _nominal(next(iter(runs.values()))[0])
+    scores = [
+        Score("OptiOdom", "base width, all runs", "m", nominal.base_width, together.base_width, None, 0.2009),
+        Score(
+            "OptiOdom",
+            "wheel diameter, all runs",
+            "m",
+            2 * nominal.wheel_radius,
+            2 * together.wheel_radius,
+            None,
+            0.0833,
+        ),
+    ]
+    errors: dict[str, tuple[list[float], list[float]]] = {"circular": ([], []), "square": ([], [])}
+    for left_out, of_session in runs.items():
+        rest = [run for key, others in thinned.items() if key != left_out for run in others]
+        for parameters, listed in zip((nominal, _parameters(calibrate(rest).values)), errors[left_out[0]], strict=True):
+            listed += [path_rmse(run, parameters, by_wheels=True) for run in of_session]
+    for kind, name, reference in (("circular", "circles", 0.019), ("square", "squares", 0.032)):
+        of_nominal, of_found = (np.array(listed) for listed in errors[kind])
+        what = f"encoders to pose, mean path error of {len(of_found)} runs, {name}"
+        mean, median = float(np.mean(of_found)), float(np.median(of_found))
+        scores.append(Score("OptiOdom", what, "m", float(np.mean(of_nominal)), mean, median, reference))
+    return scores
+
+
+def score_husky_tile(importer: Importer, by_wheels: bool) -> list[Score]:
+    """Wheel speeds, or commands, to pose after each 2 s window: fitted on the first half of the commanded steps."""
+    recording = importer.read("husky_tile", importer.data / "husky_tile/husky_tile.csv.gz")
+    steps = [
+        int(step)
+        for (_window, step), _rows in groupby(
+            importer.rows("husky_tile/husky_tile.csv.gz"), key=lambda row: (row["window"], row["step"])
+        )
+    ]
+    windows = list(_windows(recording))
+    known_steps = sorted(set(steps))
+    middle = known_steps[len(known_steps) // 2]
+    fitted = [window for window, step in zip(windows, steps, strict=True) if step < middle]
+    scored = [window for window, step in zip(windows, steps, strict=True) if step >= middle]
+    if by_wheels:
+        fitted = [replace(window, commands=window.commands.between(0, 0)) for window in fitted]
+    result = calibrate(fitted, recording.parameters)
+    ends = [
+        end_errors(scored, parameters, by_wheels=by_wheels, shortest=1.0)
+        for parameters in (_nominal(recording), _parameters(result.values))
+    ]
+    what = "wheel speeds to pose" if by_wheels else "commands to pose"
+    references = (0.110, 1.9) if by_wheels else (0.117, None)
+    return _end_scores("Husky, tile", f"{what}, end of 2 s", *ends, references)
+
+
+def score_husky_wet_grass(importer: Importer) -> list[Score]:
+    """Commands to wheel speed, and to pose after each 3 s piece: fitted on the first half of the commanded steps."""
+    recording = importer.read("husky_wet_grass", importer.data / "husky_wet_grass/husky_wet_grass.csv.gz")
+    rows = importer.rows("husky_wet_grass/husky_wet_grass.csv.gz")
+    start = int(recording.wheels.utime[0]) - round(float(rows[0]["t_s"]) * 1e6)
+    driven = []
+    for (state, _step), of_step in groupby(rows, key=lambda row: (row["state"], row["step"])):
+        seconds = [float(row["t_s"]) for row in of_step]
+        if state == "calib" and seconds[-1] - seconds[0] > 3.0:
+            driven.append(recording.between(*(start + round(t * 1e6) for t in (seconds[0], seconds[-1]))))
+    fitted, scored = driven[: len(driven) // 2], driven[len(driven) // 2 :]
+    result = calibrate([piece for drive in fitted for piece in pieces(drive, GRASS_PIECE)], recording.parameters)
+    known = (_nominal(recording), _parameters(result.values))
+    ends = [end_errors([piece for drive in scored for piece in pieces(drive, GRASS_PIECE)], p) for p in known]
+    motor = known[0]._replace(**{name: estimate.value for name, estimate in fit_motor(fitted).items()})
+    speeds = [
+        np.concatenate([wheel_speed_errors(drive, parameters, side) for drive in scored for side in ("left", "right")])
+        for parameters in (known[0], motor)
+    ]
+    return [
+        *_end_scores("Husky, wet grass", "commands to pose, end of 3 s", *ends, (0.954, 17.2)),
+        _score("Husky, wet grass", "commands to wheel speed", "rad/s", *speeds, 0.603),
+    ]
+
+
+def _optiodom_runs(importer: Importer, sessions: int | None) -> dict[tuple[str, str], list[Recording]]:
+    """Return the runs by kind of path and session."""
+    runs: dict[tuple[str, str], list[Recording]] = {}
+    for kind in ("circular", "square"):
+        paths = sorted((importer.data / "optiodom" / kind).glob("*.csv.gz"))
+        chosen = sorted({path.name.partition("_run")[0] for path in paths})[:sessions]
+        for session in chosen:
+            here = [path for path in paths if path.name.startswith(session)]
+            runs[kind, session] = [importer.read("optiodom", path) for path in here]
+    return runs
+
+
+def _thinned(run: Recording) -> Recording:
+    poses = run.poses
+    fields = {name: values[::POSES_THINNED] for name, values in poses.fields.items()}
+    return replace(run, poses=replace(poses, utime=poses.utime[::POSES_THINNED], fields=fields))
+
+
+def _windows(recording: Recording) -> Iterator[Recording]:
+    utime = recording.wheels.utime
+    gaps = np.flatnonzero(np.diff(utime) > WINDOW_GAP)
+    starts, ends = np.append(0, gaps + 1), np.append(gaps, len(utime) - 1)
+    for first, last in zip(utime[starts], utime[ends], strict=True):
+        yield recording.between(int(first), int(last))
+
+
+def _nominal(recording: Recording) -> RobotParameters:
+    assert recording.parameters is not None, "cmr-import announces the nominal parameters"
+    return _parameters({name: value.value for name, value in recording.parameters.values.items()})
+
+
+def _parameters(values: Mapping[str, float]) -> RobotParameters:
+    """Return the parameters; where no commands were recorded, the motor does not matter and is made up."""
+    return RobotParameters.of({"k2_over_k3": 1.0, "k1": 1.0} | dict(values))
+
+
+def _score(
+    recording: str, what: str, unit: str, nominal: Floats | None, found: Floats, reference: float | None
+) -> Score:
+    """Return the line for errors with nominal and with found parameters: root mean squares, and the latter's median."""
+    before = None if nominal is None else root_mean_square(nominal)
+    return Score(recording, what, unit, before, root_mean_square(found), float(np.median(np.abs(found))), reference)
+
+
+def _end_scores(
+    recording: str, what: str, nominal: EndErrors, found: EndErrors, references: tuple[float, float | None]
+) -> list[Score]:
+    headings = np.degrees(nominal.heading), np.degrees(found.heading)
+    return [
+        _score(recording, f"{what}, distance", "m", nominal.distance, found.distance, references[0]),
+        _score(recording, f"{what}, heading", "degrees", *headings, references[1]),
+    ]
+
+
+def main() -> int:
+    """Print the table, line by line as the scores come in."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--data", type=Path, default=DATA, help="folder of the recordings (default: %(default)s)")
+    data = options.parse_args().data
+    if not data.is_dir():
+        print(f"The recordings are not here: {data}. Its README would name their sources.", file=sys.stderr)
+        return 1
+    begin = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        importer = Importer(data, Path(folder))
+        print(HEADER, flush=True)
+        for scores in _all_scores(importer):
+            print("\n".join(score.line() for score in scores), flush=True)
+    print(f"\n{math.ceil(time.monotonic() - begin)} s", file=sys.stderr)
+    return 0
+
+
+def _all_scores(importer: Importer) -> Iterator[list[Score]]:
+    yield score_mbot(importer)
+    yield score_maebot(importer)
+    yield score_optiodom(importer)
+    yield score_husky_tile(importer, by_wheels=True)
+    yield score_husky_tile(importer, by_wheels=False)
+    yield score_husky_wet_grass(importer)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
