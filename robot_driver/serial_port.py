@@ -37,16 +37,11 @@ class PortLost(Exception):  # noqa: N818 - unplugging is an event to live with
 
 @dataclass(frozen=True)
 class Answer(Generic[T]):
-    """What a device said, and when: monotonic nanoseconds of the request's write and of the reply's last byte."""
+    """What a device said, when it took the reading, and when the reply's last byte came (monotonic nanoseconds)."""
 
     value: T
-    sent: int
+    measured: int
     arrived: int
-
-    @property
-    def measured(self) -> int:
-        """When the device took the reading: midway, within half the exchange (monotonic nanoseconds)."""
-        return (self.sent + self.arrived) // 2
 
 
 class SerialPort:
@@ -132,7 +127,11 @@ class SerialPort:
             if request.ends_in_silence:
                 deadline = time.monotonic() + REPLY_MARGIN
         arrived = time.monotonic_ns()
-        return Answer(request.parse(reply), sent, arrived)
+        # The device looks between the last byte of the request and the first of the reply: midway, as both ends'
+        # delays are alike. A reply is longer than its request, so the middle of the whole exchange would be late.
+        asked = sent + int(1e9 * self.wire_time(len(request.data)))
+        answered = arrived - int(1e9 * self.wire_time(len(reply)))
+        return Answer(request.parse(reply), (asked + answered) // 2, arrived)
 
     def resynchronise(self) -> None:
         """Be silent until the line is silent, for long enough that the device drops what it has half received.

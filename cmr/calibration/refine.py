@@ -1,10 +1,10 @@
 """Refine parameters by least squares, and tell how well the data determine them.
 
-Three signals are compared with the model: the measured positions, which the paper's calibration minimises, the
-measured headings and, where the commands are driven, the wheel speeds. Positions fix how far and how tightly the
-robot goes (k1, base_width), but of short drives they also show where on the robot the pose is taken; the headings
-fix base_width wherever that is. Positions say little about how fast the motors answer, because every small
-disturbance of the drive adds up in them. The wheel speeds fix just that. A free factor between measured and modelled
+Three signals are compared with the model: the measured positions, which the paper's calibration minimises; the
+measured headings of short drives; and, where the commands are driven, the wheel speeds. Positions fix how far and how
+tightly the robot goes (k1, base_width), but in short drives they also show where on the robot the pose is taken, so
+that there the headings fix base_width. Positions say little about how fast the motors answer, because every small
+disturbance of the drive adds up in them; the wheel speeds fix just that. A free factor between measured and modelled
 wheel speeds keeps a wrong wheel radius, or a wrong number of ticks per turn, out of it.
 """
 
@@ -20,11 +20,16 @@ from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats
 
+COMMAND_TIME_STD = 0.5e-3  # s; how well it is known when a command takes effect: a serial line takes about as long
 RELATIVE_STEP = 1e-5  # of the central differences; errors of the derivative stay near 1e-10
 START_COORDINATES = 3  # x, y, theta of a segment's start are fitted along with the parameters
 ROUNDS = 3  # fits, each with the noise that the one before left; it settles in two
 BATCHES = 16  # per series; each then lasts some seconds of a figure-eight, longer than disturbances last
 SMALLEST_NOISE = 1e-12  # keeps perfect, made-up data from dividing by zero
+
+
+PRIOR = "prior"  # the signal of what is known beforehand
+WHEEL_FACTOR, COMMAND_TIME = "wheel factor", "command time"  # names of unknowns beside the model's parameters
 
 
 @dataclass(frozen=True)
@@ -50,8 +55,10 @@ class Refinement:
 
     `values` holds all four parameters: a first guess of those in `names`, and the fixed value of the others.
     `by_wheels` follows the recorded wheel angles instead of driving the recorded commands.
-    Unknowns are the logarithms of the parameters (they are positive and differ by decades), the logarithm of the
-    wheel factor, then a shift (m, m) and a rotation (rad) of the start pose of each segment with poses enough.
+    Unknowns are the logarithms of the parameters (they are positive and differ by decades); where commands are
+    driven, the time [s] by which they take effect later than stamped, known beforehand to COMMAND_TIME_STD; the
+    logarithm of the wheel factor; then a shift (m, m) and a rotation (rad) of the start pose of each segment with
+    poses enough.
     """
 
     segments: list[Segment]
@@ -68,24 +75,24 @@ class Refinement:
         noise = _effective_noise(self.linearise(unknowns), len(unknowns))
         _residuals, jacobian = _stack(self.linearise(unknowns), noise)
         spread = np.sqrt(np.diag(_covariance(jacobian)))
-        found = [
-            Estimate(float(np.exp(value)), float(np.exp(value) * std))
-            for value, std in zip(unknowns[: self._start_column], spread[: self._start_column], strict=True)
-        ]
-        count = len(self.names)
-        return Refined(
-            dict(zip(self.names, found[:count], strict=True)), found[count] if self._fits_wheel_factor else None
-        )
+        found = {
+            name: Estimate(float(np.exp(unknowns[column])), float(np.exp(unknowns[column]) * spread[column]))
+            for column, name in enumerate(self._columns)
+        }
+        return Refined({name: found[name] for name in self.names}, found.get(WHEEL_FACTOR))
+
+    @property
+    def _columns(self) -> tuple[str, ...]:
+        """The unknowns before the start poses, in order."""
+        if self.by_wheels:
+            return self.names
+        has_wheels = any(len(segment.wheels_at) > 1 for segment in self.segments)
+        return (*self.names, COMMAND_TIME, *((WHEEL_FACTOR,) if has_wheels else ()))
 
     @property
     def _start_column(self) -> int:
         """Where the start poses begin among the unknowns."""
-        return len(self.names) + self._fits_wheel_factor
-
-    @property
-    def _fits_wheel_factor(self) -> bool:
-        """Whether there are wheel speeds to compare with the driven commands."""
-        return not self.by_wheels and any(len(segment.wheels_at) > 1 for segment in self.segments)
+        return len(self._columns)
 
     def _fit(self, first: Floats, noise: Mapping[str, float]) -> Floats:
         last: dict[bytes, tuple[Floats, Floats]] = {}
@@ -109,43 +116,77 @@ class Refinement:
         column = self._start_column
         for segment in self.segments:
             path = segment.follow_wheels(candidates) if self.by_wheels else segment.simulate(candidates)
-            shift = np.zeros(START_COORDINATES)
-            if segment.fits_start:
-                shift = unknowns[column : column + START_COORDINATES]
-            x, y = _placed(path, segment, shift)
-            residual = np.concatenate([x - segment.x[:, np.newaxis], y - segment.y[:, np.newaxis]])
-            jacobian = self._parameter_columns(residual, len(unknowns))
-            if segment.fits_start:
-                jacobian[:, column : column + START_COORDINATES] = _start_columns(x[:, 0], y[:, 0], segment, shift)
-                column += START_COORDINATES
-            half = len(segment.x)
-            blocks.append(_Block("position", residual[:half, 0], jacobian[:half]))
-            blocks.append(_Block("position", residual[half:, 0], jacobian[half:]))
-            if "base_width" in self.names:
-                blocks.append(self._heading_block(path, segment, len(unknowns)))
-            if not self.by_wheels and len(segment.wheels_at) > 1:
+            starts = slice(column, column + START_COORDINATES) if segment.fits_start else None
+            blocks += self._path_blocks(path, segment, unknowns, starts)
+            if WHEEL_FACTOR in self._columns and len(segment.wheels_at) > 1:
                 blocks += self._wheel_blocks(path, segment, unknowns)
+            column += START_COORDINATES * segment.fits_start
+        if COMMAND_TIME in self._columns:
+            blocks.append(self._prior_block(unknowns))
         return blocks
 
-    def _heading_block(self, path: Trajectory, segment: Segment, unknowns: int) -> _Block:
-        """Return the residuals of the heading [rad], about their mean: markers need not point forward exactly."""
-        residual = path.theta[segment.at] - segment.theta[:, np.newaxis]
-        residual = residual - residual.mean(axis=0)
-        return _Block("heading", residual[:, 0], self._parameter_columns(residual, unknowns))
+    def _path_blocks(self, path: Trajectory, segment: Segment, unknowns: Floats, starts: slice | None) -> list[_Block]:
+        """Return the residuals of positions [m] and headings [rad]; `starts` are the columns of the start pose.
+
+        Headings are compared in short segments only (in long ones they repeat what the positions say), and about
+        their mean: markers need not point forward exactly.
+        """
+        shift = np.zeros(START_COORDINATES) if starts is None else unknowns[starts]
+        time = segment.border_times
+        x, y = _placed(path, segment, shift)
+        blocks = []
+        columns = _start_columns(x[segment.at, 0], y[segment.at, 0], segment, shift)
+        for axis, (modelled, measured) in enumerate(((x, segment.x), (y, segment.y))):
+            residual = modelled[segment.at] - measured[:, np.newaxis]
+            block = self._block("position", residual, np.gradient(modelled[:, 0], time)[segment.at], unknowns)
+            if starts is not None:
+                block.jacobian[:, starts] = columns[axis]
+            blocks.append(block)
+        if "base_width" in self.names and starts is None:
+            residual = path.theta[segment.at] - segment.theta[:, np.newaxis]
+            rate = np.gradient(path.theta[:, 0], time)[segment.at]
+            blocks.append(self._block("heading", residual - residual.mean(axis=0), rate - rate.mean(), unknowns))
+        return blocks
 
     def _wheel_blocks(self, path: Trajectory, segment: Segment, unknowns: Floats) -> list[_Block]:
         """Return the residuals of each side's speed [rad/s], averaged between measurements."""
-        factor = np.exp(unknowns[len(self.names)])
+        column = self._columns.index(WHEEL_FACTOR)
+        factor = np.exp(unknowns[column])
         at = segment.wheels_at
-        time = np.concatenate([[0.0], np.cumsum(segment.dt)])[at]
+        span = np.diff(segment.border_times[at])
         blocks = []
-        for modelled, measured in ((path.angle_left, segment.angle_left), (path.angle_right, segment.angle_right)):
-            speed = factor * np.diff(modelled[at], axis=0) / np.diff(time)[:, np.newaxis]
-            residual = speed - (np.diff(measured[at]) / np.diff(time))[:, np.newaxis]
-            jacobian = self._parameter_columns(residual, len(unknowns))
-            jacobian[:, len(self.names)] = speed[:, 0]
-            blocks.append(_Block("wheel speed", residual[:, 0], jacobian))
+        for psi, modelled, measured in (
+            (path.psi_left, path.angle_left, segment.angle_left),
+            (path.psi_right, path.angle_right, segment.angle_right),
+        ):
+            speed = factor * np.diff(modelled[at], axis=0) / span[:, np.newaxis]
+            residual = speed - (np.diff(measured[at]) / span)[:, np.newaxis]
+            block = self._block("wheel speed", residual, factor * np.diff(psi[at, 0]) / span, unknowns)
+            block.jacobian[:, column] = speed[:, 0]
+            blocks.append(block)
         return blocks
+
+    def _block(self, signal: str, residual: Floats, rate: Floats, unknowns: Floats) -> _Block:
+        """Return the residuals of the first candidate with their derivatives by the parameters and the command time.
+
+        `residual` has shape (n, candidates); `rate` is the modelled signal's derivative by time, shape (n,): what
+        happens later by a little is less by that much of it.
+        """
+        jacobian = np.zeros((len(residual), len(unknowns)))
+        jacobian[:, : len(self.names)] = (residual[:, 1::2] - residual[:, 2::2]) / (2.0 * RELATIVE_STEP)
+        first = residual[:, 0]
+        if COMMAND_TIME in self._columns:
+            column = self._columns.index(COMMAND_TIME)
+            jacobian[:, column] = -rate
+            first = first - rate * unknowns[column]
+        return _Block(signal, first, jacobian)
+
+    def _prior_block(self, unknowns: Floats) -> _Block:
+        """Return what is known beforehand of the command time, in units of its standard deviation."""
+        column = self._columns.index(COMMAND_TIME)
+        jacobian = np.zeros((1, len(unknowns)))
+        jacobian[0, column] = 1.0 / COMMAND_TIME_STD
+        return _Block(PRIOR, unknowns[column : column + 1] / COMMAND_TIME_STD, jacobian)
 
     def _candidates(self, logarithms: Floats) -> RobotParameters:
         """Return 1 + 2 len(names) candidates: the point itself, then each of `names` a step up and a step down."""
@@ -155,12 +196,6 @@ class Refinement:
             values[name][1 + 2 * index] *= np.exp(RELATIVE_STEP)
             values[name][2 + 2 * index] *= np.exp(-RELATIVE_STEP)
         return RobotParameters.of(values)
-
-    def _parameter_columns(self, residual: Floats, unknowns: int) -> Floats:
-        """Return a Jacobian whose first columns are the derivatives by the parameters, the others zero."""
-        jacobian = np.zeros((len(residual), unknowns))
-        jacobian[:, : len(self.names)] = (residual[:, 1::2] - residual[:, 2::2]) / (2.0 * RELATIVE_STEP)
-        return jacobian
 
 
 def _stack(blocks: list[_Block], noise: Mapping[str, float]) -> tuple[Floats, Floats]:
@@ -178,8 +213,8 @@ def _effective_noise(blocks: list[_Block], unknowns: int) -> dict[str, float]:
     Where slow disturbances make the batch means scatter more, that many times more counts as noise (method of batch
     means for the variance of a correlated series).
     """
-    noise = {}
-    for signal in {block.signal for block in blocks}:
+    noise = {PRIOR: 1.0}
+    for signal in {block.signal for block in blocks} - {PRIOR}:
         series = [block.residuals for block in blocks if block.signal == signal]
         batches = [batch for values in series for batch in np.array_split(values, min(BATCHES, len(values)))]
         count = sum(len(values) for values in series)
@@ -202,15 +237,16 @@ def _covariance(jacobian: Floats) -> Floats:
 
 
 def _placed(path: Trajectory, segment: Segment, shift: Floats) -> tuple[Floats, Floats]:
-    """Return the path at the poses' times, rotated by shift[2] about the segment's start and moved by shift[:2]."""
-    x, y = path.x[segment.at] - segment.start.x, path.y[segment.at] - segment.start.y
+    """Return the path rotated by shift[2] about the segment's start and moved by shift[:2]."""
+    x, y = path.x - segment.start.x, path.y - segment.start.y
     cos, sin = np.cos(shift[2]), np.sin(shift[2])
     return (segment.start.x + shift[0] + cos * x - sin * y, segment.start.y + shift[1] + sin * x + cos * y)
 
 
-def _start_columns(x: Floats, y: Floats, segment: Segment, shift: Floats) -> Floats:
-    """Return the derivatives of the placed positions with respect to the three start coordinates, shape (2 M, 3)."""
+def _start_columns(x: Floats, y: Floats, segment: Segment, shift: Floats) -> tuple[Floats, Floats]:
+    """Return the derivatives of the placed positions x and y by the three start coordinates, each of shape (M, 3)."""
     one, zero = np.ones_like(x), np.zeros_like(x)
-    along_x = np.column_stack([one, zero, -(y - segment.start.y - shift[1])])
-    along_y = np.column_stack([zero, one, x - segment.start.x - shift[0]])
-    return np.concatenate([along_x, along_y])
+    return (
+        np.column_stack([one, zero, -(y - segment.start.y - shift[1])]),
+        np.column_stack([zero, one, x - segment.start.x - shift[0]]),
+    )

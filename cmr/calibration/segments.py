@@ -47,6 +47,11 @@ class Segment:
         """Whether there are poses enough to fit the start pose along with the parameters."""
         return len(self.x) >= FEWEST_POSES_FOR_START
 
+    @property
+    def border_times(self) -> Floats:
+        """Times of the T + 1 borders [s], from 0."""
+        return np.concatenate([[0.0], np.cumsum(self.dt)])
+
     def simulate(self, parameters: RobotParameters) -> Trajectory:
         """Drive the recorded duties with the motor model; the trajectory at all borders."""
         return drive(self.left, self.right, self.dt, parameters, self.start)
