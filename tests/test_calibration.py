@@ -43,8 +43,9 @@ def test_parameters_of_an_ideal_robot_are_found_within_three_standard_deviations
     result = calibrate(recording_of(messages(IDEAL, seed=seed)))
     assert set(result.estimates) == set(TRUTH)
     assert all(abs(error) < 3.0 for error in errors_in_deviations(result).values())
-    # The deviations must be worth something: none above half a percent on this drive.
-    assert all(e.std < 0.005 * e.value for e in result.estimates.values())
+    # The deviations must be worth something: a millisecond of doubt about the commands' moment is 0.6 % of the motor's
+    # time constant of 157 ms; everything else is known better than that.
+    assert all(e.std < 0.01 * e.value for e in result.estimates.values())
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -20,7 +20,7 @@ from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats
 
-COMMAND_TIME_STD = 0.5e-3  # s; how well it is known when a command takes effect: a serial line takes about as long
+COMMAND_TIME_STD = 1e-3  # s; how well it is known when a command takes effect: a serial line takes about as long
 RELATIVE_STEP = 1e-5  # of the central differences; errors of the derivative stay near 1e-10
 START_COORDINATES = 3  # x, y, theta of a segment's start are fitted along with the parameters
 ROUNDS = 3  # fits, each with the noise that the one before left; it settles in two
