@@ -3,7 +3,7 @@
 
 Usage: .venv/bin/python scripts/score_real_data.py [--data ../shared/data]
 
-It takes about four minutes on two cores. The recordings come in through cmr-import's own code. Every error is of parts
+It takes about three minutes on two cores. The recordings come in through cmr-import's own code. Every error is of parts
 that the fit has not seen, unless it says otherwise. "Nominal" is what the maker or author of the robot says; "-" where
 nobody does. "Plain least squares" is what a fit of the same model (one gain, one lag, one base width) with soft-L1
 loss gave once on the same parts; for OptiOdom the widths its authors found, and path errors on the runs fitted.
@@ -126,17 +126,10 @@ def score_optiodom(importer: Importer, sessions: int | None = None) -> list[Scor
     thinned = {key: [_thinned(run) for run in of_session] for key, of_session in runs.items()}
     together = _parameters(calibrate([run for of_session in thinned.values() for run in of_session]).values)
     nominal = _nominal(next(iter(runs.values()))[0])
+    diameter, found_diameter = 2.0 * nominal.wheel_radius, 2.0 * together.wheel_radius
     scores = [
         Score("OptiOdom", "base width, all runs", "m", nominal.base_width, together.base_width, None, 0.2009),
-        Score(
-            "OptiOdom",
-            "wheel diameter, all runs",
-            "m",
-            2 * nominal.wheel_radius,
-            2 * together.wheel_radius,
-            None,
-            0.0833,
-        ),
+        Score("OptiOdom", "wheel diameter, all runs", "m", diameter, found_diameter, None, 0.0833),
     ]
     errors: dict[str, tuple[list[float], list[float]]] = {"circular": ([], []), "square": ([], [])}
     for left_out, of_session in runs.items():
@@ -168,37 +161,34 @@ def score_husky_tile(importer: Importer, by_wheels: bool) -> list[Score]:
     if by_wheels:
         fitted = [replace(window, commands=window.commands.between(0, 0)) for window in fitted]
     result = calibrate(fitted, recording.parameters)
-    ends = [
+    nominal, found = (
         end_errors(scored, parameters, by_wheels=by_wheels, shortest=1.0)
         for parameters in (_nominal(recording), _parameters(result.values))
-    ]
+    )
     what = "wheel speeds to pose" if by_wheels else "commands to pose"
     references = (0.110, 1.9) if by_wheels else (0.117, None)
-    return _end_scores("Husky, tile", f"{what}, end of 2 s", *ends, references)
+    return _end_scores("Husky, tile", f"{what}, end of 2 s", nominal, found, references)
 
 
 def score_husky_wet_grass(importer: Importer) -> list[Score]:
     """Commands to wheel speed, and to pose after each 3 s piece: fitted on the first half of the commanded steps."""
     recording = importer.read("husky_wet_grass", importer.data / "husky_wet_grass/husky_wet_grass.csv.gz")
-    rows = importer.rows("husky_wet_grass/husky_wet_grass.csv.gz")
-    start = int(recording.wheels.utime[0]) - round(float(rows[0]["t_s"]) * 1e6)
-    driven = []
-    for (state, _step), of_step in groupby(rows, key=lambda row: (row["state"], row["step"])):
-        seconds = [float(row["t_s"]) for row in of_step]
-        if state == "calib" and seconds[-1] - seconds[0] > 3.0:
-            driven.append(recording.between(*(start + round(t * 1e6) for t in (seconds[0], seconds[-1]))))
+    driven = list(_steps_of_grass(recording, importer.rows("husky_wet_grass/husky_wet_grass.csv.gz")))
     fitted, scored = driven[: len(driven) // 2], driven[len(driven) // 2 :]
     result = calibrate([piece for drive in fitted for piece in pieces(drive, GRASS_PIECE)], recording.parameters)
-    known = (_nominal(recording), _parameters(result.values))
-    ends = [end_errors([piece for drive in scored for piece in pieces(drive, GRASS_PIECE)], p) for p in known]
-    motor = known[0]._replace(**{name: estimate.value for name, estimate in fit_motor(fitted).items()})
-    speeds = [
+    nominal = _nominal(recording)
+    motor = nominal._replace(**{name: estimate.value for name, estimate in fit_motor(fitted).items()})
+    ends, found_ends = (
+        end_errors([piece for drive in scored for piece in pieces(drive, GRASS_PIECE)], parameters)
+        for parameters in (nominal, _parameters(result.values))
+    )
+    speeds, found_speeds = (
         np.concatenate([wheel_speed_errors(drive, parameters, side) for drive in scored for side in ("left", "right")])
-        for parameters in (known[0], motor)
-    ]
+        for parameters in (nominal, motor)
+    )
     return [
-        *_end_scores("Husky, wet grass", "commands to pose, end of 3 s", *ends, (0.954, 17.2)),
-        _score("Husky, wet grass", "commands to wheel speed", "rad/s", *speeds, 0.603),
+        *_end_scores("Husky, wet grass", "commands to pose, end of 3 s", ends, found_ends, (0.954, 17.2)),
+        _score("Husky, wet grass", "commands to wheel speed", "rad/s", speeds, found_speeds, 0.603),
     ]
 
 
@@ -212,6 +202,15 @@ def _optiodom_runs(importer: Importer, sessions: int | None) -> dict[tuple[str, 
             here = [path for path in paths if path.name.startswith(session)]
             runs[kind, session] = [importer.read("optiodom", path) for path in here]
     return runs
+
+
+def _steps_of_grass(recording: Recording, rows: list[dict[str, str]]) -> Iterator[Recording]:
+    """Yield the drives of one commanded step each that the CSV marks as such and that are long enough."""
+    start = int(recording.wheels.utime[0]) - round(float(rows[0]["t_s"]) * 1e6)
+    for (state, _step), of_step in groupby(rows, key=lambda row: (row["state"], row["step"])):
+        seconds = [float(row["t_s"]) for row in of_step]
+        if state == "calib" and seconds[-1] - seconds[0] > GRASS_PIECE:
+            yield recording.between(*(start + round(t * 1e6) for t in (seconds[0], seconds[-1])))
 
 
 def _thinned(run: Recording) -> Recording:
