@@ -1,5 +1,6 @@
 """Every command explains itself, fails in one line that says what to do, and ends quietly on Ctrl-C."""
 
+import argparse
 import functools
 import os
 import random
@@ -15,7 +16,8 @@ from pathlib import Path
 import pytest
 
 from cmr.bus.preflight import BusError
-from cmr.commands.command_line import CommandError, guarded, parser
+from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.commands.command_line import CommandError, guarded, parser, robot_id
 
 COMMANDS = sorted(entry.name for entry in distribution("cmr").entry_points if entry.group == "console_scripts")
 SERVICES = [name for name in COMMANDS if name != "cmr-import"]  # these run until they are stopped
@@ -104,6 +106,13 @@ def test_defaults_are_shown_where_they_say_something() -> None:
     assert "robot id (default: 0)" in text
     assert "folder (default: run)" in text
     assert text.count("default:") == 2
+
+
+@pytest.mark.parametrize("text", ["-1", "2147483648", "1.0", "one", "", "\u0661"])
+def test_a_robot_id_that_no_message_can_hold_is_wrong_usage(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="a robot id is a whole number of 0 to 2147483647"):
+        robot_id(text)
+    assert (robot_id("0"), robot_id("2147483647")) == (0, LARGEST_ROBOT_ID)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -7,6 +7,7 @@ from importlib.metadata import version
 from textwrap import fill
 
 from cmr.bus.preflight import DEFAULT_URL, BusError
+from cmr.bus.streams import LARGEST_ROBOT_ID
 
 HELP_WIDTH = 79  # characters; a terminal's usual 80 leave room for no more
 
@@ -38,6 +39,13 @@ def parser(name: str, description: str, example: str) -> argparse.ArgumentParser
     )
     result.add_argument("--version", action="version", version=f"{name} {version('cmr')}")
     return result
+
+
+def robot_id(text: str) -> int:
+    """Parse a robot id for argparse: a number that channel names and messages can hold."""
+    if not (text.isascii() and text.isdecimal()) or int(text) > LARGEST_ROBOT_ID:
+        raise argparse.ArgumentTypeError(f"a robot id is a whole number of 0 to {LARGEST_ROBOT_ID}, not {text!r}")
+    return int(text)
 
 
 def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
