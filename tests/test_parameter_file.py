@@ -197,8 +197,8 @@ def test_what_is_wrong_is_an_error_that_names_file_and_place(before: str, after:
         (b"services: {web: {image: nginx}}\n", "schema is None"),
         (b"a: !!python/object/apply:os.system [true]\n", "cannot be read"),
         (b"a: *nobody\n", "cannot be read"),
-        (b"{" * 50_000, "cannot be read"),
-        (b"[" * 50_000 + b"]" * 50_000, "cannot be read"),
+        (b"{" * 3_000, "cannot be read"),
+        (b"[" * 3_000 + b"]" * 3_000, "cannot be read"),
         (bytes(range(256)), "cannot be read"),
         (b"\x7fELF\x02\x01\x01\x00", "cannot be read"),
         (b"schema: 1\nrobot_id: 0\nwritten: 2026-01-31T12:00:00Z\n", "parameters: must be a mapping"),
@@ -254,7 +254,7 @@ def test_a_kill_at_any_moment_and_a_reader_at_any_moment_find_a_whole_file(tmp_p
             while not path.exists():
                 assert time.monotonic() < deadline
                 time.sleep(0.001)
-            end = time.monotonic() + moments.uniform(0.0, 0.1)
+            end = time.monotonic() + moments.uniform(0.0, 0.05)
             while time.monotonic() < end:
                 assert_whole(load(path))
                 reads += 1
@@ -431,7 +431,7 @@ def test_processes_that_announce_to_each_other_settle_on_one_version(path: Path)
         (b"\xff\xfe\x00binary", "cannot be read"),
         (with_radius(0.05).to_yaml()[:60].encode(), "must be a mapping|cannot be read|written"),
         (with_radius(0.05, robot_id=1).to_yaml().encode(), "is of robot 1, not 0"),
-        (b"[" * 50_000, "cannot be read"),
+        (b"[" * 3_000, "cannot be read"),
     ],
     ids=["empty", "binary", "half", "foreign robot", "nested"],
 )
