@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
-from cmr.commands.command_line import CommandError, parser
+from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import process_status_t
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import Driver, Settings
@@ -15,7 +15,7 @@ from robot_driver.serial_port import PortLost
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 
-DESCRIPTION = """Drives a real robot: MOTOR_COMMAND_N in; MOTOR_FEEDBACK_N and GYRO_N out.
+DESCRIPTION = """Drive a real robot: MOTOR_COMMAND_N in; MOTOR_FEEDBACK_N and GYRO_N out.
 
 The motors stop when no command has come for 0.5 s, when ESTOP is engaged, and when this process ends. If this
 computer fails, the motor controller stops them by itself after 0.5 s."""
@@ -47,7 +47,7 @@ def _report(process: Process, driver: Driver) -> None:
     """Have the next PROCESS_STATUS tell how the driver is."""
     problems = driver.problems()
     process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
-    process.message = " ".join(text for text in (problems, driver.remarks(), *process.bus.warnings) if text)
+    process.message = " ".join(text for text in (problems, driver.remarks()) if text)
     process.parameters_sha256 = driver.follower.sha256
 
 
@@ -72,7 +72,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     add = result.add_argument
     add("--port", required=True, metavar="DEVICE", help="serial port of the motor controller")
     add("--gyro-port", metavar="DEVICE", help="serial port of the gyro; without it, no gyro is read")
-    add("--robot", type=_natural, default=0, metavar="N", help="id of the robot")
+    add("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
     add("--controller", choices=sorted(CONTROLLERS), default="roboclaw", help="kind of motor controller")
     add("--gyro", choices=sorted(GYROS), default="dsp3000", help="kind of gyro")
     add("--baud", type=_positive, metavar="RATE", help="of the motor controller, if not what its kind has by default")

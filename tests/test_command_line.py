@@ -17,7 +17,7 @@ import pytest
 
 from cmr.bus.preflight import BusError
 from cmr.bus.streams import LARGEST_ROBOT_ID
-from cmr.commands.command_line import CommandError, guarded, parser, robot_id
+from cmr.commands.command_line import CommandError, guarded, parse_robot_id, parser
 
 COMMANDS = sorted(entry.name for entry in distribution("cmr").entry_points if entry.group == "console_scripts")
 SERVICES = [name for name in COMMANDS if name != "cmr-import"]  # these run until they are stopped
@@ -111,8 +111,8 @@ def test_defaults_are_shown_where_they_say_something() -> None:
 @pytest.mark.parametrize("text", ["-1", "2147483648", "1.0", "one", "", "\u0661"])
 def test_a_robot_id_that_no_message_can_hold_is_wrong_usage(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="a robot id is a whole number of 0 to 2147483647"):
-        robot_id(text)
-    assert (robot_id("0"), robot_id("2147483647")) == (0, LARGEST_ROBOT_ID)
+        parse_robot_id(text)
+    assert (parse_robot_id("0"), parse_robot_id("2147483647")) == (0, LARGEST_ROBOT_ID)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

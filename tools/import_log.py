@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cmr.commands.command_line import CommandError, parser
+from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.tools import mapping as mappings
 from cmr.tools.block import MappingError
 from cmr.tools.converting import ConversionError, Event, convert
@@ -50,11 +50,12 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         "cmr-import",
         "Turn a recording of another robot (a foreign LCM log, or CSV) into an event log of ours, by a mapping file.",
         "cmr-import mbot drive_square.log --out run.lcm && cmr-calibrate --log run.lcm",
+        bus="accepted as by every command; an import needs no bus",
     )
     command_line.add_argument("mapping", nargs="?", help="name of a shipped mapping, or path of a mapping file")
     command_line.add_argument("input", nargs="?", help="the recording: an LCM log, .csv or .csv.gz")
     command_line.add_argument("--out", metavar="RUN.lcm", help="the event log to write; replaced if it is there")
-    command_line.add_argument("--robot", type=int, default=0, metavar="N", help="id that the robot gets in the log")
+    command_line.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot in the log")
     command_line.add_argument("--list", action="store_true", help="list the shipped mappings and end")
     options = command_line.parse_args(arguments)
     if not options.list and None in (options.mapping, options.input, options.out):

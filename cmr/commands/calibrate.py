@@ -13,7 +13,7 @@ from cmr.bus.streams import CALIBRATION_STATUS, GYRO, MOTOR_COMMAND, MOTOR_FEEDB
 from cmr.calibration.calibrate import calibrate
 from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.result import CalibrationError
-from cmr.commands.command_line import CommandError, parser
+from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.recordings.recording import RecordingError, choose_robot, read_log
@@ -39,7 +39,13 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "them to its parameter file. With --log the same from an LCM event log.",
         "cmr-calibrate --robot 0 --out robot_0.yaml\n  cmr-calibrate --log run.lcm --out robot_0.yaml",
     )
-    options.add_argument("--robot", type=int, default=None, metavar="N", help="robot id; live: 0, log: the only one")
+    options.add_argument(
+        "--robot",
+        type=parse_robot_id,
+        default=None,
+        metavar="N",
+        help="robot id; else 0 live, the only one of a log",
+    )
     options.add_argument(
         "--log", type=Path, nargs="+", default=None, metavar="RUN.lcm", help="event logs of one robot, fitted together"
     )

@@ -25,7 +25,10 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescrip
         return super()._get_help_string(action)
 
 
-def parser(name: str, description: str, example: str) -> argparse.ArgumentParser:
+USUAL_BUS = f"LCM bus; otherwise LCM_DEFAULT_URL from the environment, otherwise {DEFAULT_URL} (this host only)"
+
+
+def parser(name: str, description: str, example: str, bus: str = USUAL_BUS) -> argparse.ArgumentParser:
     """Return a parser with the options that every command has."""
     paragraphs = [fill(paragraph, HELP_WIDTH, break_on_hyphens=False) for paragraph in description.split("\n\n")]
     result = argparse.ArgumentParser(
@@ -35,13 +38,13 @@ def parser(name: str, description: str, example: str) -> argparse.ArgumentParser
         "--lcm-url",
         default=None,
         metavar="URL",
-        help=f"LCM bus; otherwise LCM_DEFAULT_URL from the environment, otherwise {DEFAULT_URL} (this host only)",
+        help=bus,
     )
     result.add_argument("--version", action="version", version=f"{name} {version('cmr')}")
     return result
 
 
-def robot_id(text: str) -> int:
+def parse_robot_id(text: str) -> int:
     """Parse a robot id for argparse: a number that channel names and messages can hold."""
     if not (text.isascii() and text.isdecimal()) or int(text) > LARGEST_ROBOT_ID:
         raise argparse.ArgumentTypeError(f"a robot id is a whole number of 0 to {LARGEST_ROBOT_ID}, not {text!r}")

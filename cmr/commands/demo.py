@@ -69,6 +69,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "processes that a real robot needs, on an LCM bus of their own, with a pseudo-terminal for the serial line. "
         "Takes about a minute and a half.",
         "cmr-demo --out demo-run",
+        bus="LCM bus; otherwise one of its own, on a free port, that does not leave this host",
     )
     options.add_argument("--out", type=Path, default=Path("demo-run"), metavar="DIR", help="folder for the results")
     options.add_argument("--settings", type=Path, default=None, metavar="FILE", help="as for cmr-emulate")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
-from cmr.commands.command_line import CommandError, parser
+from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import behaviour_of
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
@@ -45,7 +45,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "MOTOR_COMMAND_N. It stops whenever cmr-sim, the robot or its parameters are missing, and on ESTOP.",
         "cmr-pilot --robot 0 --behaviour follow,leader=10,gap=0.5",
     )
-    options.add_argument("--robot", type=int, default=0, metavar="N", help="robot id")
+    options.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="robot id")
     options.add_argument("--behaviour", default="follow", metavar="NAME,KEY=VALUE,...", help="as for cmr-sim --virtual")
     options.add_argument(
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"

@@ -3,8 +3,9 @@
 import argparse
 from dataclasses import dataclass
 
-from cmr.commands.command_line import CommandError
+from cmr.commands.command_line import CommandError, parse_robot_id
 from cmr.world.behaviours import Behaviour, BehaviourError, make_behaviour
+from cmr.world.behaviours.behaviour import number_of
 from cmr.world.world import VirtualRobot
 
 POSE_KEYS = ("x", "y", "theta")
@@ -23,9 +24,9 @@ def behaviour_of(text: str) -> tuple[Behaviour, dict[str, float]]:
             raise CommandError(f"{text!r}: {pair!r} is not of the form key=value")
         settings[key.strip()] = value.strip()
     try:
-        pose = {key: float(settings.pop(key)) for key in POSE_KEYS if key in settings}
+        pose = {key: number_of(key, settings.pop(key)) for key in POSE_KEYS if key in settings}
         return make_behaviour(name.strip(), settings), pose
-    except (BehaviourError, ValueError) as error:
+    except BehaviourError as error:
         raise CommandError(f"{text!r}: {error}") from error
 
 
@@ -38,9 +39,9 @@ class _Numbered:
 def numbered(text: str) -> _Numbered:
     """Parse `ID=DESCRIPTION` for argparse."""
     number, equals, description = text.partition("=")
-    if not equals or not number.strip().isdigit():
+    if not equals:
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form ID=BEHAVIOUR, for example 10=figure_eight")
-    return _Numbered(int(number), description)
+    return _Numbered(parse_robot_id(number.strip()), description)
 
 
 def virtual_robots(descriptions: list[_Numbered], parameters_of: int) -> list[VirtualRobot]:

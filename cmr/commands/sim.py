@@ -18,7 +18,7 @@ from cmr.bus.streams import (
     WORLD_STATE,
     Stream,
 )
-from cmr.commands.command_line import parser
+from cmr.commands.command_line import parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.following import ParameterFollower
@@ -69,7 +69,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "--parameters", type=Path, default=Path(), metavar="DIR", help="folder with the files robot_<id>.yaml"
     )
     options.add_argument(
-        "--parameters-of", type=int, default=0, metavar="N", help="virtual robots move by the parameters of robot N"
+        "--parameters-of",
+        type=parse_robot_id,
+        default=0,
+        metavar="N",
+        help="whose parameters virtual robots move by",
     )
     options.add_argument("--rate", type=_rate, default=50.0, metavar="HZ", help="of WORLD_STATE, 20 to 100")
     options.add_argument(
@@ -79,9 +83,12 @@ def _options(arguments: list[str]) -> argparse.Namespace:
 
 
 def _rate(text: str) -> float:
-    rate = float(text)
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
     if not 20.0 <= rate <= 100.0:
-        raise argparse.ArgumentTypeError(f"{text} Hz is not between 20 and 100")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a rate between 20 and 100 Hz")
     return rate
 
 

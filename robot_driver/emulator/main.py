@@ -8,7 +8,7 @@ from pathlib import Path
 from cmr.bus.messages import make
 from cmr.bus.process import EXIT_INTERRUPTED, Process
 from cmr.bus.streams import POSE
-from cmr.commands.command_line import CommandError, parser
+from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import pose_xyt_t
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.dsp3000_device import Dsp3000Device
@@ -46,7 +46,7 @@ def _options(arguments: list[str]) -> Namespace:
         "slip and noise behind them, and its pose on POSE_N as motion capture would publish it.",
         "cmr-emulate --ports /tmp/robot --ideal\n  cmr-driver --port /tmp/robot/motor --gyro-port /tmp/robot/gyro",
     )
-    options.add_argument("--robot", type=int, default=0, metavar="N", help="id of the robot")
+    options.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
     options.add_argument("--settings", type=Path, metavar="FILE.yaml", help="what differs from the default robot")
     options.add_argument("--ideal", action="store_true", help="no imperfections but the noise of the sensors")
     options.add_argument("--seed", type=int, metavar="N", help="of all random numbers, instead of that of the settings")
@@ -54,8 +54,6 @@ def _options(arguments: list[str]) -> Namespace:
     options.add_argument("--pose-rate", type=float, default=50.0, metavar="HZ", help="rate of POSE_N")
     options.add_argument("--no-pose", action="store_true", help="no external pose; no bus is needed then")
     result = options.parse_args(arguments)
-    if result.robot < 0:
-        options.error("--robot must be 0 or more")
     if not 0.1 <= result.pose_rate <= 1000.0:
         options.error("--pose-rate must be 0.1 to 1000 Hz")
     return result

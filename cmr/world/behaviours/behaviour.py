@@ -1,6 +1,7 @@
 """The abstract behaviour, and how a behaviour is made from its description on the command line."""
 
 import inspect
+import math
 from abc import ABC, abstractmethod
 from importlib import import_module
 
@@ -12,6 +13,9 @@ SHIPPED = {
     "follow": "cmr.world.behaviours.following:Follow",
     "commanded": "cmr.world.behaviours.commanded:Commanded",
 }
+
+
+LARGEST_SETTING = 1e9  # metres, seconds, robots
 
 
 class BehaviourError(Exception):
@@ -60,12 +64,24 @@ def make_behaviour(description: str, settings: dict[str, str]) -> Behaviour:
         raise BehaviourError(f"{description} has no setting {min(unknown)!r}; it has {', '.join(allowed) or 'none'}.")
     values: dict[str, float] = {}
     for name, text in settings.items():
-        try:
-            values[name] = int(text) if allowed[name].annotation is int else float(text)
-        except ValueError as error:
-            raise BehaviourError(f"{description}: {name}={text} is not a number of the right kind") from error
+        values[name] = number_of(name, text, int if allowed[name].annotation is int else float)
     try:
         behaviour: Behaviour = kind(**values)
     except (ValueError, TypeError) as error:
         raise BehaviourError(f"{description}: {error}") from error
     return behaviour
+
+
+def number_of(name: str, text: str, kind: type[int] | type[float] = float) -> float:
+    """Return the number that a setting is given as.
+
+    Raises BehaviourError when it is none, of another kind, or larger than any laboratory.
+    """
+    try:
+        value = kind(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= LARGEST_SETTING:
+        whole = "a whole number" if kind is int else "a number"
+        raise BehaviourError(f"{name}={text} is not {whole} from {-LARGEST_SETTING:g} to {LARGEST_SETTING:g}")
+    return value
