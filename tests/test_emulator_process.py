@@ -232,7 +232,7 @@ def test_the_pose_is_on_the_bus_at_its_rate_with_its_noise_and_strictly_later_st
     ("arguments", "code", "said"),
     [
         (["--settings", "/nonexistent.yaml"], 1, "/nonexistent.yaml: cannot be read"),
-        (["--robot", "-1"], 2, "--robot must be 0 or more"),
+        (["--robot", "-1"], 2, "a robot id is a whole number"),
         (["--pose-rate", "0"], 2, "--pose-rate must be"),
         (["--ports", "/proc/ports"], 1, "Choose another --ports"),
     ],
