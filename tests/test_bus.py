@@ -58,15 +58,6 @@ with Process("tiny", sys.argv[1]) as process:
 """
 
 
-@pytest.fixture
-def url() -> str:
-    """A bus that nobody else is on."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        port = probe.getsockname()[1]
-    return f"udpm://239.255.76.67:{port}?ttl=0&recv_buf_size=4194304"
-
-
 def command(left: float, robot_id: int = 0) -> Any:
     return make(motor_command_t, utime=now_utime(), robot_id=robot_id, left=left, right=0.0)
 

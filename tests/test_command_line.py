@@ -6,7 +6,6 @@ import os
 import random
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -56,15 +55,6 @@ def run(name: str, *arguments: str, path: Path | None = None) -> "subprocess.Com
 @functools.cache
 def help_of(name: str) -> "subprocess.CompletedProcess[str]":
     return run(name, "--help")
-
-
-@pytest.fixture
-def url() -> str:
-    """A bus that nobody else is on."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        port = probe.getsockname()[1]
-    return f"udpm://239.255.76.67:{port}?ttl=0&recv_buf_size=4194304"
 
 
 def test_the_commands_of_the_interface_are_there() -> None:

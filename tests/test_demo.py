@@ -8,7 +8,6 @@ import math
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -25,6 +24,7 @@ from cmr.recordings import Recording
 from cmr.recordings.log import LogReader
 from cmr.world.comparison import Drive, drives_of
 from tests.emulated_drive import TRUTH
+from tests.private_bus import private_url
 
 BIN = Path(sys.executable).parent
 DEMO_SECONDS = 240.0
@@ -195,9 +195,7 @@ class Replay:
     """A running cmr-calibrate and a log player on a bus of their own."""
 
     def __init__(self, log: Path, folder: Path, player: list[str], environment: dict[str, str], speed: float) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("", 0))
-            url = f"udpm://239.255.76.67:{probe.getsockname()[1]}?ttl=0&recv_buf_size=4194304"
+        url = private_url()
         folder.mkdir()
         self.out = folder / "robot_0.yaml"
         said = (folder / "calibrate.txt").open("w+")
