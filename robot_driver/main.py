@@ -86,13 +86,6 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     return result.parse_args(arguments)
 
 
-def _natural(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{value} must be 0 or more")
-    return value
-
-
 def _positive(text: str) -> int:
     value = int(text)
     if value <= 0:
