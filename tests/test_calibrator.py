@@ -89,6 +89,18 @@ def test_what_comes_after_the_manoeuvre_changes_nothing(drive: list[Message]) ->
     assert before.wheels.utime[-1] == after.wheels.utime[-1]
 
 
+def test_a_robot_parked_for_long_fills_no_memory_and_changes_no_number(drive: list[Message]) -> None:
+    parked = messages(DEFAULT, seed=4, seconds=90.0, duties=lambda _share: (0.0, 0.0))
+    for _channel, message in parked:
+        message.utime -= 93_000_000
+    calibrator = fed(parked)
+    assert len(calibrator.recording().wheels) <= 3000  # 30 s at 100 Hz
+    fed(drive, calibrator)
+    ours, theirs = calibrator.recording(), fed(drive).recording()
+    assert ours.wheels.utime[-1] == theirs.wheels.utime[-1]
+    assert ours.duty["left"].sum() == theirs.duty["left"].sum()
+
+
 def test_other_robots_are_not_mixed_in(drive: list[Message]) -> None:
     calibrator = Calibrator(1)
     fed(drive, calibrator)

@@ -19,6 +19,7 @@ from cmr.recordings.recording import Recorder, Recording
 
 REST = 1_000_000  # us at rest that end the manoeuvre
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
+FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
 ENOUGH = 2.5  # a robot that does not stop is calibrated when every bucket has this many times its minimum
 
 
@@ -43,6 +44,7 @@ class Calibrator:
         self._last_motion: int | None = None
         self._end: int | None = None
         self._latest = 0
+        self._forgotten = 0
 
     def handle(self, utime: int, channel: str, message: Any) -> None:
         """Take one message; those of other robots, and those after the manoeuvre, are passed over."""
@@ -51,6 +53,10 @@ class Calibrator:
             return
         self._recorder.handle(utime, channel, message)
         self._latest = max(self._latest, utime)
+        if self._onset is None and self._latest > self._forgotten + FORGET:
+            # A robot may be parked for hours before it drives.
+            self._recorder.forget(self._latest - FORGET // 2)
+            self._forgotten = self._latest
         if stream is MOTOR_FEEDBACK:
             self._has_wheels = True
             self._watch(utime, message.psi_left, message.psi_right)

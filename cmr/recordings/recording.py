@@ -133,6 +133,11 @@ class Recorder:
         elif stream is GYRO and message.valid:
             self._keep(stream, message, GYRO_FIELDS, finite=1)
 
+    def forget(self, before: int) -> None:
+        """Drop what was measured before this utime [us]; parameters stay."""
+        for name, rows in self._rows.items():
+            self._rows[name] = [row for row in rows if row[0] >= before]
+
     def recording(self) -> Recording:
         """Return what has been gathered so far."""
         return Recording(
