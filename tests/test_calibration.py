@@ -113,6 +113,36 @@ def test_without_poses_and_gyro_the_base_width_is_not_invented() -> None:
     assert "gyro" in result.unidentified["base_width"]
 
 
+def test_a_dead_gyro_leaves_the_base_width_unknown() -> None:
+    drive = messages(IDEAL, seconds=8.0, channels=("MOTOR_COMMAND", "MOTOR_FEEDBACK", "GYRO", "PARAMETERS"))
+    for channel, message in drive:
+        if channel.startswith("GYRO"):
+            message.yaw_rate = 0.0
+    result = calibrate(recording_of(drive))
+    assert "base_width" in result.unidentified
+    assert "k1" in result.estimates
+
+
+def test_a_robot_that_turned_on_the_spot_is_calibrated_by_its_wheels() -> None:
+    def spin(share: float) -> tuple[float, float]:
+        return (-0.2, 0.2) if share < 0.5 else (0.2, -0.2)
+
+    result = calibrate(recording_of(messages(IDEAL, seconds=10.0, duties=spin)))
+    assert result.method == "wheel speeds"
+    for name, estimate in result.estimates.items():
+        assert estimate.value == pytest.approx(TRUTH[name], rel=0.02), name
+
+
+def test_the_path_error_told_is_that_of_the_parameters_given() -> None:
+    recording = recording_of(messages(DEFAULT, seconds=8.0, duties=straight))
+    result = calibrate(recording)
+    assert "base_width" not in result.estimates
+    (segment,) = segments_of(recording)
+    path = segment.simulate(RobotParameters.of(result.values))
+    distance = np.hypot(path.x[segment.at] - segment.x, path.y[segment.at] - segment.y)
+    assert result.path_rmse_after == pytest.approx(float(np.sqrt(np.mean(distance**2))), rel=1e-9)
+
+
 def test_poses_and_commands_without_wheels_are_enough_for_the_path() -> None:
     result = calibrate(recording_of(messages(IDEAL, channels=("MOTOR_COMMAND", "POSE", "PARAMETERS"))))
     for name, estimate in result.estimates.items():

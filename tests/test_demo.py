@@ -154,7 +154,7 @@ def test_nothing_is_left_running_and_no_pseudo_terminal(runs: dict[str, Run]) ->
         assert not (run.folder / "ports" / "motor").is_symlink()
 
 
-@pytest.mark.parametrize("seconds", [0.05, 0.4, 1.0, 2.2, 6.0])
+@pytest.mark.parametrize("seconds", [0.5, 1.0, 2.2, 6.0])
 def test_ctrl_c_at_any_moment_stops_everything(seconds: float, tmp_path: Path) -> None:
     process = start_demo(tmp_path / "demo")
     time.sleep(seconds)

@@ -226,6 +226,31 @@ def test_a_twin_stands_still_during_an_emergency_stop(file: Path) -> None:
     assert robots(world)[0, TWIN].state.psi_left == pytest.approx(0.0, abs=0.01)
 
 
+def test_one_wrong_time_stamp_does_not_freeze_a_robot(file: Path) -> None:
+    world = world_of(file)
+    drive_one = messages(DEFAULT, seconds=8.0)
+    wrong = len(drive_one) // 2
+    while not drive_one[wrong][0].startswith("MOTOR_FEEDBACK"):
+        wrong += 1
+    drive_one[wrong][1].utime += 3_600_000_000  # an hour ahead
+    for channel, message in drive_one:
+        world.handle(message.utime, channel, message)
+        if message.utime < EPOCH + 60_000_000:
+            world.advance(message.utime)
+    real = robots(world)[0, REAL].state
+    last = [message for channel, message in drive_one if channel.startswith("POSE")][-1]
+    assert math.hypot(real.x - last.x, real.y - last.y) < 0.1
+
+
+def test_simulated_robots_go_on_when_the_clock_is_set_back(file: Path) -> None:
+    world = world_of(file, VirtualRobot(10, FigureEight(start=0.0), parameters_of=0))
+    run(world, 3.0)
+    before = robots(world)[10, VIRTUAL].state
+    run(world, 1.0, EPOCH - 60_000_000)
+    after = robots(world)[10, VIRTUAL].state
+    assert math.hypot(after.x - before.x, after.y - before.y) > 0.1
+
+
 def test_a_real_robot_that_fell_silent_leaves_the_world(file: Path) -> None:
     world = world_of(file)
     for channel, message in messages(DEFAULT, seconds=1.0):

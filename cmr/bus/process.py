@@ -3,6 +3,7 @@
 import os
 import signal
 import socket
+import sys
 import time
 from collections.abc import Callable, Iterator
 from types import FrameType, TracebackType
@@ -51,6 +52,7 @@ class Process:
         self.overruns = 0
         self._url = url
         self._received: list[Received] = []
+        self._told = ""
         self._turns = 0
         self._report = Timer(STATUS_PERIOD)
         self._status_sent = time.monotonic()
@@ -58,7 +60,7 @@ class Process:
 
     def __enter__(self) -> "Process":
         self.bus = Bus(self._url)
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             self._old_handlers[number] = signal.signal(number, self._note_signal)
         self.subscribe, self.publish, self.repeat = self.bus.subscribe, self.bus.publish, self.bus.repeat
         self.publish_status()
@@ -119,6 +121,7 @@ class Process:
 
     def publish_status(self) -> None:
         """Report on `PROCESS_STATUS`: `message`, and what is wrong with the bus."""
+        self._tell_problem()
         now = time.monotonic()
         rate = self._turns / max(now - self._status_sent, 1e-6)
         self._turns, self._status_sent = 0, now
@@ -148,6 +151,13 @@ class Process:
         if unsent:
             sentences.append(f"Messages not sent: {', '.join(unsent)}.")
         return " ".join(sentences)
+
+    def _tell_problem(self) -> None:
+        """Say on the terminal, too, what keeps the process from full service; once for each new sentence."""
+        problem = self.message if self.state == process_status_t.DEGRADED else ""
+        if problem and problem != self._told:
+            print(f"{self.name}: {problem}", file=sys.stderr, flush=True)
+        self._told = problem
 
     def _listen_until(self, due: float) -> None:
         while not self.stopped_by_signal:

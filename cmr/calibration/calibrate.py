@@ -40,9 +40,10 @@ def calibrate(recordings: Recording | Sequence[Recording], nominal: ParameterFil
     segments = [segment for recording in recordings for segment in segments_of(recording)]
     commanded = any(_commanded(recording) for recording in recordings)
     has_wheels = all(len(recording.wheels) > 1 for recording in recordings)
-    if segments and commanded:
+    on_the_spot = segments and _travel(segments) == 0.0 and heading_range(segments) >= SMALLEST_TURN and has_wheels
+    if segments and commanded and not on_the_spot:
         return _by_path(recordings, segments, nominal)
-    if segments and has_wheels:
+    if segments and has_wheels and not on_the_spot:
         return _by_wheels_and_path(recordings, segments, nominal)
     if has_wheels and any(np.any(r.wheels["psi_left"]) or np.any(r.wheels["psi_right"]) for r in recordings):
         return _by_wheels(recordings, nominal, commanded)
@@ -66,10 +67,10 @@ def _by_path(recordings: list[Recording], segments: list[Segment], nominal: Para
     refined = Refinement(segments, names, first).solve()
     found = refined.estimates
     estimates = _trusted(found, unidentified, "the speed hardly changed while the path was recorded")
-    after = _error(segments, first | {name: estimate.value for name, estimate in found.items()})
-    before = math.nan
-    if nominal.has(*RobotParameters._fields):
-        before = _error(segments, nominal.robot_parameters._asdict())
+    _require(estimates, unidentified)
+    known = {"base_width": first["base_width"]} if "base_width" not in names else {}
+    before = _error(segments, known | _values(nominal))
+    after = _error(segments, known | _values(nominal) | {name: e.value for name, e in estimates.items()})
     return CalibrationResult(
         recordings[0].robot_id,
         estimates,
@@ -88,20 +89,19 @@ def _by_wheels_and_path(
 ) -> CalibrationResult:
     """Wheel radius and base width from wheel angles and poses; the motor stays unknown."""
     unidentified = dict.fromkeys(("k2_over_k3", "k1"), "no motor commands were recorded")
-    if max(travelled(segment.x, segment.y) for segment in segments) < SHORTEST_TRAVEL:
+    if _travel(segments) < SHORTEST_TRAVEL:
         raise CalibrationError("The robot did not travel: wheels and poses cannot be compared.")
     first = {name: value.value for name, value in nominal.values.items()} | {"k2_over_k3": 1.0, "k1": 1.0}
     first.setdefault("base_width", 4.0 * first["wheel_radius"])
-    before = math.nan
-    if nominal.has("base_width"):
-        before = _error(segments, first, by_wheels=True)
+    before = _error(segments, first, by_wheels=True) if nominal.has("base_width") else math.nan
     names: tuple[str, ...] = ("wheel_radius", "base_width")
     if heading_range(segments) < SMALLEST_TURN:
         unidentified["base_width"] = "the robot never turned"
         names = ("wheel_radius",)
     found = Refinement(segments, names, first, by_wheels=True).solve().estimates
     estimates = _trusted(found, unidentified, "the path hardly depends on it")
-    after = _error(segments, first | {name: e.value for name, e in found.items()}, by_wheels=True)
+    _require(estimates, unidentified)
+    after = _error(segments, first | {name: e.value for name, e in estimates.items()}, by_wheels=True)
     return CalibrationResult(
         recordings[0].robot_id, estimates, unidentified, nominal, "wheels+refine", _count(segments), before, after
     )
@@ -122,8 +122,7 @@ def _by_wheels(recordings: list[Recording], nominal: ParameterFile, commanded: b
     else:
         width = {"base_width": fit_base_width(recordings, nominal.value("wheel_radius"))}
         estimates |= _trusted(width, unidentified, "the robot hardly turned")
-    if not estimates:
-        raise CalibrationError("; ".join(f"{name}: {reason}" for name, reason in unidentified.items()))
+    _require(estimates, unidentified)
     samples = sum(len(recording.wheels) for recording in recordings)
     return CalibrationResult(recordings[0].robot_id, estimates, unidentified, nominal, "wheel speeds", samples)
 
@@ -132,7 +131,7 @@ def _trusted(found: dict[str, Estimate], unidentified: dict[str, str], reason: s
     """Return the estimates that the data determine; add the others to `unidentified`."""
     trusted = {}
     for name, estimate in found.items():
-        if estimate.value > 0.0 and estimate.std <= LARGEST_RELATIVE_STD * estimate.value:
+        if 0.0 < estimate.value < math.inf and estimate.std <= LARGEST_RELATIVE_STD * estimate.value:
             trusted[name] = estimate
         else:
             unidentified[name] = f"{reason} (standard deviation {estimate.std:.2g} of {estimate.value:.3g})"
@@ -149,7 +148,27 @@ def _radius_note(radius: float, factor: Estimate | None) -> tuple[str, ...]:
     )
 
 
+def _require(estimates: dict[str, Estimate], unidentified: dict[str, str]) -> None:
+    """Raise CalibrationError when nothing at all was found."""
+    if not estimates:
+        raise CalibrationError(
+            "Nothing could be identified. " + "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
+        )
+
+
+def _values(parameters: ParameterFile) -> dict[str, float]:
+    return {name: value.value for name, value in parameters.values.items()}
+
+
+def _travel(segments: list[Segment]) -> float:
+    """Return the length of the longest segment's path [m]."""
+    return max(travelled(segment.x, segment.y) for segment in segments)
+
+
 def _error(segments: list[Segment], values: Mapping[str, float], by_wheels: bool = False) -> float:
+    """Return the path error [m]; NaN where a parameter is not known."""
+    if not set(RobotParameters._fields) <= set(values):
+        return math.nan
     parameters = RobotParameters.of(values)
     return path_error(
         segments, [s.follow_wheels(parameters) if by_wheels else s.simulate(parameters) for s in segments]

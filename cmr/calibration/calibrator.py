@@ -90,6 +90,8 @@ class Calibrator:
             self.result = calibrate(self.recording(), self._nominal)
         except CalibrationError as error:
             self.failure = str(error)
+        except Exception as error:  # a fit that breaks down must be told, not leave the process waiting for ever
+            self.failure = f"The fit broke down on this recording ({type(error).__name__}: {error}). Keep the log."
         self.state = calibration_status_t.FAILED if self.result is None else calibration_status_t.DONE
         return self.result
 

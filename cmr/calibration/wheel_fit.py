@@ -65,7 +65,10 @@ def simulated_speeds(duty: Signal, wheels: Signal, side: str, parameters: RobotP
 
 
 def fit_base_width(recordings: list[Recording], wheel_radius: float) -> Estimate:
-    """Fit base_width to the turns that the gyro saw, given the turns of the wheels; a constant gyro bias is allowed."""
+    """Fit base_width to the turns that the gyro saw, given the turns of the wheels; a constant gyro bias is allowed.
+
+    Its value and standard deviation are infinite where the gyro saw no turn, or nothing while the wheels were heard.
+    """
     wheel_turns, gyro_turns, durations = [], [], []
     for recording in recordings:
         wheels, gyro = recording.wheels, recording.gyro
@@ -79,6 +82,8 @@ def fit_base_width(recordings: list[Recording], wheel_radius: float) -> Estimate
         durations.append(np.diff(times) * SECONDS)
     design = np.column_stack([wheel_radius * np.concatenate(wheel_turns), np.concatenate(durations)])
     turns = np.concatenate(gyro_turns)
+    if not np.any(turns) or not np.any(design[:, 0]):
+        return Estimate(np.inf, np.inf)
     solution, *_ = np.linalg.lstsq(design, turns, rcond=None)
     errors = turns - design @ solution
     covariance = errors @ errors / max(len(errors) - 2, 1) * np.linalg.pinv(design.T @ design)

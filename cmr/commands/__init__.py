@@ -12,7 +12,7 @@ from importlib import import_module
 
 def run(module: str) -> int:
     """Run `main()` of a command's module; return its exit code (0 done, 1 failed, 2 wrong usage, 130 interrupted)."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda _number, _frame: os._exit(130))
     try:
         main = import_module(module).main

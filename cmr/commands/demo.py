@@ -35,6 +35,7 @@ SPEED = 0.3  # m/s
 NOMINAL = {"wheel_radius": 0.04, "k2_over_k3": 80.0, "k1": 0.065, "base_width": 0.20}
 START_UP = 30.0  # s for all processes to be in service, on a slow machine
 FIT = 60.0  # s
+REST_BEFORE = 2.5  # s
 REST = 1_500_000  # us for which robot and leader must stand still before a drive counts as over
 
 
@@ -149,6 +150,9 @@ class _Demo:
         self._wait(self._in_service, START_UP, "all processes")
         print(f"[{time.monotonic() - began:5.1f} s] {', '.join(commands)} are running", flush=True)
         self._parameters_before = self._parameters_in_use
+        # The calibration uses the rest before the drive; let the calibrator hear as much of it as the log holds.
+        rested_at = time.monotonic() + REST_BEFORE
+        self._wait(lambda: time.monotonic() >= rested_at, 2.0 * REST_BEFORE, "the robot to have rested")
         self._drive("first drive, with the nominal parameters")
         self._wait(self._calibrated, FIT, "the calibration")
         self._wait(self._new_parameters_in_use, 5.0, "cmr-sim to use the new parameters")

@@ -1,6 +1,7 @@
 """Descriptions of robots and behaviours on the command line: `10=figure_eight,x=0.5,speed=0.3`."""
 
 import argparse
+import sys
 from dataclasses import dataclass
 
 from cmr.commands.command_line import CommandError, parse_robot_id
@@ -16,6 +17,8 @@ def behaviour_of(text: str) -> tuple[Behaviour, dict[str, float]]:
 
     Raises CommandError saying what is wrong.
     """
+    if "" not in sys.path:
+        sys.path.append("")  # a user's own module:Class lies in the folder where the command is run
     name, *pairs = text.split(",")
     settings = {}
     for pair in pairs:

@@ -18,7 +18,7 @@ from cmr.bus.streams import (
     WORLD_STATE,
     Stream,
 )
-from cmr.commands.command_line import parse_robot_id, parser
+from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.following import ParameterFollower
@@ -32,6 +32,10 @@ PACKET = 1400  # bytes; more than that is split by a real network
 def main(arguments: list[str]) -> int:
     """Run cmr-sim."""
     options = _options(arguments)
+    if not options.parameters.is_dir():
+        raise CommandError(
+            f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
+        )
     world = World(
         virtual_robots(options.virtual, options.parameters_of),
         lambda robot_id: ParameterFollower(robot_id, options.parameters / f"robot_{robot_id}.yaml"),

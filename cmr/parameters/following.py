@@ -56,7 +56,9 @@ class ParameterFollower:
                 return False
             text = self.path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            self._file_problem = self._kept(f"{self.path}: cannot be read: {error}")
+            # A file that never was is no fault where the parameters came by announcement, from another host.
+            announced = self.parameters is not None and self._seen is None and isinstance(error, FileNotFoundError)
+            self._file_problem = "" if announced else self._kept(f"{self.path}: cannot be read: {error}")
             return False
         # A file found at the start is as old as it says; one replaced later is the newest there is.
         now = now_utime()

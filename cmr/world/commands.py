@@ -12,11 +12,16 @@ class CommandMemory:
         self._command = (0, 0.0, 0.0)
 
     def take(self, utime: int, left: float, right: float) -> None:
-        """Take a command decided at `utime` [us]; one that is no number, or older than the last, is passed over."""
-        if utime >= self._command[0] and math.isfinite(left) and math.isfinite(right):
+        """Take a command decided at `utime` [us].
+
+        One that is no number, or a little older than the last, is passed over; one that is older by more than a
+        command's lifetime comes from another clock, and counts.
+        """
+        in_order = not 0 < self._command[0] - utime <= COMMAND_LIFETIME
+        if in_order and math.isfinite(left) and math.isfinite(right):
             self._command = (utime, left, right)
 
     def at(self, utime: int) -> tuple[float, float]:
         """Return the duties (left, right) in force at `utime` [us]."""
         decided, left, right = self._command
-        return (left, right) if utime - decided <= COMMAND_LIFETIME else (0.0, 0.0)
+        return (left, right) if abs(utime - decided) <= COMMAND_LIFETIME else (0.0, 0.0)

@@ -22,6 +22,7 @@ TURN_STD = {"gyro": 0.01, "wheels": 0.1}  # rad per square root of second with a
 REST_STD = 1e-4  # m or rad per square root of second: keeps the filter willing to learn at rest
 GYRO_LIFETIME = 100_000  # us; after this long without a reading the wheels tell the turns
 LONGEST_STEP = 0.2  # s; over a longer gap in the feedback nothing is assumed about the motion
+CLOCK_STEP = 1.0  # s; stamps further back than this are no late message but another clock
 HISTORY = 1_000_000  # us within which late poses still find where the robot was
 ACCELERATION_SMOOTHING = 0.05  # s; time constant of the smoothed wheel acceleration
 
@@ -68,6 +69,11 @@ class Estimator:
     def _roll(self, message: Any) -> None:
         """Carry the estimate on by what the wheels have done since the last feedback."""
         dt = (message.utime - self._feedback_utime) * 1e-6
+        if dt < -CLOCK_STEP:
+            # The robot's clock was set back, or one stamp was wrong: go on from here.
+            self._feedback_utime = self.utime = message.utime
+            self._history.clear()
+            return
         if dt <= 0.0:
             return
         psi = (message.psi_left, message.psi_right)

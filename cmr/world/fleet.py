@@ -8,7 +8,7 @@ from cmr.recordings.recording import Floats
 from cmr.world.view import Robot
 
 STEP = 10_000  # us; one step of the simulation
-FURTHEST_BEHIND = 1_000_000  # us; a simulator that was held up for longer skips the rest
+FURTHEST_BEHIND = 1_000_000  # us; a simulator held up for longer, or whose clock was set, skips the rest
 
 
 class Fleet:
@@ -45,7 +45,7 @@ class Fleet:
 
     def advance(self, utime: int) -> bool:
         """Let one step pass if it is due by `utime`; tell whether it did."""
-        if utime - self.utime > FURTHEST_BEHIND:
+        if abs(utime - self.utime) > FURTHEST_BEHIND:
             self.utime = utime - STEP
         if self.utime + STEP > utime:
             return False

@@ -96,20 +96,24 @@ class World:
             now = self._fleet.utime
             for robot in self._fleet.robots():
                 self.view.put(robot)
+            for robot in self._present():
+                self.view.put(robot)
             for robot_id, real in self._real.items():
-                self.view.put(Robot(real.estimator.utime, robot_id, REAL, real.estimator.state))
                 self._drive_twin(robot_id, real, now)
             for virtual in self._virtual.values():
                 self._decide(virtual, now)
 
     def robots(self) -> list[Robot]:
         """Return all robots of the world as they are now; real robots not heard of lately are left out."""
-        real = [
+        return self._present() + self._fleet.robots()
+
+    def _present(self) -> list[Robot]:
+        """Return the real robots heard of lately; one whose clock is off by more is as good as not heard."""
+        return [
             Robot(robot.estimator.utime, robot_id, REAL, robot.estimator.state)
             for robot_id, robot in self._real.items()
-            if self._fleet.utime - robot.estimator.utime <= LOST
+            if abs(self._fleet.utime - robot.estimator.utime) <= LOST
         ]
-        return real + self._fleet.robots()
 
     def _real_robot(self, robot_id: int) -> _RealRobot:
         if robot_id not in self._real:
