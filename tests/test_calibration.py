@@ -113,6 +113,13 @@ def test_without_poses_and_gyro_the_base_width_is_not_invented() -> None:
     assert "gyro" in result.unidentified["base_width"]
 
 
+@pytest.mark.parametrize("duty", [0.0612, 0.3446])
+def test_a_coarse_encoder_does_not_draw_the_motor_to_whole_ticks(duty: float) -> None:
+    channels = ("MOTOR_COMMAND", "MOTOR_FEEDBACK", "PARAMETERS")
+    drive = messages(IDEAL, seconds=10.0, duties=lambda _share: (duty, duty), channels=channels)
+    assert calibrate(recording_of(drive)).estimates["k1"].value == pytest.approx(TRUTH["k1"], rel=0.002)
+
+
 def test_a_dead_gyro_leaves_the_base_width_unknown() -> None:
     drive = messages(IDEAL, seconds=8.0, channels=("MOTOR_COMMAND", "MOTOR_FEEDBACK", "GYRO", "PARAMETERS"))
     for channel, message in drive:

@@ -12,16 +12,13 @@ from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats, Recording, Signal
 
 GYRO_WINDOW = 0.5  # s; turns are compared over windows of this length
-MEDIAN_OF_NORMAL = 0.6745  # median size of a normal error of standard deviation 1
-SMALLEST_ERROR = 1e-3  # rad/s; perfect, made-up data have no usual error
 
 
 def fit_motor(recordings: list[Recording], sides: tuple[str, ...] = ("left", "right")) -> dict[str, Estimate]:
     """Fit k2_over_k3 and k1 to measured wheel speeds of the given sides, driving the recorded commands.
 
-    Several time constants are tried as a first guess. Errors beyond the usual count by their size, not its square
-    (soft L1 loss): a wheel that friction holds at rest, or that is blocked, must not bend the fit of all the rest.
-    Standard deviations allow for correlated residuals.
+    Several time constants are tried as a first guess. Plain least squares: a robust loss would draw the speeds of a
+    coarse encoder to the nearest whole tick. Standard deviations allow for correlated residuals.
     """
     drives = [(r.duty, r.wheels, side) for r in recordings for side in sides]
     commanded = sum(float(np.sum(np.abs(hold(duty, side, w.utime)) * _spans(w))) for duty, w, side in drives)
@@ -35,9 +32,7 @@ def fit_motor(recordings: list[Recording], sides: tuple[str, ...] = ("left", "ri
         )
 
     guesses = [np.log([1.0 / (rough_k1 * tau), rough_k1]) for tau in np.geomspace(*TIME_CONSTANTS, 4)]
-    rough = min((least_squares(residuals, guess) for guess in guesses), key=lambda fit: float(fit.cost))
-    usual = max(float(np.median(np.abs(rough.fun))) / MEDIAN_OF_NORMAL, SMALLEST_ERROR)
-    best = least_squares(residuals, rough.x, loss="soft_l1", f_scale=usual)
+    best = min((least_squares(residuals, guess) for guess in guesses), key=lambda fit: float(fit.cost))
     errors = best.fun
     rho = float(np.clip(errors[1:] @ errors[:-1] / max(float(errors @ errors), 1e-300), 0.0, 0.999))
     variance = float(errors @ errors) / max(len(errors) - 2, 1) * (1.0 + rho) / (1.0 - rho)
