@@ -51,7 +51,7 @@ class Pilot:
         if self._estop.engaged:
             self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
         elif me is None or utime - me.utime > OLDEST_WORLD:
-            self.waiting_for = f"robot {self.robot_id} in WORLD_STATE: is cmr-sim running, and the driver?"
+            self.waiting_for = f"robot {self.robot_id} in WORLD_STATE (from cmr-sim and its driver)"
         elif self.parameters.parameters is None:
             self.waiting_for = f"parameters of robot {self.robot_id}. {self.parameters.message}"
         else:
