@@ -1,5 +1,6 @@
 """What was recorded of a robot, as arrays: from an event log, or gathered live from the bus."""
 
-from cmr.recordings.recording import Recorder, Recording, RecordingError
+from cmr.recordings.batch import read_robots
+from cmr.recordings.recording import Recorder, Recording, RecordingError, read_messages
 
-__all__ = ["Recorder", "Recording", "RecordingError"]
+__all__ = ["Recorder", "Recording", "RecordingError", "read_messages", "read_robots"]

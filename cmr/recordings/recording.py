@@ -1,24 +1,32 @@
 """One robot's recording: commands, wheels, gyro and external pose, each on its own clocked time line."""
 
-from dataclasses import dataclass, replace
+from array import array
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream, identify
-from cmr.parameters.file import ParameterFile, ParameterFileError, parse
+from cmr.bus.streams import PARAMETERS
+from cmr.parameters.file import ParameterFile
+from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
+from cmr.recordings.batch import read_robots
 from cmr.recordings.log import LogReader
+from cmr.recordings.signal import Floats, Mask, Signal, Times
 
-Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
-
-# The fields that are kept of each stream, after utime.
-COMMAND_FIELDS = ("left", "right")
-WHEEL_FIELDS = ("ticks_left", "ticks_right", "psi_left", "psi_right", "applied_left", "applied_right")
-GYRO_FIELDS = ("yaw_rate",)
-POSE_FIELDS = ("x", "y", "theta")
+__all__ = [
+    "Floats",
+    "Recorder",
+    "Recording",
+    "RecordingError",
+    "Signal",
+    "Times",
+    "choose_robot",
+    "read_log",
+    "read_messages",
+]
 
 
 class RecordingError(Exception):
@@ -26,42 +34,11 @@ class RecordingError(Exception):
 
 
 @dataclass(frozen=True)
-class Signal:
-    """What one sensor, or the commander, said over time.
-
-    `utime` [us] is strictly increasing, shape (n,); `fields` holds one array of shape (n,) for each field of the
-    message type, in its units.
-    """
-
-    utime: Times
-    fields: dict[str, Floats]
-
-    def __len__(self) -> int:
-        return len(self.utime)
-
-    def __getitem__(self, field: str) -> Floats:
-        return self.fields[field]
-
-    def between(self, first: int, last: int) -> "Signal":
-        """Return the part from utime `first` to `last`, both included."""
-        keep = (self.utime >= first) & (self.utime <= last)
-        return Signal(self.utime[keep], {name: values[keep] for name, values in self.fields.items()})
-
-    @classmethod
-    def of(cls, rows: list[tuple[float, ...]], fields: tuple[str, ...]) -> "Signal":
-        """Return the signal of rows (utime, fields...); sorted by time, the first of repeated times kept."""
-        if not rows:
-            return cls(np.empty(0, np.int64), {name: np.empty(0) for name in fields})
-        utime, first = np.unique(np.array([row[0] for row in rows], np.int64), return_index=True)
-        table = np.array([row[1:] for row in rows], np.float64)[first]
-        return cls(utime, {name: table[:, column] for column, name in enumerate(fields)})
-
-
-@dataclass(frozen=True)
 class Recording:
     """All that was recorded of one robot; a signal that was not recorded is empty.
 
-    `parameters` is the newest parameter file announced in the recording, None without one.
+    `parameters` is the newest parameter file announced in the recording, None without one. `rejected` counts by
+    (channel, reason) messages of the log that could not be decoded, `damaged_bytes` what is no intact event in it.
     """
 
     robot_id: int
@@ -70,6 +47,8 @@ class Recording:
     gyro: Signal
     poses: Signal
     parameters: ParameterFile | None = None
+    rejected: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    damaged_bytes: int = 0
 
     @classmethod
     def read(cls, path: Path | str, robot_id: int | None = None) -> "Recording":
@@ -77,13 +56,19 @@ class Recording:
 
         Raises RecordingError when the log cannot be opened, holds no robot or several to choose from.
         """
-        recorders: dict[int, Recorder] = {}
-        for received in read_log(path):
-            if received.robot_id is not None:
-                recorder = recorders.setdefault(received.robot_id, Recorder(received.robot_id))
-                recorder.handle(received.message.utime, received.channel, received.message)
-        chosen = choose_robot({robot: recorder.measured for robot, recorder in recorders.items()}, robot_id, str(path))
-        return recorders[chosen].recording()
+        return cls.of(read_messages(path, robot_id))
+
+    @classmethod
+    def of(cls, messages: RobotMessages) -> "Recording":
+        """Return the recording that these messages make."""
+        signals = {name: messages.arrivals[name].signal(kept) for name, kept in KEPT.items()}
+        return cls(
+            messages.robot_id,
+            **signals,
+            parameters=messages.parameters,
+            rejected=messages.rejected,
+            damaged_bytes=messages.damaged_bytes,
+        )
 
     @property
     def duty(self) -> Signal:
@@ -96,85 +81,112 @@ class Recording:
             {"left": self.wheels["applied_left"][sent], "right": self.wheels["applied_right"][sent]},
         )
 
+    @property
+    def signals(self) -> dict[str, Signal]:
+        """The signals by name: commands, wheels, gyro, poses."""
+        return {name: getattr(self, name) for name in KEPT}
+
     def between(self, first: int, last: int) -> "Recording":
         """Return the part from utime `first` to `last`, both included."""
-        signals = ("commands", "wheels", "gyro", "poses")
-        return replace(self, **{name: getattr(self, name).between(first, last) for name in signals})
+        parts: dict[str, Any] = {name: signal.between(first, last) for name, signal in self.signals.items()}
+        return replace(self, **parts)
+
+    def where(self, keep: Mapping[str, Mask]) -> "Recording":
+        """Return the samples at which `keep`, of shape (n,) for each signal named in it, is true."""
+        parts: dict[str, Any] = {name: self.signals[name].where(mask) for name, mask in keep.items()}
+        return replace(self, **parts)
 
 
 class Recorder:
-    """Gathers the recording of one robot from messages, live or from a log.
-
-    `measured` counts messages that only a real robot has: feedback of its motors, or its pose.
-    """
+    """Gathers the recording of one robot from messages, live or from a log."""
 
     def __init__(self, robot_id: int) -> None:
         self.robot_id = robot_id
-        self.measured = 0
-        self.parameters: ParameterFile | None = None
-        self._sequence = -1
-        self._rows: dict[str, list[tuple[float, ...]]] = {
-            stream.name: [] for stream in (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE)
-        }
+        self._announcements = Announcements()
+        self._announcing = PARAMETERS.channel(robot_id)
+        self._columns = {kept.stream.channel(robot_id): _Columns(kept) for kept in KEPT.values()}
+        self._number = 0
 
     def handle(self, _utime: int, channel: str, message: Any) -> None:
         """Take one message; those of other robots and other streams are passed over."""
-        stream, robot_id = identify(channel) or (None, None)
-        if stream is None or robot_id != self.robot_id:
-            return
-        if stream is PARAMETERS:
-            self._take_parameters(channel, message)
-        elif stream is MOTOR_FEEDBACK:
-            self._keep(stream, message, WHEEL_FIELDS, finite=4)
-        elif stream is POSE:
-            self._keep(stream, message, POSE_FIELDS, finite=3)
-        elif stream is MOTOR_COMMAND:
-            self._keep(stream, message, COMMAND_FIELDS, finite=2)
-        elif stream is GYRO and message.valid:
-            self._keep(stream, message, GYRO_FIELDS, finite=1)
+        columns = self._columns.get(channel)
+        if columns is not None:
+            columns.add(self._number, message)
+        elif channel == self._announcing:
+            self._announcements.take(self._number, channel, message)
+        self._number += 1
 
     def forget(self, before: int) -> None:
         """Drop what was measured before this utime [us]; parameters stay."""
-        for name, rows in self._rows.items():
-            self._rows[name] = [row for row in rows if row[0] >= before]
+        for columns in self._columns.values():
+            columns.forget(before)
+
+    @property
+    def measured(self) -> int:
+        """How many messages are held that only a real robot has: feedback of its motors, or its pose."""
+        return self.messages().measured
+
+    @property
+    def parameters(self) -> ParameterFile | None:
+        """The newest parameter file announced, None without one."""
+        return self.messages().parameters
+
+    def messages(self) -> RobotMessages:
+        """Return all messages gathered so far, as arrays in the order of arrival."""
+        arrivals = {name: self._columns[kept.stream.channel(self.robot_id)].arrivals() for name, kept in KEPT.items()}
+        return RobotMessages(self.robot_id, arrivals, self._announcements, last=self._number)
 
     def recording(self) -> Recording:
         """Return what has been gathered so far."""
-        return Recording(
-            self.robot_id,
-            commands=Signal.of(self._rows[MOTOR_COMMAND.name], COMMAND_FIELDS),
-            wheels=Signal.of(self._rows[MOTOR_FEEDBACK.name], WHEEL_FIELDS),
-            gyro=Signal.of(self._rows[GYRO.name], GYRO_FIELDS),
-            poses=Signal.of(self._rows[POSE.name], POSE_FIELDS),
-            parameters=self.parameters,
-        )
+        return Recording.of(self.messages())
 
-    def _keep(self, stream: Stream, message: Any, fields: tuple[str, ...], finite: int) -> None:
-        """Keep a message whose first `finite` fields are finite numbers."""
-        row = tuple(getattr(message, name) for name in fields)
-        if all(abs(value) < float("inf") for value in row[:finite]):
-            self._rows[stream.name].append((message.utime, *row))
-            self.measured += stream in (MOTOR_FEEDBACK, POSE)
 
-    def _take_parameters(self, channel: str, message: Any) -> None:
-        if message.sequence <= self._sequence:
-            return
-        try:
-            self.parameters = parse(message.yaml, channel)
-        except ParameterFileError:
-            return  # a broken announcement does not make the recording useless
-        self._sequence = message.sequence
+class _Columns:
+    """Messages of one stream, gathered one by one: 16 bytes each and 8 for each field."""
+
+    def __init__(self, kept: Kept) -> None:
+        self._names = kept.columns
+        self._fields: list[Callable[[Any], float]] = [attrgetter(name) for name in kept.columns]
+        self._times, self._values = array("q"), array("d")
+
+    def add(self, number: int, message: Any) -> None:
+        self._times.extend((message.utime, number))
+        self._values.extend([field(message) for field in self._fields])
+
+    def arrivals(self) -> Arrivals:
+        times = np.array(self._times, np.int64).reshape(-1, 2)
+        values = np.array(self._values, np.float64).reshape(-1, len(self._names))
+        columns = {name: values[:, column].copy() for column, name in enumerate(self._names)}
+        return Arrivals(times[:, 0].copy(), times[:, 1].copy(), columns)
+
+    def forget(self, before: int) -> None:
+        times = np.array(self._times, np.int64).reshape(-1, 2)
+        keep = times[:, 0] >= before
+        values = np.array(self._values, np.float64).reshape(-1, len(self._names))
+        self._times, self._values = array("q", times[keep].tobytes()), array("d", values[keep].tobytes())
+
+
+def read_messages(path: Path | str, robot_id: int | None = None) -> RobotMessages:
+    """Read from an LCM event log what came from a robot; `robot_id` may be left out if there is one robot.
+
+    Raises RecordingError when the log cannot be opened, holds no robot or several to choose from.
+    """
+    try:
+        robots = read_robots(path)
+    except OSError as error:
+        raise _cannot_be_opened(path, error) from error
+    return robots[choose_robot({robot: messages.measured for robot, messages in robots.items()}, robot_id, str(path))]
 
 
 def read_log(path: Path | str) -> LogReader:
-    """Open an event log.
+    """Open an event log to read it message by message.
 
     Raises RecordingError when it cannot be opened.
     """
     try:
         return LogReader(Path(path))
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be opened: {error.strerror}") from error
+        raise _cannot_be_opened(path, error) from error
 
 
 def choose_robot(measured: dict[int, int], robot_id: int | None, source: str) -> int:
@@ -194,3 +206,7 @@ def choose_robot(measured: dict[int, int], robot_id: int | None, source: str) ->
             f"{source}: no MOTOR_FEEDBACK_N or POSE_N in it. Logs of other robots come in through cmr-import."
         )
     raise RecordingError(f"{source}: holds robots {present}; choose one with --robot")
+
+
+def _cannot_be_opened(path: Path | str, error: OSError) -> RecordingError:
+    return RecordingError(f"{path}: cannot be opened: {error.strerror}")

@@ -1,0 +1,174 @@
+"""What came from one robot, message by message in the order of arrival, as arrays.
+
+The one place that says which messages become samples of a recording: live messages and those of a log pass here.
+"""
+
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, POSE, Stream
+from cmr.parameters.file import ParameterFile, ParameterFileError, parse
+from cmr.recordings.signal import Floats, Mask, Signal, Times, no_times
+
+LAST_NUMBER = 2**63 - 1  # later than any message
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a recording keeps of one stream.
+
+    `fields` of the message after utime. A message is left out in which one of `finite` is not a finite number, or
+    the field `flag` is 0. `measured` marks streams that only a real robot has.
+    """
+
+    stream: Stream
+    fields: tuple[str, ...]
+    finite: tuple[str, ...]
+    flag: str | None = None
+    measured: bool = False
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The fields to gather: those that are kept and the flag."""
+        return self.fields if self.flag is None else (*self.fields, self.flag)
+
+
+COMMANDS = Kept(MOTOR_COMMAND, ("left", "right"), finite=("left", "right"))
+WHEELS = Kept(
+    MOTOR_FEEDBACK,
+    ("ticks_left", "ticks_right", "psi_left", "psi_right", "applied_left", "applied_right"),
+    finite=("ticks_left", "ticks_right", "psi_left", "psi_right"),
+    measured=True,
+)
+GYRO_RATE = Kept(GYRO, ("yaw_rate",), finite=("yaw_rate",), flag="valid")
+POSES = Kept(POSE, ("x", "y", "theta"), finite=("x", "y", "theta"), measured=True)
+
+# The signals of a recording, by the name that Recording has for each.
+KEPT: Mapping[str, Kept] = {"commands": COMMANDS, "wheels": WHEELS, "gyro": GYRO_RATE, "poses": POSES}
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """All messages of one stream in the order of arrival.
+
+    `utime` [us], `number` (increasing; the place among all messages of the log or the drive) and the `columns`, in
+    the units of the message type, are of shape (n,).
+    """
+
+    utime: Times
+    number: Times
+    columns: dict[str, Floats]
+
+    @classmethod
+    def none(cls, kept: Kept) -> "Arrivals":
+        """Return the arrivals of a stream of which nothing came."""
+        return cls(no_times(), no_times(), {name: np.empty(0) for name in kept.columns})
+
+    def where(self, keep: Mask) -> "Arrivals":
+        """Return the messages at which `keep`, shape (n,), is true."""
+        if keep.all():
+            return self
+        columns = {name: values[keep] for name, values in self.columns.items()}
+        return Arrivals(self.utime[keep], self.number[keep], columns)
+
+    def finite(self, kept: Kept) -> Mask:
+        """Tell which messages hold finite numbers where they must, shape (n,)."""
+        finite = np.ones(len(self.utime), np.bool_)
+        for name in kept.finite:
+            finite &= np.isfinite(self.columns[name])
+        return finite
+
+    def usable(self, kept: Kept) -> "Arrivals":
+        """Return the messages that can be samples."""
+        usable = self.finite(kept)
+        return self.where(usable if kept.flag is None else usable & (self.columns[kept.flag] != 0.0))
+
+    def signal(self, kept: Kept) -> Signal:
+        """Return the samples; sorted by time, the first of repeated times kept."""
+        finite = int(np.count_nonzero(self.finite(kept)))
+        usable = self.usable(kept)
+        left_out = {"not a finite number": len(self.utime) - finite, "marked as not valid": finite - len(usable.utime)}
+        utime, number, columns = usable.utime, usable.number, usable.columns
+        if np.any(utime[1:] <= utime[:-1]):
+            utime, first = np.unique(utime, return_index=True)
+            number, columns = number[first], {name: values[first] for name, values in columns.items()}
+        left_out["of a time that was there before"] = len(usable.utime) - len(utime)
+        fields = {name: columns[name] for name in kept.fields}
+        return Signal(utime, fields, number, {reason: count for reason, count in left_out.items() if count})
+
+
+class Announcements:
+    """The parameter files announced of a robot.
+
+    `taken` holds, with the number of the message that brought it, each that was newer than all before; broken ones
+    are passed over. `utime` [us] and `number` are those of every announcement.
+    """
+
+    def __init__(self) -> None:
+        self.utime, self.number = array("q"), array("q")
+        self.taken: list[tuple[int, ParameterFile]] = []
+        self._sequence = -1
+
+    def take(self, number: int, channel: str, message: Any) -> None:
+        """Take one announcement, a parameters_t."""
+        self.utime.append(message.utime)
+        self.number.append(number)
+        if message.sequence <= self._sequence:
+            return
+        try:
+            parameters = parse(message.yaml, channel)
+        except ParameterFileError:
+            return  # a broken announcement does not make the recording useless
+        self.taken.append((number, parameters))
+        self._sequence = message.sequence
+
+    def newest(self, number: int) -> ParameterFile | None:
+        """Return the newest parameter file that had come by the message of this number, None without one."""
+        return next((parameters for at, parameters in reversed(self.taken) if at <= number), None)
+
+
+@dataclass(frozen=True)
+class RobotMessages:
+    """All that came from one robot, in the order of arrival.
+
+    `arrivals` holds those of the signals in `KEPT`, by the same names. `rejected` counts by (channel, reason) the
+    messages that could not be decoded, `damaged_bytes` what is no intact event in the log. Messages after number
+    `last` are not there.
+    """
+
+    robot_id: int
+    arrivals: Mapping[str, Arrivals]
+    announcements: Announcements = field(default_factory=Announcements)
+    rejected: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    damaged_bytes: int = 0
+    last: int = LAST_NUMBER
+
+    @property
+    def measured(self) -> int:
+        """How many messages there are that only a real robot has: feedback of its motors, or its pose."""
+        return sum(
+            int(np.count_nonzero(self.arrivals[name].finite(kept))) for name, kept in KEPT.items() if kept.measured
+        )
+
+    @property
+    def parameters(self) -> ParameterFile | None:
+        """The newest parameter file announced, None without one."""
+        return self.announcements.newest(self.last)
+
+    def latest_utime(self) -> tuple[Times, Times]:
+        """Return the number of each message, increasing, and the latest utime [us] seen by then, shape (n,)."""
+        announced = np.array(self.announcements.number, np.int64), np.array(self.announcements.utime, np.int64)
+        streams = [(stream.number, stream.utime) for stream in self.arrivals.values()]
+        number, utime = (np.concatenate(column) for column in zip(announced, *streams, strict=True))
+        order = np.argsort(number)
+        order = order[: np.searchsorted(number[order], self.last, side="right")]
+        return number[order], np.maximum.accumulate(utime[order])
+
+    def until(self, number: int) -> "RobotMessages":
+        """Return what had come when the message of this number had come."""
+        arrivals = {name: stream.where(stream.number <= number) for name, stream in self.arrivals.items()}
+        return replace(self, arrivals=arrivals, last=min(number, self.last))

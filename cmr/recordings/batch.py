@@ -1,0 +1,171 @@
+"""Read an event log into arrays: the messages of a channel are decoded all at once.
+
+How the bytes lie follows from the generated message class, once, so that it cannot disagree with the wire types.
+"""
+
+from array import array
+from collections import Counter, defaultdict
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import lcm
+import numpy as np
+
+from cmr.bus.messages import RejectedMessage, decode
+from cmr.bus.streams import PARAMETERS, identify
+from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
+from cmr.recordings.log import intact_events
+
+EVENT_HEADER_BYTES = 28  # sync word, event number, time stamp, lengths of channel name and of data
+FINGERPRINT = "fingerprint"  # name of the first 8 bytes of every message
+# NumPy's names of LCM's types of fixed size; LCM sends the most significant byte first.
+WIRE_TYPES = {
+    "int8_t": ">i1",
+    "int16_t": ">i2",
+    "int32_t": ">i4",
+    "int64_t": ">i8",
+    "float": ">f4",
+    "double": ">f8",
+    "byte": ">u1",
+    "boolean": ">i1",
+}
+
+
+@cache
+def layout_of(message_type: Any) -> np.dtype[Any]:
+    """Return how an encoded message of this generated class lies in memory: fingerprint, then its fields.
+
+    Raises TypeError for a class that is not of fixed size.
+    """
+    fields = zip(message_type.__slots__, message_type.__typenames__, message_type.__dimensions__, strict=True)
+    layout = [(FINGERPRINT, "V8")]
+    for name, wire_type, dimensions in fields:
+        if wire_type not in WIRE_TYPES or dimensions is not None:
+            raise TypeError(f"{message_type.__name__}: {name} is not of fixed size")
+        layout.append((name, WIRE_TYPES[wire_type]))
+    return np.dtype(layout)
+
+
+class SignalGatherer:
+    """Gathers the messages of a channel that becomes a signal; decodes them in the end."""
+
+    def __init__(self, channel: str, kept: Kept, robot_id: int, rejected: Counter[tuple[str, str]]) -> None:
+        self._channel, self._kept, self._robot_id = channel, kept, robot_id
+        self._rejected = rejected
+        self._layout = layout_of(kept.stream.message_type)
+        self._fingerprint = kept.stream.message_type._get_packed_fingerprint()
+        self._numbers = array("q")
+        self._data = bytearray()
+
+    def take(self, number: int, data: bytes) -> None:
+        """Take one encoded message; as in the generated decoder, bytes beyond the type's are of no account."""
+        size = self._layout.itemsize
+        if not data.startswith(self._fingerprint):
+            self._rejected[self._channel, "foreign"] += 1
+        elif len(data) < size:
+            self._rejected[self._channel, "corrupt"] += 1
+        else:
+            self._numbers.append(number)
+            self._data += data if len(data) == size else data[:size]
+
+    def arrivals(self) -> Arrivals:
+        """Decode what was gathered, and let go of the bytes."""
+        messages = np.frombuffer(self._data, self._layout)
+        own = messages["robot_id"] == self._robot_id
+        if not own.all():
+            self._rejected[self._channel, "wrong_robot"] += int(np.count_nonzero(~own))
+            messages = messages[own]
+        number = np.array(self._numbers, np.int64)[own]
+        columns = {name: messages[name].astype(np.float64) for name in self._kept.columns}
+        arrivals = Arrivals(messages["utime"].astype(np.int64), number, columns)
+        self._data, self._numbers = bytearray(), array("q")
+        return arrivals
+
+
+class AnnouncementGatherer:
+    """Gathers the parameter files announced on a channel."""
+
+    def __init__(self, channel: str, rejected: Counter[tuple[str, str]]) -> None:
+        self.announcements = Announcements()
+        self._channel = channel
+        self._rejected = rejected
+
+    def take(self, number: int, data: bytes) -> None:
+        """Decode one encoded message."""
+        try:
+            message = decode(self._channel, data).message
+        except RejectedMessage as rejected:
+            self._rejected[self._channel, rejected.reason] += 1
+        else:
+            self.announcements.take(number, self._channel, message)
+
+
+class LogGatherer:
+    """Gathers what a log holds, event by event; `rejected` counts by (channel, reason) what was not taken."""
+
+    def __init__(self) -> None:
+        self.rejected: Counter[tuple[str, str]] = Counter()
+        self._takers: dict[str, Callable[[int, bytes], None]] = {}
+        self._signals: dict[int, dict[str, SignalGatherer]] = defaultdict(dict)
+        self._announced: dict[int, AnnouncementGatherer] = {}
+
+    def take(self, number: int, channel: str, data: bytes) -> None:
+        """Take one event; the number counts them."""
+        taker = self._takers.get(channel)
+        if taker is None:
+            taker = self._takers[channel] = self._taker(channel)
+        taker(number, data)
+
+    def robots(self, damaged_bytes: int) -> dict[int, RobotMessages]:
+        """Decode what was gathered, by robot id."""
+        robots = {}
+        for robot_id in sorted(self._signals.keys() | self._announced.keys()):
+            signals, announced = self._signals[robot_id], self._announced.get(robot_id)
+            robots[robot_id] = RobotMessages(
+                robot_id,
+                {n: signals[n].arrivals() if n in signals else Arrivals.none(kept) for n, kept in KEPT.items()},
+                announced.announcements if announced else Announcements(),
+                self.rejected,
+                damaged_bytes,
+            )
+        return robots
+
+    def _taker(self, channel: str) -> Callable[[int, bytes], None]:
+        """Return what takes the messages of a channel."""
+        stream, robot_id = identify(channel) or (None, None)
+        if stream is None:
+            return lambda _number, _data: self.rejected.update([(channel, "unknown_channel")])
+        if robot_id is not None and stream is PARAMETERS:
+            announced = self._announced[robot_id] = AnnouncementGatherer(channel, self.rejected)
+            return announced.take
+        name = next((name for name, kept in KEPT.items() if kept.stream is stream), None)
+        if robot_id is None or name is None:
+            return lambda _number, _data: None  # a recording keeps nothing of this stream
+        signal = self._signals[robot_id][name] = SignalGatherer(channel, KEPT[name], robot_id, self.rejected)
+        return signal.take
+
+
+def read_robots(path: Path | str) -> dict[int, RobotMessages]:
+    """Read from an event log what came from each robot, by robot id.
+
+    A truncated or damaged log yields its intact events. `rejected` of the robots counts, by the words of
+    cmr.bus.messages.REASONS, what could not be decoded on the channels that a recording is made of, and messages on
+    channels that are none of CMR's. Raises OSError when the file cannot be opened.
+    """
+    path = Path(path)
+    with path.open("rb"):
+        pass  # LCM's own error does not say why a file cannot be opened
+    gatherer = LogGatherer()
+    intact_bytes = 0
+    log = lcm.EventLog(str(path), "r")
+    try:
+        for number, event in enumerate(intact_events(log)):
+            channel, data = event.channel, event.data
+            gatherer.take(number, channel, data)
+            intact_bytes += EVENT_HEADER_BYTES + (len(channel) if channel.isascii() else len(channel.encode()))
+            intact_bytes += len(data)
+    finally:
+        log.close()
+    return gatherer.robots(path.stat().st_size - intact_bytes)

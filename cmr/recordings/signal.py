@@ -1,0 +1,54 @@
+"""One signal of a recording: the values a sensor, or the commander, gave over time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SECONDS = 1e-6  # per microsecond
+
+
+def no_times() -> Times:
+    """Return an empty array of times."""
+    return np.empty(0, np.int64)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """What one sensor, or the commander, said over time.
+
+    `utime` [us] is strictly increasing, shape (n,); `fields` holds one array of shape (n,) for each field of the
+    message type, in its units. `number`, shape (n,), tells the order in which the samples arrived among all
+    messages of the recording; it is empty where that is not known. `left_out` counts by reason the messages of the
+    signal that are no samples of it.
+    """
+
+    utime: Times
+    fields: dict[str, Floats]
+    number: Times = field(default_factory=no_times)
+    left_out: Mapping[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.utime)
+
+    def __getitem__(self, field: str) -> Floats:
+        return self.fields[field]
+
+    @property
+    def seconds(self) -> Floats:
+        """Time of each sample since the first [s], shape (n,)."""
+        return np.asarray((self.utime - self.utime[:1]) * SECONDS, np.float64)
+
+    def between(self, first: int, last: int) -> "Signal":
+        """Return the part from utime `first` to `last`, both included."""
+        return self.where((self.utime >= first) & (self.utime <= last))
+
+    def where(self, keep: Mask) -> "Signal":
+        """Return the samples at which `keep`, shape (n,), is true."""
+        fields = {name: values[keep] for name, values in self.fields.items()}
+        return Signal(self.utime[keep], fields, self.number[keep] if len(self.number) else self.number, self.left_out)
