@@ -222,9 +222,7 @@ def _steps_of_grass(recording: Recording, rows: list[dict[str, str]]) -> Iterato
 
 
 def _thinned(run: Recording) -> Recording:
-    poses = run.poses
-    fields = {name: values[::POSES_THINNED] for name, values in poses.fields.items()}
-    return replace(run, poses=replace(poses, utime=poses.utime[::POSES_THINNED], fields=fields))
+    return run.where({"poses": np.arange(len(run.poses)) % POSES_THINNED == 0})
 
 
 def _windows(recording: Recording) -> Iterator[Recording]:
