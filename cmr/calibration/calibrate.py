@@ -80,7 +80,7 @@ def _by_path(recordings: list[Recording], segments: list[Segment], nominal: Para
         _count(segments),
         before,
         after,
-        _radius_note(radius, refined.wheel_factor),
+        _radius_note(radius, refined.nuisance.get("wheel factor")),
     )
 
 

@@ -1,9 +1,10 @@
 """Cut a recording into drives that can be simulated from end to end, on one time line each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.model.motion import RobotState, Trajectory, drive, roll
 from cmr.model.parameters import RobotParameters
@@ -13,6 +14,7 @@ LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is not known and a new s
 FEWEST_POSES = 3  # a segment with fewer says nothing about its path
 LEAD = 1.0  # s of rest kept before the robot begins to move: enough to average its start pose
 MOVING_DUTY = 1e-3  # commands below are rest
+STILL = 0.25  # s before and after a moment during which a wheel that rests does not move by a tick
 START_SPAN = 0.15  # s around the start over which the wheel speeds are averaged
 FEWEST_POSES_FOR_START = 50  # with fewer, the start pose is taken as measured and not fitted
 SECONDS = 1e-6  # per microsecond
@@ -24,7 +26,7 @@ class Segment:
 
     The drive is made of T spans of constant duty: `dt` [s], `left`, `right` [duty], shape (T,), and of the wheel
     angles `angle_left`, `angle_right` [rad] at their T + 1 borders (empty where no wheels were recorded), of which
-    the borders `wheels_at` were measured and the others interpolated. The M measured poses `x`, `y` [m], `theta`
+    the borders `wheels_at` were measured while the wheels turned. The M measured poses `x`, `y` [m], `theta`
     [rad, unwrapped] fall on the borders `at`; `utime` are their times. `start` is the state at the first border, as
     measured.
     """
@@ -51,6 +53,26 @@ class Segment:
     def border_times(self) -> Floats:
         """Times of the T + 1 borders [s], from 0."""
         return np.concatenate([[0.0], np.cumsum(self.dt)])
+
+    def beginning(self, seconds: float) -> "Segment":
+        """Return the first part of the segment, this long; at least two of its poses."""
+        poses = max(int(np.searchsorted(self.border_times[self.at], seconds, side="right")), 2)
+        spans = int(self.at[min(poses, len(self.at)) - 1])
+        wheels = slice(spans + 1 if len(self.angle_left) else 0)
+        return replace(
+            self,
+            dt=self.dt[:spans],
+            left=self.left[:spans],
+            right=self.right[:spans],
+            angle_left=self.angle_left[wheels],
+            angle_right=self.angle_right[wheels],
+            wheels_at=self.wheels_at[self.wheels_at <= spans],
+            at=self.at[:poses],
+            utime=self.utime[:poses],
+            x=self.x[:poses],
+            y=self.y[:poses],
+            theta=self.theta[:poses],
+        )
 
     def simulate(self, parameters: RobotParameters) -> Trajectory:
         """Drive the recorded duties with the motor model; the trajectory at all borders."""
@@ -96,8 +118,10 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
         return None
     inside = [signal.between(int(poses.utime[0]), last).utime for signal in (duty, recording.wheels)]
     times = np.unique(np.concatenate([*inside, poses.utime]))
-    angle_left, angle_right = np.empty(0), np.empty(0)
+    angle_left, angle_right, wheels_at = np.empty(0), np.empty(0), np.empty(0, np.int64)
     if len(recording.wheels):
+        turning = inside[1][_turning(recording.wheels, inside[1])]
+        wheels_at = np.searchsorted(times, turning)
         angles = wheel_angles(recording.wheels)
         angle_left, angle_right = (np.interp(times, recording.wheels.utime, angle) for angle in angles)
     theta = np.unwrap(poses["theta"])
@@ -107,7 +131,7 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
         right=hold(duty, "right", times[:-1]),
         angle_left=angle_left,
         angle_right=angle_right,
-        wheels_at=np.searchsorted(times, inside[1]),
+        wheels_at=wheels_at,
         at=np.searchsorted(times, poses.utime),
         utime=poses.utime,
         x=poses["x"],
@@ -115,6 +139,13 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
         theta=theta,
         start=_start(recording, poses, theta, _onset(recording, int(poses.utime[0]), last)),
     )
+
+
+def _turning(wheels: Signal, times: Times) -> NDArray[np.bool_]:
+    """Tell at which of the times a wheel turns; at rest an encoder says again and again what it said before."""
+    reach = int(STILL / SECONDS)
+    ticks = [np.interp(times + side * reach, wheels.utime, angle) for side in (-1, 1) for angle in wheel_angles(wheels)]
+    return np.asarray((ticks[2] != ticks[0]) | (ticks[3] != ticks[1]))
 
 
 def _onset(recording: Recording, first: int, last: int) -> int:

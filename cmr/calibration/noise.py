@@ -1,0 +1,110 @@
+"""The noise of a signal: what of its residuals follows from those before, and what is new at each sample.
+
+Residuals of a free-running simulation follow one another: pose trackers smooth, a slip once made stays. Least squares
+is at its best, and its standard deviations are true, on what is new at each sample; so residuals and their derivatives
+pass through the autoregression that predicts each residual from the ones before it (generalised least squares;
+Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.recordings.recording import Floats
+
+ORDER = 4  # residuals that predict the next one; more cost data and tell little
+# A series needs this many samples for each coefficient: in shorter ones a model that does not fit looks like noise that
+# grows, and whitening would remove what there is to learn.
+SAMPLES_PER_ORDER = 50
+BATCHES = 16  # per series; each then lasts some seconds of a figure-eight, longer than disturbances last
+CHANCE = 2.0  # standard deviations by which batch means may scatter more than white noise before it counts
+LONGEST_INTERVAL = 1.5  # usual intervals; after a longer one a sample has no past
+SMALLEST_NOISE = 1e-12  # keeps perfect, made-up data from dividing by zero
+
+
+@dataclass(frozen=True)
+class Series:
+    """Residuals (n,) of one signal, in its unit, at `times` [s] (n,), and their derivatives by the unknowns (n, m)."""
+
+    residuals: Floats
+    derivatives: Floats
+    times: Floats
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of one signal: its autoregression, shape (order,), and the size of what is new at each sample."""
+
+    coefficients: Floats
+    size: float = 1.0
+
+    def whiten(self, series: Series) -> tuple[Floats, Floats]:
+        """Return what is new in residuals and derivatives, in units of the noise, of samples with a whole past."""
+        rows = _with_past(series.times, len(self.coefficients))
+        return self._new(series.residuals, rows), self._new(series.derivatives, rows)
+
+    def _new(self, values: Floats, rows: NDArray[np.int64]) -> Floats:
+        new = values[rows]
+        for lag, coefficient in enumerate(self.coefficients, start=1):
+            new -= coefficient * values[rows - lag]
+        return np.asarray(new / self.size)
+
+
+def noise_of(series: Sequence[Series], order: int = ORDER, unknowns: int = 0) -> Noise:
+    """Estimate the noise of a signal from its residuals, to which `unknowns` were fitted."""
+    coefficients = _autoregression(series, min(order, _longest_order(series)))
+    new = [Noise(coefficients).whiten(one)[0] for one in series]
+    return Noise(coefficients, max(_size(new, unknowns), SMALLEST_NOISE))
+
+
+def _longest_order(series: Sequence[Series]) -> int:
+    """Return how many coefficients series of this length can bear; long series count for more."""
+    lengths = np.array([len(one.residuals) for one in series], dtype=float)
+    return int(np.sum(lengths**2) / np.sum(lengths)) // SAMPLES_PER_ORDER
+
+
+def _with_past(times: Floats, order: int) -> NDArray[np.int64]:
+    """Return the rows that follow `order` others without a gap."""
+    if order == 0 or len(times) < 2:
+        return np.arange(min(order, len(times)), len(times))
+    interval = np.diff(times)
+    late = np.concatenate([[0], np.cumsum(interval > LONGEST_INTERVAL * np.median(interval))])
+    return np.asarray(np.flatnonzero(late[order:] == late[:-order]) + order)
+
+
+def _autoregression(series: Sequence[Series], order: int) -> Floats:
+    """Return the coefficients that predict best, by least squares over all series, each residual from those before."""
+    normal, right = np.zeros((order, order)), np.zeros(order)
+    if order == 0:
+        return right
+    for one in series:
+        rows = _with_past(one.times, order)
+        past = np.array([one.residuals[rows - lag] for lag in range(1, order + 1)])
+        normal += past @ past.T
+        right += past @ one.residuals[rows]
+    return _stable(np.linalg.pinv(normal) @ right)
+
+
+def _stable(coefficients: Floats) -> Floats:
+    """Return the coefficients, drawn in so far that what they predict does not grow without bound."""
+    order = len(coefficients)
+    companion = np.vstack([coefficients, np.eye(order)[:-1]])
+    growth = max(float(np.max(np.abs(np.linalg.eigvals(companion)))), 1.0)
+    return np.asarray(coefficients / growth ** np.arange(1, order + 1))
+
+
+def _size(new: Sequence[Floats], unknowns: int) -> float:
+    """Return the size of the noise, enlarged where slow disturbances remain.
+
+    The means of batches of n independent residuals scatter with a variance n times smaller than the residuals do.
+    Where they scatter more than chance allows, that many times more counts as noise (method of batch means).
+    """
+    batches = [batch for values in new for batch in np.array_split(values, min(BATCHES, max(len(values), 1)))]
+    count = max(sum(len(values) for values in new), 1)
+    white = sum(float(values @ values) for values in new) / count
+    slow = sum(float(np.sum(batch)) ** 2 for batch in batches) / count
+    chance = white * (1.0 + CHANCE * np.sqrt(2.0 / len(batches)))
+    freedom = max(count - unknowns, 1) / count
+    return float(np.sqrt((slow if slow > chance else white) / freedom))

@@ -1,0 +1,76 @@
+"""Normal equations with two kinds of unknowns: shared ones, and some that only one segment knows.
+
+The unknowns of a segment meet no other segment's, so they are eliminated segment by segment (Schur complement) and
+the cost grows with the number of segments, not with its cube. Source: Triggs et al., Bundle Adjustment, 2000,
+section 6.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.recordings.recording import Floats
+
+
+@dataclass
+class NormalEquations:
+    """J^T J and J^T r, summed over rows: `shared` unknowns first, then `own` ones of each segment.
+
+    Shapes: normal (segments, shared + own, shared + own), right (segments, shared + own).
+    """
+
+    normal: Floats
+    right: Floats
+    shared: int
+    cost: float = 0.0
+
+    @classmethod
+    def empty(cls, segments: int, shared: int, own: int) -> "NormalEquations":
+        """Return the sum of no rows."""
+        size = shared + own
+        return cls(np.zeros((segments, size, size)), np.zeros((segments, size)), shared)
+
+    def add(self, segment: int, residuals: Floats, jacobian: Floats) -> None:
+        """Add rows of a segment: residuals (n,) and their derivatives (n, shared + own)."""
+        self.normal[segment] += jacobian.T @ jacobian
+        self.right[segment] += jacobian.T @ residuals
+        self.cost += 0.5 * float(residuals @ residuals)
+
+    def step(self, damping: float) -> tuple[Floats, Floats]:
+        """Return the Levenberg-Marquardt step: of shared unknowns (shared,), and of own ones (segments, own)."""
+        n = self.shared
+        diagonal = np.einsum("sii->si", self.normal)
+        shared_scale, own_scale = diagonal[:, :n].sum(axis=0), diagonal[:, n:]
+        damped_own = self.normal[:, n:, n:] + damping * _diagonal(own_scale)
+        inverse = np.linalg.pinv(damped_own, hermitian=True)
+        mixed = self.normal[:, :n, n:]
+        gain = mixed @ inverse
+        reduced = np.sum(self.normal[:, :n, :n] - gain @ mixed.transpose(0, 2, 1), axis=0)
+        right = np.sum(self.right[:, :n] - np.einsum("sij,sj->si", gain, self.right[:, n:]), axis=0)
+        shared = -_solve(reduced + damping * np.diag(shared_scale), right)
+        own_right = self.right[:, n:] + np.einsum("sji,j->si", mixed, shared)
+        return shared, -np.einsum("sij,sj->si", inverse, own_right)
+
+    def covariance(self) -> Floats:
+        """Return the covariance of the shared unknowns, (shared, shared); infinite where the data are silent."""
+        n = self.shared
+        mixed = self.normal[:, :n, n:]
+        gain = mixed @ np.linalg.pinv(self.normal[:, n:, n:], hermitian=True)
+        information = np.sum(self.normal[:, :n, :n] - gain @ mixed.transpose(0, 2, 1), axis=0)
+        scale = np.sqrt(np.maximum(np.diag(information), 0.0))
+        silent = scale == 0.0
+        scale = np.where(silent, 1.0, scale)
+        covariance = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+        covariance[silent, silent] = np.inf
+        return np.asarray(covariance)
+
+
+def _diagonal(values: Floats) -> Floats:
+    return np.asarray(values[..., np.newaxis] * np.eye(values.shape[-1]))
+
+
+def _solve(normal: Floats, right: Floats) -> Floats:
+    """Solve with every unknown in its own scale; one that nothing tells about stays where it is."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 0.0))
+    scale = np.where(scale == 0.0, 1.0, scale)
+    return np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) @ (right / scale) / scale)
