@@ -1,0 +1,135 @@
+"""What the plant may be told to drive: duties of both sides as functions of time."""
+
+import math
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from cmr.recordings.signal import Floats
+from tests.reference_plant.parameters import NEUTRAL, PlantParameters
+
+REST = 2.0  # s before and after a figure-eight
+SOFT = 1.0  # s in which a manoeuvre sets in
+# Half the heading that a lobe of the figure turns through [rad]: the zero of the Bessel function J0, where the figure
+# closes, because the mean of cos(A cos(phase)) is J0(A).
+LOBE = 2.404825557695773
+
+Manoeuvre = Callable[[Floats], tuple[Floats, Floats]]
+
+
+def figure_eight(seconds: float, laps: int, speed: float = 0.3, robot: PlantParameters = NEUTRAL) -> Manoeuvre:
+    """Return figure-eights at this speed [m/s] with rest before and after; the robot ends where it began.
+
+    The yaw rate is a sine of the way, so the ideal robot of the parameters closes each figure.
+    """
+    moving = seconds - 2.0 * REST
+
+    def duties(time: Floats) -> tuple[Floats, Floats]:
+        since = np.clip(time - REST, 0.0, moving)
+        envelope = soft(since, moving)
+        phase = 2.0 * math.pi * laps * soft_way(since, moving) / soft_way(np.array(moving), moving)
+        turn_rate = LOBE * 2.0 * math.pi * laps / (moving - SOFT) * np.sin(phase)
+        common = speed * envelope / robot.wheel_radius
+        difference = turn_rate * envelope * robot.base_width / 2.0 / robot.wheel_radius
+        return robot.k1 * (common - difference), robot.k1 * (common + difference)
+
+    return duties
+
+
+def soft(since: Floats, duration: float) -> Floats:
+    """Return what rises from 0 to 1 within SOFT and falls again before `duration`: squared sines."""
+    rise = np.sin(0.5 * math.pi * np.clip(since / SOFT, 0.0, 1.0)) ** 2
+    fall = np.sin(0.5 * math.pi * np.clip((duration - since) / SOFT, 0.0, 1.0)) ** 2
+    envelope: Floats = rise * fall
+    return envelope
+
+
+def soft_way(since: Floats, duration: float) -> Floats:
+    """Return the integral of `soft` from 0 [s]."""
+    rising, falling = np.minimum(since, SOFT), np.maximum(since - (duration - SOFT), 0.0)
+    flat = np.clip(since - SOFT, 0.0, duration - 2.0 * SOFT)
+    over_pi = SOFT / math.pi / 2.0
+    return (
+        rising / 2.0
+        - over_pi * np.sin(math.pi * rising / SOFT)
+        + flat
+        + falling / 2.0
+        + over_pi * np.sin(math.pi * falling / SOFT)
+    )
+
+
+def in_turn(parts: Iterable[tuple[float, Manoeuvre]]) -> Manoeuvre:
+    """Return manoeuvres one after the other, each for its duration [s]; time begins at 0 for each."""
+    sequence = list(parts)
+
+    def duties(time: Floats) -> tuple[Floats, Floats]:
+        left, right, begin = np.zeros_like(time), np.zeros_like(time), 0.0
+        for duration, part in sequence:
+            here = (time >= begin - 1e-9) & (time < begin + duration - 1e-9)
+            left[here], right[here] = part(time[here] - begin)
+            begin += duration
+        return left, right
+
+    return duties
+
+
+def constant(left: float, right: float) -> Manoeuvre:
+    """Return a drive at constant duties."""
+    return lambda time: (np.full_like(time, left), np.full_like(time, right))
+
+
+def ramp(left: float, right: float, duration: float) -> Manoeuvre:
+    """Return a slow ramp of both duties through zero: from minus to plus these values and back."""
+
+    def duties(time: Floats) -> tuple[Floats, Floats]:
+        share = 1.0 - np.abs(2.0 - 4.0 * time / duration)
+        return left * share, right * share
+
+    return duties
+
+
+def multisine(left: float, right: float, size: float, lowest: float = 0.2, highest: float = 7.5) -> Manoeuvre:
+    """Return sines of eight frequencies [Hz] at once, sign and share of each side given by `left` and `right`."""
+    frequencies = np.geomspace(lowest, highest, 8)
+    phases = math.pi * np.arange(8) ** 2 / 8.0  # low crest (Schroeder)
+
+    def duties(time: Floats) -> tuple[Floats, Floats]:
+        wave = size / 4.0 * np.sum(np.sin(2.0 * math.pi * frequencies * time[:, None] + phases), axis=1)
+        return left * wave, right * wave
+
+    return duties
+
+
+def reversals(size: float, periods: Iterable[float] = (1.0, 2.0, 0.6)) -> Manoeuvre:
+    """Return steps that stop, reverse and stop again, of both sides together and against each other."""
+    parts = [(1.0, constant(0.0, 0.0))]
+    for period in periods:
+        for left, right in ((1.0, 1.0), (0.0, 0.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (0.5, 1.0), (-1.0, -0.5)):
+            parts.append((period, constant(size * left, size * right)))
+    return in_turn([*parts, (1.0, constant(0.0, 0.0))])
+
+
+def _rich_parts() -> list[tuple[float, Manoeuvre]]:
+    """Return what tells effects apart: straights, spins, ramps, multisines, circles, steps; rest at both ends."""
+    parts: list[tuple[float, Manoeuvre]] = [(3.0, constant(0.0, 0.0))]
+    for duty in (0.25, 0.5, 0.85):
+        parts += [(1.6, constant(duty, duty)), (1.6, constant(-duty, -duty)), (0.8, constant(0.0, 0.0))]
+    for duty in (0.12, 0.25, 0.45):
+        parts += [(2.5, constant(-duty, duty)), (2.5, constant(duty, -duty)), (0.5, constant(0.0, 0.0))]
+    parts += [(8.0, ramp(0.25, 0.25, 8.0)), (8.0, ramp(-0.25, 0.25, 8.0))]
+    parts += [(10.0, multisine(1.0, 1.0, 0.6)), (10.0, multisine(-1.0, 1.0, 0.4))]
+    for inner, outer, duration in ((0.2, 0.3, 8.5), (0.35, 0.6, 5.0), (0.6, 0.75, 6.0)):
+        parts += [(duration, constant(inner, outer)), (duration, constant(outer, inner))]
+    for left, right in ((0.9, 0.9), (-0.9, -0.9), (0.0, 0.0), (0.7, 0.0), (-0.7, 0.0), (0.0, 0.7), (0.0, -0.7)):
+        parts.append((0.7, constant(left, right)))
+    for left, right in ((0.5, -0.5), (-0.5, 0.5), (0.4, 0.8), (-0.8, -0.4), (0.8, 0.4), (-0.4, -0.8)):
+        parts.append((0.7, constant(left, right)))
+    return [*parts, (3.0, constant(0.0, 0.0))]
+
+
+RICH_DRIVE_SECONDS = sum(duration for duration, _ in _rich_parts())
+
+
+def rich_drive() -> Manoeuvre:
+    """Return the drive that excites every effect; it takes RICH_DRIVE_SECONDS."""
+    return in_turn(_rich_parts())

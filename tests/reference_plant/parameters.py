@@ -1,0 +1,140 @@
+"""The numbers of the plant: the paper's robot and, for every effect, its parameters at their neutral values."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class PlantParameters(NamedTuple):
+    """One robot; by default a typical one of the paper's model, with every effect neutral."""
+
+    wheel_radius: float = 0.04  # m
+    k2_over_k3: float = 118.0  # rad/s^2
+    k1: float = 0.054  # s/rad
+    base_width: float = 0.161  # m
+    # Battery and electronics.
+    battery_sag: float = 0.0  # 1, source resistance
+    battery_drift: float = 0.0  # 1, share of the voltage lost when the reference energy has been drawn
+    saturation: float = 1.0  # duty
+    current_limit: float = math.inf  # duty
+    slew_limit: float = math.inf  # duty/s
+    deadband: float = 0.0  # duty
+    command_delay: float = 0.0  # s
+    command_jitter: float = 0.0  # s
+    command_loss: float = 0.0  # 1, probability
+    turn_rate_limit: float = math.inf  # rad/s
+    electrical_lag: float = 0.0  # s
+    # Motors and gearing.
+    coulomb_friction: float = 0.0  # rad/s^2
+    static_friction: float = 0.0  # rad/s^2
+    quadratic_drag: float = 0.0  # 1/rad
+    motor_gain_asymmetry: float = 0.0  # 1
+    back_emf_asymmetry: float = 0.0  # 1
+    motor_heating: float = 0.0  # 1
+    motor_coupling: float = 0.0  # 1
+    backlash: float = 0.0  # rad
+    payload_change_size: float = 0.0  # 1
+    payload_change_time: float = 0.0  # s
+    # Wheels and ground.
+    wheel_radius_scale: float = 0.0  # 1
+    wheel_radius_asymmetry: float = 0.0  # 1
+    wheel_wobble_size: float = 0.0  # 1
+    wheel_wobble_phase: float = 0.0  # rad
+    turn_slip: float = 0.0  # s/rad
+    turn_asymmetry: float = 0.0  # 1
+    longitudinal_slip: float = 0.0  # s
+    lateral_skid: float = 0.0  # s
+    slope_x: float = 0.0  # rad/s^2
+    slope_y: float = 0.0  # rad/s^2
+    surface_change_k1: float = 0.0  # 1
+    surface_change_base_width: float = 0.0  # 1
+    surface_change_time: float = 0.0  # s
+    surface_patch_friction: float = 0.0  # rad/s^2
+    surface_patch_base_width: float = 0.0  # 1
+    surface_patch_x: float = 0.0  # m
+    surface_patch_y: float = 0.0  # m
+    surface_patch_radius: float = 0.4  # m
+    # Sensors.
+    encoder_scale: float = 0.0  # 1
+    encoder_asymmetry: float = 0.0  # 1
+    encoder_quantisation: float = math.inf  # ticks per turn
+    gyro_bias: float = 0.0  # rad/s
+    gyro_scale: float = 0.0  # 1
+    gyro_drift: float = 0.0  # rad/s in 100 s
+    gyro_latency: float = 0.0  # s
+    pose_latency: float = 0.0  # s
+    clock_skew: float = 0.0  # 1
+    pose_offset: float = 0.0  # m
+    pose_distortion: float = 0.0  # 1/m^2
+
+
+NEUTRAL = PlantParameters()
+
+# Typical sizes by effect. Times and places fit a drive of 40 s or more about the world's origin.
+TYPICAL: Mapping[str, Mapping[str, float]] = {
+    "battery_sag": {"battery_sag": 0.20},
+    "battery_drift": {"battery_drift": 0.03},
+    "saturation": {"saturation": 0.6},
+    "current_limit": {"current_limit": 0.34},
+    "slew_limit": {"slew_limit": 5.4},
+    "deadband": {"deadband": 0.08},
+    "command_delay": {"command_delay": 0.03},
+    "command_jitter": {"command_jitter": 0.04},
+    "command_loss": {"command_loss": 0.05},
+    "turn_rate_limit": {"turn_rate_limit": 1.0},
+    "electrical_lag": {"electrical_lag": 0.03},
+    "coulomb_friction": {"coulomb_friction": 4.0},
+    "static_friction": {"static_friction": 14.0},
+    "quadratic_drag": {"quadratic_drag": 0.06},
+    "motor_gain_asymmetry": {"motor_gain_asymmetry": 0.03},
+    "back_emf_asymmetry": {"back_emf_asymmetry": 0.03},
+    "motor_heating": {"motor_heating": 0.06},
+    "motor_coupling": {"motor_coupling": 0.15},
+    "backlash": {"backlash": 0.12},
+    "payload_change": {"payload_change_size": 0.25, "payload_change_time": 18.0},
+    "wheel_radius_scale": {"wheel_radius_scale": 0.02},
+    "wheel_radius_asymmetry": {"wheel_radius_asymmetry": 0.015},
+    "wheel_wobble": {"wheel_wobble_size": 0.04, "wheel_wobble_phase": 1.0},
+    "turn_slip": {"turn_slip": 0.03},
+    "turn_asymmetry": {"turn_asymmetry": 0.03},
+    "longitudinal_slip": {"longitudinal_slip": 0.02},
+    "lateral_skid": {"lateral_skid": 0.06},
+    "slope": {"slope_x": 1.0, "slope_y": -0.6},
+    "surface_change": {"surface_change_k1": 0.05, "surface_change_base_width": 0.05, "surface_change_time": 18.0},
+    "surface_patch": {
+        "surface_patch_friction": 4.0,
+        "surface_patch_base_width": 0.06,
+        "surface_patch_x": 0.9,
+        "surface_patch_y": 0.3,
+        "surface_patch_radius": 0.4,
+    },
+    "encoder_scale": {"encoder_scale": 0.02},
+    "encoder_asymmetry": {"encoder_asymmetry": 0.02},
+    "encoder_quantisation": {"encoder_quantisation": 48.0},
+    "gyro_bias": {"gyro_bias": 0.01},
+    "gyro_scale": {"gyro_scale": 0.02},
+    "gyro_drift": {"gyro_drift": 0.012},
+    "gyro_latency": {"gyro_latency": 0.02},
+    "pose_latency": {"pose_latency": 0.04},
+    "clock_skew": {"clock_skew": 5e-4},
+    "pose_offset": {"pose_offset": 0.012},
+    "pose_distortion": {"pose_distortion": 0.02},
+}
+
+
+def plant_parameters(values: Mapping[str, float]) -> PlantParameters:
+    """Return the typical robot with these values in place of its own.
+
+    Raises TypeError naming a parameter that the plant does not have.
+    """
+    unknown = sorted(set(values) - set(PlantParameters._fields))
+    if unknown:
+        raise TypeError(f"the plant has no {', '.join(unknown)}")
+    return PlantParameters(*(float(values.get(name, neutral)) for name, neutral in NEUTRAL._asdict().items()))
+
+
+def as_record(parameters: PlantParameters) -> Any:
+    """Return the parameters as compiled functions take them: one reference instead of a copy at every call."""
+    return np.array([tuple(parameters)], dtype=[(name, np.float64) for name in parameters._fields])[0]

@@ -1,0 +1,117 @@
+"""What the sensors say of the plant's true motion, with their effects and their noise."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.recordings.signal import Floats
+from tests.reference_plant.parameters import PlantParameters
+
+TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How uneven the robot runs and how finely its sensors see; sizes are standard deviations.
+
+    Torque and slip wander as Ornstein-Uhlenbeck processes. `pose_time` 0 makes the noise of the poses white.
+    `ticks_per_turn` is infinite for an encoder without steps.
+    """
+
+    torque: float = 0.0  # rad/s^2
+    torque_time: float = 0.2  # s
+    slip: float = 0.0  # 1, of the speed of one side over the ground
+    slip_time: float = 0.2  # s
+    ticks_per_turn: float = math.inf
+    gyro: float = 0.0  # rad/s, white
+    gyro_walk: float = 0.0  # rad/s in a square root of a second
+    position: float = 0.0  # m
+    heading: float = 0.0  # rad
+    pose_time: float = 0.0  # s
+
+    @property
+    def of_motion(self) -> tuple[float, float, float, float]:
+        """What disturbs the motion itself."""
+        return self.torque, self.torque_time, self.slip, self.slip_time
+
+
+SILENT = Noise()
+REALISTIC = Noise(
+    torque=0.3,
+    slip=0.003,
+    ticks_per_turn=480.0,
+    gyro=0.005,
+    position=0.005,
+    heading=math.radians(0.3),
+    pose_time=0.1,
+)
+
+
+def ticks(p: PlantParameters, s: float, phi: Floats, ticks_per_turn: float, nominal: float) -> Floats:
+    """Return the count of one side's encoder, in ticks of which the driver believes `nominal` make a turn.
+
+    encoder_scale: ticks (1 + e); encoder_asymmetry: ticks (1 + s e); encoder_quantisation: so few ticks per turn.
+    """
+    turns = phi / TURN * (1.0 + p.encoder_scale) * (1.0 + s * p.encoder_asymmetry)
+    disc = min(ticks_per_turn, p.encoder_quantisation)
+    return turns * nominal if math.isinf(disc) else np.floor(turns * disc) * (nominal / disc)
+
+
+def wheel_speed(count: Floats, time: Floats, nominal: float) -> Floats:
+    """Return the wheel speed [rad/s] that the driver tells: mean over the time since the previous message."""
+    return np.concatenate([[0.0], np.diff(count) / np.diff(time)]) * (TURN / nominal)
+
+
+def gyro_time(p: PlantParameters, time: Floats) -> Floats:
+    """Return when that happened which the gyro says at `time`. gyro_latency: w_m(t) = w(t - d)."""
+    return np.maximum(time - p.gyro_latency, 0.0)
+
+
+def gyro(p: PlantParameters, time: Floats, w: Floats, noise: Noise, random: np.random.Generator) -> Floats:
+    """Return what the gyro says at `time` when the robot turns with `w`.
+
+    gyro_scale: w (1 + e); gyro_bias: + B; gyro_drift: + D t / 100 s.
+    """
+    measured = w * (1.0 + p.gyro_scale) + p.gyro_bias + p.gyro_drift * time / 100.0
+    steps = np.sqrt(np.diff(time, prepend=0.0)) * random.standard_normal(len(time))
+    return measured + noise.gyro_walk * np.cumsum(steps) + noise.gyro * random.standard_normal(len(time))
+
+
+def pose_time(p: PlantParameters, time: Floats) -> Floats:
+    """Return when the robot was where the pose stamped `time` says.
+
+    clock_skew: the clock of the pose shows (1 + e) t at time t; pose_latency: it stamps d late.
+    """
+    return np.maximum((time - p.pose_latency) / (1.0 + p.clock_skew), 0.0)
+
+
+def pose(
+    p: PlantParameters,
+    time: Floats,
+    true: tuple[Floats, Floats, Floats],
+    noise: Noise,
+    random: np.random.Generator,
+) -> tuple[Floats, Floats, Floats]:
+    """Return what the external localisation says of a robot at the true poses x, y, theta.
+
+    pose_offset: the tracked point sits m ahead of the turning centre; pose_distortion: p (1 + k abs(p)^2).
+    """
+    x, y, theta = true
+    x, y = x + p.pose_offset * np.cos(theta), y + p.pose_offset * np.sin(theta)
+    stretch = 1.0 + p.pose_distortion * (x**2 + y**2)
+    x = x * stretch + noise.position * correlated(time, noise.pose_time, random)
+    y = y * stretch + noise.position * correlated(time, noise.pose_time, random)
+    theta = theta + noise.heading * correlated(time, noise.pose_time, random)
+    return x, y, np.remainder(theta + math.pi, TURN) - math.pi
+
+
+def correlated(time: Floats, memory: float, random: np.random.Generator) -> Floats:
+    """Return noise of standard deviation 1 that forgets with the time constant `memory` [s]; white for 0."""
+    fresh = random.standard_normal(len(time))
+    if memory == 0.0:
+        return fresh
+    kept = np.exp(-np.diff(time) / memory)
+    for k, share in enumerate(kept):
+        fresh[k + 1] = share * fresh[k] + math.sqrt(1.0 - share**2) * fresh[k + 1]
+    return fresh
