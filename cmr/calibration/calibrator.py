@@ -7,19 +7,23 @@ gives the same numbers as the drive itself.
 import math
 from typing import Any
 
+import numpy as np
+
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import MOTOR_COMMAND, MOTOR_FEEDBACK, identify
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
 from cmr.calibration.calibrate import PAPER_PARAMETERS, calibrate
 from cmr.calibration.coverage import Coverage
 from cmr.calibration.result import CalibrationError, CalibrationResult
 from cmr.calibration.segments import LEAD
 from cmr.msg import calibration_status_t
 from cmr.parameters.file import ParameterFile
+from cmr.recordings.arrivals import LAST_NUMBER, RobotMessages
 from cmr.recordings.recording import Recorder, Recording
 
 REST = 1_000_000  # us at rest that end the manoeuvre
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
 FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
+HEARD = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 ENOUGH = 2.5  # a robot that does not stop is calibrated when every bucket has this many times its minimum
 
 
@@ -38,6 +42,7 @@ class Calibrator:
         self.failure = ""
         self._nominal = nominal
         self._recorder = Recorder(robot_id)
+        self._log: RobotMessages | None = None
         self._coverage = Coverage()
         self._has_wheels = False
         self._onset: int | None = None
@@ -49,7 +54,7 @@ class Calibrator:
     def handle(self, utime: int, channel: str, message: Any) -> None:
         """Take one message; those of other robots, and those after the manoeuvre, are passed over."""
         stream, robot_id = identify(channel) or (None, None)
-        if stream is None or robot_id != self.robot_id or self.complete:
+        if stream not in HEARD or robot_id != self.robot_id or self.complete:
             return
         self._recorder.handle(utime, channel, message)
         self._latest = max(self._latest, utime)
@@ -63,6 +68,27 @@ class Calibrator:
         elif stream is MOTOR_COMMAND and not self._has_wheels:
             self._watch(utime, message.left, message.right)
 
+    @classmethod
+    def of(cls, messages: RobotMessages, nominal: ParameterFile | None = None) -> "Calibrator":
+        """Return the calibrator that has seen a whole log; the same as if it had taken message by message."""
+        calibrator = cls(messages.robot_id, nominal)
+        wheels, commands = messages.arrivals["wheels"], messages.arrivals["commands"]
+        first_wheels = wheels.number[0] if len(wheels.number) else LAST_NUMBER
+        before = commands.where(commands.number < first_wheels)
+        number, latest = messages.latest_utime()
+        calibrator._latest = int(latest[-1]) if len(latest) else 0
+        for arrivals, left, right in ((before, "left", "right"), (wheels, "psi_left", "psi_right")):
+            columns = (arrivals.utime, arrivals.columns[left], arrivals.columns[right])
+            for utime, at_left, at_right in zip(*(column.tolist() for column in columns), strict=True):
+                calibrator._watch(utime, at_left, at_right)
+        if calibrator._end is not None:
+            over = int(np.searchsorted(latest, calibrator._end + STRAGGLERS, side="right"))
+            if over < len(number):
+                messages = messages.until(int(number[over]))
+                calibrator._latest = int(latest[over])
+        calibrator._log = messages
+        return calibrator
+
     @property
     def complete(self) -> bool:
         """Whether the manoeuvre is over and all its messages have had time to arrive."""
@@ -71,7 +97,11 @@ class Calibrator:
     @property
     def measured(self) -> int:
         """How many messages have come that only a real robot has."""
-        return self._recorder.measured
+        return self._messages.measured
+
+    @property
+    def _messages(self) -> RobotMessages:
+        return self._recorder.messages() if self._log is None else self._log
 
     @property
     def missing(self) -> str:
@@ -80,7 +110,7 @@ class Calibrator:
 
     def recording(self) -> Recording:
         """Return the recording of the manoeuvre: from just before the first motion to its end (so far)."""
-        recording = self._recorder.recording()
+        recording = Recording.of(self._messages)
         first = 0 if self._onset is None else self._onset - int(2 * LEAD * 1e6)
         return recording.between(first, self._end if self._end is not None else self._latest)
 

@@ -1,7 +1,7 @@
 """Cut a recording into drives that can be simulated from end to end, on one time line each."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats, Recording, Signal, Times
 
 LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is not known and a new segment begins
+LONGEST_DRIVE_GAP = 0.25  # s; over a longer one nobody knows what a moving robot was told to do
 FEWEST_POSES = 3  # a segment with fewer says nothing about its path
 LEAD = 1.0  # s of rest kept before the robot begins to move: enough to average its start pose
 MOVING_DUTY = 1e-3  # commands below are rest
@@ -83,14 +84,41 @@ class Segment:
         return roll(self.angle_left, self.angle_right, parameters, self.start)
 
 
-def segments_of(recording: Recording) -> list[Segment]:
-    """Return the segments of a recording; none where no pose was recorded."""
-    poses = recording.poses
-    gaps = np.flatnonzero(np.diff(poses.utime) > LONGEST_POSE_GAP / SECONDS) + 1
-    bounds = [0, *gaps.tolist(), len(poses)]
-    runs = [(poses.utime[a], poses.utime[b - 1]) for a, b in pairwise(bounds) if b > a]
-    segments = [_segment(recording, first, last) for first, last in runs]
+def segments_of(recording: Recording, splits: Sequence[int] = ()) -> list[Segment]:
+    """Return the segments of a recording; none where no pose was recorded.
+
+    A new one begins where the poses, or the commands of a moving robot, have a gap, and at each of the utimes `splits`.
+    """
+    utime = recording.poses.utime
+    breaks = _gaps(utime, LONGEST_POSE_GAP) + _drive_gaps(recording) + [(split, split) for split in splits]
+    inside = np.ones(len(utime), dtype=bool)
+    for first, last in breaks:
+        inside &= (utime <= first) | (utime >= last)
+    part = sum((utime >= last).astype(int) for _first, last in breaks) if breaks else np.zeros(len(utime), dtype=int)
+    runs = [utime[inside & (part == number)] for number in np.unique(part)]
+    segments = [_segment(recording, int(run[0]), int(run[-1])) for run in runs if len(run)]
     return [segment for segment in segments if segment is not None]
+
+
+def _gaps(utime: Times, longest: float) -> list[tuple[int, int]]:
+    """Return where nothing was heard for longer than `longest` [s]: utimes before and after."""
+    at = np.flatnonzero(np.diff(utime) > longest / SECONDS)
+    return [(int(utime[index]), int(utime[index + 1])) for index in at]
+
+
+def _drive_gaps(recording: Recording) -> list[tuple[int, int]]:
+    """Return the gaps in what the wheels were told while the robot moved."""
+    duty = recording.duty
+    if len(recording.wheels) == 0:
+        return []
+    gaps = _gaps(duty.utime, LONGEST_DRIVE_GAP)
+    return [(first, last) for first, last in gaps if _moves(recording, first) or _moves(recording, last)]
+
+
+def _moves(recording: Recording, utime: int) -> bool:
+    wheels = recording.wheels
+    at = min(int(np.searchsorted(wheels.utime, utime)), len(wheels) - 1)
+    return bool(wheels["psi_left"][at] != 0.0 or wheels["psi_right"][at] != 0.0)
 
 
 def hold(signal: Signal, field: str, times: Times) -> Floats:

@@ -16,7 +16,7 @@ from cmr.calibration.result import CalibrationError
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
-from cmr.recordings.recording import RecordingError, choose_robot, read_log
+from cmr.recordings.recording import RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s
 FINISHED = (calibration_status_t.DONE, calibration_status_t.FAILED)
@@ -88,13 +88,7 @@ def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> in
 
 def _gather(path: Path, robot_id: int | None, nominal: ParameterFile | None) -> Calibrator:
     """Return the calibrator of a log's robot after it has seen the log."""
-    calibrators: dict[int, Calibrator] = {}
-    for received in read_log(path):
-        if received.robot_id is not None:
-            calibrator = calibrators.setdefault(received.robot_id, Calibrator(received.robot_id, nominal))
-            calibrator.handle(received.message.utime, received.channel, received.message)
-    measured = {robot: calibrator.measured for robot, calibrator in calibrators.items()}
-    calibrator = calibrators[choose_robot(measured, robot_id, str(path))]
+    calibrator = Calibrator.of(read_messages(path, robot_id), nominal)
     if calibrator.missing:
         print(f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.")
     return calibrator
