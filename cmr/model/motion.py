@@ -1,19 +1,20 @@
 """Motion of the whole robot: one step of many robots, or one drive under many candidate parameters.
 
 Wheel speed and heading are the exact solution for constant duty; the position integrates speed times direction
-with the two-point Gauss-Legendre rule, whose error over a 10 ms step is some nanometres.
+with the two-point Gauss-Legendre rule, whose error over a 10 ms step is some nanometres. The loops are compiled, in
+`cmr.model.paper`.
 """
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cmr.model.body import arc, forward, turn, wrap
-from cmr.model.motor import wheel_acceleration, wheel_angle_after, wheel_speed_after
+from cmr.model.body import arc, forward, turn
 from cmr.model.parameters import RobotParameters
 
-# Gauss-Legendre on [0, 1]: two points, equal weights of 1/2.
-GAUSS_POINTS = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
+LARGEST_HALF_TURN = 0.3  # rad between the middle of a step and its Gauss points; beyond, steps are split
+MOST_PARTS = 1000  # into which a step is split; absurd parameters must not take for ever
 
 
 class RobotState(NamedTuple):
@@ -50,49 +51,17 @@ class Trajectory(NamedTuple):
     angle_right: Any
 
 
-def step(state: RobotState, left: Any, right: Any, parameters: RobotParameters, dt: Any) -> RobotState:
+def step(state: RobotState, left: Any, right: Any, parameters: RobotParameters, dt: float) -> RobotState:
     """Return the state after `dt` [s] of constant duties `left` and `right`."""
-    dx, dy = displacement(state.theta, state.psi_left, state.psi_right, left, right, parameters, dt)
-    angle_left, angle_right = wheel_angles(state.psi_left, state.psi_right, left, right, parameters, dt)
-    psi_left = wheel_speed_after(state.psi_left, left, parameters, dt)
-    psi_right = wheel_speed_after(state.psi_right, right, parameters, dt)
-    return RobotState(
-        state.x + dx,
-        state.y + dy,
-        wrap(state.theta + turn(angle_left, angle_right, parameters)),
-        psi_left,
-        psi_right,
-        wheel_acceleration(psi_left, left, parameters),
-        wheel_acceleration(psi_right, right, parameters),
-    )
+    from cmr.model.fleet import Fleet  # imports Numba, which commands that never simulate should not wait for
 
-
-def wheel_angles(
-    psi_left: Any, psi_right: Any, left: Any, right: Any, parameters: RobotParameters, time: Any
-) -> tuple[Any, Any]:
-    """Return the angles [rad] through which the wheels of both sides turn during `time` [s] of constant duties."""
-    return (
-        wheel_angle_after(psi_left, left, parameters, time),
-        wheel_angle_after(psi_right, right, parameters, time),
-    )
-
-
-def displacement(
-    theta: Any, psi_left: Any, psi_right: Any, left: Any, right: Any, parameters: RobotParameters, dt: Any
-) -> tuple[Any, Any]:
-    """Return the displacement (dx, dy) [m, world frame] during `dt` [s] of constant duties."""
-    dx, dy = 0.0, 0.0
-    for point in GAUSS_POINTS:
-        time = point * dt
-        heading = theta + turn(*wheel_angles(psi_left, psi_right, left, right, parameters, time), parameters)
-        speed = forward(
-            wheel_speed_after(psi_left, left, parameters, time),
-            wheel_speed_after(psi_right, right, parameters, time),
-            parameters,
-        )
-        dx = dx + 0.5 * dt * speed * np.cos(heading)
-        dy = dy + 0.5 * dt * speed * np.sin(heading)
-    return dx, dy
+    everything = np.broadcast_arrays(*state, left, right, *parameters)
+    *places, u_left, u_right, radius, gain, k1, base = (np.ravel(values).astype(float) for values in everything)
+    fleet = Fleet(dt)
+    robots = fleet.add(RobotState(*places), RobotParameters(radius, gain, k1, base))
+    fleet.command(robots, u_left, u_right)
+    fleet.advance()
+    return RobotState(*(values.reshape(everything[0].shape)[()] for values in fleet.states()))
 
 
 def wheel_speeds(duty: Any, dt: Any, parameters: RobotParameters, psi: Any) -> Any:
@@ -101,38 +70,57 @@ def wheel_speeds(duty: Any, dt: Any, parameters: RobotParameters, psi: Any) -> A
     `duty` and `dt` have shape (T,); the result has shape (T + 1, candidates...), candidates as the parameters
     broadcast.
     """
-    candidates = np.broadcast_shapes(np.shape(parameters.k1), np.shape(parameters.k2_over_k3), np.shape(psi))
-    speeds = np.empty((len(duty) + 1, *candidates))
-    speeds[0] = psi
-    for k, (u, h) in enumerate(zip(duty, dt, strict=True)):
-        speeds[k + 1] = wheel_speed_after(speeds[k], u, parameters, h)
-    return speeds
+    from cmr.model import paper
+
+    shape = np.broadcast_shapes(np.shape(parameters.k1), np.shape(parameters.k2_over_k3), np.shape(psi))
+    values = _lanes((1.0, parameters.k2_over_k3, parameters.k1, 1.0, psi), shape)
+    speeds = np.empty((len(duty) + 1, values.shape[1]))
+    paper.wheel_speeds(_floats(duty), _floats(dt), values[:4], values[4], speeds)
+    return speeds.reshape(-1, *shape)
 
 
-def drive(left: Any, right: Any, dt: Any, parameters: RobotParameters, start: RobotState) -> Trajectory:
+def drive(left: Any, right: Any, dt: Any, parameters: RobotParameters, start: RobotState, at: Any = None) -> Trajectory:
     """Simulate a drive from recorded duties, freely: nothing is corrected on the way.
 
     `left`, `right` [duty] and `dt` [s] have shape (T,), one entry per span of constant duty. Parameters and start
-    may be arrays of candidates. The result has shape (T + 1, candidates...); `theta` is not wrapped.
+    may be arrays of candidates. The result has shape (T + 1, candidates...); `theta` is not wrapped. `at` chooses
+    among the T + 1 borders, ascending: with fewer of them to write, the drive takes half the time.
     """
-    psi_left = wheel_speeds(left, dt, parameters, start.psi_left)
-    psi_right = wheel_speeds(right, dt, parameters, start.psi_right)
-    candidates = max(psi_left.ndim - 1, *(np.ndim(value) for value in (*parameters, *start)))
-    in_time = (slice(None), *(np.newaxis,) * candidates)
-    spans = (psi_left[:-1], psi_right[:-1], np.asarray(left)[in_time], np.asarray(right)[in_time])
-    span = np.asarray(dt)[in_time]
-    angle_left, angle_right = wheel_angles(*spans, parameters, span)
-    theta = _accumulate(start.theta, turn(angle_left, angle_right, parameters))
-    dx, dy = displacement(theta[:-1], *spans, parameters, span)
-    return Trajectory(
-        _accumulate(start.x, dx),
-        _accumulate(start.y, dy),
-        theta,
-        psi_left,
-        psi_right,
-        _accumulate(0.0, angle_left),
-        _accumulate(0.0, angle_right),
-    )
+    from cmr.model import paper
+
+    shape = np.broadcast_shapes(*(np.shape(value) for value in (*parameters, *start[:5])))
+    values = _lanes((*parameters, *start[:5]), shape)
+    duties, spans = (_floats(left), _floats(right)), _floats(dt)
+    borders = np.arange(len(spans) + 1) if at is None else np.ascontiguousarray(at, dtype=np.int64)
+    recorded = np.empty((paper.RECORDED, len(borders), values.shape[1]))
+    fastest = np.maximum(np.abs(values[7:9]).max(axis=0), _largest(duties) / values[2])
+    parts = parts_of(spans, values[0], values[3], fastest)
+    paper.drive(*duties, spans, parts, values[:4], values[4:], borders, *recorded)
+    return Trajectory(*recorded.reshape(paper.RECORDED, len(borders), *shape))
+
+
+def parts_of(dt: Any, wheel_radius: Any, base_width: Any, fastest: Any) -> Any:
+    """Return in how many parts spans `dt` [s] are integrated so that no robot turns far between the Gauss points.
+
+    `fastest` [rad/s] bounds the wheel speeds. One part is enough for anything that drives; wrong parameters, or
+    commands that stay away for seconds, may need more.
+    """
+    half_turn_per_second = np.max(wheel_radius / base_width * fastest, initial=0.0) / np.sqrt(3.0)
+    parts = np.ceil(np.abs(dt) * half_turn_per_second / LARGEST_HALF_TURN)
+    return np.clip(np.nan_to_num(parts, nan=1.0), 1.0, MOST_PARTS).astype(np.int64)
+
+
+def _lanes(values: Iterable[Any], shape: tuple[int, ...]) -> Any:
+    """Return values that broadcast to `shape` as rows of one array, one candidate a column."""
+    return np.array([np.broadcast_to(value, shape).ravel() for value in values], dtype=float)
+
+
+def _floats(values: Any) -> Any:
+    return np.ascontiguousarray(values, dtype=float)
+
+
+def _largest(arrays: Iterable[Any]) -> float:
+    return max((float(np.max(np.abs(array), initial=0.0)) for array in arrays), default=0.0)
 
 
 def roll(angle_left: Any, angle_right: Any, parameters: RobotParameters, start: RobotState) -> Trajectory:
