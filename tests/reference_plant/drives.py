@@ -1,7 +1,7 @@
 """Drive the plant: commands in, the true motion and the recording of it out."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal, Times
 from tests.reference_plant import sensors
+from tests.reference_plant.manoeuvres import Manoeuvre
 from tests.reference_plant.parameters import PlantParameters, as_record, plant_parameters
 from tests.reference_plant.physics import COLUMNS, simulate
 from tests.reference_plant.sensors import SILENT, Noise
@@ -21,7 +22,7 @@ NOMINAL_TICKS = 480.0  # per turn of a wheel; what the driver believes its encod
 START_UTIME = 1_800_000_000_000_000  # us; when a recording begins
 NANOSECONDS = 1e9  # times are told apart to the nanosecond
 
-Manoeuvre = Callable[[Floats], tuple[Floats, Floats]]
+
 Pose = tuple[float, float, float]
 ORIGIN: Pose = (0.0, 0.0, 0.0)
 

@@ -134,20 +134,27 @@ def dry_friction(p: PlantParameters, psi: float, inside: bool) -> float:
 
 
 @compiled
-def rubbed(acceleration: float, psi: float, friction: float) -> float:
+def rubbed(acceleration: float, direction: float, friction: float) -> float:
     """Return the acceleration with dry friction: against the motion, or holding a wheel at rest as far as it can."""
-    if psi > 0.0:
+    if direction > 0.0:
         return acceleration - friction
-    if psi < 0.0:
+    if direction < 0.0:
         return acceleration + friction
     return acceleration - clip(acceleration, friction)
 
 
 @compiled
 def accelerations(
-    p: PlantParameters, left: Side, right: Side, energy: float, theta: float, inside: bool, t: float
+    p: PlantParameters,
+    left: Side,
+    right: Side,
+    directions: tuple[float, float],
+    energy: float,
+    theta: float,
+    inside: bool,
+    t: float,
 ) -> tuple[float, float]:
-    """Return domega of both sides."""
+    """Return domega of both sides; their friction acts against `directions`, of which 0 is rest."""
     q = load(p, left.u, right.u, left.psi, right.psi)
     # slope: domega -= g_x cos theta + g_y sin theta.
     uphill = 0.0
@@ -156,15 +163,13 @@ def accelerations(
     free_left = driving(p, 1.0, left, q, energy, t) - uphill
     free_right = driving(p, -1.0, right, q, energy, t) - uphill
     friction_left, friction_right = dry_friction(p, left.psi, inside), dry_friction(p, right.psi, inside)
+    domega_left = rubbed(free_left, directions[0], friction_left)
+    domega_right = rubbed(free_right, directions[1], friction_right)
     # motor_coupling: domega_left -= c domega_right and the other way round, both at once.
-    domega_left, domega_right = (
-        rubbed(free_left, left.psi, friction_left),
-        rubbed(free_right, right.psi, friction_right),
-    )
     if p.motor_coupling != 0.0:
         for _ in range(COUPLING_SWEEPS):
-            domega_left = rubbed(free_left - p.motor_coupling * domega_right, left.psi, friction_left)
-            domega_right = rubbed(free_right - p.motor_coupling * domega_left, right.psi, friction_right)
+            domega_left = rubbed(free_left - p.motor_coupling * domega_right, directions[0], friction_left)
+            domega_right = rubbed(free_right - p.motor_coupling * domega_left, directions[1], friction_right)
     return domega_left, domega_right
 
 
@@ -256,9 +261,13 @@ def at_speed(side: Side, psi: float) -> Side:
 def turned(side: Side, first: float, second: float, holding: float, backlash: float, h: float) -> tuple[Side, float]:
     """Return the side after a step with these accelerations at its two ends, and how far its wheel turned [rad]."""
     psi = side.psi + 0.5 * h * (first + second)
-    if side.psi * psi < 0.0 and holding > 0.0:
-        psi = 0.0  # a wheel that dry friction reverses comes to rest first
     turn = 0.5 * h * (side.psi + psi)
+    if side.psi * psi < 0.0 and holding > 0.0:
+        # A wheel that dry friction reverses comes to rest on the way; what friction cannot hold sets off from there.
+        resting = h * psi / (psi - side.psi)
+        onward = rubbed(second + math.copysign(holding, side.psi), 0.0, holding)
+        turn = 0.5 * side.psi * (h - resting) + 0.5 * onward * resting**2
+        psi = onward * resting
     gap, rolled = taken_up(side.gap, turn, backlash)
     domega, phi = (psi - side.psi) / h, side.phi + turn
     return Side(side.ramp, side.u, side.heat, psi, domega, phi, gap, side.torque, side.slip), rolled
@@ -292,13 +301,16 @@ def advance(
 ) -> tuple[Side, Side, Body]:
     """Return the robot at time t + h: wheel speeds by Heun's method, then the pose."""
     inside = on_patch(p, body.x, body.y)
-    first = accelerations(p, left, right, body.energy, body.theta, inside, t)
+    directions = (left.psi, right.psi)
+    first = accelerations(p, left, right, directions, body.energy, body.theta, inside, t)
     powered_left, powered_right = powered(p, left, wanted[0], h), powered(p, right, wanted[1], h)
     ahead_left = at_speed(powered_left, left.psi + h * first[0])
     ahead_right = at_speed(powered_right, right.psi + h * first[1])
     # battery_drift: the energy drawn is the integral of the load q.
     energy = body.energy + h * load(p, left.u, right.u, left.psi, right.psi)
-    second = accelerations(p, ahead_left, ahead_right, energy, body.theta + h * body.w, inside, t)
+    # Within a step friction keeps its direction; a wheel at rest may set off.
+    directions = (left.psi or ahead_left.psi, right.psi or ahead_right.psi)
+    second = accelerations(p, ahead_left, ahead_right, directions, energy, body.theta + h * body.w, inside, t)
     holding = dry_friction(p, 0.0, inside)
     left, rolled_left = turned(powered_left, first[0], second[0], holding, p.backlash, h)
     right, rolled_right = turned(powered_right, first[1], second[1], holding, p.backlash, h)

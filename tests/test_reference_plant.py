@@ -1,0 +1,185 @@
+"""The reference plant against closed forms, and against itself at other steps: what checks the model must be right."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from cmr.calibration import calibrate
+from cmr.recordings.signal import Floats
+from tests.reference_plant import NEUTRAL, REALISTIC, TYPICAL, Commands, Noise, drive, packets, recording
+from tests.reference_plant.drives import arrivals, true_motion
+from tests.reference_plant.manoeuvres import (
+    RICH_DRIVE_SECONDS,
+    Manoeuvre,
+    constant,
+    figure_eight,
+    reversals,
+    rich_drive,
+)
+from tests.reference_plant.parameters import plant_parameters
+
+RATE = NEUTRAL.k1 * NEUTRAL.k2_over_k3  # 1/s, one over the motor's time constant
+SENSORS = ("encoder", "gyro", "pose", "clock")
+OF_MOTION = [name for name in TYPICAL if not name.startswith(SENSORS)]
+CONSTANT = Commands(np.zeros(1), np.array([0.3]), np.array([0.5]))
+COAST_AFTER = 2.0  # s
+
+
+def every(period: float, seconds: float) -> Floats:
+    """Times from 0 to `seconds` [s]."""
+    return np.arange(round(seconds / period) + 1, dtype=np.float64) * period
+
+
+def after(seconds: float, parameters: Mapping[str, float], commands: Commands = CONSTANT) -> dict[str, float]:
+    """The state at the end of a drive."""
+    states = true_motion(commands, parameters, np.array([seconds]), step=1e-4)
+    return {name: float(values[0]) for name, values in states.items()}
+
+
+def ground_speed_difference(state: Mapping[str, float]) -> float:
+    return NEUTRAL.wheel_radius * (state["psi_right"] - state["psi_left"])
+
+
+def test_wheel_speeds_are_the_solution_of_the_papers_motor_equation() -> None:
+    times = np.array([0.01, 0.1, 0.5])
+    states = true_motion(CONSTANT, {}, times)
+    # Heun's method errs by (rate h)^2 / 6 of the speed: 7e-10 at steps of 10 us.
+    expected = 0.3 / NEUTRAL.k1 * -np.expm1(-RATE * times)
+    assert states["psi_left"] == pytest.approx(expected, rel=1e-8)
+
+
+def test_constant_wheel_speeds_drive_a_circle_of_the_radius_that_geometry_demands() -> None:
+    times = every(0.2, 15.0)[25:]  # 32 time constants after the start
+    states = true_motion(CONSTANT, {}, times, step=1e-4)
+    x, y, theta = states["x"], states["y"], states["theta"]
+    radius = NEUTRAL.base_width / 2.0 * (0.5 + 0.3) / (0.5 - 0.3)
+    centre_x, centre_y = x - radius * np.sin(theta), y + radius * np.cos(theta)
+    assert np.ptp(centre_x) < 1e-7
+    assert np.ptp(centre_y) < 1e-7
+
+
+@pytest.mark.parametrize("effect", OF_MOTION)
+@pytest.mark.parametrize("manoeuvre", [figure_eight(10.0, 1), reversals(0.5, (0.8,))], ids=["eight", "reversals"])
+def test_ten_times_the_step_changes_the_path_by_less_than_ten_micrometres(effect: str, manoeuvre: Manoeuvre) -> None:
+    sizes = {name: 4.1 if name.endswith("_time") else size for name, size in TYPICAL[effect].items()}
+    commands = packets(manoeuvre, 10.0)
+    times = every(0.01, 10.0)
+    fine, coarse = (true_motion(commands, sizes, times, step=step) for step in (1e-5, 1e-4))
+    # Of second order where smooth; a kink met within a step costs at most its jump times the square of the step.
+    assert np.hypot(fine["x"] - coarse["x"], fine["y"] - coarse["y"]).max() < 1e-5
+
+
+def test_battery_sag_lowers_the_final_speed_by_its_equation() -> None:
+    state = after(6.0, {"battery_sag": 0.2})
+    left, right = NEUTRAL.k1 * state["psi_left"], NEUTRAL.k1 * state["psi_right"]
+    q = 0.3 * (0.3 - 0.8 * left) + 0.5 * (0.5 - 0.8 * right)
+    assert (left, right) == pytest.approx((0.3 * (1.0 - 0.2 * q), 0.5 * (1.0 - 0.2 * q)), rel=1e-9)
+
+
+def test_turn_slip_widens_the_base_by_the_turn_rate_it_leaves() -> None:
+    state = after(6.0, {"turn_slip": 0.03})
+    wanted = ground_speed_difference(state) / NEUTRAL.base_width
+    assert state["w"] * (1.0 + 0.03 * state["w"]) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_coupled_motors_share_their_acceleration_from_rest() -> None:
+    state = after(1e-4, {"motor_coupling": 0.15}, Commands(np.zeros(1), np.array([0.5]), np.array([0.5])))
+    # domega = a u - c domega on both sides.
+    assert state["domega_left"] == pytest.approx(NEUTRAL.k2_over_k3 * 0.5 / 1.15, rel=1e-3)
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.999, False), (1.001, True)])
+def test_a_wheel_sets_off_when_the_motor_exceeds_the_break_away_friction(share: float, moves: bool) -> None:
+    duty = np.array([share * (4.0 + 14.0) / NEUTRAL.k2_over_k3])
+    state = after(3.0, {"coulomb_friction": 4.0, "static_friction": 14.0}, Commands(np.zeros(1), duty, duty))
+    assert (state["x"] > 0.0) == moves
+
+
+def test_a_coasting_wheel_comes_to_rest_when_friction_has_eaten_its_speed_and_stays() -> None:
+    commands = Commands(np.array([0.0, COAST_AFTER]), np.array([0.5, 0.0]), np.array([0.5, 0.0]))
+    times = every(0.01, 4.0)
+    states = true_motion(commands, {"coulomb_friction": 4.0}, times)
+    before = states["psi_left"][times == COAST_AFTER][0]
+    # psi(t) = (psi_0 + c / rate) e^(-rate t) - c / rate until it is 0.
+    coasted = times - COAST_AFTER
+    expected = (before + 4.0 / RATE) * np.exp(-RATE * coasted) - 4.0 / RATE
+    moving = (coasted >= 0.0) & (expected > 0.0)
+    assert states["psi_left"][moving] == pytest.approx(expected[moving], abs=1e-7)
+    assert not states["psi_left"][(coasted > 0.0) & ~moving].any()
+
+
+def test_backlash_takes_the_whole_gap_out_of_a_reversal() -> None:
+    time, duty = np.array([0.0, 2.0, 4.0]), np.array([0.5, -0.5, 0.5])
+    states = true_motion(Commands(time, duty, duty), {"backlash": 0.12}, np.array([2.0, 4.0]), step=1e-4)
+    shaft = np.diff(states["phi_left"])[0]
+    wheel = np.diff(states["x"])[0] / NEUTRAL.wheel_radius
+    # Between 2 s and 4 s the shaft turned on, stopped and came back: the wheel lags by the gap on the way back.
+    assert wheel - shaft == pytest.approx(0.12, abs=1e-9)
+
+
+def test_late_packets_come_in_order_within_the_jitter_and_lost_ones_never() -> None:
+    time = every(0.02, 40.0)
+    sent = Commands(time, time / 100.0, time / 100.0)  # each packet tells when it was sent
+    p = plant_parameters({"command_delay": 0.03, "command_jitter": 0.04, "command_loss": 0.2})
+    arrived = arrivals(p, sent, np.random.default_rng(5))
+    assert np.all(np.diff(arrived.time) > 0.0)
+    assert np.all(np.diff(arrived.left) > 0.0)
+    delays = arrived.time - 100.0 * arrived.left
+    assert delays.min() >= 0.03 - 1e-9
+    assert delays.max() <= 0.07 + 1e-9
+    assert len(arrived.time) < 0.85 * len(sent.time)
+
+
+def test_a_late_pose_on_a_fast_clock_is_where_the_robot_was() -> None:
+    sizes = {"pose_latency": 0.04, "clock_skew": 5e-4, "pose_offset": 0.1}
+    driven = drive(packets(constant(0.3, 0.5), 10.0), sizes, 10.0)
+    poses = driven.recording.poses
+    when = np.maximum((poses.seconds - 0.04) / 1.0005, 0.0)
+    states = true_motion(packets(constant(0.3, 0.5), 10.0), {}, when, step=1e-3)
+    assert poses["x"] == pytest.approx(states["x"] + 0.1 * np.cos(states["theta"]), abs=1e-9)
+    assert poses["y"] == pytest.approx(states["y"] + 0.1 * np.sin(states["theta"]), abs=1e-9)
+
+
+def test_a_coarse_encoder_counts_whole_steps_and_never_runs_ahead() -> None:
+    sizes = {"encoder_quantisation": 48.0}
+    driven = drive(packets(constant(0.3, 0.5), 5.0), sizes, 5.0, Noise(ticks_per_turn=480.0))
+    count = driven.recording.wheels["ticks_left"]
+    assert np.all(np.remainder(count, 10.0) == 0.0)
+    behind = driven.truth["phi_left"] / (2.0 * math.pi) * 480.0 - count
+    assert behind.min() >= 0.0
+    assert behind.max() < 10.0
+
+
+def test_the_same_seed_gives_the_same_drive_and_another_seed_another() -> None:
+    commands = packets(figure_eight(10.0, 1), 10.0)
+    first, again, other = (recording(commands, {}, 10.0, REALISTIC, seed) for seed in (3, 3, 4))
+    assert np.array_equal(first.poses["x"], again.poses["x"])
+    assert np.array_equal(first.gyro["yaw_rate"], again.gyro["yaw_rate"])
+    assert not np.array_equal(first.poses["x"], other.poses["x"])
+
+
+def test_the_noise_of_the_poses_has_the_size_and_the_memory_asked_for() -> None:
+    noise = Noise(position=0.005, pose_time=0.1)
+    x = recording(packets(constant(0.0, 0.0), 1000.0), {}, 1000.0, noise).poses["x"]
+    neighbours = np.corrcoef(x[1:], x[:-1])[0, 1]
+    # 25,000 samples of which some 5,000 are independent: 1 % of the size, 0.01 of the correlation.
+    assert x.std() == pytest.approx(0.005, rel=0.04)
+    assert neighbours == pytest.approx(math.exp(-0.04 / 0.1), abs=0.04)
+
+
+def test_a_quiet_figure_eight_calibrates_to_the_truth() -> None:
+    estimates = calibrate(recording(packets(figure_eight(40.0, 2), 40.0), {}, 40.0)).estimates
+    for name in ("k2_over_k3", "k1", "base_width"):
+        assert estimates[name].value == pytest.approx(getattr(NEUTRAL, name), rel=1e-4), name
+
+
+def test_the_rich_drive_rests_at_both_ends_and_uses_both_directions_at_every_speed() -> None:
+    commands = packets(rich_drive(), RICH_DRIVE_SECONDS)
+    for rest in (commands.time < 2.9, commands.time > RICH_DRIVE_SECONDS - 2.9):
+        assert not commands.left[rest].any()
+        assert not commands.right[rest].any()
+    for duty in (commands.left, commands.right):
+        assert (duty.min(), duty.max()) == pytest.approx((-0.9, 0.9))
+    assert not np.any(np.abs(np.concatenate([commands.left, commands.right])) > 1.0)
