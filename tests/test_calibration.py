@@ -215,5 +215,16 @@ def test_the_parameter_file_says_where_the_numbers_come_from(default_result: Cal
 
 def test_the_summary_reads_as_a_table(default_result: CalibrationResult) -> None:
     summary = default_result.summary()
-    for word in ("k2_over_k3", "rad/s^2", "k1", "s/rad", "base_width", "wheel_radius", "(as given)", "before", "after"):
+    for word in (
+        "k2_over_k3",
+        "rad/s^2",
+        "k1",
+        "s/rad",
+        "base_width",
+        "wheel_radius",
+        "as given",
+        "95 % interval",
+        "before",
+        "after",
+    ):
         assert word in summary

@@ -11,8 +11,9 @@ import numpy as np
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
-from cmr.calibration.calibrate import PAPER_PARAMETERS, calibrate
+from cmr.calibration.calibrate import calibrate
 from cmr.calibration.coverage import Coverage
+from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationError, CalibrationResult
 from cmr.calibration.segments import LEAD
 from cmr.msg import calibration_status_t

@@ -3,10 +3,21 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
+from cmr.recordings.signal import Floats
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cmr.calibration.grid import Grid
+    from cmr.calibration.segments import Segment
+
+INTERVAL = 1.96  # standard deviations either side hold the truth in 95 % of cases
 
 
 class CalibrationError(Exception):
@@ -20,14 +31,24 @@ class Estimate:
     value: float
     std: float
 
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % confidence interval."""
+        return self.value - INTERVAL * self.std, self.value + INTERVAL * self.std
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, kw_only=True)
 class CalibrationResult:
     """What was found of one robot.
 
-    `unidentified` tells, by parameter, why the data does not determine it. `path_rmse_before` and
+    `estimates` holds each identified parameter's value and standard deviation, which is its Cramer-Rao bound for the
+    noise found in the data. `covariance` [products of units] is that of `names`, in their order. `unidentified`
+    tells, by parameter, why the data do not determine it. `nominal` is what was known before, `samples` how many
+    measurements of the path (or of the wheels, without a path) were compared. `path_rmse_before` and
     `path_rmse_after` are the root mean square distances [m] between the real path and the one simulated with the
-    nominal and with the found parameters, NaN where there is no path to compare. `nominal` is what was known before.
+    nominal and with the found parameters, NaN where there is no path to compare. `notes` are sentences on what else
+    was noticed. `segments` are the drives compared, `grid` the error surface of the grid search, None without one;
+    `by_wheels` tells that the path follows the measured wheels, not the commands.
     """
 
     robot_id: int
@@ -36,9 +57,34 @@ class CalibrationResult:
     nominal: ParameterFile
     method: str
     samples: int
+    covariance: Floats
     path_rmse_before: float = math.nan
     path_rmse_after: float = math.nan
-    notes: tuple[str, ...] = field(default_factory=tuple)
+    notes: tuple[str, ...] = ()
+    segments: list["Segment"] = field(default_factory=list, repr=False)
+    grid: "Grid | None" = field(default=None, repr=False)
+    by_wheels: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The identified parameters, in the order of `x` and `covariance`."""
+        return tuple(self.estimates)
+
+    @property
+    def x(self) -> Floats:
+        """The estimates, shape (n,)."""
+        return np.array([estimate.value for estimate in self.estimates.values()])
+
+    @property
+    def success(self) -> bool:
+        """Whether every parameter that was looked for was found."""
+        return not self.unidentified
+
+    @property
+    def message(self) -> str:
+        """What came of it, in a sentence or two."""
+        found = f"Found {', '.join(self.names)}."
+        return " ".join([found, *(f"{name}: not identifiable, {why}." for name, why in self.unidentified.items())])
 
     @property
     def values(self) -> dict[str, float]:
@@ -61,16 +107,29 @@ class CalibrationResult:
 
     def summary(self) -> str:
         """Return a table for a person."""
-        lines = [f"robot {self.robot_id}, {self.samples} samples, {self.method}"]
+        lines = [
+            f"Calibration of robot {self.robot_id}: {self.method}, {self.samples} samples",
+            f"  {'parameter':13s} {'value':>11s} {'std':>9s} {'95 % interval':>24s}  unit",
+        ]
         for name, definition in DEFINITIONS.items():
             if name in self.estimates:
                 estimate = self.estimates[name]
-                lines.append(f"  {name:13s} {estimate.value:12.6g} +- {estimate.std:<10.2g} {definition.unit}")
+                interval = "{:.5g} to {:.5g}".format(*estimate.interval)
+                lines.append(
+                    f"  {name:13s} {estimate.value:11.5g} {estimate.std:9.2g} {interval:>24s}  {definition.unit}"
+                )
             elif name in self.unidentified:
                 lines.append(f"  {name:13s} not identifiable: {self.unidentified[name]}")
-            elif name in self.nominal.values:
-                lines.append(f"  {name:13s} {self.nominal.values[name].value:12.6g} (as given)  {definition.unit}")
+            elif name in self.nominal.values and True:
+                given = self.nominal.values[name].value
+                lines.append(f"  {name:13s} {given:11.5g} {'':9s} {'as given':>24s}  {definition.unit}")
         if math.isfinite(self.path_rmse_after):
             before = f"{self.path_rmse_before:.4f} m" if math.isfinite(self.path_rmse_before) else "not known"
             lines.append(f"  path error    {before} before, {self.path_rmse_after:.4f} m after (root mean square)")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+    def plot(self) -> "Figure":
+        """Return a figure: the path before and after, residuals in time, and the error surface of the grid."""
+        from cmr.calibration.plots import figure_of
+
+        return figure_of(self)

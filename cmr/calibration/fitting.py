@@ -1,0 +1,102 @@
+"""Fit the path, and bring the clocks of commands, wheels and poses together while doing so."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.calibration.grid import Grid, axes_for, search
+from cmr.calibration.linear import COMMAND_TIME, POSE_TIME
+from cmr.calibration.preparing import Prepared
+from cmr.calibration.refine import Refined, Refinement
+from cmr.calibration.result import Estimate
+from cmr.calibration.segments import Segment
+from cmr.recordings.signal import Floats
+
+PAPER_PARAMETERS: tuple[str, ...] = ("k2_over_k3", "k1", "base_width")
+ALIGNED = 5e-3  # s; clocks that are nearer need not be moved: the refinement treats such times as linear
+ROUNDS = 4
+WORTH_TELLING = 0.02  # s; less may be friction or slip
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The refined parameters, with the segments they were fitted to and the grid search before, None without one."""
+
+    refined: Refined
+    segments: list[Segment]
+    method: str
+    grid: Grid | None = None
+    by_wheels: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def correlation(self) -> Floats:
+        """The correlation matrix of the estimates; 0 where one is not determined at all."""
+        spread = np.sqrt(np.diag(self.refined.covariance))
+        scale = np.where(np.isfinite(spread) & (spread > 0.0), spread, np.inf)
+        return np.asarray(np.nan_to_num(self.refined.covariance / np.outer(scale, scale)))
+
+
+def fit_by_path(
+    prepared: Prepared,
+    segments: list[Segment],
+    names: tuple[str, ...],
+    known: Mapping[str, float],
+    first: Mapping[str, float] | None,
+) -> Fit:
+    """Find `names` among the paper's parameters from commands and path; the others are `known`.
+
+    Raises CalibrationError when commands and motion do not go together.
+    """
+    grid, method = None, "refine"
+    if first is None:
+        radius = known["wheel_radius"]
+        grid = search(segments, radius, axes_for(segments, radius, known.get("base_width")))
+        first, method = grid.best, "grid+refine"
+    values = dict(first) | dict(known)
+    return _aligned(prepared, segments, names, values, method, grid)
+
+
+def fit_by_wheels_and_path(
+    prepared: Prepared, segments: list[Segment], names: tuple[str, ...], first: Mapping[str, float]
+) -> Fit:
+    """Find `names` (wheel_radius, base_width) from wheel angles and path."""
+    return _aligned(prepared, segments, names, first, "wheels+refine", None, by_wheels=True)
+
+
+def _aligned(
+    prepared: Prepared,
+    segments: list[Segment],
+    names: tuple[str, ...],
+    values: Mapping[str, float],
+    method: str,
+    grid: Grid | None,
+    by_wheels: bool = False,
+) -> Fit:
+    """Refine; where the fit says that a clock is off, set it right and refine again."""
+    for _round in range(ROUNDS):
+        refined = Refinement(segments, names, values, by_wheels).solve()
+        offsets = {name: refined.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in refined.nuisance}
+        off = {n: e.value for n, e in offsets.items() if abs(e.value) > max(ALIGNED, 3.0 * e.std)}
+        if not off:
+            break
+        prepared = prepared.shifted(commands=off.get(COMMAND_TIME, 0.0), poses=-off.get(POSE_TIME, 0.0))
+        segments = prepared.segments()
+        values = dict(values) | {name: estimate.value for name, estimate in refined.estimates.items()}
+    return Fit(refined, segments, method, grid, by_wheels, _told(prepared, offsets))
+
+
+def _told(prepared: Prepared, offsets: Mapping[str, Estimate]) -> tuple[str, ...]:
+    """Say by how much the clocks were off, where that is sure and worth it."""
+    notes = []
+    for name, shift, sentence in (
+        (POSE_TIME, -prepared.poses_shifted, "Poses are stamped {:.3f} s {} than wheels and commands."),
+        (COMMAND_TIME, prepared.commands_shifted, "Commands take effect {:.3f} s {} than they are stamped."),
+    ):
+        if name in offsets:
+            total = shift + offsets[name].value
+            if abs(total) > max(WORTH_TELLING, 3.0 * offsets[name].std):
+                word = "later" if total > 0.0 else "earlier"
+                notes.append(sentence.format(abs(total), word) + " The calibration has taken this into account.")
+    return tuple(notes)
