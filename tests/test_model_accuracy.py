@@ -31,7 +31,8 @@ def modelled(commands: Commands, seconds: float) -> Trajectory:
 
 
 def distances(model: Trajectory, truth: dict[str, Floats]) -> Floats:
-    return np.hypot(model.x - truth["x"], model.y - truth["y"])
+    distance: Floats = np.hypot(model.x - truth["x"], model.y - truth["y"])
+    return distance
 
 
 def test_the_papers_model_is_within_1e7_m_of_the_truth_after_a_minute_of_figure_eights() -> None:
