@@ -4,6 +4,10 @@ Symbols: u duty, V voltage as a share of full drive, psi wheel speed [rad/s], ph
 r wheel radius, b base width, v forward speed [m/s], w yaw rate [rad/s]; s = +1 on the left and -1 on the right.
 
 Paper: domega = a V - K1 a psi, v = (v_left + v_right) / 2, w = (v_right - v_left) / b with v_i = r psi_i.
+
+What acts on what: a command passes turn_rate_limit, deadband, slew_limit, saturation and electrical_lag and is then u,
+which battery and asymmetry turn into V; load, energy and heat follow u. Shaft angle phi is what encoders see; wheels
+follow it through the backlash, the ground follows the wheels.
 """
 
 import math
