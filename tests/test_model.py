@@ -131,12 +131,12 @@ def test_many_robots_in_one_step_move_exactly_as_each_alone() -> None:
     random = np.random.default_rng(1)
     count = 40
     states = RobotState(*random.normal(size=(7, count)))
-    parameters = RobotParameters(*(np.array(ROBOT)[:, np.newaxis] * random.uniform(0.5, 1.5, (4, count))))
+    parameters = RobotParameters(*(np.array([*ROBOT])[:, np.newaxis] * random.uniform(0.5, 1.5, (4, count))))
     left, right = random.uniform(-1.0, 1.0, (2, count))
     together = np.array(step(states, left, right, parameters, 0.01))
     for i in range(count):
         alone = step(
-            RobotState(*np.array(states)[:, i]), left[i], right[i], RobotParameters(*np.array(parameters)[:, i]), 0.01
+            RobotState(*np.array(states)[:, i]), left[i], right[i], RobotParameters(*np.array([*parameters])[:, i]), 0.01
         )
         assert together[:, i] == pytest.approx(np.array(alone), rel=1e-14, abs=1e-14)
 

@@ -1,19 +1,37 @@
 """The numbers of the robot model: names, units, meaning and the range in which they make sense."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
 
 
 @dataclass(frozen=True)
 class ParameterDefinition:
-    """One number of the model. `lower` and `upper` bound what any wheeled robot can have; both are exclusive."""
+    """One number of the model. `lower` and `upper` bound what any wheeled robot can have.
+
+    `neutral` is the value that stands for an absent effect (None: the paper's own parameters, which must be given),
+    `typical` the size that an effect has on a robot with a wheel radius of 4 cm. Parameters that do not switch their
+    effect on and off (`switches`), such as a time or a place, mean nothing while the others are neutral.
+    """
 
     name: str
     unit: str
     meaning: str
     lower: float
     upper: float
+    neutral: float | None = None
+    typical: float | None = None
+    switches: bool = True
+
+    def is_neutral(self, value: Any) -> bool:
+        """Tell whether the value, or each of an array of values, is the neutral one."""
+        return bool(np.all(np.asarray(value) == self.neutral))
+
+    def allows(self, value: float) -> bool:
+        """Tell whether the value lies within the bounds, or is the neutral one."""
+        return self.lower <= value <= self.upper or value == self.neutral
 
 
 PARAMETER_DEFINITIONS = (
@@ -25,18 +43,38 @@ PARAMETER_DEFINITIONS = (
 DEFINITIONS = {definition.name: definition for definition in PARAMETER_DEFINITIONS}
 
 
-class RobotParameters(NamedTuple):
-    """Values of the model's parameters. Each is a number, or an array that broadcasts over robots or candidates."""
+@dataclass(frozen=True)
+class RobotParameters:
+    """Values of the model's parameters. Each is a number, or an array that broadcasts over robots or candidates.
+
+    The first four are the paper's. `effects` maps names of further parameters, as the catalogue defines them, to
+    values; one that is absent has its neutral value. Iteration gives the paper's four.
+    """
 
     wheel_radius: Any
     k2_over_k3: Any
     k1: Any
     base_width: Any
+    effects: Mapping[str, Any] = field(default_factory=dict)
+
+    _fields: ClassVar[tuple[str, ...]] = tuple(DEFINITIONS)
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> "RobotParameters":
-        """Return the parameters from a mapping by name.
+        """Return the parameters from a mapping by name: the paper's, and any of effects.
 
-        Raises KeyError naming the first that is missing.
+        Raises KeyError naming the first of the paper's that is missing.
         """
-        return cls(**{name: values[name] for name in cls._fields})
+        paper = {name: values[name] for name in DEFINITIONS}
+        return cls(**paper, effects={name: value for name, value in values.items() if name not in DEFINITIONS})
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Return all values by name."""
+        return {**dict(zip(DEFINITIONS, self, strict=True)), **self.effects}
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.wheel_radius, self.k2_over_k3, self.k1, self.base_width))
+
+    def _replace(self, **values: Any) -> "RobotParameters":
+        return replace(self, **values)

@@ -1,0 +1,64 @@
+"""All effects by name, and all parameters: those of CMR and those that installed packages add.
+
+A package adds effects by an entry point of the group `cmr.effects`, each pointing at one `Effect`.
+"""
+
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from itertools import chain
+from typing import Any
+
+from cmr.model import parameters as paper
+from cmr.model.effect import Effect
+from cmr.model.effects import electronics, ground, motors, sensors
+from cmr.model.parameters import ParameterDefinition, RobotParameters
+
+ENTRY_POINTS = "cmr.effects"
+OWN = (*electronics.EFFECTS, *motors.EFFECTS, *ground.EFFECTS, *sensors.EFFECTS)
+
+
+def catalogue_of(effects: tuple[Effect, ...]) -> dict[str, Effect]:
+    """Return the effects by name.
+
+    Raises ValueError where two effects, parameters or memories have the same name.
+    """
+    names = [*(effect.name for effect in effects), *(memory.name for effect in effects for memory in effect.memory)]
+    numbers = [parameter.name for parameter in chain(paper.PARAMETER_DEFINITIONS, *(e.parameters for e in effects))]
+    for taken in (names, numbers):
+        twice = sorted({name for name in taken if taken.count(name) > 1})
+        if twice:
+            raise ValueError(f"more than one effect uses the name {', '.join(twice)}")
+    return {effect.name: effect for effect in effects}
+
+
+def definitions_of(catalogue: Mapping[str, Effect]) -> dict[str, ParameterDefinition]:
+    """Return all parameters of the model by name, the paper's first."""
+    return {
+        parameter.name: parameter
+        for parameter in chain(paper.PARAMETER_DEFINITIONS, *(effect.parameters for effect in catalogue.values()))
+    }
+
+
+CATALOGUE = catalogue_of((*OWN, *(point.load() for point in entry_points(group=ENTRY_POINTS))))
+DEFINITIONS = definitions_of(CATALOGUE)
+
+
+def effects_on(values: Mapping[str, Any]) -> list[Effect]:
+    """Return the effects that these parameter values, by name, switch on; in the order of the catalogue.
+
+    Raises KeyError for a name that is no parameter.
+    """
+    unknown = sorted(set(values) - set(DEFINITIONS))
+    if unknown:
+        raise KeyError(f"unknown parameter {unknown[0]}; known: {', '.join(DEFINITIONS)}")
+    return [effect for effect in CATALOGUE.values() if effect.is_on(values)]
+
+
+def typical(effect: Effect) -> dict[str, float]:
+    """Return the effect's parameters at their typical size."""
+    return {parameter.name: float(parameter.typical or 0.0) for parameter in effect.parameters}
+
+
+def with_effects(parameters: RobotParameters, values: Mapping[str, Any]) -> RobotParameters:
+    """Return the parameters with these values, by name, in place of their own."""
+    return RobotParameters.of({**parameters.values, **values})

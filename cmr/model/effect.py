@@ -1,0 +1,81 @@
+"""What an effect is: one entry that simulation, calibration, diagnosis, report and documentation all read.
+
+The equation in an entry is the code: Python statements for the stages of `cmr.model.stages`. The model's step is
+composed of the statements of all entries, and the documentation prints them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from cmr.model.parameters import ParameterDefinition
+from cmr.model.stages import STAGES
+
+GROUPS = ("battery and electronics", "motors and gearing", "wheels and ground", "sensors")
+
+
+@dataclass(frozen=True)
+class Memory:
+    """A value that the robot keeps from one step to the next; 0.0 at the start unless stage `start` says otherwise."""
+
+    name: str
+    unit: str
+    meaning: str
+    per_side: bool = False
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect that the paper's model lacks.
+
+    `cause` is a sentence with `{parameter}` fields: `{gyro_bias:.3f}` prints the size, `{gyro_bias:high/low}` the word
+    for its sign. `equations` maps stages to statements, see above. `needs` says which motion makes the effect show,
+    `shows_in` where, and `confused_with` maps the names of other effects to the manoeuvre that tells them apart.
+    """
+
+    name: str
+    group: str
+    cause: str
+    equations: Mapping[str, str]
+    parameters: tuple[ParameterDefinition, ...]
+    needs: str
+    shows_in: str
+    confused_with: Mapping[str, str] = field(default_factory=dict)
+    memory: tuple[Memory, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.group not in GROUPS:
+            raise ValueError(f"effect {self.name}: group {self.group!r} is none of {', '.join(GROUPS)}")
+        unknown = sorted(set(self.equations) - set(STAGES))
+        if unknown:
+            raise ValueError(f"effect {self.name}: unknown stages {', '.join(unknown)}; known: {', '.join(STAGES)}")
+        for parameter in self.parameters:
+            if parameter.name != self.name and not parameter.name.startswith(f"{self.name}_"):
+                raise ValueError(f"effect {self.name}: parameter {parameter.name} must be called {self.name}_...")
+
+    @property
+    def is_sensor(self) -> bool:
+        """Whether the effect changes what sensors say and leaves the motion alone."""
+        return all(STAGES[stage].of_sensors for stage in self.equations)
+
+    def is_on(self, values: Mapping[str, Any]) -> bool:
+        """Tell whether any of these values, by parameter name, switches the effect on."""
+        return any(
+            not parameter.is_neutral(values[parameter.name])
+            for parameter in self.parameters
+            if parameter.switches and parameter.name in values
+        )
+
+    def sentence(self, values: Mapping[str, float]) -> str:
+        """Return the sentence that names the cause, with these values of the parameters."""
+        return self.cause.format(**{parameter.name: _Size(values[parameter.name]) for parameter in self.parameters})
+
+
+class _Size(float):
+    """A number that prints its size, or one of two words by its sign."""
+
+    def __format__(self, specification: str) -> str:
+        positive, slash, negative = specification.partition("/")
+        if slash:
+            return negative if self < 0.0 else positive
+        return format(abs(float(self)), specification)

@@ -1,0 +1,1 @@
+"""The effects that come with CMR, one module for each group."""

@@ -1,0 +1,185 @@
+"""Sensors: what encoders, gyro and a pose from outside make of the true motion."""
+
+from math import inf
+
+from cmr.model.effect import Effect
+from cmr.model.parameters import ParameterDefinition
+
+GROUP = "sensors"
+
+ENCODER_SCALE = Effect(
+    name="encoder_scale",
+    group=GROUP,
+    cause="Both encoders count {encoder_scale:.1%} {encoder_scale:more/fewer} ticks per turn than stated.",
+    equations={"encoder": "reading = reading * (1.0 + encoder_scale)"},
+    parameters=(
+        ParameterDefinition("encoder_scale", "-", "share by which both encoders count more", -0.5, 1.0, 0.0, 0.02),
+    ),
+    needs="any motion, and commands or a pose from outside",
+    shows_in="encoders against commands and pose",
+    confused_with={"wheel_radius_scale": "none: the same mathematics, unless commands tell"},
+)
+
+ENCODER_ASYMMETRY = Effect(
+    name="encoder_asymmetry",
+    group=GROUP,
+    cause="The {encoder_asymmetry:left/right} encoder counts more: each is {encoder_asymmetry:.1%} off the mean.",
+    equations={"encoder": "reading = reading * (1.0 + side * encoder_asymmetry)"},
+    parameters=(
+        ParameterDefinition(
+            "encoder_asymmetry",
+            "-",
+            "share by which the left encoder counts more, the right one less",
+            -0.5,
+            0.5,
+            0.0,
+            0.02,
+        ),
+    ),
+    needs="any motion, and a pose from outside",
+    shows_in="encoders against pose and against commands",
+    confused_with={"wheel_radius_asymmetry": "compare wheels with commands: radii leave them in agreement"},
+)
+
+ENCODER_QUANTISATION = Effect(
+    name="encoder_quantisation",
+    group=GROUP,
+    cause="Encoders are coarse: {encoder_quantisation:.0f} ticks per turn of the wheel.",
+    equations={
+        "encoder": """
+            tick = 2.0 * pi / encoder_quantisation
+            reading = where(tick > 0.0, floor(reading / tick) * tick, reading)
+        """
+    },
+    parameters=(
+        ParameterDefinition("encoder_quantisation", "ticks", "ticks per turn of the wheel", 1.0, inf, inf, 48.0),
+    ),
+    needs="any motion",
+    shows_in="noise of the wheel speeds",
+    confused_with={"deadband": "a finer encoder", "static_friction": "a finer encoder"},
+)
+
+GYRO_BIAS = Effect(
+    name="gyro_bias",
+    group=GROUP,
+    cause="The gyro reads {gyro_bias:.4f} rad/s too {gyro_bias:high/low}.",
+    equations={"gyro": "reading = reading + gyro_bias"},
+    parameters=(ParameterDefinition("gyro_bias", "rad/s", "reading at rest", -1.0, 1.0, 0.0, 0.01),),
+    needs="rest",
+    shows_in="the gyro at rest",
+    confused_with={"gyro_drift": "stand still at both ends"},
+)
+
+GYRO_SCALE = Effect(
+    name="gyro_scale",
+    group=GROUP,
+    cause="The gyro reads {gyro_scale:.1%} too {gyro_scale:much/little} in turns.",
+    equations={"gyro": "reading = reading + gyro_scale * yaw_rate"},
+    parameters=(
+        ParameterDefinition("gyro_scale", "-", "share by which turns are read too large", -0.5, 0.5, 0.0, 0.02),
+    ),
+    needs="turns",
+    shows_in="the gyro in turns",
+    confused_with={"turn_asymmetry": "turns both ways"},
+)
+
+GYRO_DRIFT = Effect(
+    name="gyro_drift",
+    group=GROUP,
+    cause="The gyro drifts {gyro_drift:up/down} by {gyro_drift:.4f} rad/s in 100 s.",
+    equations={"gyro": "reading = reading + gyro_drift * time / 100.0"},
+    parameters=(ParameterDefinition("gyro_drift", "rad/s", "change of the bias in 100 s", -1.0, 1.0, 0.0, 0.012),),
+    needs="rest at the beginning and at the end",
+    shows_in="the gyro, slowly",
+    confused_with={"gyro_bias": "stand still at both ends"},
+)
+
+GYRO_LATENCY = Effect(
+    name="gyro_latency",
+    group=GROUP,
+    cause="The gyro is {gyro_latency:.3f} s late.",
+    equations={"gyro_time": "moment = moment - gyro_latency"},
+    parameters=(ParameterDefinition("gyro_latency", "s", "age of a reading at its stamp", -0.5, 0.5, 0.0, 0.02),),
+    needs="sudden turns",
+    shows_in="the gyro where turns begin and end",
+    confused_with={"longitudinal_slip": "spins"},
+)
+
+# A clock is wrong by its rate first and latency comes on top, so the stamp is turned back in this order.
+CLOCK_SKEW = Effect(
+    name="clock_skew",
+    group=GROUP,
+    cause="The clock of the pose runs {clock_skew:.3%} {clock_skew:fast/slow}.",
+    equations={"pose_time": "moment = moment / (1.0 + clock_skew)"},
+    parameters=(
+        ParameterDefinition("clock_skew", "-", "share by which the pose's clock runs fast", -0.1, 0.1, 0.0, 5e-4),
+    ),
+    needs="a long drive",
+    shows_in="the pose along the motion, growing with time",
+    confused_with={"pose_latency": "a longer run"},
+)
+
+POSE_LATENCY = Effect(
+    name="pose_latency",
+    group=GROUP,
+    cause="Poses are {pose_latency:.3f} s older than their stamps say.",
+    equations={"pose_time": "moment = moment - pose_latency"},
+    parameters=(
+        ParameterDefinition(
+            "pose_latency", "s", "age of a pose at its stamp; 0.2 from a slow lidar", -1.0, 1.0, 0.0, 0.04
+        ),
+    ),
+    needs="changes of speed, and encoders",
+    shows_in="the pose along the motion; it looks like a slow motor, but encoders against pose show it alone",
+    confused_with={"electrical_lag": "compare encoders with pose", "clock_skew": "a longer run"},
+)
+
+POSE_OFFSET = Effect(
+    name="pose_offset",
+    group=GROUP,
+    cause="The tracked point sits {pose_offset:.3f} m {pose_offset:ahead of/behind} the centre of rotation.",
+    equations={
+        "pose": """
+            x = x + pose_offset * cos(theta)
+            y = y + pose_offset * sin(theta)
+        """
+    },
+    parameters=(
+        ParameterDefinition("pose_offset", "m", "tracked point ahead of the turning centre", -5.0, 5.0, 0.0, 0.012),
+    ),
+    needs="spins on the spot",
+    shows_in="the pose, sideways in turns",
+    confused_with={"lateral_skid": "spins on the spot"},
+)
+
+POSE_DISTORTION = Effect(
+    name="pose_distortion",
+    group=GROUP,
+    cause="The external pose stretches {pose_distortion:outwards/inwards}: "
+    "by {pose_distortion:.1%} at 1 m from its origin.",
+    equations={
+        "pose": """
+            stretch = 1.0 + pose_distortion * (x * x + y * y)
+            x = x * stretch
+            y = y * stretch
+        """
+    },
+    parameters=(ParameterDefinition("pose_distortion", "1/m^2", "stretch per squared distance", -1.0, 1.0, 0.0, 0.02),),
+    needs="a large area",
+    shows_in="the pose against place",
+    confused_with={"wheel_radius_scale": "a larger area"},
+)
+
+EFFECTS = (
+    ENCODER_SCALE,
+    ENCODER_ASYMMETRY,
+    ENCODER_QUANTISATION,
+    GYRO_BIAS,
+    GYRO_SCALE,
+    GYRO_DRIFT,
+    GYRO_LATENCY,
+    CLOCK_SKEW,
+    POSE_LATENCY,
+    POSE_OFFSET,
+    POSE_DISTORTION,
+)

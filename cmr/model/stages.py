@@ -1,0 +1,120 @@
+"""The stages of the model's step, and the variables that the statements of an effect may use in each.
+
+The equations of effects consist of Python statements for these stages. A stage begins with the paper's value of its
+variables, and statements change them, in the order of the catalogue. A stage for a side is written once and holds for
+the left (`side` = 1.0) and for the right (`side` = -1.0); stages for the whole robot name the side: `duty_left`.
+"""
+
+from dataclasses import dataclass
+
+ALWAYS = (
+    "all parameters by name",
+    "memory",
+    "`dt` [s]",
+    "`time` [s] since the start, at the step's beginning",
+    "the pose `x`, `y`, `theta` there",
+)
+FUNCTIONS = {
+    "min, max, abs, exp, cos, sin, sqrt": "as usual",
+    "sign(value)": "-1.0, 0.0 or 1.0",
+    "after(moment)": "share of the step that lies after this time [s]",
+    "share(before, behind)": "share of the step during which a value is positive that goes from the one to the other",
+    "a if condition else b": "a choice; both are computed",
+}
+
+
+@dataclass(frozen=True)
+class Stage:
+    """When a stage is computed, the variables that it begins with and changes, and those that it reads."""
+
+    when: str
+    changes: dict[str, str]
+    reads: dict[str, str]
+    per_side: bool = False
+    of_sensors: bool = False
+
+
+ONCE, ENDS, POINTS, SENSOR = (
+    "once a step",
+    "at both ends of a step",
+    "at the two Gauss points of a step",
+    "when a sensor is read",
+)
+STAGES = {
+    "start": Stage(
+        "when a robot is placed",
+        {},
+        {"psi": "wheel speed [rad/s]", "duty": "the duty that holds it"},
+        per_side=True,
+    ),
+    "packet": Stage(
+        "once a step, for its command",
+        {"delay": "age of the command in force [s]", "lost": "whether the command before stays in force"},
+        {"random": "number in [0, 1), new for each step and effect"},
+    ),
+    "command": Stage(ONCE, {"duty_left": "command of the left side", "duty_right": "command of the right side"}, {}),
+    "actuator": Stage(
+        ONCE,
+        {"duty": "mean over the step", "gain": "K2/K3 [rad/s^2]", "back_emf": "K1 [s/rad]"},
+        {},
+        per_side=True,
+    ),
+    "place": Stage(ONCE, {}, {"x_ahead": "where the step ends [m]", "y_ahead": "where the step ends [m]"}),
+    "voltage": Stage(
+        ENDS,
+        {"voltage": "of the motor, as a duty"},
+        {
+            "duty": "",
+            "psi": "wheel speed [rad/s]",
+            "load_share": "current drawn: sum over both sides of max(0, duty (duty - 0.8 K1 psi))",
+        },
+        per_side=True,
+    ),
+    "current": Stage(
+        ENDS,
+        {"current": "voltage - K1 psi, as a duty"},
+        {"voltage": "", "psi": "", "back_emf": ""},
+        per_side=True,
+    ),
+    "acceleration": Stage(
+        ENDS,
+        {
+            "acceleration": "of the wheel without friction [rad/s^2]",
+            "friction": "deceleration by friction while the wheel turns [rad/s^2]",
+            "break_away": "acceleration that friction withstands at rest [rad/s^2]",
+        },
+        {"psi": "", "cosine": "of the heading", "sine": "of the heading"},
+        per_side=True,
+    ),
+    "coupling": Stage(
+        ENDS,
+        {"acceleration_left": "with friction [rad/s^2]", "acceleration_right": "with friction [rad/s^2]"},
+        {"free_left": "0.0 where the wheel sticks, else 1.0", "free_right": "the same of the right side"},
+    ),
+    "wheel": Stage(ONCE, {}, {"turned": "angle by which the motor shaft turned [rad]"}, per_side=True),
+    "ground": Stage(
+        POINTS,
+        {"radius": "of the wheel [m]", "rolling": "speed of the tyre over the ground [rad/s]"},
+        {"psi": "", "domega": "wheel acceleration [rad/s^2]", "angle": "of the wheel since the start [rad]"},
+        per_side=True,
+    ),
+    "width": Stage(
+        POINTS,
+        {"width": "base width [m]"},
+        {"difference": "of the tyres' speeds over the ground, right minus left [m/s]"},
+    ),
+    "body": Stage(
+        POINTS,
+        {"speed": "forward [m/s]", "sideways": "to the left [m/s]", "yaw_rate": "[rad/s]"},
+        {},
+    ),
+    "memory": Stage("at the end of a step", {}, {"duty": "", "psi": "at the end"}, per_side=True),
+    "robot_memory": Stage("at the end of a step", {}, {"load_share": "mean over the step"}),
+    "encoder": Stage(SENSOR, {"reading": "wheel angle [rad]"}, {"time": "[s]"}, per_side=True, of_sensors=True),
+    "gyro_time": Stage(SENSOR, {"moment": "that a stamped time shows [s]"}, {"time": "the stamp [s]"}, of_sensors=True),
+    "gyro": Stage(
+        SENSOR, {"reading": "yaw rate [rad/s]"}, {"time": "[s]", "yaw_rate": "the true one"}, of_sensors=True
+    ),
+    "pose_time": Stage(SENSOR, {"moment": "that a stamped time shows [s]"}, {"time": "the stamp [s]"}, of_sensors=True),
+    "pose": Stage(SENSOR, {"x": "[m]", "y": "[m]", "theta": "[rad]"}, {"time": "[s]"}, of_sensors=True),
+}
