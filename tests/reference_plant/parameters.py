@@ -35,12 +35,12 @@ class PlantParameters(NamedTuple):
     motor_heating: float = 0.0  # 1
     motor_coupling: float = 0.0  # 1
     backlash: float = 0.0  # rad
-    payload_change_size: float = 0.0  # 1
+    payload_change_share: float = 0.0  # 1
     payload_change_time: float = 0.0  # s
     # Wheels and ground.
     wheel_radius_scale: float = 0.0  # 1
     wheel_radius_asymmetry: float = 0.0  # 1
-    wheel_wobble_size: float = 0.0  # 1
+    wheel_wobble_share: float = 0.0  # 1
     wheel_wobble_phase: float = 0.0  # rad
     turn_slip: float = 0.0  # s/rad
     turn_asymmetry: float = 0.0  # 1
@@ -93,10 +93,10 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "motor_heating": {"motor_heating": 0.06},
     "motor_coupling": {"motor_coupling": 0.15},
     "backlash": {"backlash": 0.12},
-    "payload_change": {"payload_change_size": 0.25, "payload_change_time": 18.0},
+    "payload_change": {"payload_change_share": 0.25, "payload_change_time": 18.0},
     "wheel_radius_scale": {"wheel_radius_scale": 0.02},
     "wheel_radius_asymmetry": {"wheel_radius_asymmetry": 0.015},
-    "wheel_wobble": {"wheel_wobble_size": 0.04, "wheel_wobble_phase": 1.0},
+    "wheel_wobble": {"wheel_wobble_share": 0.04, "wheel_wobble_phase": 1.0},
     "turn_slip": {"turn_slip": 0.03},
     "turn_asymmetry": {"turn_asymmetry": 0.03},
     "longitudinal_slip": {"longitudinal_slip": 0.02},

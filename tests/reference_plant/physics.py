@@ -5,9 +5,9 @@ r wheel radius, b base width, v forward speed [m/s], w yaw rate [rad/s]; s = +1 
 
 Paper: domega = a V - K1 a psi, v = (v_left + v_right) / 2, w = (v_right - v_left) / b with v_i = r psi_i.
 
-What acts on what: a command passes turn_rate_limit, deadband, slew_limit, saturation and electrical_lag and is then u,
-which battery and asymmetry turn into V; load, energy and heat follow u. Shaft angle phi is what encoders see; wheels
-follow it through the backlash, the ground follows the wheels.
+What acts on what: a command passes turn_rate_limit, deadband, slew_limit and electrical_lag and is then u, which battery,
+saturation and asymmetry, in this order, turn into V; load, energy and heat follow u. The angle phi of the shaft is what
+encoders see; wheels follow it through the backlash, the ground follows the wheels.
 """
 
 import math
@@ -22,7 +22,7 @@ from tests.reference_plant.parameters import PlantParameters
 
 STRIBECK_SPEED = 0.5  # rad/s; where static friction has fallen to a third
 HEATING_TIME = 60.0  # s
-REFERENCE_ENERGY = 60.0  # s of full load current; what battery_drift is told for
+REFERENCE_ENERGY = 10.0  # s of full load current: about what a figure-eight of two minutes draws
 COUPLING_SWEEPS = 12  # each brings the two accelerations nearer to their common solution by motor_coupling squared
 FELT_SPEED = 0.5  # rad/s; noise of the torque is felt fully above it, and does not set off a wheel that rests
 
@@ -111,15 +111,16 @@ def load(p: PlantParameters, u_left: float, u_right: float, psi_left: float, psi
 @compiled
 def driving(p: PlantParameters, s: float, side: Side, q: float, energy: float, t: float) -> float:
     """Return the acceleration that motor and drag give one side [rad/s^2]."""
-    # battery_sag: V = u (1 - R q); battery_drift: V = u (1 - k E / E_ref); motor_gain_asymmetry: V (1 + s g).
+    # battery_sag: V = u (1 - R q); battery_drift: V = u (1 - k E / E_ref).
     v = side.u * (1.0 - p.battery_sag * q) * (1.0 - p.battery_drift * energy / REFERENCE_ENERGY)
-    v *= 1.0 + s * p.motor_gain_asymmetry
+    # saturation: V clipped to +-V_max; motor_gain_asymmetry: V (1 + s g).
+    v = clip(v, p.saturation) * (1.0 + s * p.motor_gain_asymmetry)
     # back_emf_asymmetry: K1 (1 + s g); motor_heating: K1 (1 + h H); surface_change: K1 (1 + e) after T.
     k1 = p.k1 * (1.0 + s * p.back_emf_asymmetry) * (1.0 + p.motor_heating * side.heat)
     if t >= p.surface_change_time:
         k1 *= 1.0 + p.surface_change_k1
     # payload_change: a (1 - p) after T.
-    a = p.k2_over_k3 * (1.0 - p.payload_change_size) if t >= p.payload_change_time else p.k2_over_k3
+    a = p.k2_over_k3 * (1.0 - p.payload_change_share) if t >= p.payload_change_time else p.k2_over_k3
     # current_limit: abs(V - K1 psi) <= I_max.  quadratic_drag: domega -= k psi abs(psi).
     acceleration = a * clip(v - k1 * side.psi, p.current_limit) - p.quadratic_drag * side.psi * abs(side.psi)
     return acceleration + side.torque * min(1.0, abs(side.psi) / FELT_SPEED)
@@ -217,8 +218,8 @@ def rolling_radius(p: PlantParameters, s: float, phi: float) -> float:
     """Return r of one side whose wheel has turned by phi."""
     # wheel_radius_scale: r (1 + e); wheel_radius_asymmetry: r (1 + s e); wheel_wobble: r (1 + e cos(phi + phase)).
     r = p.wheel_radius * (1.0 + p.wheel_radius_scale) * (1.0 + s * p.wheel_radius_asymmetry)
-    if p.wheel_wobble_size != 0.0:
-        r *= 1.0 + p.wheel_wobble_size * math.cos(phi + p.wheel_wobble_phase)
+    if p.wheel_wobble_share != 0.0:
+        r *= 1.0 + p.wheel_wobble_share * math.cos(phi + p.wheel_wobble_phase)
     return r
 
 
@@ -240,8 +241,7 @@ def wander(value: float, size: float, kept: float, random: np.random.Generator) 
 def powered(p: PlantParameters, side: Side, wanted: float, h: float) -> Side:
     """Return the side with its electronics and the heat of its motor h later."""
     ramp = slewed(p, side.ramp, wanted, h)
-    # saturation: V clipped to +-V_max.
-    u = lagged(p, side.u, clip(ramp, p.saturation), h)
+    u = lagged(p, side.u, ramp, h)
     # motor_heating: H follows u^2 with a first-order lag of 60 s.
     heat = u * u + (side.heat - u * u) * math.exp(-h / HEATING_TIME) if p.motor_heating != 0.0 else 0.0
     return Side(ramp, u, heat, side.psi, side.domega, side.phi, side.gap, side.torque, side.slip)
@@ -251,7 +251,7 @@ def powered(p: PlantParameters, side: Side, wanted: float, h: float) -> Side:
 def switched(p: PlantParameters, side: Side, wanted: float) -> Side:
     """Return the side at the moment a command changes: without slew_limit and electrical_lag V jumps."""
     ramp = wanted if p.slew_limit == math.inf else side.ramp
-    u = clip(ramp, p.saturation) if p.electrical_lag == 0.0 else side.u
+    u = ramp if p.electrical_lag == 0.0 else side.u
     return Side(ramp, u, side.heat, side.psi, side.domega, side.phi, side.gap, side.torque, side.slip)
 
 

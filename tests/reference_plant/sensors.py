@@ -81,9 +81,9 @@ def gyro(p: PlantParameters, time: Floats, w: Floats, noise: Noise, random: np.r
 def pose_time(p: PlantParameters, time: Floats) -> Floats:
     """Return when the robot was where the pose stamped `time` says.
 
-    clock_skew: the clock of the pose shows (1 + e) t at time t; pose_latency: it stamps d late.
+    clock_skew: the clock of the pose shows (1 + e) t at time t; pose_latency: a pose is stamped d after its moment.
     """
-    return np.maximum((time - p.pose_latency) / (1.0 + p.clock_skew), 0.0)
+    return np.maximum(time / (1.0 + p.clock_skew) - p.pose_latency, 0.0)
 
 
 def pose(
