@@ -21,6 +21,8 @@ SAMPLES_PER_ORDER = 50
 BATCHES = 16  # per series; each then lasts some seconds of a figure-eight, longer than disturbances last
 CHANCE = 2.0  # standard deviations by which batch means may scatter more than white noise before it counts
 LONGEST_INTERVAL = 1.5  # usual intervals; after a longer one a sample has no past
+LEAST_FREEDOM = 0.2  # however few independent residuals there seem to be
+TINY = 1e-300
 SMALLEST_NOISE = 1e-12  # keeps perfect, made-up data from dividing by zero
 
 
@@ -56,7 +58,13 @@ def noise_of(series: Sequence[Series], order: int = ORDER, unknowns: int = 0) ->
     """Estimate the noise of a signal from its residuals, to which `unknowns` were fitted."""
     coefficients = _autoregression(series, min(order, _longest_order(series)))
     new = [Noise(coefficients).whiten(one)[0] for one in series]
-    return Noise(coefficients, max(_size(new, unknowns), SMALLEST_NOISE))
+    count = max(sum(len(values) for values in new), 1)
+    size = _size(new, count)
+    total = sum(float(one.residuals @ one.residuals) for one in series) / sum(len(one.residuals) for one in series)
+    # So many independent residuals would tell as much about a slow cause as these do; unknowns use them up.
+    independent = count * min(max(total * (1.0 - float(np.sum(coefficients))) ** 2 / max(size**2, TINY), 0.0), 1.0)
+    freedom = max(1.0 - unknowns / max(independent, 1.0), LEAST_FREEDOM)
+    return Noise(coefficients, max(size / float(np.sqrt(freedom)), SMALLEST_NOISE))
 
 
 def _longest_order(series: Sequence[Series]) -> int:
@@ -95,16 +103,14 @@ def _stable(coefficients: Floats) -> Floats:
     return np.asarray(coefficients / growth ** np.arange(1, order + 1))
 
 
-def _size(new: Sequence[Floats], unknowns: int) -> float:
+def _size(new: Sequence[Floats], count: int) -> float:
     """Return the size of the noise, enlarged where slow disturbances remain.
 
     The means of batches of n independent residuals scatter with a variance n times smaller than the residuals do.
     Where they scatter more than chance allows, that many times more counts as noise (method of batch means).
     """
     batches = [batch for values in new for batch in np.array_split(values, min(BATCHES, max(len(values), 1)))]
-    count = max(sum(len(values) for values in new), 1)
     white = sum(float(values @ values) for values in new) / count
     slow = sum(float(np.sum(batch)) ** 2 for batch in batches) / count
     chance = white * (1.0 + CHANCE * np.sqrt(2.0 / len(batches)))
-    freedom = max(count - unknowns, 1) / count
-    return float(np.sqrt((slow if slow > chance else white) / freedom))
+    return float(np.sqrt(slow if slow > chance else white))

@@ -24,7 +24,8 @@ from cmr.recordings.recording import Floats
 # known when a command takes effect where they do not (a serial line takes about as long).
 CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 PREFIXES = (5.0, 15.0, 40.0)  # s; a bad first guess is led to the optimum by fitting ever longer beginnings
-ROUNDS = 2  # fits, each with the noise that the one before left; it settles in two
+ROUNDS = 8  # fits, each with the noise that the one before left; most settle in two or three
+SETTLED = 0.1  # standard deviations; less is no news
 ITERATIONS = 30
 NEGLIGIBLE = 1e-4  # of the cost function; a parameter is then some hundredth of a standard deviation from the optimum
 FIRST_DAMPING, LEAST_RAISED_DAMPING, HOPELESS_DAMPING = 1e-6, 1e-3, 1e6
@@ -75,9 +76,14 @@ class Refinement:
             beginnings = replace(self, segments=[segment.beginning(seconds) for segment in self.segments])
             point = replace(point, shared=beginnings._fit(point, beginnings._noise(point, 0)).shared)
         # At a first guess the residuals show how wrong it is; only near the optimum do they show the noise.
-        for order in (0, *(ORDER,) * ROUNDS):
-            point = self._fit(point, self._noise(point, order))
-        equations = self._equations(point, self._noise(point, ORDER))
+        point = self._fit(point, self._noise(point, 0))
+        for _round in range(ROUNDS):
+            noise, before = self._noise(point, ORDER), point
+            point = self._fit(point, noise)
+            equations = self._equations(point, noise)
+            moved = np.abs(point.shared - before.shared) / np.sqrt(np.diag(equations.covariance()))
+            if np.max(moved[: len(self.names)]) < SETTLED:
+                break
         return self._refined(point, equations)
 
     @property
