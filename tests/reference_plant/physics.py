@@ -6,7 +6,7 @@ r wheel radius, b base width, v forward speed [m/s], w yaw rate [rad/s]; s = +1 
 Paper: domega = a V - K1 a psi, v = (v_left + v_right) / 2, w = (v_right - v_left) / b with v_i = r psi_i.
 
 What acts on what: a command passes turn_rate_limit, deadband, slew_limit and electrical_lag and is then u, which
-battery, saturation and asymmetry, in this order, turn into V; load, energy and heat follow u. The angle phi of the shaft
+battery, saturation and asymmetry, in this order, turn into V; load, energy and heat follow u. The shaft angle phi
 is what encoders see; wheels follow it through the backlash, the ground follows the wheels.
 """
 
