@@ -1,0 +1,205 @@
+"""Tell by how much one sensor's time stamps lag another's, from how the robot speeds up and turns.
+
+Two sensors that saw the same motion give the same rates of driving and of turning, up to unknown factors and
+offsets. Both are averaged over the same short span, correlated over all lags within reach, and the best lag is refined
+by least squares, so that it is found to a fraction of a sample.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.recordings.recording import Recording
+from cmr.recordings.robust import running_median, spread
+from cmr.recordings.signal import SECONDS, Floats, Signal
+
+REACH = 2.5  # s; longer lags are not looked for
+STEP = 0.04  # s between the moments at which the rates are compared
+SPAN = 0.2  # s over which rates are averaged, twice; longer where a sensor is slow
+ITERATIONS = 3  # of the refinement: it converges quadratically from a step's width
+SHORTEST = 3.0  # s of common time
+LARGEST_STD = 0.05  # s; a lag that is known less well is called unknown
+LEAST_EVIDENCE = 12.0  # log-likelihood by which the best lag must explain more than no connection at all
+RIVAL = 0.4  # s; a lag further away than this from the best must be worse
+LEAST_LEAD = 4.0  # log-likelihood by which it must be worse
+OUTLYING = 4.0  # standard deviations; larger differences of two rates are left out
+
+
+@dataclass(frozen=True)
+class Lag:
+    """By how much `sensor` is stamped later than `reference`; `seconds` and `std` [s] are NaN where unknown."""
+
+    sensor: str
+    reference: str
+    seconds: float
+    std: float
+    why_unknown: str = ""
+
+    @property
+    def known(self) -> bool:
+        """Whether the recording tells it."""
+        return not self.why_unknown
+
+
+@dataclass(frozen=True)
+class Travel:
+    """How far a robot has driven and turned since the start, in any unit, by one sensor; shape (n,).
+
+    A gyro does not tell how far it has `driven`: None.
+    """
+
+    time: Floats
+    driven: Floats | None
+    turned: Floats
+
+
+def wheel_travel(wheels: Signal, origin: int) -> Travel:
+    """Return the wheels' travel; a speed is the average since the message before."""
+    dt = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
+    left, right = wheels["psi_left"], wheels["psi_right"]
+    return Travel(_time(wheels, origin), np.cumsum((left + right) * dt), np.cumsum((right - left) * dt))
+
+
+def command_travel(commands: Signal, origin: int) -> Travel:
+    """Return the travel that duties ask for; a duty holds until the next."""
+    dt = np.diff(commands.utime, append=commands.utime[-1:]) * SECONDS
+    left, right = commands["left"], commands["right"]
+    driven, turned = (np.append(0.0, np.cumsum(rate * dt))[:-1] for rate in (left + right, right - left))
+    return Travel(_time(commands, origin), driven, turned)
+
+
+def gyro_travel(gyro: Signal, origin: int) -> Travel:
+    """Return the gyro's travel: it only turns."""
+    rate, dt = gyro["yaw_rate"], np.diff(gyro.utime) * SECONDS
+    return Travel(_time(gyro, origin), None, np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * dt)))
+
+
+def pose_travel(poses: Signal, origin: int) -> Travel:
+    """Return the travel along the measured path, forward where the heading points."""
+    theta = running_median(np.unwrap(poses["theta"]), 2)
+    x, y = (running_median(poses[name], 2) for name in ("x", "y"))
+    middle = 0.5 * (theta[1:] + theta[:-1])
+    forward = np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)
+    return Travel(_time(poses, origin), np.append(0.0, np.cumsum(forward)), theta)
+
+
+def lags_of(recording: Recording) -> list[Lag]:
+    """Return by how much poses lag the wheels, the gyro the wheels, and the wheels the commands (motor included).
+
+    Without wheels, poses and gyro are compared with the commands. Pairs of which one was not recorded are left out.
+    """
+    reference = "wheels" if len(recording.wheels) > 1 else "commands"
+    pairs = [("poses", reference), ("gyro", reference), ("wheels", "commands")]
+    signals = recording.signals
+    travels = {"wheels": wheel_travel, "commands": command_travel, "gyro": gyro_travel, "poses": pose_travel}
+    present = [pair for pair in pairs if len(signals[pair[0]]) > 1 and len(signals[pair[1]]) > 1]
+    names = {name for pair in present for name in pair}
+    origin = min((int(signals[name].utime[0]) for name in names), default=0)
+    travel = {name: travels[name](signals[name], origin) for name in names}
+    return [_lag(sensor, of, travel[sensor], travel[of]) for sensor, of in present]
+
+
+def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
+    """Find the lag of one sensor."""
+    first, last = max(late.time[0], early.time[0]), min(late.time[-1], early.time[-1])
+    if last - first < SHORTEST:
+        return Lag(sensor, reference, np.nan, np.nan, "they have less than 3 s in common")
+    span = max(SPAN, *(2.5 * float(np.median(np.diff(travel.time))) for travel in (late, early)))
+    reach = min(REACH, 0.25 * (last - first))
+    moments = np.arange(first + 0.5 * span, last - 0.5 * span, STEP)
+    pairs = [
+        (_rates(late.time, a, moments, span), _rates(early.time, b, moments, span))
+        for a, b in ((late.driven, early.driven), (late.turned, early.turned))
+        if a is not None and b is not None
+    ]
+    pairs = [pair for pair in pairs if min(spread_of_motion(rates) for rates in pair) > 0.0]
+    if not pairs or len(moments) < 3 * int(reach / STEP):
+        return Lag(sensor, reference, np.nan, np.nan, "nothing moves in one of them")
+    shifts = int(reach / STEP)
+    evidence = np.sum([_evidence(a, b, shifts, span) for a, b in pairs], axis=0)
+    best = int(np.argmax(evidence))
+    far = np.abs(np.arange(len(evidence)) - best) * STEP > RIVAL
+    if evidence[best] < LEAST_EVIDENCE or best in (0, len(evidence) - 1):
+        return Lag(sensor, reference, np.nan, np.nan, "their speeds do not change alike")
+    if far.any() and evidence[far].max() > evidence[best] - LEAST_LEAD:
+        return Lag(sensor, reference, np.nan, np.nan, "several lags fit alike")
+    found = [_refined(a, b, (best - shifts) * STEP, span) for a, b in pairs]
+    weights = np.array([1.0 / max(std, 1e-6) ** 2 for _, std in found])
+    seconds = float(np.dot(weights, [lag for lag, _ in found]) / weights.sum())
+    std = float(weights.sum() ** -0.5)
+    if not std < LARGEST_STD:
+        return Lag(sensor, reference, np.nan, np.nan, "the speeds change too little")
+    return Lag(sensor, reference, seconds, std)
+
+
+def spread_of_motion(rates: Floats) -> float:
+    """Return how much rates differ from one another."""
+    return float(np.std(rates))
+
+
+def _rates(time: Floats, travel: Floats, moments: Floats, span: float) -> Floats:
+    """Return the rate around each moment, averaged twice over `span`; rare absurd ones are cut to the others' size.
+
+    The second averaging makes noise smooth, so that it favours no fraction of a step over another.
+    """
+    rates = (np.interp(moments + 0.5 * span, time, travel) - np.interp(moments - 0.5 * span, time, travel)) / span
+    largest = 1.5 * float(np.quantile(np.abs(rates), 0.95))
+    half = round(0.5 * span / STEP)
+    total = np.cumsum(np.pad(np.clip(rates, -largest, largest), (half + 1, half), mode="edge"))
+    return np.asarray(total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
+
+
+def _evidence(late: Floats, early: Floats, shifts: int, span: float) -> Floats:
+    """Return the log-likelihood of each lag of -shifts to shifts steps over no connection, shape (2 shifts + 1,)."""
+    inner = late[shifts : len(late) - shifts]
+    inner = inner - inner.mean()
+    size = 1 << int(np.ceil(np.log2(len(early) + len(inner))))
+    early = early - early.mean()
+    # Entry j of the product is the sum over t of inner[t] early[t + j]: early moved to the right by shifts - j.
+    product = np.fft.irfft(np.conj(np.fft.rfft(inner, size)) * np.fft.rfft(early, size), size)[: 2 * shifts + 1]
+    sums, squares = (np.cumsum(np.append(0.0, early**power)) for power in (1, 2))
+    n = len(inner)
+    within = squares[n : n + 2 * shifts + 1] - squares[: 2 * shifts + 1]
+    within = within - (sums[n : n + 2 * shifts + 1] - sums[: 2 * shifts + 1]) ** 2 / n
+    correlation = product / np.sqrt(np.maximum(within, 1e-12 * squares[-1]) * float(inner @ inner))
+    independent = n * STEP / span
+    return np.asarray(-0.5 * independent * np.log1p(-np.minimum(correlation**2, 0.9999)) * (correlation > 0.0))[::-1]
+
+
+def _refined(late: Floats, early: Floats, lag: float, span: float) -> tuple[float, float]:
+    """Return lag and standard deviation [s] by least squares over factor, offset and lag of the rates."""
+    place = np.arange(len(early), dtype=np.float64)
+    slope = np.gradient(early, STEP)
+    for _ in range(ITERATIONS):
+        at = place - lag / STEP
+        inside = (at >= 0.0) & (at <= len(early) - 1)
+        rates, slopes = (np.interp(at[inside], place, values) for values in (early, slope))
+        design, wanted = np.stack([rates, np.ones_like(rates), -slopes]), late[inside]
+        residual = wanted - _inverse(design) @ (design @ wanted) @ design
+        kept = np.abs(residual) <= OUTLYING * max(spread(residual), 0.75 * float(np.std(residual)))
+        design, wanted = design[:, kept], wanted[kept]
+        inverse = _inverse(design)
+        factor, _, shift = solution = inverse @ (design @ wanted)
+        if not factor > 0.0:
+            return lag, np.inf
+        lag += float(shift / factor)
+    influence = inverse[2] @ design * (wanted - solution @ design)
+    return lag, float(np.sqrt(_long_run_variance(influence, int(2.0 * span / STEP))) / factor)
+
+
+def _inverse(design: Floats) -> Floats:
+    """Return the inverse of the normal matrix of k regressors, shape (k, n); large where they are not independent."""
+    normal = design @ design.T
+    return np.asarray(np.linalg.inv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal))))
+
+
+def _long_run_variance(influence: Floats, reach: int) -> float:
+    """Return the variance of the sum of correlated terms: neighbours up to `reach` count, ever less (Newey-West)."""
+    total = float(influence @ influence)
+    for k in range(1, min(reach, len(influence) - 1) + 1):
+        total += 2.0 * (1.0 - k / (reach + 1)) * float(influence[k:] @ influence[:-k])
+    return max(total, 0.0)
+
+
+def _time(signal: Signal, origin: int) -> Floats:
+    return np.asarray((signal.utime - origin) * SECONDS, np.float64)

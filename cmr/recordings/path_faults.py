@@ -1,0 +1,179 @@
+"""Find poses that cannot be true: outliers, jumps of the tracker, poses held while the robot moved.
+
+What wheels or gyro say about the motion is taken off the path first. What is left of a true path is slow: slip,
+drift, wrong wheel sizes. Outliers stand out of it, jumps are steps in it. How far a turn of the wheels carries the
+robot is estimated from the same data, so that no parameter need be known. Where no sensor tells the motion, the
+path's own median rates do.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.recordings.path import Path
+from cmr.recordings.recording import Recording
+from cmr.recordings.robust import local_noise, running_median, spread, wrapped
+from cmr.recordings.signal import Floats, Mask
+
+OUTLYING = 5.0  # standard deviations; of normal noise in the plane one pose in 250,000 is further off
+JUMPING = 7.0  # standard deviations; a jump splits a path, so it must be sure
+STEP_HALVES = (1, 4)  # values before and after a step are medians of twice this and one
+LEAST_POSITION, LEAST_HEADING = 0.001, 0.002  # m, rad; noise below this is taken to be this
+LONGEST_GAP = 1.0  # s; across a longer gap in the poses no jump is looked for
+LONGEST_BURST = 3.0  # s; a path that jumps and comes back within this was wrong in between
+COMES_BACK = 0.3  # of the jump there; so far off it may come back
+FEWEST = 11  # poses; fewer have no neighbours to be compared with
+HELD_REACH = 0.1  # s; the robot moves at a pose if the poses this long before and after differ
+
+
+@dataclass(frozen=True)
+class PathFaults:
+    """What is wrong with poses; masks of shape (n,).
+
+    `held` repeats the pose before it though the robot moved, `outliers` stand off their neighbours, `jumps` are the
+    first poses after the tracker jumped. `position_noise` [m] and `heading_noise` [rad] are the standard deviations
+    of what is left.
+    """
+
+    held: Mask
+    outliers: Mask
+    jumps: Mask
+    position_noise: float = 0.0
+    heading_noise: float = 0.0
+
+
+def path_faults(recording: Recording, pose_lag: float = 0.0, gyro_lag: float = 0.0) -> PathFaults:
+    """Find what is wrong with the poses.
+
+    `pose_lag`, `gyro_lag` [s] are by how much they are stamped later than the wheels.
+    """
+    poses = recording.poses
+    held = held_poses(recording)
+    outliers, jumps = np.zeros(len(poses), np.bool_), np.zeros(len(poses), np.bool_)
+    fresh = np.flatnonzero(~held)
+    if len(fresh) < FEWEST:
+        return PathFaults(held, outliers, jumps)
+    path = Path.of(recording, poses.where(~held), pose_lag, gyro_lag)
+    wrong = outlying(path)
+    good = np.flatnonzero(~wrong)
+    before = jumps_of(path.at(good)) if len(good) >= FEWEST else np.empty(0, np.int64)
+    burst, before = bursts_of(path.at(good), before)
+    wrong[good[burst]] = True
+    outliers[fresh] = wrong
+    jumps[fresh[good[before + 1]]] = True
+    off = path.off[~wrong]
+    return PathFaults(
+        held, outliers, jumps, spread(np.append(off.real, off.imag)), spread(wrapped(path.off_heading[~wrong]))
+    )
+
+
+def held_poses(recording: Recording) -> Mask:
+    """Tell which poses repeat the one before though the robot moved by its wheels, or by the poses around, shape (n,).
+
+    A tracker that says the same three numbers again has not seen the robot again.
+    """
+    poses = recording.poses
+    x, y, theta = (poses[name] for name in ("x", "y", "theta"))
+    same = np.append(False, (x[1:] == x[:-1]) & (y[1:] == y[:-1]) & (theta[1:] == theta[:-1]))
+    if not same.any():
+        return same
+    begin = np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))  # the first of each run of equal poses
+    moved = np.zeros(len(same), np.bool_)
+    if len(recording.wheels):
+        turning = np.abs(recording.wheels["psi_left"]) + np.abs(recording.wheels["psi_right"])
+        dt = np.diff(recording.wheels.utime, prepend=recording.wheels.utime[:1])
+        turned = np.interp(poses.utime, recording.wheels.utime, np.cumsum(turning * dt))
+        moved = turned - turned[begin] > 0.0
+    # Without wheels a run counts as held if it ends with a step to another pose within a sample's time.
+    return same & moved
+
+
+def outlying(path: Path) -> Mask:
+    """Tell which poses stand off their neighbours by more than noise, shape (n,)."""
+    size, size_heading = np.abs(path.off), np.abs(wrapped(path.off_heading))
+    noise = np.maximum(local_noise(size, 2), LEAST_POSITION)
+    noise_heading = np.maximum(local_noise(size_heading, 1), LEAST_HEADING)
+    allowed, allowed_heading = (
+        np.hypot(OUTLYING * noise, path.doubt),
+        np.hypot(OUTLYING * noise_heading, path.doubt_heading),
+    )
+    return np.asarray((size > allowed) | (size_heading > allowed_heading))
+
+
+def jumps_of(path: Path) -> NDArray[np.int64]:
+    """Return the indices of the poses after which the path jumps; it is free of outliers, shape (k,)."""
+    excess = np.zeros(len(path.time) - 1)
+    for half in STEP_HALVES:
+        if len(path.time) > 4 * half + 2:
+            excess[half : len(excess) - half] = np.maximum(excess[half : len(excess) - half], _excess(path, half))
+    candidates = np.flatnonzero(excess > 1.0)
+    if not len(candidates):
+        return candidates
+    groups = np.split(candidates, np.flatnonzero(np.diff(candidates) > 1) + 1)
+    step = np.abs(np.diff(path.place)) / LEAST_POSITION + np.abs(wrapped(np.diff(path.heading))) / LEAST_HEADING
+    return np.array([group[np.argmax(step[group])] for group in groups], np.int64)
+
+
+def _excess(path: Path, half: int) -> Floats:
+    """Return how far the path steps between neighbours as a share of what may be, shape (n - 1 - 2 half,)."""
+    first, last = slice(0, len(path.time) - 1 - 2 * half), slice(1 + 2 * half, None)
+
+    def across(values: NDArray[np.float64]) -> Floats:
+        smooth = running_median(values, half)
+        return np.asarray(smooth[last] - smooth[first])
+
+    size = np.hypot(across(path.place.real), across(path.place.imag))
+    size_heading = np.abs(wrapped(across(path.heading)))
+    noise = np.maximum(local_noise(size, 2), LEAST_POSITION)
+    noise_heading = np.maximum(local_noise(size_heading, 1), LEAST_HEADING)
+    # Wheels that slip carry the robot less far than they turn: what they tell may be wrong by all of it, not by more.
+    slip, slip_heading = path.slip[last] - path.slip[first], path.slip_heading[last] - path.slip_heading[first]
+    doubt, doubt_heading = (values[last] + values[first] for values in (path.doubt, path.doubt_heading))
+    share = size / (np.hypot(JUMPING * noise, doubt) + slip)
+    share = np.maximum(share, size_heading / (np.hypot(JUMPING * noise_heading, doubt_heading) + slip_heading))
+    time = path.time[last] - path.time[first]
+    usual = (2 * half + 1) * float(np.median(np.diff(path.time)))
+    return np.where(time < usual + LONGEST_GAP, share, 0.0)
+
+
+def bursts_of(path: Path, before: NDArray[np.int64]) -> tuple[Mask, NDArray[np.int64]]:
+    """Return the poses between a jump and the jump back, shape (n,), and the jumps that stay."""
+    burst = np.zeros(len(path.time), np.bool_)
+    staying: list[int] = []
+    jumps = before.tolist()
+    while jumps:
+        there = jumps.pop(0)
+        back = next((jump for jump in jumps if _comes_back(path, there, jump)), None)
+        if back is None:
+            staying.append(there)
+            continue
+        burst[there + 1 : back + 1] = True
+        jumps = [jump for jump in jumps if jump > back]
+    return burst, np.array(staying, np.int64)
+
+
+def _comes_back(path: Path, there: int, back: int) -> bool:
+    """Tell whether the jump after pose `back` undoes the one after pose `there`."""
+    if path.time[back] - path.time[there] > LONGEST_BURST:
+        return False
+    half = max(STEP_HALVES)
+
+    def middle(values: Floats, around: slice) -> float:
+        return float(np.median(values[around]))
+
+    before, away = slice(max(there - half, 0), there + 1), slice(there + 1, min(there + 1 + half, back + 1))
+    after = slice(back + 1, back + 2 + half)
+    x, y, heading = path.place.real, path.place.imag, path.heading
+    jump, rest = (
+        np.hypot(middle(x, part) - middle(x, before), middle(y, part) - middle(y, before)) for part in (away, after)
+    )
+    turn, turn_rest = (
+        abs(float(wrapped(np.array(middle(heading, part) - middle(heading, before))))) for part in (away, after)
+    )
+    # A path that was turned in between leads elsewhere.
+    led = float(path.slip[back] - path.slip[there]) * min(turn, 1.0)
+    return bool(
+        rest <= COMES_BACK * jump + led + JUMPING * LEAST_POSITION
+        and turn_rest <= COMES_BACK * turn + JUMPING * LEAST_HEADING
+    )

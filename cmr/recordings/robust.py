@@ -1,0 +1,92 @@
+"""Statistics that a minority of wrong values does not move."""
+
+from typing import Literal
+
+import numpy as np
+
+from cmr.recordings.signal import Floats
+
+TO_DEVIATION = 1.4826  # standard deviations of a normal distribution per median absolute deviation
+LOCAL = 100  # samples over which local noise is taken
+LOUDEST = 3.0  # times the noise of all: where there is more, the values are wrong
+SHARES = (0.75, 0.9)
+# Of the distance from 0 of normal noise in one and in two dimensions, in standard deviations.
+UNIT_QUANTILE = {(1, 0.75): 1.1503, (1, 0.9): 1.6449, (2, 0.75): 1.6651, (2, 0.9): 2.1460}
+
+
+def running_median(values: Floats, half: int) -> Floats:
+    """Return the median of each value and its `half` neighbours on either side, shape (n,); mirrored at the ends."""
+    half = min(half, len(values) - 1)
+    if half < 1:
+        return values.copy()
+    # Sorting the windows all at once, by exchanges of whole arrays, is faster than one after another.
+    columns = _neighbours(values, half, "reflect")
+    for done in range(half + 1):
+        for k in range(2 * half - done):
+            low, high = columns[k], columns[k + 1]
+            columns[k], columns[k + 1] = np.minimum(low, high), np.maximum(low, high)
+    return columns[half]
+
+
+def spread(values: Floats) -> float:
+    """Return the standard deviation that the median absolute deviation stands for; 0 of no values."""
+    if not len(values):
+        return 0.0
+    return TO_DEVIATION * float(np.median(np.abs(values - np.median(values))))
+
+
+def local_noise(sizes: Floats, dimensions: int) -> Floats:
+    """Return the standard deviation around each value, shape (n,), of normal noise in one or two dimensions.
+
+    `sizes` are the distances from 0, of which a tenth may be wrong. A quiet part is given the noise of all, so that
+    the first motion after it is not taken to be wrong.
+    """
+    ranks = [int(share * len(sizes)) for share in SHARES]
+    ordered = np.partition(sizes, ranks)
+    overall = max(
+        float(ordered[rank]) / UNIT_QUANTILE[dimensions, share] for rank, share in zip(ranks, SHARES, strict=True)
+    )
+    blocks = len(sizes) // LOCAL
+    if blocks < 2:
+        return np.full(len(sizes), overall)
+    rows = np.partition(sizes[: blocks * LOCAL].reshape(blocks, LOCAL), int(SHARES[0] * LOCAL), axis=1)
+    noise = np.clip(rows[:, int(SHARES[0] * LOCAL)] / UNIT_QUANTILE[dimensions, SHARES[0]], overall, LOUDEST * overall)
+    noise = np.maximum(noise, np.maximum(np.append(noise[1:], 0.0), np.append(0.0, noise[:-1])))
+    return np.asarray(noise[np.minimum(np.arange(len(sizes)) // LOCAL, blocks - 1)])
+
+
+def running_largest(values: Floats, half: int) -> Floats:
+    """Return the largest of each value and its `half` neighbours on either side, shape (n,)."""
+    largest = values
+    for column in _neighbours(values, min(half, len(values) - 1), "edge"):
+        largest = np.maximum(largest, column)
+    return largest
+
+
+def running_range(values: Floats, half: int) -> Floats:
+    """Return the largest less the smallest of each value and its `half` neighbours on either side, shape (n,)."""
+    return running_largest(values, half) + running_largest(-values, half)
+
+
+def ratio(y: Floats, x: Floats) -> float:
+    """Return the factor c that makes the sum of abs(y - c x) least; 0 where x is 0 throughout."""
+    weight = np.abs(x)
+    total = float(weight.sum())
+    if not total > 0.0:
+        return 0.0
+    used = weight > 0.0
+    quotient = y[used] / x[used]
+    order = np.argsort(quotient)
+    middle = np.searchsorted(np.cumsum(weight[used][order]), 0.5 * total)
+    return float(quotient[order][min(int(middle), len(order) - 1)])
+
+
+def wrapped(angle: Floats) -> Floats:
+    """Return angles [rad] between -pi and pi."""
+    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def _neighbours(values: Floats, half: int, mode: Literal["reflect", "edge"]) -> list[Floats]:
+    """Return the values shifted by -half to half places, each of shape (n,); `mode` says what is beyond the ends."""
+    padded = np.pad(values, half, mode=mode)
+    return [padded[k : k + len(values)] for k in range(2 * half + 1)]
