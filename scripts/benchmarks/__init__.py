@@ -1,0 +1,1 @@
+"""What scripts/bench measures: each module makes some rows of its table."""

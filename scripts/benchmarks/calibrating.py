@@ -1,0 +1,85 @@
+"""Rows of calibration: the grid search and the refinement of a 120 s drive with 12,000 positions."""
+
+import statistics
+import time
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from benchmarks.drive import TRUTH, recording
+from benchmarks.report import Row, seconds
+from benchmarks.timing import Timing, clocked
+from cmr.calibration.grid import search
+from cmr.calibration.refine import Refined, Refinement
+from cmr.calibration.segments import Segment, segments_of
+from cmr.recordings.recording import Floats
+
+NAMES = ("k2_over_k3", "k1", "base_width")
+SAMPLES = 12_000
+SECONDS = SAMPLES / 100.0
+GRID_RUNS = 3
+SPREAD = 1.5  # the grid spans the true values times and over this
+STARTS = 60
+FACTOR = 2.0  # random starts are off by up to this, each parameter its own
+SAME_OPTIMUM = 0.01  # standard deviations
+LONGEST_GRID, LONGEST_MILLION, LONGEST_MINIMUM, LONGEST_REFINEMENT = 2.5, 20.0, 3.0, 0.06  # s
+
+
+def drive() -> list[Segment]:
+    """Return the drive as calibration sees it."""
+    return segments_of(recording(SECONDS))
+
+
+def axes(points: int) -> tuple[Floats, Floats, Floats]:
+    """Return the axes of a grid with so many points for each of the three parameters."""
+    factors = np.geomspace(1.0 / SPREAD, SPREAD, points)
+    first, second, third = (getattr(TRUTH, name) * factors for name in NAMES)
+    return first, second, third
+
+
+def grid() -> Iterator[Row]:
+    """Measure the grid search over the whole path of 12,000 samples."""
+    segments = drive()
+    run = clocked(lambda: search(segments, TRUTH.wheel_radius, axes(50)))
+    times = [run(1) for _ in range(GRID_RUNS)]
+    timing = Timing(statistics.median(times), min(times))
+    yield Row(
+        f"grid of 50 x 50 x 50 over {SAMPLES:,} samples, whole surface",
+        seconds(timing),
+        f"{timing.median / 50**3 / SAMPLES * 1e9:.2f} ns per candidate and sample",
+        f"{LONGEST_GRID:g} s",
+        timing.median <= LONGEST_GRID,
+    )
+
+
+def refinement() -> Iterator[Row]:
+    """Refine from random starts within a factor of two of the truth."""
+    segments = drive()
+    optimum = _refine(segments, TRUTH.values)
+    random = np.random.default_rng(0)
+    times, reached = [], 0
+    for _ in range(STARTS):
+        factors = FACTOR ** random.uniform(-1.0, 1.0, len(NAMES))
+        start = TRUTH.values | {n: getattr(TRUTH, n) * f for n, f in zip(NAMES, factors, strict=True)}
+        before = time.process_time()
+        found = _refine(segments, start)
+        times.append(time.process_time() - before)
+        reached += _same(found, optimum)
+    timing = Timing(statistics.median(times), min(times))
+    yield Row(
+        f"refinement on {SAMPLES:,} samples from {STARTS} random starts within a factor of {FACTOR:g}",
+        f"{seconds(timing)}; the slowest {max(times):.3g} s",
+        f"{reached} of {STARTS} reach the optimum",
+        f"all, {LONGEST_REFINEMENT * 1e3:g} ms",
+        reached == STARTS and timing.median <= LONGEST_REFINEMENT,
+    )
+
+
+def _refine(segments: list[Segment], start: Mapping[str, float]) -> Refined:
+    return Refinement(segments, NAMES, start).solve(far=True)
+
+
+def _same(found: Refined, optimum: Refined) -> bool:
+    """Tell whether a refinement ended where the one from the truth ended."""
+    pairs = [(found.estimates[name], optimum.estimates[name]) for name in NAMES]
+    return all(abs(one.value - other.value) <= SAME_OPTIMUM * other.std for one, other in pairs)

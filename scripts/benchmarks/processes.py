@@ -1,0 +1,164 @@
+"""Rows of whole processes: starting the simulator, calibrating from a log, and reading a log."""
+
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import lcm
+
+from benchmarks.drive import NOMINAL, recording, write_log
+from benchmarks.report import Row, seconds
+from benchmarks.timing import Timing, clocked, in_turns
+from cmr.bus.streams import WORLD_STATE
+from cmr.msg import world_state_t
+from cmr.recordings import Recording
+from tests.private_bus import private_url
+
+RUNS = 5
+LOG_SECONDS = 120.0
+COPIES = 10  # the longer log is so many times as long
+LONGEST_START, LONGEST_FIRST_START = 0.6, 3.0  # s
+LONGEST_WAIT = 60.0  # s; a simulator that has said nothing by then will not
+LONGEST_CALIBRATION, LONGEST_READING = 1.0, 0.25  # s
+LARGEST_MEMORY = 3.0  # times the log
+LARGEST_GROWTH = 1.2  # of the time per byte when the log gets longer
+# A reader that tells how far its memory rose above what it had before: bytes.
+MEMORY_OF_READING = """
+import sys
+from pathlib import Path
+from cmr.recordings import Recording
+
+def memory(key):
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(key)) * 1024
+
+Recording.read(sys.argv[1])  # what the first reading imports is not counted
+Path("/proc/self/clear_refs").write_text("5")  # forgets the peak so far
+before = memory("VmRSS")
+recording = Recording.read(sys.argv[2])
+print(memory("VmHWM") - before)
+"""
+
+
+def start() -> Iterator[Row]:
+    """Measure from the start of cmr-sim to its first WORLD_STATE with a robot, compiling everything and warm."""
+    with tempfile.TemporaryDirectory() as folder:
+        cache, parameters = Path(folder) / "cache", Path(folder) / "parameters"
+        parameters.mkdir()
+        NOMINAL.save(parameters / "robot_0.yaml")
+        first = _first_world_state(parameters, cache)
+        warm = [_first_world_state(parameters, cache) for _ in range(RUNS)]
+    for title, times, goal in (
+        ("the first time", [first], LONGEST_FIRST_START),
+        ("warm", warm, LONGEST_START),
+    ):
+        timing = Timing(statistics.median(times), min(times))
+        yield Row(
+            f"cmr-sim from its start to the first WORLD_STATE with a robot, {title}, wall",
+            seconds(timing),
+            goal=f"{goal:g} s",
+            reached=timing.median <= goal,
+        )
+
+
+def calibration() -> Iterator[Row]:
+    """Measure cmr-calibrate --log as a whole process, warm."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = _log(Path(folder))
+        runs = [_command(["cmr-calibrate", "--log", str(log)], Path(folder) / "cache") for _ in range(RUNS + 1)][1:]
+    processor, wall = zip(*runs, strict=True)
+    timing = Timing(statistics.median(processor), min(processor))
+    yield Row(
+        f"cmr-calibrate --log of {LOG_SECONDS:.0f} s at 100 Hz, whole process, warm",
+        f"{seconds(timing)}; wall {statistics.median(wall):.3g} s ({min(wall):.3g})",
+        goal=f"{LONGEST_CALIBRATION:g} s",
+        reached=timing.median <= LONGEST_CALIBRATION,
+    )
+
+
+def reading() -> Iterator[Row]:
+    """Measure reading a log into arrays, how its time grows with the log, and its memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        log, longer = _log(Path(folder)), _log(Path(folder), COPIES)
+        timings = in_turns(
+            {"log": clocked(lambda: Recording.read(log)), "longer": clocked(lambda: Recording.read(longer))}
+        )
+        memory = subprocess.run(
+            [sys.executable, "-c", MEMORY_OF_READING, str(log), str(longer)], capture_output=True, text=True, check=True
+        )
+        size, longer_size = log.stat().st_size, longer.stat().st_size
+    timing = timings["log"]
+    growth = timings["longer"].median / timing.median * size / longer_size
+    rise = int(memory.stdout) / longer_size
+    name = f"reading a log of {LOG_SECONDS:.0f} s, 4 channels at 100 Hz, {size / 1e6:.1f} MB"
+    yield Row(name, seconds(timing), goal=f"{LONGEST_READING:g} s", reached=timing.median <= LONGEST_READING)
+    yield Row(
+        f"the same, {COPIES} times as long",
+        seconds(timings["longer"]),
+        f"{growth:.2f} times the time per byte",
+        "linear",
+        growth <= LARGEST_GROWTH,
+    )
+    yield Row(
+        "its memory at the highest",
+        f"{rise * longer_size / 1e6:.0f} MB",
+        f"{rise:.2f} times the log",
+        f"{LARGEST_MEMORY:g} times",
+        rise <= LARGEST_MEMORY,
+    )
+
+
+def _log(folder: Path, copies: int = 1) -> Path:
+    path = folder / f"run_{copies}.lcm"
+    write_log(path, recording(LOG_SECONDS), copies)
+    return path
+
+
+def _first_world_state(parameters: Path, cache: Path) -> float:
+    """Start cmr-sim with a virtual robot; return the seconds until a WORLD_STATE has it."""
+    url = private_url()
+    listener = lcm.LCM(url)
+    robots: list[int] = []
+    listener.subscribe(WORLD_STATE.name, lambda _channel, data: robots.append(world_state_t.decode(data).n))
+    begin = time.monotonic()
+    with subprocess.Popen(
+        [
+            *_program("cmr-sim"),
+            *("--virtual", "10=figure_eight", "--parameters", str(parameters), "--lcm-url", url),
+        ],
+        env=_environment(cache),
+    ) as process:
+        try:
+            while not any(robots):
+                listener.handle_timeout(20)
+                if process.poll() is not None or time.monotonic() > begin + LONGEST_WAIT:
+                    raise RuntimeError("cmr-sim said nothing; run it by hand to see why")
+            return time.monotonic() - begin
+        finally:
+            process.terminate()
+
+
+def _command(command: Sequence[str], cache: Path) -> tuple[float, float]:
+    """Run a command of ours to its end; return its CPU seconds and the seconds on the clock."""
+    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    subprocess.run(
+        [*_program(command[0]), *command[1:]], env=_environment(cache), check=True, stdout=subprocess.DEVNULL
+    )
+    wall, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
+
+
+def _program(name: str) -> list[str]:
+    """Return the command line of an installed command."""
+    return [str(Path(sys.executable).with_name(name))]
+
+
+def _environment(cache: Path) -> dict[str, str]:
+    """Return the environment of a process that keeps what it compiles in `cache`."""
+    return os.environ | {"NUMBA_CACHE_DIR": str(cache)}

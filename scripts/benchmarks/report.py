@@ -1,0 +1,85 @@
+"""The table: one line for each work, with the machine above it."""
+
+import platform
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from benchmarks.timing import Timing
+
+UNITS = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+HEADER = "| work | measured | ratio | to reach |\n|---|---|---|---|"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One work: what was measured, as a ratio where there is something to compare with, and what was to be reached.
+
+    `reached` is None where nothing was asked for.
+    """
+
+    work: str
+    measured: str
+    ratio: str = "-"
+    goal: str = "-"
+    reached: bool | None = None
+
+    def line(self) -> str:
+        """Return the line of the Markdown table; a goal that was not reached says so."""
+        goal = f"{self.goal} (**missed**)" if self.reached is False else self.goal
+        return f"| {self.work} | {self.measured} | {self.ratio} | {goal} |"
+
+
+def skipped(work: str, why: str) -> Row:
+    """Return the row of a work that could not be measured here."""
+    return Row(work, f"not measured: {why}")
+
+
+def per_robot(timing: Timing, robots: int) -> str:
+    """Return the time per robot and step, median and fastest repetition."""
+    return seconds(Timing(timing.median / robots, timing.fastest / robots))
+
+
+def seconds(timing: Timing) -> str:
+    """Return a timing in a unit in which it is easy to read, median and fastest repetition."""
+    unit, size = next((item for item in UNITS if timing.median >= item[1]), UNITS[-1])
+    return f"{timing.median / size:.3g} {unit} ({timing.fastest / size:.3g})"
+
+
+def machine(core: int) -> str:
+    """Return the sentence that says where the figures come from."""
+    versions = [f"{name} {_version(name)}" for name in ("numpy", "numba", "scipy", "lcm")]
+    software = f"Python {platform.python_version()}, {', '.join(versions)}"
+    return (
+        f"{_processor()}, {_frequency(core)}{platform.system()} {platform.machine()}; {software}. One core, float64. "
+        "CPU time, unless it says wall: the median of repetitions in turns, the fastest in brackets."
+    )
+
+
+def _processor() -> str:
+    return _of_cpuinfo("model name") or platform.processor() or "unknown processor"
+
+
+def _frequency(core: int) -> str:
+    """Return the core's frequency: its highest, where the system tells; otherwise its present one."""
+    highest = Path(f"/sys/devices/system/cpu/cpu{core}/cpufreq/cpuinfo_max_freq")
+    if highest.exists():
+        return f"up to {int(highest.read_text()) / 1e6:.1f} GHz, "
+    present = _of_cpuinfo("cpu MHz")
+    return f"{float(present) / 1e3:.2f} GHz, " if present else ""
+
+
+def _of_cpuinfo(key: str) -> str:
+    try:
+        lines: Iterable[str] = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return ""
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith(key)), "")
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "absent"

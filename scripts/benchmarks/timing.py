@@ -1,0 +1,67 @@
+"""CPU time of works, measured in turns on one core, so that what slows the machine down slows all of them down."""
+
+import os
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+REPETITIONS = 9
+SHORTEST = 0.03  # s; a repetition runs its work as often as it takes to last this long
+BANDWIDTH_NUMBERS = 20_000_000  # 160 MB: far more than any cache holds
+
+Clocked: TypeAlias = Callable[[int], float]  # does its work so many times and returns the CPU seconds they took
+
+
+@dataclass(frozen=True)
+class Timing:
+    """CPU time of one call [s] over the repetitions."""
+
+    median: float
+    fastest: float
+
+
+def pin() -> int:
+    """Keep this process, and those it starts, on one core; return its number."""
+    core = max(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {core})
+    return core
+
+
+def clocked(work: Callable[[], object]) -> Clocked:
+    """Return the work with a clock of this process around it."""
+
+    def run(times: int) -> float:
+        before = time.process_time()
+        for _ in range(times):
+            work()
+        return time.process_time() - before
+
+    return run
+
+
+def in_turns(
+    works: Mapping[str, Clocked], repetitions: int = REPETITIONS, shortest: float = SHORTEST
+) -> dict[str, Timing]:
+    """Measure the works in turns, each once per repetition; return their timings by name."""
+    times = {name: max(1, int(shortest / max(work(1), 1e-7))) for name, work in works.items()}
+    times = {name: max(1, int(shortest / max(work(times[name]) / times[name], 1e-9))) for name, work in works.items()}
+    seconds: dict[str, list[float]] = {name: [] for name in works}
+    for _ in range(repetitions):
+        for name, work in works.items():
+            seconds[name].append(work(times[name]) / times[name])
+    return {name: Timing(statistics.median(values), min(values)) for name, values in seconds.items()}
+
+
+def read_modify_write() -> Clocked:
+    """Return the work that bandwidth is measured by: a large array multiplied in place."""
+    numbers = np.ones(BANDWIDTH_NUMBERS)
+    return clocked(lambda: np.multiply(numbers, 0.999, out=numbers))
+
+
+def bandwidth(timing: Timing) -> float:
+    """Return the bytes read and written per second by `read_modify_write`."""
+    return 2 * 8 * BANDWIDTH_NUMBERS / timing.median
