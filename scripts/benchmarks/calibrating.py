@@ -2,21 +2,25 @@
 
 import statistics
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
 from benchmarks.drive import TRUTH, recording
 from benchmarks.report import Row, seconds
-from benchmarks.timing import Timing, clocked
-from cmr.calibration.grid import search
+from benchmarks.timing import Timing
+from cmr.calibration.grid import minimum, search
 from cmr.calibration.refine import Refined, Refinement
 from cmr.calibration.segments import Segment, segments_of
 from cmr.recordings.recording import Floats
 
+T = TypeVar("T")
 NAMES = ("k2_over_k3", "k1", "base_width")
 SAMPLES = 12_000
 SECONDS = SAMPLES / 100.0
+SMALL, LARGE = 50, 100  # grid points for each of three parameters
 GRID_RUNS = 3
 SPREAD = 1.5  # the grid spans the true values times and over this
 STARTS = 60
@@ -38,17 +42,27 @@ def axes(points: int) -> tuple[Floats, Floats, Floats]:
 
 
 def grid() -> Iterator[Row]:
-    """Measure the grid search over the whole path of 12,000 samples."""
+    """Measure the grid search over the whole path, and the search that stops where a candidate can no longer win."""
     segments = drive()
-    run = clocked(lambda: search(segments, TRUTH.wheel_radius, axes(50)))
-    times = [run(1) for _ in range(GRID_RUNS)]
+    small = [_timed(lambda: search(segments, TRUTH.wheel_radius, axes(SMALL)))[0] for _ in range(GRID_RUNS)]
+    yield _grid_row("whole surface", SMALL, small, LONGEST_GRID)
+    time_of_whole, whole = _timed(lambda: search(segments, TRUTH.wheel_radius, axes(LARGE)))
+    yield _grid_row("whole surface", LARGE, [time_of_whole], LONGEST_MILLION)
+    early = [_timed(lambda: minimum(segments, TRUTH.wheel_radius, axes(LARGE))) for _ in range(GRID_RUNS)]
+    for _, best in early:
+        assert best == whole.best, f"early abandoning found {best}, the whole surface {whole.best}"
+    title = "the minimum alone, by early abandoning, the same as of the whole surface"
+    yield _grid_row(title, LARGE, [duration for duration, _ in early], LONGEST_MINIMUM)
+
+
+def _grid_row(title: str, points: int, times: list[float], goal: float) -> Row:
     timing = Timing(statistics.median(times), min(times))
-    yield Row(
-        f"grid of 50 x 50 x 50 over {SAMPLES:,} samples, whole surface",
+    return Row(
+        f"grid of {points} x {points} x {points} over {SAMPLES:,} samples: {title}",
         seconds(timing),
-        f"{timing.median / 50**3 / SAMPLES * 1e9:.2f} ns per candidate and sample",
-        f"{LONGEST_GRID:g} s",
-        timing.median <= LONGEST_GRID,
+        f"{timing.median / points**3 / SAMPLES * 1e9:.2g} ns per candidate and sample",
+        f"{goal:g} s",
+        timing.median <= goal,
     )
 
 
@@ -61,9 +75,8 @@ def refinement() -> Iterator[Row]:
     for _ in range(STARTS):
         factors = FACTOR ** random.uniform(-1.0, 1.0, len(NAMES))
         start = TRUTH.values | {n: getattr(TRUTH, n) * f for n, f in zip(NAMES, factors, strict=True)}
-        before = time.process_time()
-        found = _refine(segments, start)
-        times.append(time.process_time() - before)
+        duration, found = _timed(partial(_refine, segments, start))
+        times.append(duration)
         reached += _same(found, optimum)
     timing = Timing(statistics.median(times), min(times))
     yield Row(
@@ -73,6 +86,13 @@ def refinement() -> Iterator[Row]:
         f"all, {LONGEST_REFINEMENT * 1e3:g} ms",
         reached == STARTS and timing.median <= LONGEST_REFINEMENT,
     )
+
+
+def _timed(work: Callable[[], T]) -> tuple[float, T]:
+    """Return the CPU seconds of a work that is done once, and its result."""
+    before = time.process_time()
+    result = work()
+    return time.process_time() - before, result
 
 
 def _refine(segments: list[Segment], start: Mapping[str, float]) -> Refined:
