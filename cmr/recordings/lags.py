@@ -10,18 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmr.recordings.recording import Recording
-from cmr.recordings.robust import running_median, spread
-from cmr.recordings.signal import SECONDS, Floats, Signal
+from cmr.recordings.robust import quantile, running_median, spread
+from cmr.recordings.signal import SECONDS, Floats, Signal, Times
 
 REACH = 2.5  # s; longer lags are not looked for
 STEP = 0.04  # s between the moments at which the rates are compared
 SPAN = 0.2  # s over which rates are averaged, twice; longer where a sensor is slow
+SPARSEST = 1.0  # s for each sample, on average; with fewer samples the time is mostly gaps
 ITERATIONS = 3  # of the refinement: it converges quadratically from a step's width
 SHORTEST = 3.0  # s of common time
 LARGEST_STD = 0.05  # s; a lag that is known less well is called unknown
 LEAST_EVIDENCE = 12.0  # log-likelihood by which the best lag must explain more than no connection at all
 RIVAL = 0.4  # s; a lag further away than this from the best must be worse
 LEAST_LEAD = 4.0  # log-likelihood by which it must be worse
+LONGEST_GAP = 1.0  # s
 OUTLYING = 4.0  # standard deviations; larger differences of two rates are left out
 
 
@@ -55,14 +57,14 @@ class Travel:
 
 def wheel_travel(wheels: Signal, origin: int) -> Travel:
     """Return the wheels' travel; a speed is the average since the message before."""
-    dt = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
+    dt = _intervals(np.diff(wheels.utime, prepend=wheels.utime[:1]))
     left, right = wheels["psi_left"], wheels["psi_right"]
     return Travel(_time(wheels, origin), np.cumsum((left + right) * dt), np.cumsum((right - left) * dt))
 
 
 def command_travel(commands: Signal, origin: int) -> Travel:
     """Return the travel that duties ask for; a duty holds until the next."""
-    dt = np.diff(commands.utime, append=commands.utime[-1:]) * SECONDS
+    dt = _intervals(np.diff(commands.utime, append=commands.utime[-1:]))
     left, right = commands["left"], commands["right"]
     driven, turned = (np.append(0.0, np.cumsum(rate * dt))[:-1] for rate in (left + right, right - left))
     return Travel(_time(commands, origin), driven, turned)
@@ -70,7 +72,7 @@ def command_travel(commands: Signal, origin: int) -> Travel:
 
 def gyro_travel(gyro: Signal, origin: int) -> Travel:
     """Return the gyro's travel: it only turns."""
-    rate, dt = gyro["yaw_rate"], np.diff(gyro.utime) * SECONDS
+    rate, dt = gyro["yaw_rate"], _intervals(np.diff(gyro.utime))
     return Travel(_time(gyro, origin), None, np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * dt)))
 
 
@@ -79,8 +81,10 @@ def pose_travel(poses: Signal, origin: int) -> Travel:
     theta = running_median(np.unwrap(poses["theta"]), 2)
     x, y = (running_median(poses[name], 2) for name in ("x", "y"))
     middle = 0.5 * (theta[1:] + theta[:-1])
-    forward = np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)
-    return Travel(_time(poses, origin), np.append(0.0, np.cumsum(forward)), theta)
+    steps = np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle), np.diff(theta)
+    together = _intervals(np.diff(poses.utime)) > 0.0
+    driven, turned = (np.append(0.0, np.cumsum(np.where(together, step, 0.0))) for step in steps)
+    return Travel(_time(poses, origin), driven, turned)
 
 
 def lags_of(recording: Recording) -> list[Lag]:
@@ -106,14 +110,16 @@ def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
         return Lag(sensor, reference, np.nan, np.nan, "they have less than 3 s in common")
     span = max(SPAN, *(2.5 * float(np.median(np.diff(travel.time))) for travel in (late, early)))
     reach = min(REACH, 0.25 * (last - first))
+    if (last - first) > SPARSEST * (len(late.time) + len(early.time)):
+        return Lag(sensor, reference, np.nan, np.nan, "the recording is mostly gaps")
     moments = np.arange(first + 0.5 * span, last - 0.5 * span, STEP)
     pairs = [
         (_rates(late.time, a, moments, span), _rates(early.time, b, moments, span))
         for a, b in ((late.driven, early.driven), (late.turned, early.turned))
         if a is not None and b is not None
     ]
-    pairs = [pair for pair in pairs if min(spread_of_motion(rates) for rates in pair) > 0.0]
-    if not pairs or len(moments) < 3 * int(reach / STEP):
+    pairs = [pair for pair in pairs if min(float(np.std(rates)) for rates in pair) > 0.0]
+    if not pairs:
         return Lag(sensor, reference, np.nan, np.nan, "nothing moves in one of them")
     shifts = int(reach / STEP)
     evidence = np.sum([_evidence(a, b, shifts, span) for a, b in pairs], axis=0)
@@ -132,18 +138,13 @@ def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
     return Lag(sensor, reference, seconds, std)
 
 
-def spread_of_motion(rates: Floats) -> float:
-    """Return how much rates differ from one another."""
-    return float(np.std(rates))
-
-
 def _rates(time: Floats, travel: Floats, moments: Floats, span: float) -> Floats:
     """Return the rate around each moment, averaged twice over `span`; rare absurd ones are cut to the others' size.
 
     The second averaging makes noise smooth, so that it favours no fraction of a step over another.
     """
     rates = (np.interp(moments + 0.5 * span, time, travel) - np.interp(moments - 0.5 * span, time, travel)) / span
-    largest = 1.5 * float(np.quantile(np.abs(rates), 0.95))
+    largest = 1.5 * quantile(np.abs(rates), 0.95)
     half = round(0.5 * span / STEP)
     total = np.cumsum(np.pad(np.clip(rates, -largest, largest), (half + 1, half), mode="edge"))
     return np.asarray(total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
@@ -203,3 +204,8 @@ def _long_run_variance(influence: Floats, reach: int) -> float:
 
 def _time(signal: Signal, origin: int) -> Floats:
     return np.asarray((signal.utime - origin) * SECONDS, np.float64)
+
+
+def _intervals(utime: Times) -> Floats:
+    """Return time steps [us] in seconds; 0 for a gap, across which no sensor is said to have moved."""
+    return np.where(utime > LONGEST_GAP / SECONDS, 0.0, utime * SECONDS)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cmr.recordings.lags import Travel, command_travel, gyro_travel, wheel_travel
 from cmr.recordings.recording import Recording
-from cmr.recordings.robust import ratio, running_largest, running_median, running_range, wrapped
+from cmr.recordings.robust import quantile, ratio, running_largest, running_median, running_range, wrapped
 from cmr.recordings.signal import Floats, Mask, Signal
 
 HALF = 5  # neighbours on either side; a burst of that many outliers is seen through
@@ -185,9 +185,8 @@ def _over(steps: NDArray[Any], samples: int) -> NDArray[Any]:
 
 def _share(left: NDArray[Any], whole: NDArray[Any]) -> float:
     """Return the size of what is left as a share of the whole; infinite where there is no motion."""
-    rank = int(LARGEST * len(whole))
-    size, size_left = (float(np.partition(np.abs(values), rank)[rank]) for values in (whole, left))
-    return size_left / size if size > 0.0 else np.inf
+    size = quantile(np.abs(whole), LARGEST)
+    return quantile(np.abs(left), LARGEST) / size if size > 0.0 else np.inf
 
 
 def _summed(steps: NDArray[Any]) -> NDArray[Any]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cmr.recordings.path import Path
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import local_noise, running_median, spread, wrapped
-from cmr.recordings.signal import Floats, Mask
+from cmr.recordings.signal import SECONDS, Floats, Mask, Times
 
 OUTLYING = 5.0  # standard deviations; of normal noise in the plane one pose in 250,000 is further off
 JUMPING = 7.0  # standard deviations; a jump splits a path, so it must be sure
@@ -23,8 +23,9 @@ LEAST_POSITION, LEAST_HEADING = 0.001, 0.002  # m, rad; noise below this is take
 LONGEST_GAP = 1.0  # s; across a longer gap in the poses no jump is looked for
 LONGEST_BURST = 3.0  # s; a path that jumps and comes back within this was wrong in between
 COMES_BACK = 0.3  # of the jump there; so far off it may come back
+PASSES = 3  # what is wrong hides some of its neighbours; without it they are looked at again
 FEWEST = 11  # poses; fewer have no neighbours to be compared with
-HELD_REACH = 0.1  # s; the robot moves at a pose if the poses this long before and after differ
+CREEPING = 0.5  # of the way between two poses; a robot that went less far may stand in the same place
 
 
 @dataclass(frozen=True)
@@ -49,44 +50,65 @@ def path_faults(recording: Recording, pose_lag: float = 0.0, gyro_lag: float = 0
     `pose_lag`, `gyro_lag` [s] are by how much they are stamped later than the wheels.
     """
     poses = recording.poses
-    held = held_poses(recording)
-    outliers, jumps = np.zeros(len(poses), np.bool_), np.zeros(len(poses), np.bool_)
-    fresh = np.flatnonzero(~held)
-    if len(fresh) < FEWEST:
-        return PathFaults(held, outliers, jumps)
-    path = Path.of(recording, poses.where(~held), pose_lag, gyro_lag)
+    held = held_poses(recording, pose_lag)
+    used, jumps = ~held, np.zeros(len(poses), np.bool_)
+    for _ in range(PASSES):
+        index = np.flatnonzero(used)
+        if len(index) < FEWEST:
+            return PathFaults(held, ~used & ~held, jumps)
+        path = Path.of(recording, poses.where(used), pose_lag, gyro_lag)
+        wrong, before = _faults(path)
+        used[index[wrong]] = False
+        if not wrong.any():
+            break
+    left = index[~wrong]
+    jumps[left[np.searchsorted(left, index[before], side="right")]] = True
+    off, off_heading = path.off[~wrong], path.off_heading[~wrong]
+    return PathFaults(held, ~used & ~held, jumps, spread(np.append(off.real, off.imag)), spread(off_heading))
+
+
+def _faults(path: Path) -> tuple[Mask, NDArray[np.int64]]:
+    """Return which poses are wrong, shape (n,), and the indices of those after which the tracker jumps."""
     wrong = outlying(path)
     good = np.flatnonzero(~wrong)
-    before = jumps_of(path.at(good)) if len(good) >= FEWEST else np.empty(0, np.int64)
-    burst, before = bursts_of(path.at(good), before)
+    if len(good) < FEWEST:
+        return wrong, np.empty(0, np.int64)
+    rest = path.at(good)
+    burst, before = bursts_of(rest, jumps_of(rest))
     wrong[good[burst]] = True
-    outliers[fresh] = wrong
-    jumps[fresh[good[before + 1]]] = True
-    off = path.off[~wrong]
-    return PathFaults(
-        held, outliers, jumps, spread(np.append(off.real, off.imag)), spread(wrapped(path.off_heading[~wrong]))
-    )
+    return wrong, good[before]
 
 
-def held_poses(recording: Recording) -> Mask:
-    """Tell which poses repeat the one before though the robot moved by its wheels, or by the poses around, shape (n,).
+def held_poses(recording: Recording, pose_lag: float = 0.0) -> Mask:
+    """Tell which poses repeat the one before though wheels turn, or are told to where none were recorded, shape (n,).
 
     A tracker that says the same three numbers again has not seen the robot again.
     """
     poses = recording.poses
-    x, y, theta = (poses[name] for name in ("x", "y", "theta"))
-    same = np.append(False, (x[1:] == x[:-1]) & (y[1:] == y[:-1]) & (theta[1:] == theta[:-1]))
-    if not same.any():
-        return same
+    same = np.append(False, np.all([values[1:] == values[:-1] for values in poses.fields.values()], axis=0))[
+        : len(poses)
+    ]
+    turned = _turned_until(recording, poses.utime - round(pose_lag / SECONDS))
+    if turned is None or not same.any():
+        return np.zeros(len(poses), np.bool_)
+    steps = np.diff(turned, prepend=turned[:1])
+    usual = steps[~same & (steps > 0.0)]
+    least = CREEPING * float(np.median(usual)) if len(usual) else 0.0
     begin = np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))  # the first of each run of equal poses
-    moved = np.zeros(len(same), np.bool_)
+    return np.asarray(same & (turned - turned[begin] > least))
+
+
+def _turned_until(recording: Recording, utime: Times) -> Floats | None:
+    """Return how far both wheels have turned at each time, both ways counted up; None where nothing tells."""
     if len(recording.wheels):
-        turning = np.abs(recording.wheels["psi_left"]) + np.abs(recording.wheels["psi_right"])
-        dt = np.diff(recording.wheels.utime, prepend=recording.wheels.utime[:1])
-        turned = np.interp(poses.utime, recording.wheels.utime, np.cumsum(turning * dt))
-        moved = turned - turned[begin] > 0.0
-    # Without wheels a run counts as held if it ends with a step to another pose within a sample's time.
-    return same & moved
+        signal, names = recording.wheels, ("psi_left", "psi_right")
+    elif len(recording.commands):
+        signal, names = recording.commands, ("left", "right")
+    else:
+        return None
+    dt = np.diff(signal.utime, prepend=signal.utime[:1]) * SECONDS
+    turned = np.cumsum((np.abs(signal[names[0]]) + np.abs(signal[names[1]])) * dt)
+    return np.interp(utime, signal.utime, turned)
 
 
 def outlying(path: Path) -> Mask:

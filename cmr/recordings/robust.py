@@ -6,7 +6,7 @@ import numpy as np
 
 from cmr.recordings.signal import Floats
 
-TO_DEVIATION = 1.4826  # standard deviations of a normal distribution per median absolute deviation
+TO_DEVIATION = 1.4826  # standard deviations of a normal distribution per median distance from 0
 LOCAL = 100  # samples over which local noise is taken
 LOUDEST = 3.0  # times the noise of all: where there is more, the values are wrong
 SHARES = (0.75, 0.9)
@@ -28,11 +28,17 @@ def running_median(values: Floats, half: int) -> Floats:
     return columns[half]
 
 
-def spread(values: Floats) -> float:
-    """Return the standard deviation that the median absolute deviation stands for; 0 of no values."""
+def quantile(values: Floats, share: float) -> float:
+    """Return the value below which this share of the values lies, or nearly so; 0 of no values."""
     if not len(values):
         return 0.0
-    return TO_DEVIATION * float(np.median(np.abs(values - np.median(values))))
+    rank = min(int(share * len(values)), len(values) - 1)
+    return float(np.partition(values, rank)[rank])
+
+
+def spread(values: Floats) -> float:
+    """Return the standard deviation, of values about 0, that their median size stands for; 0 of no values."""
+    return TO_DEVIATION * quantile(np.abs(values), 0.5)
 
 
 def local_noise(sizes: Floats, dimensions: int) -> Floats:

@@ -1,0 +1,86 @@
+"""Find what is wrong in a recording before it is used: nothing is set aside unsaid.
+
+No parameter of the robot is needed, and nothing but NumPy: a calibration that starts with it starts at once.
+"""
+
+import numpy as np
+
+from cmr.recordings.findings import Finding, Findings, counted
+from cmr.recordings.lags import Lag, lags_of
+from cmr.recordings.path_faults import PathFaults, path_faults
+from cmr.recordings.recording import Recording
+from cmr.recordings.time_checks import damaged_samples, gap_findings, log_findings, rates_of
+from cmr.recordings.wheel_checks import motion_findings, wheel_findings
+
+SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
+SURE = 3.0  # standard deviations by which they must differ
+
+__all__ = ["Finding", "Findings", "check"]
+
+
+def check(recording: Recording) -> Findings:
+    """Find what is wrong in a recording: poses, wheels, clocks, gaps and the log itself."""
+    damaged = damaged_samples(recording)
+    sound = Findings((damaged,), np.empty(0, np.int64), (), {}).cleaned(recording)
+    wheels = wheel_findings(sound)
+    plausible = Findings(tuple(wheels), np.empty(0, np.int64), (), {}).cleaned(sound)
+    lags = lags_of(plausible)
+    known = {lag.sensor: lag.seconds for lag in lags if lag.known}
+    faults = path_faults(plausible, known.get("poses", 0.0), known.get("gyro", 0.0))
+    findings = [*_pose_findings(faults), *wheels]
+    findings = [_over_all(finding, damaged, recording) for finding in findings]
+    findings += [damaged, *_lag_findings(lags), *motion_findings(plausible)]
+    findings += [*gap_findings(sound), *log_findings(sound)]
+    return Findings(tuple(findings), sound.poses.utime[faults.jumps], tuple(lags), rates_of(sound))
+
+
+def _over_all(finding: Finding, damaged: Finding, recording: Recording) -> Finding:
+    """Return a finding in the samples that are not damaged as one in all samples."""
+    spread_out = {}
+    for name, mask in finding.set_aside.items():
+        whole = np.zeros(len(recording.signals[name]), np.bool_)
+        whole[~damaged.set_aside.get(name, whole)] = mask
+        spread_out[name] = whole
+    return Finding(finding.check, finding.found, finding.sentence, spread_out)
+
+
+def _pose_findings(faults: PathFaults) -> list[Finding]:
+    outliers, held, jumps = (int(np.count_nonzero(mask)) for mask in (faults.outliers, faults.held, faults.jumps))
+    return [
+        Finding(
+            "pose_outliers",
+            outliers,
+            f"{counted(outliers, 'pose')} of {len(faults.outliers)} cannot be true beside the others (noise is "
+            f"{1000 * faults.position_noise:.1f} mm and {np.degrees(faults.heading_noise):.2f} degrees): set aside.",
+            {"poses": faults.outliers} if outliers else {},
+        ),
+        Finding(
+            "pose_jumps", jumps, f"The tracker jumps {counted(jumps, 'time')}: the path is cut there and goes on anew."
+        ),
+        Finding(
+            "poses_held",
+            held,
+            f"{counted(held, 'pose')} only repeat the one before while the robot moves: set aside.",
+            {"poses": faults.held} if held else {},
+        ),
+    ]
+
+
+def _lag_findings(lags: list[Lag]) -> list[Finding]:
+    """Tell where clocks differ; that wheels follow their commands late is how motors are."""
+    findings = []
+    for sensor in ("poses", "gyro"):
+        lag = next((lag for lag in lags if lag.sensor == sensor), None)
+        differs = lag is not None and lag.known and abs(lag.seconds) > max(SMALLEST_LAG, SURE * lag.std)
+        findings.append(Finding(f"{sensor}_clock", int(differs), _lag_sentence(sensor, lag)))
+    return findings
+
+
+def _lag_sentence(sensor: str, lag: Lag | None) -> str:
+    subject = "The poses'" if sensor == "poses" else "The gyro's"
+    if lag is None:
+        return f"{subject} clock has nothing to be compared with."
+    if not lag.known:
+        return f"{subject} clock cannot be compared with that of the {lag.reference}: {lag.why_unknown}."
+    direction = "behind" if lag.seconds > 0.0 else "ahead of"
+    return f"{subject} clock is {abs(lag.seconds):.3f} +- {lag.std:.3f} s {direction} that of the {lag.reference}."

@@ -1,0 +1,117 @@
+"""What the time stamps and the log itself tell: gaps, rates, messages that came late, twice or not at all."""
+
+import numpy as np
+
+from cmr.recordings.findings import Finding, counted
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
+
+LATEST_UTIME = 7_258_118_400_000_000  # us; the year 2200: a later time is a damaged one
+LARGEST_VALUE = 1e9  # of any quantity: a larger one is a damaged one
+GAP_PERIODS, SHORTEST_GAP = 5.0, 0.1  # a gap is longer than so many periods and than so many seconds
+UNEVEN = 0.5  # an interval that differs by more than this share from the usual one
+UNEVEN_SHARE = 0.1  # of the intervals; where more are uneven, the rate is
+REPEATED = "of a time that was there before"
+
+
+def damaged_samples(recording: Recording) -> Finding:
+    """Find samples of an impossible time or value."""
+    damaged = {name: _damaged(signal) for name, signal in recording.signals.items()}
+    total = sum(int(np.count_nonzero(mask)) for mask in damaged.values())
+    sentence = f"{counted(total, 'sample')} of an impossible time or value: set aside."
+    return Finding("damaged_samples", total, sentence, {name: mask for name, mask in damaged.items() if mask.any()})
+
+
+def log_findings(recording: Recording) -> list[Finding]:
+    """Tell what of the log could not be read and which messages are no samples."""
+    rejected = sum(recording.rejected.values())
+    reasons = ", ".join(f"{count} x {channel} {reason}" for (channel, reason), count in recording.rejected.items())
+    signals = recording.signals
+    unusable = {
+        name: {why: count for why, count in signal.left_out.items() if why != REPEATED}
+        for name, signal in signals.items()
+    }
+    described = ", ".join(f"{n} x {name} {why}" for name, left in unusable.items() for why, n in left.items())
+    repeated = {name: signal.left_out.get(REPEATED, 0) for name, signal in signals.items()}
+    late = {name: _lateness(signal) for name, signal in signals.items()}
+    came_late = sum(int(np.count_nonzero(lateness)) for lateness in late.values())
+    latest = max((float(lateness.max(initial=0.0)) for lateness in late.values()), default=0.0)
+    return [
+        Finding(
+            "damaged_log",
+            recording.damaged_bytes,
+            f"{recording.damaged_bytes} bytes of the log are truncated or damaged: the rest is used.",
+        ),
+        Finding("rejected_messages", rejected, f"{counted(rejected, 'message')} could not be taken: {reasons}."),
+        Finding(
+            "unusable_messages",
+            sum(sum(left.values()) for left in unusable.values()),
+            f"Messages without a usable value: {described}.",
+        ),
+        Finding(
+            "repeated_times",
+            sum(repeated.values()),
+            f"Messages that repeat a time stamp, of which the first is used: {_listed(repeated)}.",
+        ),
+        Finding(
+            "late_messages",
+            came_late,
+            f"{counted(came_late, 'message')} came after a later one of the same sensor, by up to {latest:.2f} s: put "
+            "in order of time.",
+        ),
+    ]
+
+
+def rates_of(recording: Recording) -> dict[str, float]:
+    """Return how often each recorded signal came [Hz]: by the median interval."""
+    return {
+        name: float(1.0 / np.median(_intervals(signal)))
+        for name, signal in recording.signals.items()
+        if len(signal) > 1
+    }
+
+
+def gap_findings(recording: Recording) -> list[Finding]:
+    """Find gaps in the signals, and rates that are uneven."""
+    gaps: dict[str, int] = {}
+    uneven: dict[str, int] = {}
+    longest = 0.0
+    for name, signal in recording.signals.items():
+        intervals = _intervals(signal)
+        if len(intervals) < 2:
+            continue
+        usual = float(np.median(intervals))
+        wide = intervals > max(GAP_PERIODS * usual, SHORTEST_GAP)
+        gaps[name] = int(np.count_nonzero(wide))
+        longest = max(longest, float(intervals[wide].max(initial=0.0)))
+        uneven[name] = int(np.mean(np.abs(intervals[~wide] - usual) > UNEVEN * usual) > UNEVEN_SHARE)
+    rates = ", ".join(f"{name} {rate:.1f} Hz" for name, rate in rates_of(recording).items())
+    return [
+        Finding("gaps", sum(gaps.values()), f"Gaps in the data: {_listed(gaps)}; the longest is {longest:.2f} s."),
+        Finding(
+            "uneven_rates",
+            sum(uneven.values()),
+            f"Not at even intervals: {', '.join(name for name, found in uneven.items() if found)} (rates: {rates}).",
+        ),
+    ]
+
+
+def _damaged(signal: Signal) -> Mask:
+    damaged = (signal.utime < 0) | (signal.utime > LATEST_UTIME)
+    for values in signal.fields.values():
+        damaged |= np.abs(values) > LARGEST_VALUE
+    return damaged
+
+
+def _lateness(signal: Signal) -> Floats:
+    """Return by how much each sample, in the order of arrival, is older than the newest before it [s]."""
+    utime = signal.utime[np.argsort(signal.number)] if len(signal.number) else signal.utime
+    return np.asarray((np.maximum.accumulate(utime) - utime) * SECONDS, np.float64)
+
+
+def _intervals(signal: Signal) -> Floats:
+    return np.asarray(np.diff(signal.utime) * SECONDS, np.float64)
+
+
+def _listed(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items() if count)
