@@ -4,7 +4,9 @@
 Nothing that is compiled is imported until it is needed, because Numba itself takes half a second to import.
 """
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
@@ -13,7 +15,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 # Numba has annotations from some version on; this way they make no difference.
 jit: Any = numba.njit
-OPTIONS = {"cache": True, "fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
+OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
+LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
@@ -22,9 +25,48 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Compile a function at once for one signature; later processes find the result in Numba's cache."""
+    """Compile a function for one signature when it is first called; later processes find it in Numba's cache."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        return cast("Callable[P, R]", jit(signature, **OPTIONS)(function))
+        return cast("Callable[P, R]", _Compiled(signature, function))
 
     return decorate
+
+
+class _Compiled:
+    """A function that is compiled, or loaded, at its first call; other compiled functions may call it too."""
+
+    def __init__(self, signature: str, function: Callable[..., Any]) -> None:
+        self._signature = signature
+        self._dispatcher = jit(**OPTIONS)(function)
+        with suppress(RuntimeError):  # nowhere to write: each process compiles for itself
+            self._dispatcher.enable_caching()
+        self._call = self._load
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._call(*arguments)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What Numba takes this for where compiled code calls it."""
+        return self._dispatcher._numba_type_
+
+    def _load(self, *arguments: Any) -> Any:
+        with _without_linear_algebra():
+            self._dispatcher.compile(self._signature)
+        self._dispatcher.disable_compile()
+        self._call = self._dispatcher
+        return self._call(*arguments)
+
+
+@contextmanager
+def _without_linear_algebra() -> Iterator[None]:
+    """Keep Numba from importing SciPy, which takes longer than all the rest, to see whether it has linear algebra."""
+    if LINEAR_ALGEBRA in sys.modules:
+        yield
+        return
+    sys.modules[LINEAR_ALGEBRA] = cast("Any", None)
+    try:
+        yield
+    finally:
+        del sys.modules[LINEAR_ALGEBRA]
