@@ -16,9 +16,8 @@ import numpy as np
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import PARAMETERS, identify
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
-from cmr.recordings.log import intact_events
+from cmr.recordings.log import EVENT_HEADER_BYTES, intact_events
 
-EVENT_HEADER_BYTES = 28  # sync word, event number, time stamp, lengths of channel name and of data
 FINGERPRINT = "fingerprint"  # name of the first 8 bytes of every message
 # NumPy's names of LCM's types of fixed size; LCM sends the most significant byte first.
 WIRE_TYPES = {

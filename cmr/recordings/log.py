@@ -8,6 +8,8 @@ import lcm
 
 from cmr.bus.messages import Received, RejectedMessage, decode
 
+EVENT_HEADER_BYTES = 28  # sync word, event number, time stamp, lengths of channel name and of data
+
 
 class LogReader:
     """The messages of an event log at `path`, in the order in which they were logged.
