@@ -20,7 +20,9 @@ from hypothesis import strategies as st
 
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import LARGEST_ROBOT_ID
-from cmr.model.parameters import DEFINITIONS
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.parameters import ParameterDefinition, RobotParameters
 from cmr.msg import parameters_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value, announcement, load, parse, sha256_of
 from cmr.parameters.following import ParameterFollower
@@ -37,6 +39,13 @@ parameters:              # name: {value, unit, std}; a name absent = its neutral
 effects: []              # names of the extended effects in use, each with its parameters above
 provenance: {log: run.lcm, sha256: ..., method: grid+refine, samples: 6000, path_rmse_m: 0.012, held_out_path_rmse_m: 0.014}
 """  # noqa: E501
+EXTENDED = EXAMPLE.replace(
+    "effects: []",
+    """  gyro_bias: {value: 0.01, unit: rad/s, std: 0.0002}
+  surface_change_k1: {value: 0.05, unit: '-'}
+  surface_change_time: {value: 60.0, unit: s}
+effects: [surface_change, gyro_bias]""",
+)
 PROMISED = 1.0  # s from the replacement of a file to its use
 SAVE_FOR_EVER = """
 import itertools, sys
@@ -87,19 +96,29 @@ def poll_for_a_while(follower: ParameterFollower) -> list[bool]:
 # Reading and writing
 
 
+def values_of(definition: ParameterDefinition) -> st.SearchStrategy[Value]:
+    std = st.none() | st.floats(0.0, 1e300)
+    return st.builds(Value, st.floats(definition.lower, definition.upper), std)
+
+
 @st.composite
 def parameter_files(draw: st.DrawFn) -> ParameterFile:
     values = {}
-    for name in draw(st.lists(st.sampled_from(sorted(DEFINITIONS)), unique=True)):
-        definition = DEFINITIONS[name]
-        value = st.floats(definition.lower, definition.upper, exclude_min=True, exclude_max=True)
-        std = st.none() | st.floats(0.0, 1e300)
-        values[name] = Value(draw(value), draw(std))
+    for name in draw(st.lists(st.sampled_from(sorted(PAPER)), unique=True)):
+        values[name] = draw(values_of(DEFINITIONS[name]))
+    effects = draw(st.lists(st.sampled_from(sorted(CATALOGUE)), unique=True, max_size=8))
+    for name in effects:
+        for parameter in draw(st.lists(st.sampled_from(CATALOGUE[name].parameters), unique=True, min_size=1)):
+            values[parameter.name] = draw(values_of(parameter))
     scalars = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
     provenance = draw(st.dictionaries(st.text(), scalars | st.lists(scalars, max_size=3), max_size=4))
     written = draw(st.datetimes(datetime(1970, 1, 1), datetime(2200, 1, 1), timezones=st.just(timezone.utc)))
     return ParameterFile(
-        draw(st.integers(0, LARGEST_ROBOT_ID)), values, provenance=provenance, written=written.replace(microsecond=0)
+        draw(st.integers(0, LARGEST_ROBOT_ID)),
+        values,
+        tuple(effects),
+        provenance,
+        written.replace(microsecond=0),
     )
 
 
@@ -108,6 +127,20 @@ def test_what_is_written_is_read_back_the_same(file: ParameterFile) -> None:
     text = file.to_yaml()
     assert parse(text) == file
     assert parse(text).to_yaml() == text
+
+
+@given(parameter_files())
+def test_the_model_gets_every_parameter_of_the_file(file: ParameterFile) -> None:
+    complete = ParameterFile(0, {**{name: Value(1.0) for name in PAPER}, **file.values}, file.effects)
+    assert complete.robot_parameters.values == {name: value.value for name, value in complete.values.items()}
+    assert tuple(complete.robot_parameters) == tuple(complete.value(name) for name in PAPER)
+
+
+@given(st.sets(st.sampled_from(sorted(CATALOGUE)), min_size=1))
+def test_neutral_parameters_of_effects_may_be_there_without_the_effects_being_in_use(names: set[str]) -> None:
+    neutral = {p.name: Value(p.neutral) for name in names for p in CATALOGUE[name].parameters if p.neutral is not None}
+    file = ParameterFile(0, {"wheel_radius": Value(0.04), **neutral})
+    assert parse(file.to_yaml()) == file
 
 
 def test_what_is_saved_is_loaded_back_the_same_and_others_can_read_it(tmp_path: Path) -> None:
@@ -129,15 +162,24 @@ def test_the_example_of_the_interface_is_read_as_it_stands_there() -> None:
         "base_width": Value(0.161, 0.0006),
     }
     assert file.written == datetime(2026, 1, 31, 12, tzinfo=timezone.utc)
-    assert file.robot_parameters == (0.04, 118.0, 0.054, 0.161)
+    assert file.robot_parameters == RobotParameters(0.04, 118.0, 0.054, 0.161)
+
+
+def test_a_file_of_the_papers_model_is_a_valid_extended_one() -> None:
+    file, extended = parse(EXAMPLE), parse(EXTENDED)
+    assert extended.effects == ("surface_change", "gyro_bias")
+    assert extended.values["gyro_bias"] == Value(0.01, 0.0002)
+    effects = {"gyro_bias": 0.01, "surface_change_k1": 0.05, "surface_change_time": 60.0}
+    assert extended.robot_parameters == RobotParameters.of({**file.robot_parameters.values, **effects})
 
 
 def test_our_writing_looks_like_the_example() -> None:
     def squeeze(text: str) -> str:
         return re.sub(r" +", " ", re.sub(r" +#.*", "", text))
 
-    example = EXAMPLE.replace("sha256: ...", "sha256: 1f3a")
-    assert squeeze(parse(example).to_yaml()) == squeeze(example)
+    for example in (EXAMPLE, EXTENDED):
+        text = example.replace("sha256: ...", "sha256: 1f3a")
+        assert squeeze(parse(text).to_yaml()) == squeeze(text)
 
 
 def test_an_unknown_name_is_an_error_that_lists_the_known_ones() -> None:
@@ -175,6 +217,7 @@ def test_an_unknown_name_is_an_error_that_lists_the_known_ones() -> None:
         ("2026-01-31T12:00:00Z", "yesterday", r"yesterday"),
         ("2026-01-31T12:00:00Z", "2026-13-31T12:00:00Z", r"month must be in 1..12"),
         ("effects: []", "effects: [back_lash]", r"effects: unknown effect 'back_lash'"),
+        ("effects: []", "effects: [[backlash]]", r"effects: unknown effect \['backlash'\]; known are .*backlash"),
         ("effects: []", "effects: backlash", r"effects: must be a list, not 'backlash'"),
         ("effects: []", "efects: []", r"unknown key 'efects'"),
         ("provenance: {log", "provenance: [{log", r"cannot be read"),
@@ -182,9 +225,38 @@ def test_an_unknown_name_is_an_error_that_lists_the_known_ones() -> None:
     ],
 )
 def test_what_is_wrong_is_an_error_that_names_file_and_place(before: str, after: str, place: str) -> None:
-    assert before in EXAMPLE
+    assert_refused(EXAMPLE, before, after, place)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "place"),
+    [
+        ("unit: rad/s,", "unit: deg/s,", r"parameters: gyro_bias: unit is 'deg/s', must be 'rad/s'"),
+        ("value: 0.05,", "value: 50.0,", r"parameters: surface_change_k1: value is 50.0, must be .* -0.9 and 5 -"),
+        ("value: 0.05,", "value: .inf,", r"parameters: surface_change_k1: value is inf"),
+        ("change, gyro_bias]", "change]", r"gyro_bias: belongs to the effect gyro_bias, which effects does not name"),
+        (
+            "change, gyro_bias]",
+            "change, gyro_bias, gyro_scale]",
+            r"gyro_scale is in use, but parameters lacks gyro_scale",
+        ),
+        ("change, gyro_bias]", "change, slope, gyro_bias]", r"slope is in use, but parameters lacks slope_x, slope_y"),
+        ("change, gyro_bias]", "change, gyro_bias, gyro_bias]", r"effects: gyro_bias is there more than once"),
+        (
+            "surface_change_k1:",
+            "surface_change_k2:",
+            r"unknown name 'surface_change_k2'; known are .*surface_change_k1",
+        ),
+    ],
+)
+def test_what_is_wrong_with_effects_is_an_error_that_names_file_and_place(before: str, after: str, place: str) -> None:
+    assert_refused(EXTENDED, before, after, place)
+
+
+def assert_refused(text: str, before: str, after: str, place: str) -> None:
+    assert before in text
     with pytest.raises(ParameterFileError, match=rf"^/etc/robot_0\.yaml: .*{place}"):
-        parse(EXAMPLE.replace(before, after, 1), "/etc/robot_0.yaml")
+        parse(text.replace(before, after, 1), "/etc/robot_0.yaml")
 
 
 @pytest.mark.parametrize(
@@ -500,5 +572,5 @@ def test_announcements_of_other_robots_and_other_messages_are_passed_over(path: 
 
 
 def test_numbers_have_bounds_that_no_wheeled_robot_reaches() -> None:
-    for definition in DEFINITIONS.values():
+    for definition in PAPER.values():
         assert 0.0 < definition.lower < definition.upper < math.inf

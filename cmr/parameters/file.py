@@ -14,7 +14,7 @@ import yaml
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import LARGEST_ROBOT_ID
-from cmr.model.parameters import DEFINITIONS, RobotParameters
+from cmr.model.parameters import DEFINITIONS, ParameterDefinition, RobotParameters
 from cmr.msg import parameters_t
 
 SCHEMA = 1
@@ -34,10 +34,12 @@ class Value:
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """The content of a parameter file.
+    """The content of a parameter file: the paper's parameters, and those of the effects in use.
 
-    Raises ParameterFileError on construction for unknown names, values outside the parameter's range, and
-    standard deviations that are none.
+    `effects` are the names of the effects in use; each has at least one of its parameters among `values`, and those
+    that it lacks are neutral. A parameter of an effect that is not in use may be there if it is neutral.
+    Raises ParameterFileError on construction for a contradiction between the two, for unknown names, values
+    outside the parameter's range, and standard deviations that are none.
     """
 
     robot_id: int
@@ -53,8 +55,7 @@ class ParameterFile:
             )
         for name, value in self.values.items():
             _check_value(name, value)
-        for name in self.effects:
-            raise ParameterFileError(f"effects: unknown effect {name!r}; this version knows none")
+        _check_effects(self.effects, self.values)
 
     def value(self, name: str) -> float:
         """Return a parameter's value.
@@ -72,16 +73,17 @@ class ParameterFile:
 
     @property
     def robot_parameters(self) -> RobotParameters:
-        """The model's parameters.
+        """The model's parameters, those of effects among them.
 
-        Raises ParameterFileError naming the first that is missing.
+        Raises ParameterFileError naming the first of the paper's that is missing.
         """
-        return RobotParameters(*(self.value(name) for name in RobotParameters._fields))
+        paper = {name: self.value(name) for name in DEFINITIONS}
+        return RobotParameters.of({**{name: value.value for name, value in self.values.items()}, **paper})
 
     def to_yaml(self) -> str:
         """Return the text of the file."""
         entries = {
-            name: {"value": value.value, "unit": DEFINITIONS[name].unit}
+            name: {"value": value.value, "unit": _definition(name).unit}
             | ({} if value.std is None else {"std": value.std})
             for name, value in self.values.items()
         }
@@ -184,9 +186,7 @@ def _parse_values(entries: Any) -> dict[str, Value]:
         raise ParameterFileError("parameters: must be a mapping of names to {value, unit, std}")
     values = {}
     for name, entry in entries.items():
-        definition = DEFINITIONS.get(name)
-        if definition is None:
-            raise ParameterFileError(f"parameters: unknown name {name!r}; known are {', '.join(DEFINITIONS)}")
+        definition = _definition(name)
         if not isinstance(entry, dict) or "value" not in entry or not set(entry) <= {"value", "unit", "std"}:
             raise ParameterFileError(f"parameters: {name}: must be {{value: number, unit: {definition.unit}}}")
         if entry.get("unit", definition.unit) != definition.unit:
@@ -203,23 +203,63 @@ def _parse_time(written: Any) -> datetime:
     return written if written.tzinfo else written.replace(tzinfo=timezone.utc)
 
 
+def _definition(name: Any) -> ParameterDefinition:
+    """Return what a parameter's name stands for.
+
+    Raises ParameterFileError listing the known names when there is no such parameter.
+    """
+    if name in DEFINITIONS:
+        return DEFINITIONS[name]
+    # Files of the paper's model do without the catalogue: it takes a while to load.
+    from cmr.model import catalogue
+
+    try:
+        return catalogue.DEFINITIONS[name]
+    except KeyError:
+        known = ", ".join(catalogue.DEFINITIONS)
+        raise ParameterFileError(f"parameters: unknown name {name!r}; known are {known}") from None
+
+
+def _check_effects(effects: tuple[str, ...], values: Mapping[str, Value]) -> None:
+    """Raise ParameterFileError unless the effects are known and those that the values switch on."""
+    if not effects and set(values) <= set(DEFINITIONS):
+        return
+    from cmr.model.catalogue import CATALOGUE
+
+    for name in effects:
+        if not isinstance(name, str) or name not in CATALOGUE:
+            raise ParameterFileError(f"effects: unknown effect {name!r}; known are {', '.join(CATALOGUE)}")
+        if effects.count(name) > 1:
+            raise ParameterFileError(f"effects: {name} is there more than once")
+    for name, effect in CATALOGUE.items():
+        given = [parameter for parameter in effect.parameters if parameter.name in values]
+        if name in effects and not given:
+            names = ", ".join(parameter.name for parameter in effect.parameters)
+            raise ParameterFileError(f"effects: {name} is in use, but parameters lacks {names}")
+        for parameter in given:
+            if name not in effects and not parameter.is_neutral(values[parameter.name].value):
+                raise ParameterFileError(
+                    f"parameters: {parameter.name}: belongs to the effect {name}, which effects does not name; "
+                    f"add it there, or take the parameter out"
+                )
+
+
 def _check_value(name: str, value: Value) -> None:
-    definition = DEFINITIONS.get(name)
-    if definition is None:
-        raise ParameterFileError(f"parameters: unknown name {name!r}; known are {', '.join(DEFINITIONS)}")
-    if not _is_number(value.value) or not definition.lower < value.value < definition.upper:
+    definition = _definition(name)
+    if not _is_number(value.value) or not definition.allows(value.value):
         raise ParameterFileError(
             f"parameters: {name}: value is {value.value!r}, must be a number between {definition.lower:g} and "
             f"{definition.upper:g} {definition.unit}"
         )
-    if value.std is not None and (not _is_number(value.std) or value.std < 0):
+    if value.std is not None and not (_is_number(value.std) and 0.0 <= value.std < math.inf):
         raise ParameterFileError(f"parameters: {name}: std is {value.std!r}, must be a number of 0 or more")
 
 
 def _is_number(value: Any) -> bool:
+    """Tell whether a value is a number that a float can be; infinity is one."""
     if not isinstance(value, (int, float)) or isinstance(value, bool):
         return False
     try:
-        return math.isfinite(value)
+        return not math.isnan(value)
     except OverflowError:  # a whole number larger than any float
         return False
