@@ -1,5 +1,6 @@
 """What the figure of a calibration shows."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -129,7 +130,7 @@ def test_a_grid_with_one_base_width_is_cut_once(result: CalibrationResult) -> No
 
 def test_without_parameters_before_only_the_path_after_is_drawn(result: CalibrationResult) -> None:
     nominal = replace(NOMINAL, values={"wheel_radius": NOMINAL.values["wheel_radius"]})
-    figure = figure_of(replace(result, nominal=nominal))
+    figure = figure_of(replace(result, nominal=nominal, path_rmse_before=math.nan))
     assert titles(figure)[:2] == ["after calibration", "What is left, in time"]
     assert len(titled(figure, "What is left").lines) == 1
 

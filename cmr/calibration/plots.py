@@ -1,5 +1,6 @@
 """Draw what a calibration found: the path before and after, what is left in time, and the error surface."""
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -42,8 +43,9 @@ def figure_of(result: CalibrationResult) -> "Figure":
         return figure
     figure.suptitle(_title(result), fontsize=15)
     rows = figure.subfigures(2 if grid else 1, 1, squeeze=False, hspace=0.04)[:, 0]
-    before = _paths(result, {name: value.value for name, value in result.nominal.values.items()})
-    _draw_drives(rows[0], result, before, _paths(result, result.values))
+    nominal = {name: value.value for name, value in result.nominal.values.items()}
+    before = _paths(result, nominal, result.path_rmse_before)
+    _draw_drives(rows[0], result, before, _paths(result, result.values, result.path_rmse_after))
     if grid:
         _draw_surface(rows[1], grid, result.values)
     return figure
@@ -56,12 +58,11 @@ def _title(result: CalibrationResult) -> str:
     return f"Calibration of robot {result.robot_id}:  {',  '.join(found)}"
 
 
-def _paths(result: CalibrationResult, values: Mapping[str, float]) -> Paths:
-    """Drive all segments; None where a parameter is not known. One that is not identifiable changes nothing."""
-    known = dict.fromkeys(result.unidentified, 1.0) | dict(values)
-    if not set(DEFINITIONS) <= set(known):
+def _paths(result: CalibrationResult, values: Mapping[str, float], error: float) -> Paths:
+    """Drive all segments; None where the path error is not known. What is not identifiable does not matter to it."""
+    if not math.isfinite(error):
         return None
-    parameters = RobotParameters.of(known)
+    parameters = RobotParameters.of(dict.fromkeys(result.unidentified, 1.0) | dict(values))
     return [s.follow_wheels(parameters) if result.by_wheels else s.simulate(parameters) for s in result.segments]
 
 
