@@ -34,6 +34,7 @@ FAULTS = {
     "encoder_spikes",
     "encoder_resets",
     "encoder_stuck",
+    "dead_sensors",
     "damaged_samples",
     "poses_clock",
     "gyro_clock",
@@ -96,6 +97,20 @@ def test_an_encoder_that_says_nothing_any_more_is_found_and_its_readings_set_asi
     assert mask[whole.wheels.seconds > since + 0.02].all()
     assert not mask[whole.wheels.seconds < since - 0.02].any()
     assert findings["pose_outliers"].found == findings["pose_jumps"].found == 0
+
+
+@pytest.mark.parametrize("dead", ["wheels", "gyro"])
+def test_a_sensor_that_always_says_the_same_is_set_aside_if_the_robot_moves(dead: str) -> None:
+    for duties, found in ((figure_eight, 1), (at_rest, 0)):
+        whole = recording(duties, 6)
+        silent = {name: np.zeros_like(values) for name, values in whole.signals[dead].fields.items()}
+        kinds: dict[str, Signal] = {dead: replace(whole.signals[dead], fields=silent)}
+        whole = replace(whole, **kinds)  # type: ignore[arg-type]
+        findings = check(whole)
+        assert findings["dead_sensors"].found == found
+        assert len(findings.cleaned(whole).signals[dead]) == (0 if found else len(whole.signals[dead]))
+        assert findings["never_moved"].found == 1 - found
+        assert findings["pose_outliers"].found == findings["pose_jumps"].found == 0
 
 
 def test_a_drive_about_a_wheel_that_is_not_driven_is_no_fault() -> None:

@@ -10,7 +10,7 @@ from cmr.recordings.lags import Lag, lags_of
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
 from cmr.recordings.time_checks import damaged_samples, gap_findings, log_findings, rates_of
-from cmr.recordings.wheel_checks import motion_findings, wheel_findings
+from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
 
 SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
 SURE = 3.0  # standard deviations by which they must differ
@@ -22,14 +22,14 @@ def check(recording: Recording) -> Findings:
     """Find what is wrong in a recording: poses, wheels, clocks, gaps and the log itself."""
     damaged = damaged_samples(recording)
     sound = Findings((damaged,), np.empty(0, np.int64), (), {}).cleaned(recording)
-    wheels = wheel_findings(sound)
-    plausible = Findings(tuple(wheels), np.empty(0, np.int64), (), {}).cleaned(sound)
+    sensors = [*wheel_findings(sound), dead_sensors(sound)]
+    plausible = Findings(tuple(sensors), np.empty(0, np.int64), (), {}).cleaned(sound)
     lags = lags_of(plausible)
     known = {lag.sensor: lag.seconds for lag in lags if lag.known}
     faults = path_faults(plausible, known.get("poses", 0.0), known.get("gyro", 0.0))
-    findings = [*_pose_findings(faults), *wheels]
+    findings = [*_pose_findings(faults), *sensors]
     findings = [_over_all(finding, damaged, recording) for finding in findings]
-    findings += [damaged, *_lag_findings(lags), *motion_findings(plausible)]
+    findings += [damaged, *_lag_findings(lags), *motion_findings(sound)]
     findings += [*gap_findings(sound), *log_findings(sound)]
     return Findings(tuple(findings), sound.poses.utime[faults.jumps], tuple(lags), rates_of(sound))
 

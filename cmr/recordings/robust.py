@@ -7,6 +7,7 @@ import numpy as np
 from cmr.recordings.signal import Floats
 
 TO_DEVIATION = 1.4826  # standard deviations of a normal distribution per median distance from 0
+NEGLIGIBLE = 1e-12  # of the weight of all; less decides nothing and may overflow
 LOCAL = 100  # samples over which local noise is taken
 LOUDEST = 3.0  # times the noise of all: where there is more, the values are wrong
 SHARES = (0.75, 0.9)
@@ -80,7 +81,7 @@ def ratio(y: Floats, x: Floats) -> float:
     total = float(weight.sum())
     if not total > 0.0:
         return 0.0
-    used = weight > 0.0
+    used = weight > NEGLIGIBLE * total
     quotient = y[used] / x[used]
     order = np.argsort(quotient)
     middle = np.searchsorted(np.cumsum(weight[used][order]), 0.5 * total)

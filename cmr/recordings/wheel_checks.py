@@ -15,6 +15,8 @@ AROUND = 2  # readings on either side; as many absurd ones in a row are seen
 STUCK = 1.0  # s for which an encoder must stand still though its motor is driven
 DRIVEN = 0.8  # of the duty at which a wheel usually turns; with more it should
 MOVING = 0.05  # of fast driving; with less a wheel rests
+MOVED, TURNED = 0.1, 0.5  # m, rad; a path that extends less far may be noise
+PATH_HALF = 5  # neighbours on either side, of which the median is taken for that
 LATE_START = 5.0  # s of rest at the beginning
 ENDING = 0.3  # s at the end over which the last speed is averaged
 STILL_DRIVING = 0.2  # of fast driving; a recording that ends faster was cut off
@@ -55,20 +57,51 @@ def wheel_findings(recording: Recording) -> list[Finding]:
     ]
 
 
+def dead_sensors(recording: Recording) -> Finding:
+    """Find wheels and gyro that always say the same though the robot moves: by the others, or by its path."""
+    wheels, gyro = recording.wheels, recording.gyro
+    turning = np.count_nonzero(wheels["psi_left"] != wheels["psi_right"]) >= FEWEST
+    far, round_about = _path_extent(recording)
+    dead = {
+        "wheels": len(wheels) >= FEWEST
+        and not (np.any(wheels["psi_left"]) or np.any(wheels["psi_right"]))
+        and far > MOVED,
+        "gyro": len(gyro) >= FEWEST
+        and bool(np.all(gyro["yaw_rate"] == gyro["yaw_rate"][0]))
+        and (turning or round_about > TURNED),
+    }
+    names = " and ".join(name for name, is_dead in dead.items() if is_dead)
+    return Finding(
+        "dead_sensors",
+        sum(map(int, dead.values())),
+        f"The {names} always say the same though the robot moves: set aside.",
+        {name: np.ones(len(recording.signals[name]), np.bool_) for name, is_dead in dead.items() if is_dead},
+    )
+
+
 def motion_findings(recording: Recording) -> list[Finding]:
     """Tell whether and when the robot moves."""
     utime, speed = _speed(recording)
     fast = _fast(speed)
     moving = speed > MOVING * fast
-    never = int(len(utime) > 0 and not moving.any())
+    never = not moving.any() and _path_extent(recording)[0] <= MOVED
     rest = float((utime[moving][0] - utime[0]) * SECONDS) if moving.any() else 0.0
     ending = speed[utime > utime[-1] - ENDING / SECONDS] if len(utime) else speed
     cut = int(moving.any() and float(np.mean(ending)) > STILL_DRIVING * fast)
     return [
-        Finding("never_moved", never, "The robot never moves in this recording."),
+        Finding("never_moved", int(never), "The robot never moves in this recording."),
         Finding("late_start", int(rest > LATE_START), f"The robot rests for the first {rest:.1f} s."),
         Finding("cut_off", cut, "The recording ends while the robot is being driven."),
     ]
+
+
+def _path_extent(recording: Recording) -> tuple[float, float]:
+    """Return how far apart [m] and how differently turned [rad] two poses of the path are; outliers do not count."""
+    poses = recording.poses
+    if len(poses) < FEWEST:
+        return 0.0, 0.0
+    x, y, theta = (running_median(values, PATH_HALF) for values in (poses["x"], poses["y"], np.unwrap(poses["theta"])))
+    return float(max(np.ptp(x), np.ptp(y))), float(np.ptp(theta))
 
 
 def _speed(recording: Recording) -> tuple[Times, Floats]:
