@@ -44,6 +44,18 @@ def sincos(angle: float) -> tuple[float, float]:
 
 
 @inlined
+def sin(angle: float) -> float:
+    """Return the sine of any angle [rad]."""
+    return sincos(angle)[0]
+
+
+@inlined
+def cos(angle: float) -> float:
+    """Return the cosine of any angle [rad]."""
+    return sincos(angle)[1]
+
+
+@inlined
 def sincos_small(angle: float) -> tuple[float, float]:
     """Return sine and cosine of an angle of at most 0.3 rad; errors 4e-14 and 2e-12 there, less by angle^11 and ^10."""
     z = angle * angle

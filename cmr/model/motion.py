@@ -5,13 +5,13 @@ with the two-point Gauss-Legendre rule, whose error over a 10 ms step is some na
 `cmr.model.paper`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cmr.model.body import arc, forward, turn
-from cmr.model.parameters import RobotParameters
+from cmr.model.parameters import DEFINITIONS, RobotParameters
 
 LARGEST_HALF_TURN = 0.3  # rad between the middle of a step and its Gauss points; beyond, steps are split
 MOST_PARTS = 1000  # into which a step is split; absurd parameters must not take for ever
@@ -79,24 +79,78 @@ def wheel_speeds(duty: Any, dt: Any, parameters: RobotParameters, psi: Any) -> A
     return speeds.reshape(-1, *shape)
 
 
-def drive(left: Any, right: Any, dt: Any, parameters: RobotParameters, start: RobotState, at: Any = None) -> Trajectory:
+def drive(
+    left: Any,
+    right: Any,
+    dt: Any,
+    parameters: RobotParameters,
+    start: RobotState,
+    at: Any = None,
+    *,
+    time: float = 0.0,
+    seed: int = 0,
+) -> Trajectory:
     """Simulate a drive from recorded duties, freely: nothing is corrected on the way.
 
-    `left`, `right` [duty] and `dt` [s] have shape (T,), one entry per span of constant duty. Parameters and start
-    may be arrays of candidates. The result has shape (T + 1, candidates...); `theta` is not wrapped. `at` chooses
-    among the T + 1 borders, ascending: with fewer of them to write, the drive takes half the time.
+    `left`, `right` [duty] and `dt` [s] have shape (T,), one entry per span of constant duty. Parameters, those of
+    effects too, and start may be arrays of candidates. The result has shape (T + 1, candidates...); `theta` is not
+    wrapped. `at` chooses among the T + 1 borders, ascending: with fewer of them to write, the drive takes half the
+    time. Effects that happen at a time count from `time` [s] at the first border on; `seed` fixes random ones. Each
+    span counts as one command. Raises KeyError for an effect's parameter that the catalogue does not have.
     """
+    shape = np.broadcast_shapes(*(np.shape(value) for value in (*parameters.values.values(), *start[:5])))
+    borders = np.arange(len(dt) + 1) if at is None else np.ascontiguousarray(at, dtype=np.int64)
+    spans = (_floats(left), _floats(right), _floats(dt))
+    places = _lanes(start[:5], shape)
+    paper = _lanes(parameters, shape)
+    if not parameters.effects:
+        recorded = _drive_paper(spans, paper, places, borders)
+    else:
+        recorded = _drive_mixed(spans, paper, parameters.effects, shape, places, borders, time, seed)
+    return Trajectory(*recorded.reshape(len(recorded), len(borders), *shape))
+
+
+def _drive_paper(spans: tuple[Any, Any, Any], parameters: Any, start: Any, at: Any) -> Any:
+    """Drive candidates of the paper's model, given as rows; return what is recorded, (7, len(at), candidates)."""
     from cmr.model import paper
 
-    shape = np.broadcast_shapes(*(np.shape(value) for value in (*parameters, *start[:5])))
-    values = _lanes((*parameters, *start[:5]), shape)
-    duties, spans = (_floats(left), _floats(right)), _floats(dt)
-    borders = np.arange(len(spans) + 1) if at is None else np.ascontiguousarray(at, dtype=np.int64)
-    recorded = np.empty((paper.RECORDED, len(borders), values.shape[1]))
-    fastest = np.maximum(np.abs(values[7:9]).max(axis=0), _largest(duties) / values[2])
-    parts = parts_of(spans, values[0], values[3], fastest)
-    paper.drive(*duties, spans, parts, values[:4], values[4:], borders, *recorded)
-    return Trajectory(*recorded.reshape(paper.RECORDED, len(borders), *shape))
+    recorded = np.empty((paper.RECORDED, len(at), parameters.shape[1]))
+    fastest = np.maximum(np.abs(start[3:]).max(axis=0), _largest(spans[:2]) / parameters[2])
+    parts = parts_of(spans[2], parameters[0], parameters[3], fastest)
+    paper.drive(*spans, parts, parameters, start, at, *recorded)
+    return recorded
+
+
+def _drive_mixed(
+    spans: tuple[Any, Any, Any],
+    paper: Any,
+    effects: Mapping[str, Any],
+    shape: tuple[int, ...],
+    start: Any,
+    at: Any,
+    time: float,
+    seed: int,
+) -> Any:
+    """Drive candidates, those with effects by the extended model and the others by the paper's."""
+    from cmr.model import extended
+
+    values = dict(zip(effects, _lanes(extended.parameter_values(effects).values(), shape), strict=True))
+    model = extended.extended_model()
+    on = model.on(values, paper.shape[1:])
+    if not np.any(on):
+        return _drive_paper(spans, paper, start, at)
+    values.update(zip(DEFINITIONS, paper, strict=True))
+    chosen = {name: values[name][on] for name in model.definitions if name in values}
+    recorded = np.empty((extended.RECORDED, len(at), paper.shape[1]))
+    recorded[:, :, on] = extended.drive(*spans, chosen, start[:, on], at, time, seed)
+    if not np.all(on):
+        off = ~on
+        recorded[:, :, off] = _drive_paper(spans, _columns(paper, off), _columns(start, off), at)
+    return recorded
+
+
+def _columns(rows: Any, chosen: Any) -> Any:
+    return np.ascontiguousarray(rows[:, chosen])
 
 
 def parts_of(dt: Any, wheel_radius: Any, base_width: Any, fastest: Any) -> Any:

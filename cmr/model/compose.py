@@ -1,0 +1,308 @@
+"""Compose the extended model: Python source of one compiled step with the statements of all given effects.
+
+The step, for a robot on a span of constant commands:
+
+1. Commands become duties: stages `command` and `actuator`, with means over the step.
+2. Wheel speeds: an exponential predictor and corrector. The paper's motor is solved exactly; what effects add counts as
+   changing linearly from the step's beginning to its end (Cox and Matthews, J. Comput. Phys. 176, 2002, ETD2RK).
+3. Dry friction keeps its direction within a step. A wheel that would reverse comes to rest on the way; from there it
+   sticks, or sets off with what friction cannot hold.
+4. Wheels, ground and body at the two Gauss-Legendre points; heading and position by collocation.
+
+There is no branch in it: choices become selections, and the loop over LANES robots is vectorised.
+"""
+
+import ast
+from collections.abc import Iterable, Mapping, Sequence
+from textwrap import dedent
+
+from cmr.model.composed_loops import IMPORTS, LOOPS
+from cmr.model.effect import Effect
+from cmr.model.parameters import ParameterDefinition
+from cmr.model.stages import STAGES
+
+LANES = 16  # robots side by side; the distance between rows is known to the compiler, so it sees that none overlap
+SIDES = {"left": 1.0, "right": -1.0}
+STATE = (
+    *("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"),
+    *("domega_left", "domega_right", "time", "command_left", "command_right", "left_before", "right_before"),
+)
+COEFFICIENTS = tuple(f"{what}_{when}" for when in ("first", "second", "end") for what in ("kept", "gained", "grown"))
+OF_A_SIDE = {name for stage in STAGES.values() if stage.per_side for name in (*stage.changes, *stage.reads)} - {
+    *("load_share", "cosine", "sine", "time")
+}
+HELPERS = {"after": "after", "share": "share", "sign": "sign", "exp": "exp", "cos": "cos", "sin": "sin"}
+
+
+def rows_of(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> list[str]:
+    """Return the names of a robot's rows: state, coefficients, parameters and memory."""
+    return [*STATE, *COEFFICIENTS, *definitions, *memories(effects)]
+
+
+def memories(effects: Iterable[Effect]) -> list[str]:
+    """Return the names of all memory, with the side where there is one for each."""
+    names: list[str] = []
+    for effect in effects:
+        for memory in effect.memory:
+            names += [f"{memory.name}_{side}" for side in SIDES] if memory.per_side else [memory.name]
+    return names
+
+
+def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> str:
+    """Return the source of a module that advances and drives robots with these effects.
+
+    `definitions` are the parameters that robots have; those of sensors need not be among them.
+    """
+    statements = _Statements(effects)
+    rows = rows_of(effects, definitions)
+    constants = [f"{name.upper()} = {LANES * i}" for i, name in enumerate(rows)]
+    changed = ("x", "y", "theta", *(f"{name}_{side}" for name in ("psi", "angle", "domega") for side in SIDES), "time")
+    kept = (*changed, *memories(effects))
+    body = [
+        *(f"{name} = rows[first + {name.upper()} + i]" for name in rows),
+        *_step(statements),
+        *(f"rows[first + {name.upper()} + i] = {name}" for name in kept),
+    ]
+    start = [
+        *(f"{name} = rows[first + {name.upper()} + i]" for name in ("psi_left", "psi_right", *definitions)),
+        *(f"{name} = 0.0" for name in memories(effects)),
+        *(f"duty_{side} = k1 * psi_{side}" for side in SIDES),
+        *(f"rows[first + {side.upper()}_BEFORE + i] = duty_{side}" for side in SIDES),
+        *statements.both("start"),
+        *(f"rows[first + {name.upper()} + i] = {name}" for name in memories(effects)),
+    ]
+    packet = [
+        *(f"{name} = rows[first + {name.upper()} + i]" for name in definitions),
+        "delay = 0.0",
+        "lost = False",
+        *statements.of("packet"),
+    ]
+    return "\n".join(
+        [
+            IMPORTS,
+            f"LANES = {LANES}",
+            *constants,
+            f"SIZE = {LANES * len(rows)}",
+            LOOPS.replace("    STEP\n", _indented(body, 12))
+            .replace("    START\n", _indented(start, 4))
+            .replace("    PACKET\n", _indented(packet, 4)),
+        ]
+    )
+
+
+def _indented(lines: Iterable[str], by: int) -> str:
+    return "".join(" " * by + part + "\n" for line in lines for part in line.splitlines())
+
+
+class _Statements:
+    """The statements of all effects, ready to be put into the step."""
+
+    def __init__(self, effects: Sequence[Effect]) -> None:
+        self._effects = effects
+        self._names = {effect.name: _own_names(effect) for effect in effects}
+
+    def of(self, stage: str) -> list[str]:
+        """Return the statements of a stage of the whole robot."""
+        return [line for effect in self._effects for line in self._lines(effect, stage, None)]
+
+    def both(self, stage: str) -> list[str]:
+        """Return the statements of a side's stage, for both sides."""
+        return [line for side in SIDES for effect in self._effects for line in self._lines(effect, stage, side)]
+
+    def _lines(self, effect: Effect, stage: str, side: str | None) -> list[str]:
+        if stage not in effect.equations:
+            return []
+        tree = ast.parse(dedent(effect.equations[stage]))
+        return ast.unparse(_Rename(effect, self._names[effect.name], side).visit(tree)).splitlines()
+
+
+def _own_names(effect: Effect) -> dict[str, bool]:
+    """Return the names that an effect assigns and that are its own, each with whether there is one for each side."""
+    memory = {name for entry in effect.memory for name in (entry.name, f"{entry.name}_left", f"{entry.name}_right")}
+    own = {}
+    for stage, text in effect.equations.items():
+        known = memory | set(STAGES[stage].changes)
+        for node in ast.walk(ast.parse(dedent(text))):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id not in known:
+                own[node.id] = STAGES[stage].per_side
+    return own
+
+
+class _Rename(ast.NodeTransformer):
+    """Give the names in an effect's statements the side, and its own names the effect's name."""
+
+    def __init__(self, effect: Effect, own: Mapping[str, bool], side: str | None) -> None:
+        self._effect, self._own, self._side = effect, own, side
+        self._of_a_side = OF_A_SIDE | {memory.name for memory in effect.memory if memory.per_side}
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """Rename one name."""
+        name = node.id
+        if name == "side" and self._side:
+            return ast.Constant(SIDES[self._side])
+        if name == "random":
+            return ast.parse(f"random_number(seed, number, robot, {_stream(self._effect.name)})", mode="eval").body
+        if name in self._own:
+            return self._named(f"{self._effect.name}_{name}", node, self._own[name])
+        return self._named(name, node, name in self._of_a_side)
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        """Hand the step to functions that need it."""
+        self.generic_visit(node)
+        if isinstance(node.func, ast.Name) and node.func.id == "after":
+            node.args = [ast.Name("time"), ast.Name("dt"), *node.args]
+        return node
+
+    def _named(self, name: str, node: ast.Name, per_side: bool) -> ast.Name:
+        return ast.Name(f"{name}_{self._side}" if per_side and self._side else name, node.ctx)
+
+
+def _stream(name: str) -> int:
+    """Return a number that tells an effect's random numbers from another's, whatever else is in the catalogue."""
+    return int.from_bytes(name.encode()[-7:], "little")
+
+
+def _step(statements: _Statements) -> list[str]:
+    """Return the lines of one step."""
+    each = [line for side in SIDES for line in _each(_BEFORE, side)]
+    return [
+        "duty_left, duty_right = command_left, command_right",
+        *statements.of("command"),
+        *each,
+        *statements.both("actuator"),
+        *_AHEAD,
+        *statements.of("place"),
+        *_evaluation(statements),
+        *(line for side in SIDES for line in _each(_DIRECTION, side)),
+        *statements.of("coupling"),
+        *(line for side in SIDES for line in _each(_PREDICT, side)),
+        "load_before = load_share",
+        "sine, cosine = sine_ahead, cosine_ahead",
+        *_evaluation(statements),
+        *(line for side in SIDES for line in _each(_FRICTION, side)),
+        *statements.of("coupling"),
+        *(line for side in SIDES for line in _each(_CORRECT, side)),
+        *statements.both("wheel"),
+        *_point(statements, "first"),
+        *_point(statements, "second"),
+        *_POSE,
+        *(line for side in SIDES for line in _each(_AFTER, side)),
+        "load_share = 0.5 * (load_before + load_share)",
+        *statements.both("memory"),
+        *statements.of("robot_memory"),
+        "time = time + dt",
+    ]
+
+
+def _each(lines: Iterable[str], side: str) -> list[str]:
+    return [line.replace("_SIDE", f"_{side}") for line in lines]
+
+
+def _evaluation(statements: _Statements) -> list[str]:
+    """Return the lines that compute accelerations without friction, and friction, from the wheel speeds."""
+    lines = [
+        "load_share = max(0.0, duty_left * (duty_left - 0.8 * k1 * psi_left)) "
+        "+ max(0.0, duty_right * (duty_right - 0.8 * k1 * psi_right))"
+    ]
+    for before, stage in (
+        (["voltage_SIDE = duty_SIDE"], "voltage"),
+        (["current_SIDE = voltage_SIDE - back_emf_SIDE * psi_SIDE"], "current"),
+        (
+            ["acceleration_SIDE = gain_SIDE * current_SIDE", "friction_SIDE = 0.0", "break_away_SIDE = 0.0"],
+            "acceleration",
+        ),
+    ):
+        lines += [*_each(before, "left"), *_each(before, "right"), *statements.both(stage)]
+    return lines
+
+
+def _point(statements: _Statements, point: str) -> list[str]:
+    """Return the lines that compute the body's motion at a Gauss point."""
+    sides = [line.replace("POINT", point) for side in SIDES for line in _each(_GROUND, side)]
+    return [
+        *sides,
+        *statements.both("ground"),
+        "difference = radius_right * rolling_right - radius_left * rolling_left",
+        "width = base_width",
+        *statements.of("width"),
+        "speed = 0.5 * (radius_left * rolling_left + radius_right * rolling_right)",
+        "sideways = 0.0",
+        "yaw_rate = difference / width",
+        *statements.of("body"),
+        f"speed_{point}, sideways_{point}, yaw_rate_{point} = speed, sideways, yaw_rate",
+    ]
+
+
+_BEFORE = (
+    "before_SIDE, angle_before_SIDE = psi_SIDE, angle_SIDE",
+    "duty_SIDE, gain_SIDE, back_emf_SIDE = duty_SIDE, k2_over_k3, k1",
+)
+_AHEAD = (
+    "rate = k1 * k2_over_k3",
+    "sine, cosine = sincos(theta)",
+    "turned_ahead = dt * wheel_radius * (psi_right - psi_left) / base_width",
+    "sine_ahead, cosine_ahead = sincos(theta + turned_ahead)",
+    "half_ahead = 0.25 * dt * wheel_radius * (psi_left + psi_right)",
+    "x_ahead = x + half_ahead * (cosine + cosine_ahead)",
+    "y_ahead = y + half_ahead * (sine + sine_ahead)",
+)
+_DIRECTION = (
+    "direction_SIDE = sign(acceleration_SIDE) if before_SIDE == 0.0 else sign(before_SIDE)",
+    "hold_SIDE = break_away_SIDE if before_SIDE == 0.0 else 0.0",
+    "free_SIDE = 0.0 if abs(acceleration_SIDE) <= hold_SIDE else 1.0",
+    # Without friction a wheel at rest is free although nothing drives it.
+    "free_SIDE = free_SIDE if break_away_SIDE > 0.0 else 1.0",
+    "acceleration_SIDE = free_SIDE * (acceleration_SIDE - direction_SIDE * friction_SIDE)",
+)
+_PREDICT = (
+    "source_SIDE = acceleration_SIDE + rate * before_SIDE",
+    "ahead_SIDE = kept_end * before_SIDE + gained_end * source_SIDE",
+    "psi_SIDE = ahead_SIDE",
+)
+_FRICTION = (
+    "driving_SIDE = acceleration_SIDE",
+    "acceleration_SIDE = free_SIDE * (acceleration_SIDE - direction_SIDE * friction_SIDE)",
+)
+_CORRECT = (
+    "change_SIDE = acceleration_SIDE + rate * ahead_SIDE - source_SIDE",
+    "after_SIDE = ahead_SIDE + grown_end * change_SIDE",
+    "first_SIDE = kept_first * before_SIDE + gained_first * source_SIDE + grown_first * change_SIDE",
+    "second_SIDE = kept_second * before_SIDE + gained_second * source_SIDE + grown_second * change_SIDE",
+    "domega_first_SIDE = source_SIDE + FIRST * change_SIDE - rate * first_SIDE",
+    "domega_second_SIDE = source_SIDE + SECOND * change_SIDE - rate * second_SIDE",
+    "domega_end_SIDE = source_SIDE + change_SIDE - rate * after_SIDE",
+    # A wheel that friction reverses: at rest after the share `until` of the step, then stuck, or off the other way.
+    "reverses_SIDE = direction_SIDE * after_SIDE < 0.0",
+    "reverses_SIDE = reverses_SIDE & (break_away_SIDE > 0.0)",
+    "until_SIDE = before_SIDE / (before_SIDE - after_SIDE)",
+    "onward_SIDE = driving_SIDE + direction_SIDE * break_away_SIDE",
+    "onward_SIDE = 0.0 if abs(driving_SIDE) <= break_away_SIDE else onward_SIDE",
+    "restart_SIDE = onward_SIDE * (1.0 - until_SIDE) * dt",
+    "mean_SIDE = 0.5 * (before_SIDE * until_SIDE + restart_SIDE * (1.0 - until_SIDE))",
+    "after_SIDE = restart_SIDE if reverses_SIDE else after_SIDE",
+    "first_SIDE = mean_SIDE if reverses_SIDE else first_SIDE",
+    "second_SIDE = mean_SIDE if reverses_SIDE else second_SIDE",
+    "slowing_SIDE = (restart_SIDE - before_SIDE) / dt",
+    "domega_first_SIDE = slowing_SIDE if reverses_SIDE else domega_first_SIDE",
+    "domega_second_SIDE = slowing_SIDE if reverses_SIDE else domega_second_SIDE",
+    "domega_end_SIDE = onward_SIDE if reverses_SIDE else domega_end_SIDE",
+    "turned_SIDE = 0.5 * dt * (first_SIDE + second_SIDE)",
+)
+_GROUND = (
+    "psi_SIDE, domega_SIDE = POINT_SIDE, domega_POINT_SIDE",
+    "angle_SIDE = angle_before_SIDE + dt * (POINT_BY_FIRST * first_SIDE + POINT_BY_SECOND * second_SIDE)",
+    "radius_SIDE, rolling_SIDE = wheel_radius, psi_SIDE",
+)
+_POSE = (
+    "sine_first, cosine_first = sincos(theta + dt * (0.25 * yaw_rate_first + first_BY_SECOND * yaw_rate_second))",
+    "sine_second, cosine_second = sincos(theta + dt * (second_BY_FIRST * yaw_rate_first + 0.25 * yaw_rate_second))",
+    "x = x + 0.5 * dt * (speed_first * cosine_first - sideways_first * sine_first "
+    "+ speed_second * cosine_second - sideways_second * sine_second)",
+    "y = y + 0.5 * dt * (speed_first * sine_first + sideways_first * cosine_first "
+    "+ speed_second * sine_second + sideways_second * cosine_second)",
+    "theta = theta + 0.5 * dt * (yaw_rate_first + yaw_rate_second)",
+)
+_AFTER = (
+    "psi_SIDE, domega_SIDE = after_SIDE, domega_end_SIDE",
+    "angle_SIDE = angle_before_SIDE + turned_SIDE",
+)

@@ -1,0 +1,36 @@
+"""What the statements of effects may call besides elementary functions."""
+
+import numpy as np
+
+from cmr.model.compiled import inlined
+
+
+@inlined
+def sign(value: float) -> float:
+    """Return 1.0, 0.0 or -1.0."""
+    return (1.0 if value > 0.0 else 0.0) - (1.0 if value < 0.0 else 0.0)
+
+
+@inlined
+def after(time: float, dt: float, moment: float) -> float:
+    """Return the share of the step of `dt` [s] from `time` on that lies after the moment."""
+    return min(max((time + dt - moment) / dt, 0.0), 1.0)
+
+
+@inlined
+def share(before: float, behind: float) -> float:
+    """Return the share of a step during which a value is positive that goes evenly from the one to the other."""
+    throughout = 1.0 if before > 0.0 else 0.0
+    part = (max(behind, 0.0) - max(before, 0.0)) / (behind - before)
+    return part if behind != before else throughout
+
+
+@inlined
+def random_number(seed: int, number: int, robot: int, stream: int) -> float:
+    """Return a number in [0, 1) that the four arguments fix (SplitMix64; Steele et al., OOPSLA 2014)."""
+    z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(number) * np.uint64(0xD1B54A32D192ED03)
+    z = z + np.uint64(robot) * np.uint64(0xABC98388FB8FAC03) + np.uint64(stream) * np.uint64(0x8CB92BA72F3D8DD7)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return float(z >> np.uint64(11)) / 9007199254740992.0
