@@ -2,7 +2,7 @@
 
 import itertools
 import tracemalloc
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -36,21 +36,18 @@ def segment_of(left: Floats, right: Floats, dt: Floats, at: Times, start: RobotS
     """A drive as a robot with the parameters TRUTH would be recorded, with noisy poses at the borders `at`."""
     path = drive(left, right, dt, TRUTH, start)
     noise = np.random.default_rng(seed).normal(scale=NOISE, size=(2, len(at)))
-    unused = np.empty(0)
-    return Segment(
-        dt=dt,
-        left=left,
-        right=right,
-        angle_left=unused,
-        angle_right=unused,
-        wheels_at=unused.astype(np.int64),
-        at=at,
-        utime=np.round(np.concatenate([[0.0], np.cumsum(dt)])[at] * 1e6).astype(np.int64),
-        x=path.x[at] + noise[0],
-        y=path.y[at] + noise[1],
-        theta=path.theta[at],
-        start=start,
-    )
+    driven = {
+        "dt": dt,
+        "left": left,
+        "right": right,
+        "at": at,
+        "utime": np.round(np.concatenate([[0.0], np.cumsum(dt)])[at] * 1e6).astype(np.int64),
+        "x": path.x[at] + noise[0],
+        "y": path.y[at] + noise[1],
+        "theta": path.theta[at],
+        "start": start,
+    }
+    return Segment(**{field.name: driven.get(field.name, np.empty(0)) for field in fields(Segment)})  # no wheels
 
 
 def random_drive(seed: int, spans: int = 300, longest: float = 0.04) -> Segment:
