@@ -3,6 +3,7 @@
 import hashlib
 import importlib.util
 import os
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -14,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model import composed_loops, elementary, step_helpers
-from cmr.model.catalogue import CATALOGUE, DEFINITIONS
-from cmr.model.compose import LANES, compose, rows_of
+from cmr.model.catalogue import CATALOGUE
+from cmr.model.compose import LANES, STATE, compose, rows_of
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import ParameterDefinition
@@ -48,17 +49,18 @@ class ExtendedModel:
         """Tell for which robots commands may be late or lost."""
         return self._differs(self.late, values, shape)
 
-    def robots(self, values: Mapping[str, Floats], start: Sequence[Floats], time: float) -> Floats:
+    def robots(self, values: Mapping[str, Floats], start: Sequence[Floats] | Floats, time: float) -> Floats:
         """Return the rows of robots that start with these values and at these states, shape (blocks, rows, LANES)."""
         count = len(start[0])
         rows = np.ones((-(-count // LANES), len(self.row), LANES))
+        rows[:, : len(STATE)] = 0.0
         for name, definition in self.definitions.items():
             if definition.neutral is not None:
                 rows[:, self.row[name]] = definition.neutral
             if name in values:
                 self.put(rows, name, values[name])
-        for name, numbers in zip((*START, "angle_left", "angle_right", "time"), (*start, 0.0, 0.0, time), strict=True):
-            self.put(rows, name, np.full(count, numbers))
+        for name, numbers in zip((*START, "time"), (*start, np.full(count, time)), strict=True):
+            self.put(rows, name, numbers)
         flat = rows.reshape(-1)
         for slot in range(count):
             self.module.start(flat, slot)
@@ -120,17 +122,6 @@ def drive(
     return np.ascontiguousarray(recorded.transpose(2, 0, 1))
 
 
-def parameter_values(effects: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of effects, by name.
-
-    Raises KeyError for a name that the catalogue does not have.
-    """
-    for name in effects:
-        if name not in DEFINITIONS:
-            raise KeyError(f"unknown parameter {name}; known: {', '.join(DEFINITIONS)}")
-    return dict(effects)
-
-
 def _module(source: str) -> ModuleType:
     """Return the module with this source, from the cache folder or written there, and compiled by Numba."""
     inlined = "".join(
@@ -147,6 +138,8 @@ def _module(source: str) -> ModuleType:
     if specification is None or specification.loader is None:
         raise ImportError(f"cannot load {path}")
     module = importlib.util.module_from_spec(specification)
+    sys.modules[name] = module  # where Numba looks for the globals of what it finds in its cache
+    sys.modules[name] = module  # where Numba looks for it when it loads what another process compiled
     specification.loader.exec_module(module)
     return module
 
