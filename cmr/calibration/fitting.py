@@ -76,7 +76,7 @@ def _aligned(
 ) -> Fit:
     """Refine; where the fit says that a clock is off, set it right and refine again."""
     for _round in range(ROUNDS):
-        refined = Refinement(segments, names, values, by_wheels).solve()
+        refined = Refinement(segments, names, values, by_wheels, prepared.pose_clock_std).solve()
         offsets = {name: refined.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in refined.nuisance}
         off = {n: e.value for n, e in offsets.items() if abs(e.value) > max(ALIGNED, 3.0 * e.std)}
         if not off:

@@ -98,18 +98,20 @@ class Linear:
 
     def _wheels(self) -> list[tuple[str, Series]]:
         """Return the series of each side's wheel angle [rad]; none where the wheels are followed."""
-        segment, path, at = self.segment, self.trajectory, self.segment.wheels_at
+        segment, path = self.segment, self.trajectory
         column = self.unknowns.column(WHEEL_FACTOR)
-        if column is None or len(at) < 2:
+        if column is None:
             return []
         factor = np.exp(self.shared[column])
         result = []
-        for name, psi, modelled, measured in (
-            ("wheel left", path.psi_left, path.angle_left, segment.angle_left),
-            ("wheel right", path.psi_right, path.angle_right, segment.angle_right),
+        for name, at, psi, modelled, measured in (
+            ("wheel left", segment.left_at, path.psi_left, path.angle_left, segment.left_edge),
+            ("wheel right", segment.right_at, path.psi_right, path.angle_right, segment.right_edge),
         ):
+            if len(at) < 2:
+                continue
             angle = factor * modelled[at]
-            residual = angle + self.own[OWN.index(name)] - measured[at][:, np.newaxis]
+            residual = angle + self.own[OWN.index(name)] - measured[:, np.newaxis]
             derivatives = {name: 1.0, COMMAND_TIME: -factor * psi[at, 0], WHEEL_FACTOR: angle[:, 0]}
             result.append(("wheel angle", self._series(residual, segment.border_times[at], derivatives)))
         return result

@@ -5,22 +5,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.calibration.segments import SECONDS, Segment, segments_of
+from cmr.calibration.segments import Segment, segments_of
+from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import Signal
+from cmr.recordings.signal import SECONDS, Signal
+
+UNKNOWN_CLOCK_STD = 0.1  # s
+LEAST_LAG = 0.02  # s; the refinement finds a smaller one itself
+LAG_MARGIN, LEAST_CLOCK_STD = 3.0, 2e-3  # standard deviations of the lag; s
 
 
 @dataclass(frozen=True)
 class Prepared:
     """Recordings without what cannot be true; `splits` are the utimes [us] at which each one's path jumps.
 
-    `notes` are sentences on what was set aside. `commands_shifted` and `poses_shifted` [s] tell by how much the stamps
+    `notes` are sentences on what was set aside, `pose_clock_std` [s] tells how well the clocks of wheels and poses are
+    known to agree. `commands_shifted` and `poses_shifted` [s] tell by how much the stamps
     were moved.
     """
 
     recordings: list[Recording]
     splits: list[tuple[int, ...]]
     notes: tuple[str, ...] = ()
+    pose_clock_std: float = UNKNOWN_CLOCK_STD
     commands_shifted: float = 0.0
     poses_shifted: float = 0.0
 
@@ -42,8 +49,19 @@ class Prepared:
 
 
 def prepare(recordings: Sequence[Recording]) -> Prepared:
-    """Check the recordings and set aside what cannot be true."""
-    return Prepared(list(recordings), [() for _recording in recordings])
+    """Check the recordings, set aside what cannot be true, and set the clock of the poses by that of the wheels."""
+    ready, splits, sentences, doubts = [], [], [], []
+    for recording in recordings:
+        findings = check(recording)
+        lag = findings.lag("poses")
+        if lag is not None and lag.reference != "wheels":
+            lag = None  # against commands a slow motor looks like a late pose
+        late = 0 if lag is None or abs(lag.seconds) < LEAST_LAG else round(lag.seconds / SECONDS)
+        ready.append(_shifted(findings.cleaned(recording), 0, -late))
+        splits.append(tuple(int(split) - late for split in findings.splits))
+        sentences += findings.sentences()
+        doubts.append(UNKNOWN_CLOCK_STD if lag is None else max(LAG_MARGIN * lag.std, LEAST_CLOCK_STD))
+    return Prepared(ready, splits, tuple(dict.fromkeys(sentences)), max(doubts))
 
 
 def _shifted(recording: Recording, commands: int, poses: int) -> Recording:

@@ -20,9 +20,9 @@ from cmr.calibration.segments import Segment
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats
 
-# How well the clocks of commands, wheels and poses are known to agree where the wheels show it, and how well it is
-# known when a command takes effect where they do not (a serial line takes about as long).
-CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
+# How well it is known when a command takes effect: where wheels show it, hardly, where they do not, about as well as
+# a serial line takes time.
+COMMAND_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 PREFIXES = (5.0, 15.0, 40.0)  # s; a bad first guess is led to the optimum by fitting ever longer beginnings
 ROUNDS = 8  # fits, each with the noise that the one before left; most settle in two or three
 SETTLED = 0.1  # standard deviations; less is no news
@@ -58,13 +58,15 @@ class Refinement:
     """Least squares fit of the parameters `names` to all segments.
 
     `values` holds all four parameters: a first guess of those in `names`, and the fixed value of the others.
-    `by_wheels` follows the recorded wheel angles instead of driving the recorded commands.
+    `by_wheels` follows the recorded wheel angles instead of driving the recorded commands. `pose_clock_std` [s] tells
+    how well the clocks of wheels and poses are known to agree beforehand.
     """
 
     segments: list[Segment]
     names: tuple[str, ...]
     values: Mapping[str, float]
     by_wheels: bool = False
+    pose_clock_std: float = 0.1
 
     def solve(self, *, far: bool = False) -> Refined:
         """Return the estimates of `names`; a standard deviation is infinite where the data say nothing.
@@ -97,7 +99,7 @@ class Refinement:
 
     @property
     def _has_wheels(self) -> bool:
-        return any(len(segment.wheels_at) > 1 for segment in self.segments)
+        return any(len(segment.left_at) + len(segment.right_at) > 2 for segment in self.segments)
 
     def _first_point(self) -> _Point:
         shared = np.zeros(len(self.unknowns.shared))
@@ -149,8 +151,8 @@ class Refinement:
         equations = NormalEquations.empty(len(self.segments), len(unknowns.shared), len(OWN))
         for segment, signal, series in self._linearised(point):
             equations.add(segment, *noise[signal].whiten(series))
-        known = CLOCK_STD if self.by_wheels or self._has_wheels else SERIAL_LINE_STD
-        for name in TIMES:
+        command_clock_std = COMMAND_CLOCK_STD if self._has_wheels else SERIAL_LINE_STD
+        for name, known in ((COMMAND_TIME, command_clock_std), (POSE_TIME, self.pose_clock_std)):
             column = unknowns.column(name)
             if column is not None:
                 row = np.zeros((1, unknowns.count))

@@ -4,21 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cmr.model.motion import RobotState, Trajectory, drive, roll
 from cmr.model.parameters import RobotParameters
-from cmr.recordings.recording import Floats, Recording, Signal, Times
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS, Floats, Signal, Times, no_times
 
 LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is not known and a new segment begins
 LONGEST_DRIVE_GAP = 0.25  # s; over a longer one nobody knows what a moving robot was told to do
 FEWEST_POSES = 3  # a segment with fewer says nothing about its path
 LEAD = 1.0  # s of rest kept before the robot begins to move: enough to average its start pose
 MOVING_DUTY = 1e-3  # commands below are rest
-STILL = 0.25  # s before and after a moment during which a wheel that rests does not move by a tick
 START_SPAN = 0.15  # s around the start over which the wheel speeds are averaged
 FEWEST_POSES_FOR_START = 50  # with fewer, the start pose is taken as measured and not fitted
-SECONDS = 1e-6  # per microsecond
 
 
 @dataclass(frozen=True)
@@ -26,10 +24,10 @@ class Segment:
     """One drive between two gaps of the external pose.
 
     The drive is made of T spans of constant duty: `dt` [s], `left`, `right` [duty], shape (T,), and of the wheel
-    angles `angle_left`, `angle_right` [rad] at their T + 1 borders (empty where no wheels were recorded), of which
-    the borders `wheels_at` were measured while the wheels turned. The M measured poses `x`, `y` [m], `theta`
-    [rad, unwrapped] fall on the borders `at`; `utime` are their times. `start` is the state at the first border, as
-    measured.
+    angles `angle_left`, `angle_right` [rad] at their T + 1 borders (empty where no wheels were recorded). At the
+    borders `left_at` and `right_at` that side's encoder has just moved on, and its wheel stood at `left_edge`,
+    `right_edge` [rad]. The M measured poses `x`, `y` [m], `theta` [rad, unwrapped] fall on the borders `at`; `utime`
+    are their times. `start` is the state at the first border, as measured.
     """
 
     dt: Floats
@@ -37,7 +35,10 @@ class Segment:
     right: Floats
     angle_left: Floats
     angle_right: Floats
-    wheels_at: Times
+    left_at: Times
+    right_at: Times
+    left_edge: Floats
+    right_edge: Floats
     at: Times
     utime: Times
     x: Floats
@@ -67,7 +68,10 @@ class Segment:
             right=self.right[:spans],
             angle_left=self.angle_left[wheels],
             angle_right=self.angle_right[wheels],
-            wheels_at=self.wheels_at[self.wheels_at <= spans],
+            left_at=self.left_at[self.left_at <= spans],
+            right_at=self.right_at[self.right_at <= spans],
+            left_edge=self.left_edge[self.left_at <= spans],
+            right_edge=self.right_edge[self.right_at <= spans],
             at=self.at[:poses],
             utime=self.utime[:poses],
             x=self.x[:poses],
@@ -146,20 +150,22 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
         return None
     inside = [signal.between(int(poses.utime[0]), last).utime for signal in (duty, recording.wheels)]
     times = np.unique(np.concatenate([*inside, poses.utime]))
-    angle_left, angle_right, wheels_at = np.empty(0), np.empty(0), np.empty(0, np.int64)
+    angles, edges = [np.empty(0)] * 2, [(no_times(), np.empty(0))] * 2
     if len(recording.wheels):
-        turning = inside[1][_turning(recording.wheels, inside[1])]
-        wheels_at = np.searchsorted(times, turning)
-        angles = wheel_angles(recording.wheels)
-        angle_left, angle_right = (np.interp(times, recording.wheels.utime, angle) for angle in angles)
+        turned = wheel_angles(recording.wheels)
+        angles = [np.interp(times, recording.wheels.utime, angle) for angle in turned]
+        edges = [_edges(recording.wheels.utime, angle, times) for angle in turned]
     theta = np.unwrap(poses["theta"])
     return Segment(
         dt=np.diff(times) * SECONDS,
         left=hold(duty, "left", times[:-1]),
         right=hold(duty, "right", times[:-1]),
-        angle_left=angle_left,
-        angle_right=angle_right,
-        wheels_at=wheels_at,
+        angle_left=angles[0],
+        angle_right=angles[1],
+        left_at=edges[0][0],
+        right_at=edges[1][0],
+        left_edge=edges[0][1],
+        right_edge=edges[1][1],
         at=np.searchsorted(times, poses.utime),
         utime=poses.utime,
         x=poses["x"],
@@ -169,11 +175,22 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
     )
 
 
-def _turning(wheels: Signal, times: Times) -> NDArray[np.bool_]:
-    """Tell at which of the times a wheel turns; at rest an encoder says again and again what it said before."""
-    reach = int(STILL / SECONDS)
-    ticks = [np.interp(times + side * reach, wheels.utime, angle) for side in (-1, 1) for angle in wheel_angles(wheels)]
-    return np.asarray((ticks[2] != ticks[0]) | (ticks[3] != ticks[1]))
+def _edges(utime: Times, angle: Floats, times: Times) -> tuple[Times, Floats]:
+    """Return at which borders `times` [us] the encoder has just moved on, and where its wheel then stood [rad].
+
+    An encoder that says again what it said before tells nothing new. One that moves on has passed an edge since the
+    sample before: a slow wheel is just beyond it, one that passes many edges from sample to sample is, on average,
+    half a tick beyond.
+    """
+    moved = np.diff(angle)
+    at = np.flatnonzero(moved) + 1
+    if len(at) == 0:
+        return no_times(), np.empty(0)
+    steps = moved[at - 1]
+    tick = float(np.min(np.abs(steps)))
+    beyond = np.minimum(np.abs(steps) / np.diff(at, prepend=0), tick) / 2.0
+    inside = (utime[at] >= times[0]) & (utime[at] <= times[-1])
+    return np.searchsorted(times, utime[at][inside]), (angle[at] + np.sign(steps) * beyond)[inside]
 
 
 def _onset(recording: Recording, first: int, last: int) -> int:

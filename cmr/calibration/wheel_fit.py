@@ -5,11 +5,12 @@ from scipy.optimize import least_squares
 
 from cmr.calibration.grid import TIME_CONSTANTS
 from cmr.calibration.result import Estimate
-from cmr.calibration.segments import SECONDS, hold, wheel_angles
+from cmr.calibration.segments import hold, wheel_angles
 from cmr.model.motion import wheel_speeds
 from cmr.model.motor import wheel_angle_after
 from cmr.model.parameters import RobotParameters
-from cmr.recordings.recording import Floats, Recording, Signal
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS, Floats, Signal
 
 GYRO_WINDOW = 0.5  # s; turns are compared over windows of this length
 

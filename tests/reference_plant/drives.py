@@ -121,7 +121,7 @@ def drive(
         Recording(
             0,
             commands=Signal(utime(commands.time[sent]), {"left": commands.left[sent], "right": commands.right[sent]}),
-            wheels=_wheels(p, time, states["phi_left"][at_wheels], states["phi_right"][at_wheels], noise),
+            wheels=_wheels(p, time, states["phi_left"][at_wheels], states["phi_right"][at_wheels], noise, random),
             gyro=Signal(utime(gyro_time), {"yaw_rate": rate}),
             poses=Signal(utime(pose_time), dict(zip(("x", "y", "theta"), poses, strict=True))),
             parameters=nominal or ParameterFile(0, {"wheel_radius": Value(p.wheel_radius)}),
@@ -141,9 +141,18 @@ def utime(time: Floats) -> Times:
     return START_UTIME + np.rint(time * 1e6).astype(np.int64)
 
 
-def _wheels(p: PlantParameters, time: Floats, phi_left: Floats, phi_right: Floats, noise: Noise) -> Signal:
-    left = sensors.ticks(p, 1.0, phi_left, noise.ticks_per_turn, NOMINAL_TICKS)
-    right = sensors.ticks(p, -1.0, phi_right, noise.ticks_per_turn, NOMINAL_TICKS)
+def _wheels(
+    p: PlantParameters,
+    time: Floats,
+    phi_left: Floats,
+    phi_right: Floats,
+    noise: Noise,
+    random: np.random.Generator,
+) -> Signal:
+    # No wheel begins on an edge of its encoder, nor both at the same distance from one.
+    left_phase, right_phase = random.random(2) if math.isfinite(noise.ticks_per_turn) else (0.0, 0.0)
+    left = sensors.ticks(p, 1.0, phi_left, noise.ticks_per_turn, NOMINAL_TICKS, left_phase)
+    right = sensors.ticks(p, -1.0, phi_right, noise.ticks_per_turn, NOMINAL_TICKS, right_phase)
     unknown = np.full(len(time), math.nan)  # the controller does not tell what it drives
     fields = {
         "ticks_left": left,

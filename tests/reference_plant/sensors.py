@@ -48,14 +48,18 @@ REALISTIC = Noise(
 )
 
 
-def ticks(p: PlantParameters, s: float, phi: Floats, ticks_per_turn: float, nominal: float) -> Floats:
+def ticks(
+    p: PlantParameters, s: float, phi: Floats, ticks_per_turn: float, nominal: float, phase: float = 0.0
+) -> Floats:
     """Return the count of one side's encoder, in ticks of which the driver believes `nominal` make a turn.
+
+    `phase` [ticks of the disc, 0 to 1] tells how near to the next tick the wheel stood at the start.
 
     encoder_scale: ticks (1 + e); encoder_asymmetry: ticks (1 + s e); encoder_quantisation: so few ticks per turn.
     """
     turns = phi / TURN * (1.0 + p.encoder_scale) * (1.0 + s * p.encoder_asymmetry)
     disc = min(ticks_per_turn, p.encoder_quantisation)
-    return turns * nominal if math.isinf(disc) else np.floor(turns * disc) * (nominal / disc)
+    return turns * nominal if math.isinf(disc) else np.floor(turns * disc + phase) * (nominal / disc)
 
 
 def wheel_speed(count: Floats, time: Floats, nominal: float) -> Floats:
