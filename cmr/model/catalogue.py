@@ -43,14 +43,23 @@ CATALOGUE = catalogue_of((*OWN, *(point.load() for point in entry_points(group=E
 DEFINITIONS = definitions_of(CATALOGUE)
 
 
+def definition(name: str) -> ParameterDefinition:
+    """Return what a parameter is.
+
+    Raises KeyError, which lists the known ones, for a name that is no parameter.
+    """
+    if name not in DEFINITIONS:
+        raise KeyError(f"unknown parameter {name}; known: {', '.join(DEFINITIONS)}")
+    return DEFINITIONS[name]
+
+
 def effects_on(values: Mapping[str, Any]) -> list[Effect]:
     """Return the effects that these parameter values, by name, switch on; in the order of the catalogue.
 
     Raises KeyError for a name that is no parameter.
     """
-    unknown = sorted(set(values) - set(DEFINITIONS))
-    if unknown:
-        raise KeyError(f"unknown parameter {unknown[0]}; known: {', '.join(DEFINITIONS)}")
+    for name in values:
+        definition(name)
     return [effect for effect in CATALOGUE.values() if effect.is_on(values)]
 
 

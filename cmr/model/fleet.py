@@ -1,60 +1,84 @@
 """Many simulated robots, each with parameters of its own, advanced by one call."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model import paper
 from cmr.model.body import wrap
-from cmr.model.motion import RobotState, parts_of
+from cmr.model.motion import LARGEST_HALF_TURN, RobotState, half_turn
 from cmr.model.motor import wheel_acceleration
-from cmr.model.parameters import RobotParameters
+from cmr.model.parameters import DEFINITIONS, RobotParameters
+
+if TYPE_CHECKING:
+    from cmr.model.extended_group import ExtendedGroup
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 POSE_AND_SPEED = 5  # x, y, theta, psi_left, psi_right
+ROOM = 16  # robots for which there is room at first; it doubles whenever it is used up
 
 
 class Fleet:
     """N robots that move in steps of `dt` [s]; each is known by its index, in the order in which it was added.
 
     An `index` below is one number or an array of them; values are then numbers or arrays that broadcast with it.
+    Robots without effects move by the paper's model, the others by the extended one. `seed` fixes what is random.
     """
 
-    def __init__(self, dt: float) -> None:
+    def __init__(self, dt: float, seed: int = 0) -> None:
         self.dt = dt
-        self._state: Floats = np.empty((POSE_AND_SPEED, 0))
-        self._duty: Floats = np.empty((2, 0))
-        self._parameters: Floats = np.empty((4, 0))
-        self._coefficients: Floats = np.empty((paper.COEFFICIENTS, 0))
-        self._parts = 1
+        self._seed = seed
+        self._count = 0
+        self._state: Floats = np.empty((POSE_AND_SPEED, ROOM))
+        self._duty: Floats = np.empty((2, ROOM))
+        self._parameters: Floats = np.empty((len(DEFINITIONS), ROOM))
+        self._coefficients: Floats = np.empty((paper.COEFFICIENTS, ROOM))
+        self._effects: dict[str, Floats] = {}
+        self._extended: ExtendedGroup | None = None
+        self._placed = np.empty(ROOM, dtype=bool)
         self._changed = False
+        self._rows: tuple[Floats, ...] = ()
 
     def __len__(self) -> int:
-        return int(self._state.shape[1])
+        return self._count
 
     def add(self, state: RobotState, parameters: RobotParameters) -> Indices:
-        """Add one robot for each entry of state and parameters, and return their indices; they begin without duty."""
-        shape = np.broadcast_shapes(*(np.shape(value) for value in (*state, *parameters)))
-        added = np.arange(len(self), len(self) + int(np.prod(shape)))
-        for name in ("_state", "_duty", "_parameters", "_coefficients"):
-            rows: Floats = getattr(self, name)
-            setattr(self, name, np.hstack([rows, np.zeros((len(rows), len(added)))]))
-        self.place(added, state)
-        self.set_parameters(added, parameters)
+        """Add one robot for each entry of state and parameters, and return their indices; they begin without duty.
+
+        Raises KeyError for an effect's parameter that the catalogue does not have.
+        """
+        shape = np.broadcast_shapes(*(np.shape(value) for value in (*state, *parameters.values.values())))
+        added = np.arange(self._count, self._count + int(np.prod(shape)))
+        self._make_room(self._count + len(added))
+        self._count += len(added)
+        self._duty[:, added] = 0.0
+        self.place(added, RobotState(*(_one_each(value, shape) for value in state)))
+        self.set_parameters(
+            added, RobotParameters.of({name: _one_each(value, shape) for name, value in parameters.values.items()})
+        )
         return added
 
     def place(self, index: Any, state: RobotState) -> None:
-        """Put robots into another state; what they are commanded stays."""
+        """Put robots into another state; what they are commanded stays, and their time begins anew."""
         for row, values in zip(self._state, state[:POSE_AND_SPEED], strict=True):
             row[index] = values
+        self._placed[index] = True
         self._changed = True
 
     def set_parameters(self, index: Any, parameters: RobotParameters) -> None:
-        """Let robots move by other parameters from now on; their states stay."""
-        for row, values in zip(self._parameters, parameters, strict=True):
-            row[index] = values
+        """Let robots move by other parameters from now on; their states stay.
+
+        Raises KeyError for an effect's parameter that the catalogue does not have.
+        """
+        for name in parameters.effects:
+            if name not in self._effects:
+                self._effects[name] = np.full(len(self._placed), _neutral(name))
+        for row, numbers in zip(self._parameters, parameters, strict=True):
+            row[index] = numbers
+        for name, numbers_of_all in self._effects.items():
+            numbers_of_all[index] = parameters.effects.get(name, _neutral(name))
         self._changed = True
 
     def command(self, index: Any, left: Any, right: Any) -> None:
@@ -66,28 +90,74 @@ class Fleet:
         """Let time pass for all robots."""
         if self._changed:
             self._prepare()
-        for _ in range(steps * self._parts):
-            paper.advance(*self._state, *self._duty, *self._coefficients)
+        for _ in range(steps):
+            if self._rows:
+                paper.advance(*self._rows)
+            if self._extended:
+                self._extended.advance(self._duty)
 
     def states(self, index: Any = slice(None)) -> RobotState:
         """Return the states as arrays; headings lie in (-pi, pi]."""
-        x, y, theta, psi_left, psi_right = self._state[:, index]
-        parameters = RobotParameters(*self._parameters[:, index])
-        duty_left, duty_right = self._duty[:, index]
-        return RobotState(
-            x,
-            y,
-            wrap(theta),
-            psi_left,
-            psi_right,
-            wheel_acceleration(psi_left, duty_left, parameters),
-            wheel_acceleration(psi_right, duty_right, parameters),
+        n = self._count
+        state, duty = self._state[:, :n].copy(), self._duty[:, :n]
+        parameters = RobotParameters(*self._parameters[:, :n])
+        domega = np.array([wheel_acceleration(state[3 + side], duty[side], parameters) for side in (0, 1)])
+        if self._extended:
+            self._extended.write(state, domega=domega)
+        state[2] = wrap(state[2])
+        return RobotState(*np.vstack([state, domega])[:, index])
+
+    def _make_room(self, count: int) -> None:
+        room = len(self._placed)
+        if count <= room:
+            return
+        more = max(2 * room, count) - room
+        self._state, self._duty, self._parameters, self._coefficients = (
+            np.hstack([rows, np.zeros((len(rows), more))])
+            for rows in (self._state, self._duty, self._parameters, self._coefficients)
         )
+        self._placed = np.append(self._placed, np.zeros(more, dtype=bool))
+        self._effects = {name: np.append(v, np.full(more, _neutral(name))) for name, v in self._effects.items()}
 
     def _prepare(self) -> None:
-        """Compute what depends on parameters alone, after they or a state were set."""
-        radius, _, k1, base = self._parameters
-        fastest = np.maximum(np.abs(self._state[3:]).max(axis=0), 1.0 / k1)
-        self._parts = int(parts_of(self.dt, radius, base, fastest))
-        paper.fill_coefficients(self._parameters, self.dt / self._parts, self._coefficients)
+        """Find out who moves by which model, and compute what depends on parameters alone."""
+        n = self._count
+        before, self._extended = self._extended, None
+        if before:
+            before.write(self._state, ~self._placed)
+        values = {name: numbers[:n] for name, numbers in self._effects.items()}
+        extended = _turning_too_fast(self.dt, self._parameters[:, :n], self._state[3:, :n])
+        if values:
+            from cmr.model.extended import extended_model  # composing it takes time that the paper's model need not
+
+            extended |= extended_model().on(values, (n,))
+        robots = np.flatnonzero(extended)
+        if len(robots):
+            from cmr.model.extended_group import ExtendedGroup
+
+            values |= zip(DEFINITIONS, self._parameters[:, :n], strict=True)
+            self._extended = ExtendedGroup(self.dt, self._seed, robots, values, self._state[:, :n])
+            if before:
+                self._extended.remember(before, ~self._placed, self._duty)
+        paper.fill_coefficients(self._parameters[:, :n], self.dt, self._coefficients[:, :n])
+        rows = (*self._state, *self._duty, *self._coefficients)
+        self._rows = () if len(robots) == n else tuple(row[:n] for row in rows)
+        self._placed[:] = False
         self._changed = False
+
+
+def _turning_too_fast(dt: float, parameters: Floats, speeds: Floats) -> NDArray[np.bool_]:
+    """Tell which robots turn too far in a step for the short series of the paper's kernel."""
+    radius, _, k1, base = parameters
+    fastest = np.maximum(np.abs(speeds).max(axis=0), 1.0 / k1)
+    return np.asarray(half_turn(dt, radius, base, fastest) > LARGEST_HALF_TURN)
+
+
+def _neutral(name: str) -> float:
+    from cmr.model.catalogue import definition  # the paper's model needs no catalogue
+
+    return float(definition(name).neutral or 0.0)
+
+
+def _one_each(value: Any, shape: tuple[int, ...]) -> Floats:
+    return np.broadcast_to(np.asarray(value, dtype=float), shape).ravel()

@@ -133,8 +133,9 @@ def _drive_mixed(
 ) -> Any:
     """Drive candidates, those with effects by the extended model and the others by the paper's."""
     from cmr.model import extended
+    from cmr.model.catalogue import definition
 
-    values = dict(zip(effects, _lanes(extended.parameter_values(effects).values(), shape), strict=True))
+    values = {definition(name).name: row for name, row in zip(effects, _lanes(effects.values(), shape), strict=True)}
     model = extended.extended_model()
     on = model.on(values, paper.shape[1:])
     if not np.any(on):
@@ -159,9 +160,15 @@ def parts_of(dt: Any, wheel_radius: Any, base_width: Any, fastest: Any) -> Any:
     `fastest` [rad/s] bounds the wheel speeds. One part is enough for anything that drives; wrong parameters, or
     commands that stay away for seconds, may need more.
     """
-    half_turn_per_second = np.max(wheel_radius / base_width * fastest, initial=0.0) / np.sqrt(3.0)
-    parts = np.ceil(np.abs(dt) * half_turn_per_second / LARGEST_HALF_TURN)
+    parts = np.ceil(
+        np.max(half_turn(1.0, wheel_radius, base_width, fastest), initial=0.0) * np.abs(dt) / LARGEST_HALF_TURN
+    )
     return np.clip(np.nan_to_num(parts, nan=1.0), 1.0, MOST_PARTS).astype(np.int64)
+
+
+def half_turn(dt: Any, wheel_radius: Any, base_width: Any, fastest: Any) -> Any:
+    """Return by how much [rad] a robot turns at most between the middle of a span `dt` [s] and a Gauss point."""
+    return wheel_radius / base_width * fastest * dt / np.sqrt(3.0)
 
 
 def _lanes(values: Iterable[Any], shape: tuple[int, ...]) -> Any:

@@ -80,7 +80,7 @@ def moved(theta, psi_left, psi_right, left, right, near):  # type: ignore[no-unt
     return dx, dy, steady + k6 * off_turn, psi_left + off_left * k1, psi_right + off_right * k1
 
 
-@compiled("void(f8[:, ::1], f8, f8[:, ::1])")
+@compiled("void(f8[:, :], f8, f8[:, :])")
 def fill_coefficients(parameters: Array, h: float, rows: Array) -> None:
     """Write each robot's coefficients for spans of `h` [s] into the rows (9, robots); parameters (4, robots)."""
     for i in range(parameters.shape[1]):

@@ -1,0 +1,82 @@
+"""The robots of a fleet that move by the extended model."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.model.compose import LANES, memories
+from cmr.model.extended import START, extended_model
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+KEPT = ("time", "angle_left", "angle_right")  # what a robot keeps, besides memory, when others come or change
+
+
+class ExtendedGroup:
+    """Some robots of a fleet, by index; parameter `values` by name and `state` are those of the whole fleet."""
+
+    def __init__(self, dt: float, seed: int, robots: Indices, values: Mapping[str, Floats], state: Floats) -> None:
+        self._model = extended_model()
+        self._dt, self._seed, self._robots = dt, seed, robots
+        self._slots = np.arange(len(robots))
+        chosen = {name: numbers[robots] for name, numbers in values.items() if name in self._model.definitions}
+        self._rows = self._model.robots(chosen, state[:, robots], 0.0)
+        self._flat = self._rows.reshape(-1)
+        self._model.module.prepare(self._flat, dt)
+        self._late = np.flatnonzero(self._model.is_late(chosen, robots.shape))
+        self._numbers = np.zeros(len(self._late), dtype=np.int64)
+        ring = self._ring(chosen) if len(self._late) else 0
+        self._packets = tuple(np.zeros((ring, len(robots))) for _ in range(3))
+        # Robots that follow one another are read as a slice, which costs less than looking up each.
+        first, last = int(robots[0]), int(robots[-1])
+        self._columns: Any = slice(first, last + 1) if last - first + 1 == len(robots) else robots
+
+    def remember(self, before: "ExtendedGroup", stays: NDArray[np.bool_], duty: Floats) -> None:
+        """Take over the memory of the robots that were in the group before, as far as `stays` tells by index.
+
+        Commands still under way are forgotten: those in force, `duty` (2, robots of the fleet), stay until others come.
+        """
+        _, here, there = np.intersect1d(self._robots, before._robots, assume_unique=True, return_indices=True)
+        chosen = stays[self._robots[here]]
+        here, there = here[chosen], there[chosen]
+        for name in (*memories(self._model.effects), *KEPT):
+            self._model.put(self._rows, name, self._model.get(before._rows, name, there), here)
+        for side, name in enumerate(("left_before", "right_before")):
+            self._model.put(self._rows, name, duty[side, self._robots[here]], here)
+
+    def advance(self, duty: Floats) -> None:
+        """Let a step pass with the duties (2, robots of the fleet)."""
+        mine = np.zeros((2, self._rows.shape[0] * LANES))
+        mine[:, : len(self._slots)] = duty[:, self._columns]
+        for name, values in zip(("command_left", "command_right"), mine, strict=True):
+            self._rows[:, self._model.row[name]] = values.reshape(-1, LANES)
+        if len(self._late):
+            self._model.module.receive_all(
+                self._flat,
+                self._late,
+                self._robots[self._late],
+                self._numbers,
+                mine,
+                self._seed,
+                self._dt,
+                *self._packets,
+            )
+        self._model.module.advance(self._flat, self._dt)
+
+    def write(self, state: Floats, chosen: NDArray[np.bool_] | None = None, domega: Floats | None = None) -> None:
+        """Write x, y, theta and both psi into the fleet's state (5, robots), for `chosen` ones by index; and domega."""
+        slots = self._slots if chosen is None else self._slots[chosen[self._robots]]
+        robots = self._robots[slots]
+        for row, name in zip(state, START, strict=True):
+            row[robots] = self._model.get(self._rows, name, slots)
+        if domega is not None:
+            for row, name in zip(domega, ("domega_left", "domega_right"), strict=True):
+                row[robots] = self._model.get(self._rows, name, slots)
+
+    def _ring(self, values: Mapping[str, Floats]) -> int:
+        """Return how many packets a robot's ring must hold to reach back as far as the longest delay."""
+        delays = [parameter.name for parameter in self._model.late if parameter.unit == "s"]
+        longest = sum(float(np.max(values[name])) for name in delays if name in values)
+        return int(np.ceil(longest / self._dt)) + 2
