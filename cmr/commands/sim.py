@@ -22,7 +22,7 @@ from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.following import ParameterFollower
-from cmr.world.view import REAL, world_messages
+from cmr.world.view import world_messages
 from cmr.world.world import World
 
 STEP_RATE = 100.0  # Hz
@@ -97,20 +97,14 @@ def _rate(text: str) -> float:
 
 
 def _state_messages(world: World, utime: int, largest: int | None) -> list[tuple[Stream, int | None, Any]]:
-    robots = world.robots()
     messages: list[tuple[Stream, int | None, Any]] = [
-        (WORLD_STATE, None, message) for message in world_messages(utime, robots, largest)
+        (WORLD_STATE, None, message) for message in world_messages(utime, world.everybody(), largest)
     ]
-    for robot in robots:
-        if robot.origin == REAL:
-            message = make(
-                robot_state_t,
-                utime=robot.utime,
-                robot_id=robot.robot_id,
-                origin=robot.origin,
-                **robot.state._asdict(),
-            )
-            messages.append((ROBOT_STATE, robot.robot_id, message))
+    for robot in world.real():
+        message = make(
+            robot_state_t, utime=robot.utime, robot_id=robot.robot_id, origin=robot.origin, **robot.state._asdict()
+        )
+        messages.append((ROBOT_STATE, robot.robot_id, message))
     return messages
 
 

@@ -1,47 +1,53 @@
-"""Simulated robots, virtual ones and twins: arrays that one step of the model advances together."""
+"""Simulated robots, virtual ones and twins: one step of the model advances them all together."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from cmr.model.motion import RobotState, step
+from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
-from cmr.recordings.recording import Floats
-from cmr.world.view import Robot
+from cmr.recordings.recording import Times
+from cmr.world.view import Robots
 
 STEP = 10_000  # us; one step of the simulation
 FURTHEST_BEHIND = 1_000_000  # us; a simulator held up for longer, or whose clock was set, skips the rest
 
+Key = tuple[int, int]  # robot id and origin
+
 
 class Fleet:
-    """The simulated robots of a world; `utime` is the moment for which their states hold."""
+    """The simulated robots of a world, known by (robot id, origin); `utime` is the moment for which states hold."""
 
     def __init__(self) -> None:
-        self.utime = 0
-        self._index: dict[tuple[int, int], int] = {}
-        self._state: Floats = np.empty((len(RobotState._fields), 0))
-        self._parameters: Floats = np.empty((len(RobotParameters._fields), 0))
-        self._duty: Floats = np.empty((2, 0))
+        from cmr.model.fleet import Fleet as Model  # imports Numba, which who only looks at the world does without
 
-    def __contains__(self, key: tuple[int, int]) -> bool:
+        self.utime = 0
+        self._model = Model(STEP * 1e-6)
+        self._index: dict[Key, int] = {}
+        self._robots = Robots((), (), self._model.states())
+
+    def __contains__(self, key: Key) -> bool:
         return key in self._index
 
-    def place(self, robot_id: int, origin: int, state: RobotState, parameters: RobotParameters) -> None:
-        """Add a robot, or put one that is there into another state."""
-        key = (robot_id, origin)
-        if key not in self._index:
-            self._index[key] = len(self._index)
-            self._state = np.column_stack([self._state, state])
-            self._parameters = np.column_stack([self._parameters, parameters])
-            self._duty = np.column_stack([self._duty, (0.0, 0.0)])
-        self._state[:, self._index[key]] = state
-        self._parameters[:, self._index[key]] = parameters
+    def place(self, keys: Sequence[Key], state: RobotState, parameters: RobotParameters) -> None:
+        """Add robots, all of them new, at states that are arrays; or put one that is there into another state."""
+        if keys[0] in self._index:
+            index = self._indices(keys)
+            self._model.set_parameters(index, parameters)
+            self._model.place(index, state)
+        else:
+            added = self._model.add(state, parameters)
+            self._index.update(zip(keys, added.tolist(), strict=True))
+        robot_ids, origins = zip(*self._index, strict=True)
+        self._robots = Robots(robot_ids, origins, self._model.states())
 
-    def set_parameters(self, robot_id: int, origin: int, parameters: RobotParameters) -> None:
-        """Let a robot move by other parameters from now on; its state stays."""
-        self._parameters[:, self._index[robot_id, origin]] = parameters
+    def set_parameters(self, keys: Sequence[Key], parameters: RobotParameters) -> None:
+        """Let robots move by other parameters from now on; their states stay."""
+        self._model.set_parameters(self._indices(keys), parameters)
 
-    def command(self, robot_id: int, origin: int, left: float, right: float) -> None:
-        """Drive a robot with these duties from now on; they are clipped to [-1, 1]."""
-        self._duty[:, self._index[robot_id, origin]] = np.clip((left, right), -1.0, 1.0)
+    def command(self, keys: Sequence[Key], left: Sequence[float], right: Sequence[float]) -> None:
+        """Drive robots with these duties from now on; they are clipped to [-1, 1]."""
+        self._model.command(self._indices(keys), np.clip(left, -1.0, 1.0), np.clip(right, -1.0, 1.0))
 
     def advance(self, utime: int) -> bool:
         """Let one step pass if it is due by `utime`; tell whether it did."""
@@ -50,16 +56,13 @@ class Fleet:
         if self.utime + STEP > utime:
             return False
         self.utime += STEP
-        if self._index:
-            left, right = self._duty
-            state, parameters = RobotState(*self._state), RobotParameters(*self._parameters)
-            self._state = np.stack(step(state, left, right, parameters, STEP * 1e-6))
+        self._model.advance()
+        self._robots = self._robots._replace(state=self._model.states())
         return True
 
-    def robots(self) -> list[Robot]:
-        """Return all robots as they are now."""
-        columns = self._state.T.tolist()
-        return [
-            Robot(self.utime, robot_id, origin, RobotState(*columns[index]))
-            for (robot_id, origin), index in self._index.items()
-        ]
+    def robots(self) -> Robots:
+        """Return all robots as they were after the last step; other commands and parameters show after the next."""
+        return self._robots
+
+    def _indices(self, keys: Sequence[Key]) -> Times:
+        return np.array([self._index[key] for key in keys], dtype=np.int64)

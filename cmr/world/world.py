@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, Stream, identify
 from cmr.model.motion import RobotState
@@ -17,7 +19,7 @@ from cmr.world.behaviours import Behaviour
 from cmr.world.commands import CommandMemory
 from cmr.world.estimator import Estimator
 from cmr.world.fleet import Fleet
-from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, WorldView
+from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
 LOST = 1_000_000  # us; a real robot of which nothing newer was heard leaves the world
@@ -47,15 +49,25 @@ class _RealRobot:
 class World:
     """All robots. `follow` makes the parameter follower of a robot id; virtual robots move as their models do.
 
-    Real robots are discovered by their MOTOR_FEEDBACK_N or POSE_N.
+    Real robots are discovered by their MOTOR_FEEDBACK_N or POSE_N. `ready` tells whether robots can be simulated by
+    some parameters without delay; until then, those that move by others go on so, and new ones do not appear.
     """
 
-    def __init__(self, virtual: list[VirtualRobot], follow: Callable[[int], ParameterFollower]) -> None:
+    def __init__(
+        self,
+        virtual: list[VirtualRobot],
+        follow: Callable[[int], ParameterFollower],
+        ready: Callable[[RobotParameters], bool] = lambda _parameters: True,
+    ) -> None:
         self.view = WorldView()
         self.estop = EmergencyStop()
         self.parameters: dict[int, ParameterFollower] = {}
         self._follow = follow
+        self._ready = ready
+        self._models: dict[int, RobotParameters] = {}  # in use, by robot id
+        self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
+        self._absent = list(virtual)
         self._real: dict[int, _RealRobot] = {}
         self._fleet = Fleet()
         for robot in virtual:
@@ -91,23 +103,31 @@ class World:
 
     def advance(self, utime: int) -> None:
         """Let simulated robots move on to `utime` [us] in steps of 10 ms; behaviours decide at each step."""
+        for robot_id in sorted(self._not_ready):
+            self._take_over(robot_id)
         self._place_virtual()
         while self._fleet.advance(utime):
             now = self._fleet.utime
-            for robot in self._fleet.robots():
-                self.view.put(robot)
-            for robot in self._present():
+            self.view.take(now, self._fleet.robots())
+            for robot in self.real():
                 self.view.put(robot)
             for robot_id, real in self._real.items():
                 self._drive_twin(robot_id, real, now)
-            for virtual in self._virtual.values():
-                self._decide(virtual, now)
+            self._decide(now)
+
+    def everybody(self) -> Robots:
+        """Return all robots of the world as they are now; real robots not heard of lately are left out."""
+        return Robots.of(self.real()).with_others(self._fleet.robots())
 
     def robots(self) -> list[Robot]:
-        """Return all robots of the world as they are now; real robots not heard of lately are left out."""
-        return self._present() + self._fleet.robots()
+        """Return the same, one by one."""
+        simulated = self._fleet.robots()
+        keys = zip(simulated.robot_id, simulated.origin, strict=True)
+        return self.real() + [
+            Robot(self._fleet.utime, *key, simulated.state_of(index)) for index, key in enumerate(keys)
+        ]
 
-    def _present(self) -> list[Robot]:
+    def real(self) -> list[Robot]:
         """Return the real robots heard of lately; one whose clock is off by more is as good as not heard."""
         return [
             Robot(robot.estimator.utime, robot_id, REAL, robot.estimator.state)
@@ -125,36 +145,39 @@ class World:
     def _parameters_of(self, robot_id: int) -> ParameterFollower:
         if robot_id not in self.parameters:
             self.parameters[robot_id] = self._follow(robot_id)
+            self._take_over(robot_id)
         return self.parameters[robot_id]
 
-    def _model_of(self, robot_id: int) -> RobotParameters | None:
-        """Return the model parameters of a robot; None as long as they are not all known."""
+    def _take_over(self, robot_id: int) -> None:
+        """Let everything that moves by the parameters of this robot use the present ones, as soon as they are ready."""
         parameters = self.parameters[robot_id].parameters
         try:
-            return parameters.robot_parameters if parameters else None
+            model = parameters.robot_parameters if parameters else None
         except ParameterFileError:
-            return None
-
-    def _take_over(self, robot_id: int) -> None:
-        """Let everything that moves by the parameters of this robot use the present ones."""
-        model = self._model_of(robot_id)
+            model = None  # incomplete
         if model is None:
             return
         if robot_id in self._real:
             self._real[robot_id].estimator.parameters = model
+        if not self._ready(model):
+            self._not_ready.add(robot_id)
+            return
+        self._not_ready.discard(robot_id)
+        self._models[robot_id] = model
         followers = [(robot_id, TWIN)]
         followers += [(v.robot_id, VIRTUAL) for v in self._virtual.values() if v.parameters_of == robot_id]
-        for key in followers:
-            if key in self._fleet:
-                self._fleet.set_parameters(*key, model)
+        followers = [key for key in followers if key in self._fleet]
+        if followers:
+            self._fleet.set_parameters(followers, model)
 
     def _place_virtual(self) -> None:
-        for robot in self._virtual.values():
-            if (robot.robot_id, VIRTUAL) not in self._fleet:
-                model = self._model_of(robot.parameters_of)
-                if model is not None:
-                    start = RobotState.at_rest(robot.x, robot.y, robot.theta)
-                    self._fleet.place(robot.robot_id, VIRTUAL, start, model)
+        """Place the virtual robots whose parameters are known by now."""
+        for robot_id in sorted({robot.parameters_of for robot in self._absent} & set(self._models)):
+            robots = [robot for robot in self._absent if robot.parameters_of == robot_id]
+            poses = np.array([(robot.x, robot.y, robot.theta) for robot in robots], dtype=float).T
+            keys = [(robot.robot_id, VIRTUAL) for robot in robots]
+            self._fleet.place(keys, RobotState.at_rest(*poses), self._models[robot_id])
+            self._absent = [robot for robot in self._absent if robot.parameters_of != robot_id]
 
     def _handle_virtual(self, stream: Stream, robot_id: int, message: Any) -> None:
         behaviour = self._virtual[robot_id].behaviour
@@ -163,21 +186,27 @@ class World:
         elif stream is MOTOR_COMMAND:
             behaviour.take_command(message.utime, message.left, message.right)
 
-    def _decide(self, virtual: VirtualRobot, utime: int) -> None:
-        me = self.view.robot(virtual.robot_id)
-        model = self._model_of(virtual.parameters_of)
-        if me is not None and model is not None:
-            duties = virtual.behaviour.command(utime, me, self.view, model)
-            self._fleet.command(virtual.robot_id, VIRTUAL, *duties)
+    def _decide(self, utime: int) -> None:
+        """Let every behaviour command its robot."""
+        keys, duties = [], []
+        for virtual in self._virtual.values():
+            me = self.view.robot(virtual.robot_id)
+            if me is not None:
+                model = self._models[virtual.parameters_of]
+                keys.append((virtual.robot_id, VIRTUAL))
+                duties.append(virtual.behaviour.command(utime, me, self.view, model))
+        if keys:
+            self._fleet.command(keys, *zip(*duties, strict=True))
 
     def _drive_twin(self, robot_id: int, real: _RealRobot, utime: int) -> None:
         """Give the twin its robot's command; at the beginning of each drive, put it where its robot is."""
         left, right = (0.0, 0.0) if self.estop.engaged else real.commands.at(utime)
         if left or right:
-            model = self._model_of(robot_id)
+            model = self._models.get(robot_id)
             begins = utime - real.last_driven > REST_BEFORE_DRIVE
             if model is not None and real.estimator.utime and (begins or (robot_id, TWIN) not in self._fleet):
-                self._fleet.place(robot_id, TWIN, real.estimator.state, model)
+                start = RobotState(*(np.array([value]) for value in real.estimator.state))
+                self._fleet.place([(robot_id, TWIN)], start, model)
             real.last_driven = utime
         if (robot_id, TWIN) in self._fleet:
-            self._fleet.command(robot_id, TWIN, left, right)
+            self._fleet.command([(robot_id, TWIN)], [left], [right])
