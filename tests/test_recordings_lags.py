@@ -1,12 +1,14 @@
 """What the comparison of clocks promises: lags are found to a fraction of a sample, or are called unknown."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cmr.recordings.checks import check
 from cmr.recordings.lags import lags_of
 from tests.emulated_drive import DEFAULT, EPOCH, figure_eight
-from tests.faulty_drive import Duties, at_rest, circle, later, lively, recording, scattered
+from tests.faulty_drive import Duties, at_rest, circle, later, lively, recording, scattered, without
 
 PERIOD = 0.02  # s between two poses of the emulated drives
 
@@ -57,3 +59,28 @@ def test_lags_are_unknown_where_nothing_changes() -> None:
     assert check(middle).lag("poses") is None
     assert "cannot be compared" in check(middle)["poses_clock"].sentence
     assert check(middle)["poses_clock"].found == 0
+
+
+def test_that_poses_follow_commands_as_motors_do_is_no_fault_of_a_clock() -> None:
+    whole = without(recording(lively, 5), "wheels", "gyro")
+    for seconds, found in ((0.0, 0), (0.2, 0), (-0.5, 1), (1.5, 1)):
+        finding = check(later(whole, "poses", seconds))["poses_clock"]
+        assert finding.found == found
+        assert "after the commands, motors included" in finding.sentence
+
+
+def test_coarse_encoders_neither_hide_a_lag_nor_make_it_look_more_certain_than_it_is() -> None:
+    errors = []
+    for seed in range(8):
+        whole = recording(figure_eight, seed)
+        dt, tick = 0.01, 2.0 * np.pi / 48  # s, rad
+        fields = dict(whole.wheels.fields)
+        for side in ("left", "right"):
+            counts = np.floor(np.cumsum(fields[f"psi_{side}"]) * dt / tick)
+            fields[f"psi_{side}"] = np.diff(counts, prepend=counts[:1]) * tick / dt
+        coarse = replace(whole, wheels=replace(whole.wheels, fields=fields))
+        lag = next(lag for lag in lags_of(coarse) if lag.sensor == "poses")
+        assert lag.std < PERIOD
+        errors.append((lag.seconds - 0.002) / lag.std)
+    # The mean square of 8 is above 3.3 in one of 1,000 cases (chi-square).
+    assert 0.1 < np.mean(np.square(errors)) < 3.3

@@ -13,6 +13,7 @@ from cmr.recordings.time_checks import damaged_samples, gap_findings, log_findin
 from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
 
 SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
+SLOWEST_MOTOR = 0.5  # s by which a robot may follow its commands with all clocks right
 SURE = 3.0  # standard deviations by which they must differ
 
 __all__ = ["Finding", "Findings", "check"]
@@ -71,9 +72,15 @@ def _lag_findings(lags: list[Lag]) -> list[Finding]:
     findings = []
     for sensor in ("poses", "gyro"):
         lag = next((lag for lag in lags if lag.sensor == sensor), None)
-        differs = lag is not None and lag.known and abs(lag.seconds) > max(SMALLEST_LAG, SURE * lag.std)
+        differs = lag is not None and lag.known and _differs(lag)
         findings.append(Finding(f"{sensor}_clock", int(differs), _lag_sentence(sensor, lag)))
     return findings
+
+
+def _differs(lag: Lag) -> bool:
+    """Tell whether a clock is wrong; what commands ask for may come late by what a motor takes."""
+    late = lag.seconds - (SLOWEST_MOTOR if lag.reference == "commands" and lag.seconds > 0.0 else 0.0)
+    return bool(late * lag.seconds > 0.0 and abs(late) > max(SMALLEST_LAG, SURE * lag.std))
 
 
 def _lag_sentence(sensor: str, lag: Lag | None) -> str:
@@ -82,5 +89,7 @@ def _lag_sentence(sensor: str, lag: Lag | None) -> str:
         return f"{subject} clock has nothing to be compared with."
     if not lag.known:
         return f"{subject} clock cannot be compared with that of the {lag.reference}: {lag.why_unknown}."
+    if lag.reference == "commands":
+        return f"{subject} motion comes {lag.seconds:.3f} +- {lag.std:.3f} s after the commands, motors included."
     direction = "behind" if lag.seconds > 0.0 else "ahead of"
     return f"{subject} clock is {abs(lag.seconds):.3f} +- {lag.std:.3f} s {direction} that of the {lag.reference}."

@@ -20,6 +20,7 @@ SPARSEST = 1.0  # s for each sample, on average; with fewer samples the time is 
 ITERATIONS = 3  # of the refinement: it converges quadratically from a step's width
 SHORTEST = 3.0  # s of common time
 LARGEST_STD = 0.05  # s; a lag that is known less well is called unknown
+SMALLEST_STD = 1e-6  # s; time stamps are no finer
 LEAST_EVIDENCE = 12.0  # log-likelihood by which the best lag must explain more than no connection at all
 RIVAL = 0.4  # s; a lag further away than this from the best must be worse
 LEAST_LEAD = 4.0  # log-likelihood by which it must be worse
@@ -130,12 +131,11 @@ def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
     if far.any() and evidence[far].max() > evidence[best] - LEAST_LEAD:
         return Lag(sensor, reference, np.nan, np.nan, "several lags fit alike")
     found = [_refined(a, b, (best - shifts) * STEP, span) for a, b in pairs]
-    weights = np.array([1.0 / max(std, 1e-6) ** 2 for _, std in found])
-    seconds = float(np.dot(weights, [lag for lag, _ in found]) / weights.sum())
-    std = float(weights.sum() ** -0.5)
-    if not std < LARGEST_STD:
+    weights = np.array([1.0 / max(std, SMALLEST_STD) ** 2 for _, std in found if std < LARGEST_STD])
+    if not len(weights):
         return Lag(sensor, reference, np.nan, np.nan, "the speeds change too little")
-    return Lag(sensor, reference, seconds, std)
+    seconds = np.dot(weights, [lag for lag, std in found if std < LARGEST_STD]) / weights.sum()
+    return Lag(sensor, reference, float(seconds), float(weights.sum() ** -0.5))
 
 
 def _rates(time: Floats, travel: Floats, moments: Floats, span: float) -> Floats:
@@ -168,30 +168,40 @@ def _evidence(late: Floats, early: Floats, shifts: int, span: float) -> Floats:
 
 
 def _refined(late: Floats, early: Floats, lag: float, span: float) -> tuple[float, float]:
-    """Return lag and standard deviation [s] by least squares over factor, offset and lag of the rates."""
+    """Return lag and standard deviation [s], refined together with factor and offset of the rates.
+
+    The slope of one sensor's rates is the instrument for the other's: the slopes of coarse encoders are mostly
+    noise, and by least squares on them no lag would be seen.
+    """
     place = np.arange(len(early), dtype=np.float64)
-    slope = np.gradient(early, STEP)
+    slope, slope_late = np.gradient(early, STEP), np.gradient(late, STEP)
     for _ in range(ITERATIONS):
         at = place - lag / STEP
         inside = (at >= 0.0) & (at <= len(early) - 1)
-        rates, slopes = (np.interp(at[inside], place, values) for values in (early, slope))
-        design, wanted = np.stack([rates, np.ones_like(rates), -slopes]), late[inside]
-        residual = wanted - _inverse(design) @ (design @ wanted) @ design
-        kept = np.abs(residual) <= OUTLYING * max(spread(residual), 0.75 * float(np.std(residual)))
-        design, wanted = design[:, kept], wanted[kept]
-        inverse = _inverse(design)
-        factor, _, shift = solution = inverse @ (design @ wanted)
-        if not factor > 0.0:
+        if np.count_nonzero(inside) < 0.5 * len(early):  # it runs away, or is no number
             return lag, np.inf
-        lag += float(shift / factor)
-    influence = inverse[2] @ design * (wanted - solution @ design)
-    return lag, float(np.sqrt(_long_run_variance(influence, int(2.0 * span / STEP))) / factor)
+        rates, slopes = (np.interp(at[inside], place, values) for values in (early, slope))
+        instruments = np.stack([rates, np.ones_like(rates), -slopes])
+        design, wanted = np.stack([rates, np.ones_like(rates), -slope_late[inside]]), late[inside]
+        residual = wanted - _solver(instruments, design) @ (instruments @ wanted) @ design
+        kept = np.abs(residual) <= OUTLYING * max(spread(residual), 0.75 * float(np.std(residual)))
+        instruments, design, wanted = instruments[:, kept], design[:, kept], wanted[kept]
+        if not instruments[2] @ design[2] > 0.0:
+            return lag, np.inf
+        solver = _solver(instruments, design)
+        solution = solver @ (instruments @ wanted)
+        lag += float(solution[2])
+    influence = solver[2] @ instruments * (wanted - solution @ design)
+    return lag, float(np.sqrt(_long_run_variance(influence, int(2.0 * span / STEP))))
 
 
-def _inverse(design: Floats) -> Floats:
-    """Return the inverse of the normal matrix of k regressors, shape (k, n); large where they are not independent."""
-    normal = design @ design.T
-    return np.asarray(np.linalg.inv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal))))
+def _solver(instruments: Floats, design: Floats) -> Floats:
+    """Return the inverse of the product of instruments and regressors, each of shape (k, n); NaN without one."""
+    product = instruments @ design.T
+    try:
+        return np.asarray(np.linalg.inv(product))
+    except np.linalg.LinAlgError:
+        return np.full_like(product, np.nan)
 
 
 def _long_run_variance(influence: Floats, reach: int) -> float:

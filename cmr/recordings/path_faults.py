@@ -21,7 +21,7 @@ JUMPING = 7.0  # standard deviations; a jump splits a path, so it must be sure
 STEP_HALVES = (1, 4)  # values before and after a step are medians of twice this and one
 LEAST_POSITION, LEAST_HEADING = 0.001, 0.002  # m, rad; noise below this is taken to be this
 LONGEST_GAP = 1.0  # s; across a longer gap in the poses no jump is looked for
-LONGEST_BURST = 3.0  # s; a path that jumps and comes back within this was wrong in between
+LONGEST_BURST = 3.0  # s; a path that jumps and jumps again within this was wrong in between
 COMES_BACK = 0.3  # of the jump there; so far off it may come back
 PASSES = 3  # what is wrong hides some of its neighbours; without it they are looked at again
 FEWEST = 11  # poses; fewer have no neighbours to be compared with
@@ -160,25 +160,29 @@ def _excess(path: Path, half: int) -> Floats:
 
 
 def bursts_of(path: Path, before: NDArray[np.int64]) -> tuple[Mask, NDArray[np.int64]]:
-    """Return the poses between a jump and the jump back, shape (n,), and the jumps that stay."""
+    """Return the poses between jumps in quick succession, shape (n,), and the jumps that stay.
+
+    A jump that is undone was none. Of several, the tracker was lost from the first to the last.
+    """
     burst = np.zeros(len(path.time), np.bool_)
     staying: list[int] = []
     jumps = before.tolist()
     while jumps:
         there = jumps.pop(0)
-        back = next((jump for jump in jumps if _comes_back(path, there, jump)), None)
-        if back is None:
+        soon = [jump for jump in jumps if path.time[jump] - path.time[there] <= LONGEST_BURST]
+        back = next((jump for jump in soon if _comes_back(path, there, jump)), None)
+        if back is not None:
+            burst[there + 1 : back + 1] = True
+            jumps = [jump for jump in jumps if jump > back]
+        elif soon:
+            burst[there + 1 : soon[0] + 1] = True
+        else:
             staying.append(there)
-            continue
-        burst[there + 1 : back + 1] = True
-        jumps = [jump for jump in jumps if jump > back]
     return burst, np.array(staying, np.int64)
 
 
 def _comes_back(path: Path, there: int, back: int) -> bool:
     """Tell whether the jump after pose `back` undoes the one after pose `there`."""
-    if path.time[back] - path.time[there] > LONGEST_BURST:
-        return False
     half = max(STEP_HALVES)
 
     def middle(values: Floats, around: slice) -> float:

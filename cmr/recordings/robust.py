@@ -9,7 +9,7 @@ from cmr.recordings.signal import Floats
 TO_DEVIATION = 1.4826  # standard deviations of a normal distribution per median distance from 0
 NEGLIGIBLE = 1e-12  # of the weight of all; less decides nothing and may overflow
 LOCAL = 100  # samples over which local noise is taken
-LOUDEST = 3.0  # times the noise of all: where there is more, the values are wrong
+LOUDEST = 2.0  # times the noise of all: where there is more, the values are wrong
 SHARES = (0.75, 0.9)
 # Of the distance from 0 of normal noise in one and in two dimensions, in standard deviations.
 UNIT_QUANTILE = {(1, 0.75): 1.1503, (1, 0.9): 1.6449, (2, 0.75): 1.6651, (2, 0.9): 2.1460}
