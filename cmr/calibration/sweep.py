@@ -49,7 +49,7 @@ def _respond(response, radius, motors, duration):  # type: ignore[no-untyped-def
             response[row * MOTORS + i] = numbers[row]
 
 
-@inlined
+@compiled("void(f8[::1], f8[::1], f8[::1], f8, f8)")
 def _roll(before, after, response, left, right):  # type: ignore[no-untyped-def]
     """Let one span pass for the wheels of all motors: `moved` of cmr.model.paper, up to where the base width enters."""
     for i in range(MOTORS):
@@ -230,7 +230,8 @@ def _advance(lanes, alive, turn, series, motor, poses, centre_x, centre_y, scatt
             lanes[i + X] = x + (u_x * way_x - u_y * way_y)
             lanes[i + Y] = y + (u_x * way_y + u_y * way_x)
             lanes[i + ERROR] += max(error, 0.0)
-        alive[block] = _nearest(lanes, block) <= bound
+        if bound < np.inf:
+            alive[block] = _nearest(lanes, block) <= bound
 
 
 @inlined
