@@ -60,7 +60,7 @@ def start(rows, robot):
     START
 
 
-@compiled("f8(f8[::1], i8, i8, i8, i8)")
+@inlined
 def lateness(rows, slot, seed, number, robot):
     """Return the delay [s] of a packet, infinite if it is lost; seed, number and robot fix its random numbers."""
     first, i = slot // LANES * SIZE, slot % LANES
@@ -68,87 +68,85 @@ def lateness(rows, slot, seed, number, robot):
     return inf if lost else delay
 
 
-@compiled("void(f8[::1], i8, i8, f8, f8, f8[:, :], f8[:, :], i8, f8[:, :])")
-def receive(rows, slot, number, now, dt, left, right, column, arrival):
-    """Set a robot's commands to the mean over a step of those in force.
+@compiled("void(f8[::1], i8, f8[::1], i8, i8, i8, i8, f8, f8, f8)")
+def command(rows, slot, packets, ring, number, seed, robot, dt, duty_left, duty_right):
+    """Send a robot its next packet and set its commands to the mean over the step of those in force.
 
-    Rows of left, right and arrival are a ring of the last packets, `number` the newest. In force is the newest that
-    has arrived; before the first of all, the duty that held the speed at the start.
+    In force is the newest packet that has arrived; before the first, the duty that held the speed at the start.
+    `packets` holds the last ones, `ring` for each slot: left, right, arrival. `number` counts the robot's packets.
     """
     first, i = slot // LANES * SIZE, slot % LANES
-    ring = len(arrival)
-    newest = number % ring
-    if arrival[newest, slot] <= now:
-        rows[first + COMMAND_LEFT + i], rows[first + COMMAND_RIGHT + i] = left[newest, column], right[newest, column]
+    now = rows[first + TIME + i]
+    late = lateness(rows, slot, seed, number, robot)
+    ring_start = 3 * ring * slot
+    position = number % ring
+    newest = ring_start + 3 * position
+    before = newest - 3 if position > 0 else newest + 3 * (ring - 1)
+    packets[newest], packets[newest + 1], packets[newest + 2] = duty_left, duty_right, now + late
+    if late == inf and number > 0:
+        # A lost packet leaves the one before in force.
+        packets[newest], packets[newest + 1] = packets[before], packets[before + 1]
+        packets[newest + 2] = packets[before + 2]
+    elif late == inf:
+        packets[newest], packets[newest + 1] = rows[first + LEFT_BEFORE + i], rows[first + RIGHT_BEFORE + i]
+        packets[newest + 2] = now
+    if packets[newest + 2] <= now:
+        rows[first + COMMAND_LEFT + i], rows[first + COMMAND_RIGHT + i] = packets[newest], packets[newest + 1]
         return
-    until, mean_left, mean_right = now + dt, 0.0, 0.0
-    for k in range(number, max(number - ring, -1), -1):
-        here = k % ring
-        since = max(arrival[here, slot], now)
+    until, sum_left, sum_right = now + dt, 0.0, 0.0
+    here = newest
+    for _ in range(min(number + 1, ring)):
+        since = max(packets[here + 2], now)
         if since < until:
-            mean_left += (until - since) / dt * left[here, column]
-            mean_right += (until - since) / dt * right[here, column]
+            sum_left += (until - since) * packets[here]
+            sum_right += (until - since) * packets[here + 1]
             until = since
-        if until <= now:
-            break
-    rest = (until - now) / dt
-    rows[first + COMMAND_LEFT + i] = mean_left + rest * rows[first + LEFT_BEFORE + i]
-    rows[first + COMMAND_RIGHT + i] = mean_right + rest * rows[first + RIGHT_BEFORE + i]
+            if until <= now:
+                break
+        here = here - 3 if here > ring_start else here + 3 * (ring - 1)
+    rows[first + COMMAND_LEFT + i] = (sum_left + (until - now) * rows[first + LEFT_BEFORE + i]) / dt
+    rows[first + COMMAND_RIGHT + i] = (sum_right + (until - now) * rows[first + RIGHT_BEFORE + i]) / dt
 
 
-@compiled("void(f8[::1], i8, f8[:, :], f8[:, :], f8[::1], f8[:, :], b1, i8, i8[::1], f8[:, :, ::1])")
-def drive(rows, robots, left, right, dt, arrival, late, seed, at, recorded):
+@compiled("void(f8[::1], i8[::1], i8[::1], i8[::1], f8[:, ::1], i8, f8, f8[::1], i8)")
+def command_all(rows, slots, robots, numbers, duty, seed, dt, packets, ring):
+    """Send the next packet to the robots of a fleet whose commands may be late.
+
+    `slots` are their places, `robots` their indices, `numbers` counts their packets; `duty` (2, all slots).
+    """
+    for k in range(len(slots)):
+        slot = slots[k]
+        command(rows, slot, packets, ring, numbers[k], seed, robots[k], dt, duty[0, slot], duty[1, slot])
+        numbers[k] += 1
+
+
+@compiled("void(f8[::1], i8, f8[::1], f8[::1], f8[::1], f8[::1], i8, i8[::1], f8[:, :, ::1])")
+def drive(rows, robots, left, right, dt, packets, seed, at, recorded):
     """Drive T spans with every robot and record the states at the borders `at`.
 
-    Shapes: left, right (T, 1); dt (T,); arrival (T, robots), to be filled if commands are late; at (R,), ascending;
-    recorded (R, robots, 7): x, y, theta, psi and angle of both sides.
+    Shapes: left, right, dt (T,); packets (3 T robots) to be filled, or empty where no commands are late; at (R,),
+    ascending; recorded (R, robots, 7): x, y, theta, psi and angle of both sides.
     """
     for block in range((robots + LANES - 1) // LANES):
         first = block * SIZE
         here = rows[first : first + SIZE]
         lanes = min(LANES, robots - block * LANES)
-        prepared, border, now = -1.0, 0, rows[first + TIME]
+        prepared, border = -1.0, 0
         for r in range(len(at)):
             while border < at[r]:
                 if dt[border] != prepared:
                     prepared = dt[border]
                     prepare(here, prepared)
                 for i in range(LANES):
-                    rows[first + COMMAND_LEFT + i] = left[border, 0]
-                    rows[first + COMMAND_RIGHT + i] = right[border, 0]
-                if late:
+                    rows[first + COMMAND_LEFT + i], rows[first + COMMAND_RIGHT + i] = left[border], right[border]
+                if len(packets) > 0:
                     for slot in range(block * LANES, block * LANES + lanes):
-                        arrival[border, slot] = now + lateness(rows, slot, seed, border, 0)
-                        receive(rows, slot, border, now, prepared, left, right, 0, arrival)
+                        command(
+                            rows, slot, packets, len(dt), border, seed, 0, prepared, left[border], right[border]
+                        )
                 advance(here, prepared)
-                now += prepared
                 border += 1
             for i in range(lanes):
                 for field in range(7):
                     recorded[r, block * LANES + i, field] = rows[first + field * LANES + i]
-
-
-@compiled("void(f8[::1], i8[::1], i8[::1], i8[::1], f8[:, ::1], i8, f8, f8[:, ::1], f8[:, ::1], f8[:, ::1])")
-def receive_all(rows, slots, robots, numbers, duty, seed, dt, left, right, arrival):
-    """Send a packet to each robot of a fleet whose commands may be late, and set what is in force.
-
-    `slots` are those robots' places, `robots` their indices, `numbers` how many packets each had before; `duty`
-    (2, slots) are the commands of all, and the rings left, right and arrival have a column for each slot.
-    """
-    ring = len(arrival)
-    for k in range(len(slots)):
-        slot, number = slots[k], numbers[k]
-        first, i = slot // LANES * SIZE, slot % LANES
-        now = rows[first + TIME + i]
-        late = lateness(rows, slot, seed, number, robots[k])
-        here, before = number % ring, (number - 1) % ring
-        arrival[here, slot] = now + late
-        left[here, slot], right[here, slot] = duty[0, slot], duty[1, slot]
-        if late == inf:
-            # What was before stays, for good: the ring forgets.
-            arrival[here, slot] = now if number == 0 else arrival[before, slot]
-            left[here, slot] = rows[first + LEFT_BEFORE + i] if number == 0 else left[before, slot]
-            right[here, slot] = rows[first + RIGHT_BEFORE + i] if number == 0 else right[before, slot]
-        receive(rows, slot, number, now, dt, left, right, slot, arrival)
-        numbers[k] = number + 1
 '''

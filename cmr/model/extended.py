@@ -113,12 +113,9 @@ def drive(
     borders = np.concatenate([[0], np.cumsum(parts)])[at]
     left, right, dt = (np.repeat(array, parts) for array in (left, right, dt / parts))
     rows = model.robots(values, start, time)
-    late = bool(np.any(model.is_late(values, (count,))))
-    arrival = np.empty((len(dt), count) if late else (0, 0))
+    packets = np.empty(3 * len(dt) * count if np.any(model.is_late(values, (count,))) else 0)
     recorded = np.empty((len(at), count, RECORDED))
-    model.module.drive(
-        rows.reshape(-1), count, left[:, np.newaxis], right[:, np.newaxis], dt, arrival, late, seed, borders, recorded
-    )
+    model.module.drive(rows.reshape(-1), count, left, right, dt, packets, seed, borders, recorded)
     return np.ascontiguousarray(recorded.transpose(2, 0, 1))
 
 

@@ -27,8 +27,9 @@ class ExtendedGroup:
         self._model.module.prepare(self._flat, dt)
         self._late = np.flatnonzero(self._model.is_late(chosen, robots.shape))
         self._numbers = np.zeros(len(self._late), dtype=np.int64)
-        ring = self._ring(chosen) if len(self._late) else 0
-        self._packets = tuple(np.zeros((ring, len(robots))) for _ in range(3))
+        self._ring = self._reach(chosen) if len(self._late) else 0
+        self._packets = np.zeros(3 * self._ring * len(robots))
+        self._duty = np.zeros((2, self._rows.shape[0] * LANES))
         # Robots that follow one another are read as a slice, which costs less than looking up each.
         first, last = int(robots[0]), int(robots[-1])
         self._columns: Any = slice(first, last + 1) if last - first + 1 == len(robots) else robots
@@ -48,20 +49,13 @@ class ExtendedGroup:
 
     def advance(self, duty: Floats) -> None:
         """Let a step pass with the duties (2, robots of the fleet)."""
-        mine = np.zeros((2, self._rows.shape[0] * LANES))
-        mine[:, : len(self._slots)] = duty[:, self._columns]
-        for name, values in zip(("command_left", "command_right"), mine, strict=True):
+        self._duty[:, : len(self._slots)] = duty[:, self._columns]
+        for name, values in zip(("command_left", "command_right"), self._duty, strict=True):
             self._rows[:, self._model.row[name]] = values.reshape(-1, LANES)
         if len(self._late):
-            self._model.module.receive_all(
-                self._flat,
-                self._late,
-                self._robots[self._late],
-                self._numbers,
-                mine,
-                self._seed,
-                self._dt,
-                *self._packets,
+            late = self._late, self._robots[self._late], self._numbers
+            self._model.module.command_all(
+                self._flat, *late, self._duty, self._seed, self._dt, self._packets, self._ring
             )
         self._model.module.advance(self._flat, self._dt)
 
@@ -75,7 +69,7 @@ class ExtendedGroup:
             for row, name in zip(domega, ("domega_left", "domega_right"), strict=True):
                 row[robots] = self._model.get(self._rows, name, slots)
 
-    def _ring(self, values: Mapping[str, Floats]) -> int:
+    def _reach(self, values: Mapping[str, Floats]) -> int:
         """Return how many packets a robot's ring must hold to reach back as far as the longest delay."""
         delays = [parameter.name for parameter in self._model.late if parameter.unit == "s"]
         longest = sum(float(np.max(values[name])) for name in delays if name in values)
