@@ -38,6 +38,11 @@ class Lag:
     std: float
     why_unknown: str = ""
 
+    @classmethod
+    def unknown(cls, sensor: str, reference: str, why: str) -> "Lag":
+        """Return the lag of which the recording does not tell."""
+        return cls(sensor, reference, np.nan, np.nan, why)
+
     @property
     def known(self) -> bool:
         """Whether the recording tells it."""
@@ -108,11 +113,10 @@ def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
     """Find the lag of one sensor."""
     first, last = max(late.time[0], early.time[0]), min(late.time[-1], early.time[-1])
     if last - first < SHORTEST:
-        return Lag(sensor, reference, np.nan, np.nan, "they have less than 3 s in common")
+        return Lag.unknown(sensor, reference, f"they have less than {SHORTEST:.0f} s in common")
+    if last - first > SPARSEST * (len(late.time) + len(early.time)):
+        return Lag.unknown(sensor, reference, "the recording is mostly gaps")
     span = max(SPAN, *(2.5 * float(np.median(np.diff(travel.time))) for travel in (late, early)))
-    reach = min(REACH, 0.25 * (last - first))
-    if (last - first) > SPARSEST * (len(late.time) + len(early.time)):
-        return Lag(sensor, reference, np.nan, np.nan, "the recording is mostly gaps")
     moments = np.arange(first + 0.5 * span, last - 0.5 * span, STEP)
     pairs = [
         (_rates(late.time, a, moments, span), _rates(early.time, b, moments, span))
@@ -121,21 +125,21 @@ def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
     ]
     pairs = [pair for pair in pairs if min(float(np.std(rates)) for rates in pair) > 0.0]
     if not pairs:
-        return Lag(sensor, reference, np.nan, np.nan, "nothing moves in one of them")
-    shifts = int(reach / STEP)
+        return Lag.unknown(sensor, reference, "nothing moves in one of them")
+    shifts = int(min(REACH, 0.25 * (last - first)) / STEP)
     evidence = np.sum([_evidence(a, b, shifts, span) for a, b in pairs], axis=0)
     best = int(np.argmax(evidence))
     far = np.abs(np.arange(len(evidence)) - best) * STEP > RIVAL
     if evidence[best] < LEAST_EVIDENCE or best in (0, len(evidence) - 1):
-        return Lag(sensor, reference, np.nan, np.nan, "their speeds do not change alike")
+        return Lag.unknown(sensor, reference, "their speeds do not change alike")
     if far.any() and evidence[far].max() > evidence[best] - LEAST_LEAD:
-        return Lag(sensor, reference, np.nan, np.nan, "several lags fit alike")
-    found = [_refined(a, b, (best - shifts) * STEP, span) for a, b in pairs]
-    weights = np.array([1.0 / max(std, SMALLEST_STD) ** 2 for _, std in found if std < LARGEST_STD])
-    if not len(weights):
-        return Lag(sensor, reference, np.nan, np.nan, "the speeds change too little")
-    seconds = np.dot(weights, [lag for lag, std in found if std < LARGEST_STD]) / weights.sum()
-    return Lag(sensor, reference, float(seconds), float(weights.sum() ** -0.5))
+        return Lag.unknown(sensor, reference, "several lags fit alike")
+    refined = [_refined(a, b, (best - shifts) * STEP, span) for a, b in pairs]
+    found = [(lag, max(std, SMALLEST_STD)) for lag, std in refined if std < LARGEST_STD]
+    if not found:
+        return Lag.unknown(sensor, reference, "the speeds change too little")
+    weight = sum(std**-2.0 for _, std in found)
+    return Lag(sensor, reference, sum(lag * std**-2.0 for lag, std in found) / weight, weight**-0.5)
 
 
 def _rates(time: Floats, travel: Floats, moments: Floats, span: float) -> Floats:
