@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +14,10 @@ from hypothesis import strategies as st
 
 from cmr.bus.messages import make
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, pose_xyt_t
-from cmr.recordings import Recorder
+from cmr.recordings import Recorder, Recording
 from cmr.recordings.checks import check
 from cmr.recordings.signal import Signal
-from tests.emulated_drive import EPOCH, figure_eight, messages
+from tests.emulated_drive import EPOCH, figure_eight, messages, write_log
 from tests.faulty_drive import (
     at_rest,
     circle,
@@ -141,6 +142,30 @@ def test_gaps_repeats_late_messages_and_damaged_values_are_told_with_their_numbe
     assert "1 x poses not a finite number" in findings["unusable_messages"].sentence
     assert len(findings.cleaned(recorder.recording()).poses) == len(poses) - len(skipped)
     assert findings.rates["poses"] == pytest.approx(50.0)
+
+
+def test_what_a_log_has_lost_is_told(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "run.lcm", messages(duties=lively, seconds=10.0))
+    foreign = make(pose_xyt_t, utime=EPOCH, robot_id=1, x=0.0, y=0.0, theta=0.0)
+    whole = log.read_bytes()
+    write_log(log, [("POSE_0", foreign), ("NOBODYS", foreign)])
+    log.write_bytes(log.read_bytes() + whole[: len(whole) // 2])
+    findings = check(Recording.read(log))
+    assert findings["rejected_messages"].found == 2
+    assert "1 x POSE_0 wrong_robot" in findings["rejected_messages"].sentence
+    assert "1 x NOBODYS unknown_channel" in findings["rejected_messages"].sentence
+    assert 0 < findings["damaged_log"].found < 200  # one event; LCM trusts none before something that is no event
+    assert findings["cut_off"].found == 1
+
+
+def test_uneven_intervals_are_told_and_unequal_rates_of_sensors_are_no_fault() -> None:
+    whole = recording(figure_eight, 1)
+    seldom = whole.where({"poses": np.arange(len(whole.poses)) % 5 == 0})
+    assert check(seldom)["uneven_rates"].found == 0
+    assert check(seldom).rates == pytest.approx({"commands": 50.0, "wheels": 100.0, "gyro": 100.0, "poses": 10.0})
+    uneven = whole.where({"poses": np.arange(len(whole.poses)) % 7 < 5})
+    assert check(uneven)["uneven_rates"].found == 1
+    assert "poses" in check(uneven)["uneven_rates"].sentence
 
 
 def test_a_robot_that_never_moves_starts_late_or_is_cut_off_is_told() -> None:
