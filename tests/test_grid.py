@@ -129,6 +129,15 @@ def test_several_poses_at_one_moment_all_count() -> None:
     np.testing.assert_allclose(search([twice], RADIUS, axes).mean_square, naive([twice], axes), rtol=ROUNDING)
 
 
+def test_where_the_origin_lies_does_not_matter() -> None:
+    here = figure_eight(200)
+    x, y = 4096.0, -8192.0  # m; positions there are rounded by less than 1e-12 m
+    there = replace(here, x=here.x + x, y=here.y + y, start=here.start._replace(x=here.start.x + x, y=here.start.y + y))
+    axes = axes_around(2, 3, 4)
+    near, far = (search([segment], RADIUS, axes).mean_square for segment in (here, there))
+    np.testing.assert_allclose(far, near, rtol=2.0 * 1e-12 / NOISE)
+
+
 def test_segments_are_summed_pose_by_pose() -> None:
     segments = [random_drive(1), figure_eight(100), random_drive(2, spans=40)]
     axes = axes_around(3, 4, 5)

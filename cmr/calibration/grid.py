@@ -12,7 +12,7 @@ from cmr.recordings.signal import Floats, Times
 
 # Motors of wheeled robots answer with time constants from that of a toy to that of a loaded tractor.
 TIME_CONSTANTS = (0.02, 1.0)  # s
-POINTS = (32, 32, 32)  # of k2_over_k3, k1, base_width
+POINTS = (32, 40, 40)  # of k2_over_k3, k1, base_width
 K1_SPREAD = 1.5  # the grid spans the rough value of k1, found from distance over command, times and over this
 BASE_WIDTH_SPREAD = 1.7  # the same for base_width, found from turn over command
 
@@ -92,7 +92,7 @@ class _Path(NamedTuple):
 
 def _path(segments: list[Segment], wheel_radius: float, axes: Axes) -> _Path:
     """Join the segments; spans in which a candidate may turn far are split, as the model's own drive splits them."""
-    spans, ends, x, y, starts = [], [], [], [], []
+    spans, ends, positions, starts = [], [], [], []
     first_spans, squares_at_start = [0], 0.0
     for segment in segments:
         parts = parts_of(segment.dt, wheel_radius, np.min(axes[2]), _fastest(segment, axes))
@@ -100,21 +100,21 @@ def _path(segments: list[Segment], wheel_radius: float, axes: Axes) -> _Path:
         borders = first_spans[-1] + np.concatenate([[0], np.cumsum(parts)])
         moved = segment.at > 0
         ends.append(borders[segment.at[moved]] - 1)
-        x.append(segment.x[moved])
-        y.append(segment.y[moved])
+        from_start = np.array([segment.x - segment.start.x, segment.y - segment.start.y])
+        positions.append(from_start[:, moved])
+        squares_at_start += float(np.sum(from_start[:, ~moved] ** 2))
+        starts.append((segment.start.theta, segment.start.psi_left, segment.start.psi_right))
         first_spans.append(borders[-1])
-        starts.append(segment.start[:5])
-        off = np.array([segment.x[~moved] - segment.start.x, segment.y[~moved] - segment.start.y])
-        squares_at_start += float(np.sum(off**2))
     left, right, dt = np.concatenate(spans, axis=1)
+    x, y = np.ascontiguousarray(np.concatenate(positions, axis=1))
     pose_from = np.searchsorted(np.concatenate(ends), np.arange(len(dt) + 1))
     return _Path(
         left,
         right,
         dt,
         pose_from,
-        np.concatenate(x),
-        np.concatenate(y),
+        x,
+        y,
         np.array(first_spans),
         np.array(starts, dtype=float),
         wheel_radius,

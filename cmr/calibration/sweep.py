@@ -248,15 +248,15 @@ def _centre(pose_from, x, y, first, last):  # type: ignore[no-untyped-def]
 @inlined
 def _place(lanes, trail, carried, start):  # type: ignore[no-untyped-def]
     """Put every candidate at the start of a segment."""
-    sine, cosine = sincos(start[2])
+    sine, cosine = sincos(start[0])
     for motor in range(MOTORS):
         carried[motor] = 0.0
-        trail[PSI_LEFT + motor], trail[PSI_RIGHT + motor] = start[3], start[4]
+        trail[PSI_LEFT + motor], trail[PSI_RIGHT + motor] = start[1], start[2]
         trail[ANGLE + motor], trail[LOWEST + motor], trail[HIGHEST + motor] = 0.0, 0.0, 0.0
         for block in range(0, lanes.shape[1], BLOCK):
             for i in range(block, block + LANES):
                 lanes[motor, i + DIRECTION_X], lanes[motor, i + DIRECTION_Y] = cosine, sine
-                lanes[motor, i + X], lanes[motor, i + Y] = start[0], start[1]
+                lanes[motor, i + X], lanes[motor, i + Y] = 0.0, 0.0
 
 
 @inlined
@@ -278,11 +278,11 @@ def add_squared_distances(  # type: ignore[no-untyped-def]
     """Drive all segments with MOTORS motors times all base widths; add the squared distances to the errors in `lanes`.
 
     `left`, `right`, `dt` (T,) are the spans of all segments, one after the other; segment s has the spans
-    segments[s] to segments[s + 1] and starts at the state starts[s]: x, y, theta, psi_left, psi_right. The poses
-    measured at the end of span k are pose_from[k] to pose_from[k + 1] of `x`, `y`. `motors` (2, MOTORS) holds
-    k2_over_k3 and k1. `lanes` (MOTORS, B * BLOCK) are the candidates in blocks, with the inverse widths filled in;
-    `largest_turn` is LARGEST_TURN times the smallest width. Blocks whose errors all exceed `bound` are given up and
-    marked in `alive` (MOTORS, B).
+    segments[s] to segments[s + 1] and begins with starts[s]: theta, psi_left, psi_right. The poses measured at the end
+    of span k are pose_from[k] to pose_from[k + 1] of `x`, `y`, which count from the segment's start. `motors`
+    (2, MOTORS) holds k2_over_k3 and k1. `lanes` (MOTORS, B * BLOCK) are the candidates in blocks, with the inverse
+    widths filled in; `largest_turn` is LARGEST_TURN times the smallest width. Blocks whose errors all exceed `bound`
+    are given up and marked in `alive` (MOTORS, B).
     """
     trail, response = np.empty((LONGEST_LEG + 1) * TRAIL), np.empty((COEFFICIENTS + 1) * MOTORS)
     series, middle, carried = np.empty(SERIES), np.empty(MOTORS), np.empty(MOTORS)
