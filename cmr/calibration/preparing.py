@@ -7,10 +7,14 @@ import numpy as np
 
 from cmr.calibration.segments import Segment, segments_of
 from cmr.recordings.checks import check
+from cmr.recordings.findings import Findings
+from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Signal
 
 UNKNOWN_CLOCK_STD = 0.1  # s
+SLOWEST_MOTOR, USUAL_MOTOR = 0.5, 0.15  # s that wheels lag their commands
+TOLD = ("pose_jumps", "gaps", "cut_off")  # findings worth telling though nothing was set aside
 LEAST_LAG = 0.02  # s; the refinement finds a smaller one itself
 LAG_MARGIN, LEAST_CLOCK_STD = 3.0, 2e-3  # standard deviations of the lag; s
 
@@ -21,7 +25,7 @@ class Prepared:
 
     `notes` are sentences on what was set aside, `pose_clock_std` [s] tells how well the clocks of wheels and poses are
     known to agree. `commands_shifted` and `poses_shifted` [s] tell by how much the stamps
-    were moved.
+    were moved, at most.
     """
 
     recordings: list[Recording]
@@ -49,19 +53,32 @@ class Prepared:
 
 
 def prepare(recordings: Sequence[Recording]) -> Prepared:
-    """Check the recordings, set aside what cannot be true, and set the clock of the poses by that of the wheels."""
-    ready, splits, sentences, doubts = [], [], [], []
+    """Check the recordings, set aside what cannot be true, and set clocks that are far off by that of the wheels."""
+    ready, splits, notes, moved, doubts = [], [], [], [], []
     for recording in recordings:
         findings = check(recording)
-        lag = findings.lag("poses")
-        if lag is not None and lag.reference != "wheels":
-            lag = None  # against commands a slow motor looks like a late pose
-        late = 0 if lag is None or abs(lag.seconds) < LEAST_LAG else round(lag.seconds / SECONDS)
-        ready.append(_shifted(findings.cleaned(recording), 0, -late))
-        splits.append(tuple(int(split) - late for split in findings.splits))
-        sentences += findings.sentences()
-        doubts.append(UNKNOWN_CLOCK_STD if lag is None else max(LAG_MARGIN * lag.std, LEAST_CLOCK_STD))
-    return Prepared(ready, splits, tuple(dict.fromkeys(sentences)), max(doubts))
+        poses, commands = _pose_lag(findings), _command_lag(findings, recording)
+        late = poses.seconds if poses and abs(poses.seconds) > LEAST_LAG else 0.0
+        # A command that moves the wheels before it is sent, or long after, was stamped by another clock.
+        early = 0.0 if commands is None or 0.0 <= commands.seconds < SLOWEST_MOTOR else commands.seconds - USUAL_MOTOR
+        ready.append(_shifted(findings.cleaned(recording), round(early / SECONDS), -round(late / SECONDS)))
+        splits.append(tuple(int(split) - round(late / SECONDS) for split in findings.splits))
+        notes += [f.sentence for f in findings.all if f.found and (f.check in TOLD or f.set_aside)]
+        moved.append((early, -late))
+        doubts.append(max(LAG_MARGIN * poses.std, LEAST_CLOCK_STD) if poses else UNKNOWN_CLOCK_STD)
+    furthest = [max(column, key=abs) for column in zip(*moved, strict=True)]
+    return Prepared(ready, splits, tuple(dict.fromkeys(notes)), max(doubts), *furthest)
+
+
+def _pose_lag(findings: Findings) -> Lag | None:
+    """Return by how much poses lag the wheels; against commands a slow motor would look like a late pose."""
+    lag = findings.lag("poses")
+    return lag if lag is not None and lag.reference == "wheels" else None
+
+
+def _command_lag(findings: Findings, recording: Recording) -> Lag | None:
+    """Return by how much the wheels lag the commands; None where the wheels themselves tell what drove them."""
+    return findings.lag("wheels") if recording.duty is recording.commands else None
 
 
 def _shifted(recording: Recording, commands: int, poses: int) -> Recording:

@@ -15,6 +15,7 @@ LONGEST_DRIVE_GAP = 0.25  # s; over a longer one nobody knows what a moving robo
 FEWEST_POSES = 3  # a segment with fewer says nothing about its path
 LEAD = 1.0  # s of rest kept before the robot begins to move: enough to average its start pose
 MOVING_DUTY = 1e-3  # commands below are rest
+SAME_ANGLE, UNLIKE_ANGLE = 1e-3, 1.0  # relative differences of the angles by ticks and by speed
 START_SPAN = 0.15  # s around the start over which the wheel speeds are averaged
 FEWEST_POSES_FOR_START = 50  # with fewer, the start pose is taken as measured and not fitted
 
@@ -134,12 +135,26 @@ def hold(signal: Signal, field: str, times: Times) -> Floats:
 
 
 def wheel_angles(wheels: Signal) -> tuple[Floats, Floats]:
-    """Return how far each side's wheels have turned [rad] at each time of `wheels`, from 0.
+    """Return how far each side's wheels have turned [rad] at each time of `wheels`, from 0."""
+    return _angle(wheels, "left"), _angle(wheels, "right")
 
-    Speeds are averages over the time since the previous message, so their sum is the angle.
+
+def _angle(wheels: Signal, side: str) -> Floats:
+    """Return the angle [rad] of one side.
+
+    Speeds are averages over the time since the previous message; where one was lost, their sum misses a part and the
+    count of ticks does not. A count that goes otherwise than the speed, as when the driver was started anew, is not
+    believed.
     """
-    dt = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
-    return np.cumsum(wheels["psi_left"] * dt), np.cumsum(wheels["psi_right"] * dt)
+    turned = wheels[f"psi_{side}"] * np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
+    ticks = np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1])
+    counted = (ticks != 0.0) & (turned != 0.0)
+    if counted.any():
+        by_ticks = ticks * float(np.median(turned[counted] / ticks[counted]))
+        lost = np.abs(by_ticks - turned) > SAME_ANGLE * np.abs(turned)
+        believed = np.abs(by_ticks - turned) < UNLIKE_ANGLE * np.abs(turned)
+        turned = np.where(counted & lost & believed, by_ticks, turned)
+    return np.cumsum(turned)
 
 
 def _segment(recording: Recording, first: int, last: int) -> Segment | None:
@@ -168,8 +183,8 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
         right_edge=edges[1][1],
         at=np.searchsorted(times, poses.utime),
         utime=poses.utime,
-        x=poses["x"],
-        y=poses["y"],
+        x=np.ascontiguousarray(poses["x"]),
+        y=np.ascontiguousarray(poses["y"]),
         theta=theta,
         start=_start(recording, poses, theta, _onset(recording, int(poses.utime[0]), last)),
     )
