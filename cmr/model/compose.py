@@ -53,7 +53,7 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
 
     `definitions` are the parameters that robots have; those of sensors need not be among them.
     """
-    statements = _Statements(effects)
+    statements = Statements(effects)
     rows = rows_of(effects, definitions)
     constants = [f"{name.upper()} = {LANES * i}" for i, name in enumerate(rows)]
     changed = ("x", "y", "theta", *(f"{name}_{side}" for name in ("psi", "angle", "domega") for side in SIDES), "time")
@@ -94,7 +94,7 @@ def _indented(lines: Iterable[str], by: int) -> str:
     return "".join(" " * by + part + "\n" for line in lines for part in line.splitlines())
 
 
-class _Statements:
+class Statements:
     """The statements of all effects, ready to be put into the step."""
 
     def __init__(self, effects: Sequence[Effect]) -> None:
@@ -107,7 +107,11 @@ class _Statements:
 
     def both(self, stage: str) -> list[str]:
         """Return the statements of a side's stage, for both sides."""
-        return [line for side in SIDES for effect in self._effects for line in self._lines(effect, stage, side)]
+        return [line for side in SIDES for line in self.of_side(stage, side)]
+
+    def of_side(self, stage: str, side: str) -> list[str]:
+        """Return the statements of a side's stage, for one side."""
+        return [line for effect in self._effects for line in self._lines(effect, stage, side)]
 
     def _lines(self, effect: Effect, stage: str, side: str | None) -> list[str]:
         if stage not in effect.equations:
@@ -162,7 +166,7 @@ def _stream(name: str) -> int:
     return int.from_bytes(name.encode()[-7:], "little")
 
 
-def _step(statements: _Statements) -> list[str]:
+def _step(statements: Statements) -> list[str]:
     """Return the lines of one step."""
     each = [line for side in SIDES for line in _each(_BEFORE, side)]
     return [
@@ -198,7 +202,7 @@ def _each(lines: Iterable[str], side: str) -> list[str]:
     return [line.replace("_SIDE", f"_{side}") for line in lines]
 
 
-def _evaluation(statements: _Statements) -> list[str]:
+def _evaluation(statements: Statements) -> list[str]:
     """Return the lines that compute accelerations without friction, and friction, from the wheel speeds."""
     lines = [
         "load_share = max(0.0, duty_left * (duty_left - 0.8 * k1 * psi_left)) "
@@ -216,7 +220,7 @@ def _evaluation(statements: _Statements) -> list[str]:
     return lines
 
 
-def _point(statements: _Statements, point: str) -> list[str]:
+def _point(statements: Statements, point: str) -> list[str]:
     """Return the lines that compute the body's motion at a Gauss point."""
     sides = [line.replace("POINT", point) for side in SIDES for line in _each(_GROUND, side)]
     return [

@@ -1,0 +1,95 @@
+"""What sensors would say of a simulated drive: the stages of the catalogue that belong to sensors.
+
+The true motion comes as a trajectory; encoders, gyro and an external pose read it at the times on their messages'
+stamps. Noise is not part of the model.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cmr.model.catalogue import CATALOGUE
+from cmr.model.compose import SIDES, Statements
+from cmr.model.motion import Trajectory
+from cmr.model.parameters import RobotParameters
+
+
+class Readings(NamedTuple):
+    """What the sensors say, each at its own times: wheel angles [rad], yaw rate [rad/s], pose [m, m, rad]."""
+
+    angle_left: Any
+    angle_right: Any
+    yaw_rate: Any
+    x: Any
+    y: Any
+    theta: Any
+
+
+def read_sensors(
+    time: Any, motion: Trajectory, parameters: RobotParameters, encoder_time: Any, gyro_time: Any, pose_time: Any
+) -> Readings:
+    """Return what the sensors say of one robot's motion.
+
+    `time` [s], shape (T + 1,), are the times of the trajectory, from the start of the drive on; the others those on
+    the stamps of the readings. Between its times the motion is interpolated, outside it stands still.
+    """
+    values = _values(parameters)
+    sides = {
+        side: _stage("encoder", side)(
+            {**values, "time": np.asarray(encoder_time), "reading": np.interp(encoder_time, time, angle)}
+        )["reading"]
+        for side, angle in zip(SIDES, (motion.angle_left, motion.angle_right), strict=True)
+    }
+    seen = _stage("gyro_time")({**values, "time": np.asarray(gyro_time), "moment": np.asarray(gyro_time)})["moment"]
+    turning = np.interp(seen, time, yaw_rate(time, motion.theta))
+    gyro = _stage("gyro")({**values, "time": np.asarray(gyro_time), "reading": turning, "yaw_rate": turning})
+    pose = pose_seen(time, motion, parameters, pose_time)
+    return Readings(sides["left"], sides["right"], gyro["reading"], *pose)
+
+
+def pose_seen(time: Any, motion: Trajectory, parameters: RobotParameters, pose_time: Any) -> tuple[Any, Any, Any]:
+    """Return the external pose x, y, theta at its stamped times; arguments as in `read_sensors`."""
+    values = {**_values(parameters), "time": np.asarray(pose_time)}
+    moment = _stage("pose_time")({**values, "moment": np.asarray(pose_time)})["moment"]
+    place = {name: np.interp(moment, time, getattr(motion, name)) for name in ("x", "y", "theta")}
+    pose = _stage("pose")({**values, **place})
+    return pose["x"], pose["y"], pose["theta"]
+
+
+def yaw_rate(time: Any, theta: Any) -> Any:
+    """Return the yaw rate [rad/s] at each time, from the headings, which must not be wrapped."""
+    return np.gradient(theta, time)
+
+
+def _values(parameters: RobotParameters) -> dict[str, Any]:
+    """Return all parameters by name, neutral ones too."""
+    neutral = {
+        parameter.name: parameter.neutral
+        for effect in CATALOGUE.values()
+        if effect.is_sensor
+        for parameter in effect.parameters
+    }
+    return {**neutral, **parameters.values}
+
+
+@cache
+def _stage(stage: str, side: str | None = None) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
+    """Return a function from the variables of a stage, by name, to their values after all effects."""
+    statements = Statements(tuple(effect for effect in CATALOGUE.values() if effect.is_sensor))
+    lines = statements.of(stage) if side is None else statements.of_side(stage, side)
+    code = compile("\n".join(lines), f"<stage {stage}>", "exec")
+    functions = {
+        name: getattr(np, name) for name in ("exp", "cos", "sin", "sqrt", "floor", "where", "sign", "inf", "pi")
+    }
+
+    def run(variables: Mapping[str, Any]) -> dict[str, Any]:
+        suffix = f"_{side}" if side else ""
+        of_side = {"reading"} if side else set()
+        scope = {f"{name}{suffix}" if name in of_side else name: value for name, value in variables.items()}
+        with np.errstate(divide="ignore", invalid="ignore"):
+            exec(code, dict(functions, min=np.minimum, max=np.maximum), scope)
+        return {name: scope[f"{name}{suffix}" if name in of_side else name] for name in variables}
+
+    return run
