@@ -22,6 +22,7 @@ from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.following import ParameterFollower
+from cmr.world.loading import Loader
 from cmr.world.view import world_messages
 from cmr.world.world import World
 
@@ -36,9 +37,11 @@ def main(arguments: list[str]) -> int:
         raise CommandError(
             f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
         )
+    loader = Loader()
     world = World(
         virtual_robots(options.virtual, options.parameters_of),
         lambda robot_id: ParameterFollower(robot_id, options.parameters / f"robot_{robot_id}.yaml"),
+        loader.ready,
     )
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
@@ -53,7 +56,7 @@ def main(arguments: list[str]) -> int:
                 process.publish_all(_state_messages(world, utime, PACKET if options.split else None))
             if check.due():
                 world.poll_parameters()
-                _announce(world, process)
+                _announce(world, loader, process)
         return process.exit_code
 
 
@@ -108,14 +111,14 @@ def _state_messages(world: World, utime: int, largest: int | None) -> list[tuple
     return messages
 
 
-def _announce(world: World, process: Process) -> None:
-    """Repeat the parameters in use of all real robots, and report what is wrong with any file."""
+def _announce(world: World, loader: Loader, process: Process) -> None:
+    """Repeat the parameters in use of all real robots, and report what keeps any from being used."""
     for robot_id in world.real_robots:
         announcement = world.parameters[robot_id].announcement()
         if announcement is not None:
             process.repeat(PARAMETERS, announcement, robot_id, period=1.0)
     followers = [world.parameters[robot_id] for robot_id in sorted(world.parameters)]
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
-    problems = [follower.message for follower in followers if follower.message]
+    problems = [message for message in (*(follower.message for follower in followers), loader.message) if message]
     process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
     process.message = " ".join(problems)

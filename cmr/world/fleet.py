@@ -45,9 +45,13 @@ class Fleet:
         """Let robots move by other parameters from now on; their states stay."""
         self._model.set_parameters(self._indices(keys), parameters)
 
-    def command(self, keys: Sequence[Key], left: Sequence[float], right: Sequence[float]) -> None:
-        """Drive robots with these duties from now on; they are clipped to [-1, 1]."""
-        self._model.command(self._indices(keys), np.clip(left, -1.0, 1.0), np.clip(right, -1.0, 1.0))
+    def command(self, first: int, duties: Sequence[tuple[float, float]]) -> None:
+        """Drive robots with these duties from now on: those from index `first` on in the order of `robots`.
+
+        Duties are clipped to [-1, 1].
+        """
+        chosen = slice(first, first + len(duties))
+        self._model.command(chosen, *np.clip(np.reshape(duties, (-1, 2)), -1.0, 1.0).T)
 
     def advance(self, utime: int) -> bool:
         """Let one step pass if it is due by `utime`; tell whether it did."""

@@ -1,6 +1,6 @@
 """What a robot knows of the world: the latest state of every robot in it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,6 +50,12 @@ class Robots(NamedTuple):
         """Return those from index `first` up to, not including, `last`."""
         state = RobotState(*(column[first:last] for column in self.state))
         return Robots(self.robot_id[first:last], self.origin[first:last], state)
+
+    def each(self, utime: int) -> Iterator[Robot]:
+        """Yield them one by one, as they are at `utime` [us]."""
+        states = map(RobotState._make, zip(*np.array(self.state, dtype=float).tolist(), strict=True))
+        for robot_id, origin, state in zip(self.robot_id, self.origin, states, strict=True):
+            yield Robot(utime, robot_id, origin, state)
 
     def state_of(self, index: int) -> RobotState:
         """Return the state of one of them."""

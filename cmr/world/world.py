@@ -3,7 +3,8 @@
 It knows no bus: messages go in by `handle`, time passes by `advance`, robots come out of `robots`.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,10 +19,11 @@ from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour
 from cmr.world.commands import CommandMemory
 from cmr.world.estimator import Estimator
-from cmr.world.fleet import Fleet
+from cmr.world.fleet import STEP, Fleet
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
+LARGEST_TURN = 2_000  # robots that decide in one step; of 10,000 each decides 20 times a second
 LOST = 1_000_000  # us; a real robot of which nothing newer was heard leaves the world
 
 
@@ -102,7 +104,10 @@ class World:
         return bool(changed)
 
     def advance(self, utime: int) -> None:
-        """Let simulated robots move on to `utime` [us] in steps of 10 ms; behaviours decide at each step."""
+        """Let simulated robots move on to `utime` [us] in steps of 10 ms; behaviours decide at each step.
+
+        Of more than LARGEST_TURN simulated robots, each decides at every second, third, ... step.
+        """
         for robot_id in sorted(self._not_ready):
             self._take_over(robot_id)
         self._place_virtual()
@@ -112,7 +117,7 @@ class World:
             for robot in self.real():
                 self.view.put(robot)
             for robot_id, real in self._real.items():
-                self._drive_twin(robot_id, real, now)
+                self._begin_drive(robot_id, real, now)
             self._decide(now)
 
     def everybody(self) -> Robots:
@@ -121,11 +126,7 @@ class World:
 
     def robots(self) -> list[Robot]:
         """Return the same, one by one."""
-        simulated = self._fleet.robots()
-        keys = zip(simulated.robot_id, simulated.origin, strict=True)
-        return self.real() + [
-            Robot(self._fleet.utime, *key, simulated.state_of(index)) for index, key in enumerate(keys)
-        ]
+        return [*self.real(), *self._fleet.robots().each(self._fleet.utime)]
 
     def real(self) -> list[Robot]:
         """Return the real robots heard of lately; one whose clock is off by more is as good as not heard."""
@@ -186,27 +187,33 @@ class World:
         elif stream is MOTOR_COMMAND:
             behaviour.take_command(message.utime, message.left, message.right)
 
-    def _decide(self, utime: int) -> None:
-        """Let every behaviour command its robot."""
-        keys, duties = [], []
-        for virtual in self._virtual.values():
-            me = self.view.robot(virtual.robot_id)
-            if me is not None:
-                model = self._models[virtual.parameters_of]
-                keys.append((virtual.robot_id, VIRTUAL))
-                duties.append(virtual.behaviour.command(utime, me, self.view, model))
-        if keys:
-            self._fleet.command(keys, *zip(*duties, strict=True))
+    def _begin_drive(self, robot_id: int, real: _RealRobot, utime: int) -> None:
+        """At the beginning of each drive, put a real robot's twin where its robot is."""
+        if not any(self._command_of(real, utime)):
+            return
+        begins = utime - real.last_driven > REST_BEFORE_DRIVE
+        model = self._models.get(robot_id)
+        if model is not None and real.estimator.utime and (begins or (robot_id, TWIN) not in self._fleet):
+            start = RobotState(*(np.array([value]) for value in real.estimator.state))
+            self._fleet.place([(robot_id, TWIN)], start, model)
+        real.last_driven = utime
 
-    def _drive_twin(self, robot_id: int, real: _RealRobot, utime: int) -> None:
-        """Give the twin its robot's command; at the beginning of each drive, put it where its robot is."""
-        left, right = (0.0, 0.0) if self.estop.engaged else real.commands.at(utime)
-        if left or right:
-            model = self._models.get(robot_id)
-            begins = utime - real.last_driven > REST_BEFORE_DRIVE
-            if model is not None and real.estimator.utime and (begins or (robot_id, TWIN) not in self._fleet):
-                start = RobotState(*(np.array([value]) for value in real.estimator.state))
-                self._fleet.place([(robot_id, TWIN)], start, model)
-            real.last_driven = utime
-        if (robot_id, TWIN) in self._fleet:
-            self._fleet.command([(robot_id, TWIN)], [left], [right])
+    def _command_of(self, real: _RealRobot, utime: int) -> tuple[float, float]:
+        return (0.0, 0.0) if self.estop.engaged else real.commands.at(utime)
+
+    def _decide(self, utime: int) -> None:
+        """Command the simulated robots whose turn it is: all of them, unless there are very many."""
+        robots = self._fleet.robots()
+        turns = math.ceil(len(robots.robot_id) / LARGEST_TURN) or 1
+        first = utime // STEP % turns * LARGEST_TURN
+        chosen = robots.part(first, first + LARGEST_TURN)
+        self._fleet.command(first, list(self._duties(chosen, utime)))
+
+    def _duties(self, robots: Robots, utime: int) -> Iterator[tuple[float, float]]:
+        """Yield the duties of simulated robots: what behaviours decide, and what twins' robots are told."""
+        for me in robots.each(utime):
+            if me.origin == TWIN:
+                yield self._command_of(self._real[me.robot_id], utime)
+            else:
+                virtual = self._virtual[me.robot_id]
+                yield virtual.behaviour.command(utime, me, self.view, self._models[virtual.parameters_of])

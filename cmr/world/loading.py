@@ -1,0 +1,53 @@
+"""Load in the background what simulating takes: compiled for the first time, that is seconds without a world."""
+
+import time
+from threading import Thread
+
+from cmr.model.motion import RobotState
+from cmr.model.parameters import RobotParameters
+
+LONG = 1.0  # s; what takes longer is worth a word
+
+Key = tuple[tuple[str, float], ...]
+
+
+class Loader:
+    """Makes ready what robots need to be simulated by some parameters."""
+
+    def __init__(self) -> None:
+        self._threads: dict[Key, Thread] = {}
+        self._since: float = 0.0
+        self._ready: set[Key] = set()
+        self._failure = ""
+
+    def ready(self, parameters: RobotParameters) -> bool:
+        """Tell whether robots can be simulated by these parameters without delay; if not, begin to see to it."""
+        key = tuple(sorted(parameters.values.items()))
+        if key not in self._threads:
+            self._since = time.monotonic()
+            self._threads[key] = Thread(target=self._load, args=(key, parameters), daemon=True)
+            self._threads[key].start()
+        return key in self._ready
+
+    @property
+    def message(self) -> str:
+        """What keeps robots from being simulated by the newest parameters, empty if nothing does for long."""
+        loading = any(thread.is_alive() for thread in self._threads.values())
+        if loading and time.monotonic() - self._since > LONG:
+            return "The robot model is being compiled, as it is the first time it runs on this computer."
+        return self._failure
+
+    def _load(self, key: Key, parameters: RobotParameters) -> None:
+        """Simulate one robot by these parameters, which loads all that it takes."""
+        from cmr.model.fleet import Fleet
+
+        try:
+            fleet = Fleet(0.01)
+            fleet.add(RobotState.at_rest(), parameters)
+            fleet.advance()
+            fleet.states()
+        except Exception as error:  # of whatever kind: an effect that a package adds is anybody's code
+            self._failure = f"Robots cannot be simulated by the newest parameters: {error}"
+            return
+        self._ready.add(key)
+        self._failure = ""
