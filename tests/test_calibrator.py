@@ -1,13 +1,15 @@
 """The live calibrator: it sees when a drive is enough, says what is missing, and gives the offline numbers."""
 
+import math
 import random
 
+import numpy as np
 import pytest
 
 from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.coverage import Coverage
 from cmr.msg import calibration_status_t
-from tests.emulated_drive import DEFAULT, EPOCH, Message, messages, straight
+from tests.emulated_drive import DEFAULT, EPOCH, IDEAL, TRUTH, Message, messages, straight
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +42,33 @@ def test_it_waits_collects_and_fits_in_this_order(drive: list[Message]) -> None:
     assert status.state == calibration_status_t.DONE
     assert status.path_rmse_after < status.path_rmse_before
     assert status.k1_std > 0.0
+
+
+def test_during_the_drive_the_estimates_are_told_and_their_intervals_shrink() -> None:
+    calibrator = Calibrator(0)
+    spreads = []
+    looks = iter(EPOCH + 1_000_000 * second for second in (9, 13, 18, 24, 31))
+    due = next(looks)
+    for channel, message in messages(IDEAL):
+        calibrator.handle(message.utime, channel, message)
+        if message.utime >= due:
+            assert calibrator.tells_something
+            calibrator.look(calibrator.recording())
+            status = calibrator.status()
+            assert status.state == calibration_status_t.COLLECTING
+            spreads.append([getattr(status, f"{name}_std") for name in TRUTH])
+            for name, truth in TRUTH.items():
+                assert abs(getattr(status, name) - truth) < 5.0 * getattr(status, f"{name}_std"), name
+            due = next(looks, math.inf)
+    assert len(spreads) == 5
+    assert np.all(np.diff(spreads, axis=0)[:, 1:] < 0.0)  # k1 and base_width tell themselves all the time,
+    assert spreads[-1][0] < spreads[0][0]  # k2_over_k3 when the speed changes
+    # What is found in the end does not depend on having looked.
+    assert calibrator.fit() is not None
+    assert calibrator.result is not None
+    offline = fed(messages(IDEAL)).fit()
+    assert offline is not None
+    assert calibrator.result.estimates == offline.estimates
 
 
 def test_half_a_figure_eight_is_not_enough_and_it_says_what_is_missing(drive: list[Message]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
 from cmr.calibration.calibrate import calibrate
-from cmr.calibration.coverage import Coverage
+from cmr.calibration.coverage import MOVING_AT_ALL, Coverage
 from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationError, CalibrationResult
 from cmr.calibration.segments import LEAD
@@ -25,6 +25,8 @@ REST = 1_000_000  # us at rest that end the manoeuvre
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
 FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
 HEARD = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
+FIRST_LOOK = 3.0  # s of motion that tell something
+SHARP = 0.05  # relative standard deviation of an estimate that the next one can start from
 ENOUGH = 2.5  # a robot that does not stop is calibrated when every bucket has this many times its minimum
 
 
@@ -32,14 +34,15 @@ class Calibrator:
     """The calibration of one robot.
 
     `nominal` gives at least the wheel radius; None takes the newest parameters announced during the drive.
-    `state` is one of the states of calibration_status_t; `result` is there once `fit` succeeded. `missing` says
-    what the drive still lacks.
+    `state` is one of the states of calibration_status_t; `result` is there once `fit` succeeded. `preview` is what the
+    drive told when `look` was last called. `missing` says what the drive still lacks.
     """
 
     def __init__(self, robot_id: int, nominal: ParameterFile | None = None) -> None:
         self.robot_id = robot_id
         self.state: int = calibration_status_t.WAITING
         self.result: CalibrationResult | None = None
+        self.preview: CalibrationResult | None = None
         self.failure = ""
         self._nominal = nominal
         self._recorder = Recorder(robot_id)
@@ -115,6 +118,22 @@ class Calibrator:
         first = 0 if self._onset is None else self._onset - int(2 * LEAD * 1e6)
         return recording.between(first, self._end if self._end is not None else self._latest)
 
+    @property
+    def tells_something(self) -> bool:
+        """Whether the robot is being driven and has moved long enough for a first look."""
+        return self.state == calibration_status_t.COLLECTING and self._coverage.seconds[MOVING_AT_ALL] > FIRST_LOOK
+
+    def look(self, recording: Recording) -> None:
+        """Estimate the parameters from the drive so far, `recording()` of a moment ago, for `status` to tell."""
+        known = self.preview.estimates if self.preview else {}
+        sharp = {name: e.value for name, e in known.items() if e.std < SHARP * e.value}
+        try:
+            self.preview = calibrate(
+                recording, self._nominal, first=sharp if len(sharp) == len(PAPER_PARAMETERS) else None
+            )
+        except Exception:  # too little to tell, yet; what is wrong with a whole drive its fit will say
+            self.preview = None
+
     def fit(self) -> CalibrationResult | None:
         """Find the parameters from what has been gathered; None on failure, which `failure` explains."""
         try:
@@ -129,8 +148,9 @@ class Calibrator:
     def status(self) -> Any:
         """Return the calibration_status_t message of this moment."""
         fields: dict[str, float] = {}
+        found = self.result or self.preview
         for name in PAPER_PARAMETERS:
-            estimate = self.result.estimates.get(name) if self.result else None
+            estimate = found.estimates.get(name) if found else None
             fields[name] = estimate.value if estimate else math.nan
             fields[f"{name}_std"] = estimate.std if estimate else math.nan
         return make(
@@ -139,8 +159,8 @@ class Calibrator:
             robot_id=self.robot_id,
             state=self.state,
             progress=1.0 if self._end is not None else self._coverage.progress,
-            path_rmse_before=self.result.path_rmse_before if self.result else math.nan,
-            path_rmse_after=self.result.path_rmse_after if self.result else math.nan,
+            path_rmse_before=found.path_rmse_before if found else math.nan,
+            path_rmse_after=found.path_rmse_after if found else math.nan,
             message=self._sentence(),
             **fields,
         )

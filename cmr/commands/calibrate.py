@@ -4,6 +4,7 @@ import argparse
 import hashlib
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CALIBRATION_STATUS, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE
 from cmr.calibration.calibrate import calibrate
 from cmr.calibration.calibrator import Calibrator
+from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationError
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import calibration_status_t, process_status_t
@@ -19,6 +21,7 @@ from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.recordings.recording import RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s
+LOOK_PERIOD = 0.5  # s; the estimates so far are renewed as often, if the computer can
 FINISHED = (calibration_status_t.DONE, calibration_status_t.FAILED)
 ANNOUNCING = 3.0  # s for which a new file is announced before the command ends; cmr-sim goes on announcing it
 
@@ -98,9 +101,8 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     robot_id = options.robot if options.robot is not None else 0
     path = options.out or Path(f"robot_{robot_id}.yaml")
     calibrator = Calibrator(robot_id, nominal)
-    # The fit runs in a thread of its own, so that a signal still ends the process at once.
-    fitting = threading.Thread(target=calibrator.fit, daemon=True)
-    report = Timer(STATUS_PERIOD)
+    work = Work()
+    report, look = Timer(STATUS_PERIOD), Timer(LOOK_PERIOD)
     finished_at: float | None = None
     said = ""
     with Process("cmr-calibrate", options.lcm_url) as process:
@@ -108,8 +110,10 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
             process.subscribe(stream, robot_id, every=True)
         for _utime in process.loop(rate_hz=50.0):
             process.dispatch(calibrator.handle)
-            if calibrator.complete and fitting.ident is None:
-                fitting.start()
+            if work.idle and calibrator.complete and calibrator.state == calibration_status_t.FITTING:
+                work.begin(calibrator.fit)
+            elif work.idle and calibrator.tells_something and look.due():
+                work.begin(calibrator.look, calibrator.recording())
             if calibrator.state in FINISHED and finished_at is None:
                 finished_at = time.monotonic()
                 _publish_result(calibrator, path, process)
@@ -122,6 +126,23 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     if calibrator.state == calibration_status_t.FAILED:
         raise CommandError(calibrator.failure)
     return process.exit_code
+
+
+class Work:
+    """One piece of work at a time in a thread of its own, so that the loop goes on and a signal ends the process."""
+
+    def __init__(self) -> None:
+        self._thread: threading.Thread | None = None
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is being worked at."""
+        return self._thread is None or not self._thread.is_alive()
+
+    def begin(self, work: Callable[..., Any], *arguments: Any) -> None:
+        """Begin a piece of work."""
+        self._thread = threading.Thread(target=work, args=arguments, daemon=True)
+        self._thread.start()
 
 
 def _publish_result(calibrator: Calibrator, path: Path, process: Process) -> None:
@@ -149,5 +170,12 @@ def _say(robot_id: int, status: Any, said: str) -> str:
     """Print the status once for each new state, and each time another tenth is covered; return what was said."""
     saying = f"{status.state} {int(status.progress * 10)}"
     if saying != said:
-        print(f"robot {robot_id}: {100 * status.progress:3.0f} %  {status.message}", flush=True)
+        print(f"robot {robot_id}: {100 * status.progress:3.0f} %  {status.message}{_so_far(status)}", flush=True)
     return saying
+
+
+def _so_far(status: Any) -> str:
+    """Return the estimates of a drive that goes on; empty without any."""
+    values = [(name, getattr(status, name), getattr(status, f"{name}_std")) for name in PAPER_PARAMETERS]
+    told = [f"{name} {value:.4g} +- {std:.1g}" for name, value, std in values if value == value]
+    return f" So far: {', '.join(told)}." if told and status.state == calibration_status_t.COLLECTING else ""
