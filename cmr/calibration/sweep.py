@@ -7,9 +7,9 @@ Three facts make it fast, and none of them is an approximation beyond rounding:
 * Heading is linear in z = 1 / base_width. Within a leg, a piece of path so short that no candidate turns by more than
   LARGEST_TURN, the way from the leg's start is a power series in iz whose real coefficients the candidates of a motor
   share: a point driven through at the heading A z adds its length times (iAz)^k / k! to the coefficient k.
-* So is, over all poses of a leg, the sum of squared distances: with p the leg's start, u its direction, q_j(z) the
-  series up to pose j, and r_j the pose as measured, the sum of |p + u q_j - r_j|^2 falls into sums over j of q_j,
-  of q_j conj(r_j) and of |q_j|^2, which are series in z as well.
+* So is, over all poses of a leg, the sum of squared distances: with p the leg's start, u the direction of its middle
+  heading, q_j(z) the series up to pose j, and r_j the pose as measured, the sum of |p + u q_j - r_j|^2 falls into sums
+  over j of q_j, of q_j conj(r_j) and of |q_j|^2, which are series in z as well.
 
 What is left for each candidate is, once a leg, to turn u and to evaluate the series. The points driven through, and
 their lengths, are those of the model's own step (two Gauss points a span), so the result is the model's.
@@ -25,7 +25,9 @@ MOTORS = 16  # computed side by side
 LANES = 8  # base widths evaluated side by side
 TERMS = 12  # of a series: the first left out is below 0.3^12 / 12! = 1e-15 of the way
 SQUARE_TERMS = 7  # of |q|^2, in z^2, where the first left out is below 0.6^14 / 14! = 1e-14
-LARGEST_TURN = 0.6  # rad; headings then stay within 0.3 rad of the middle one
+# rad in a leg; headings then stay within 0.3 rad of the middle one. A single span may turn by up to 1 rad, where the
+# model itself splits it: then 1e-12 of the way is left out.
+LARGEST_TURN = 0.6
 LONGEST_LEG = 32  # spans; the sums of squares lose digits where a leg is much longer than the distances
 
 # Rows of one span in the trail of a leg; each row holds MOTORS numbers.
@@ -37,6 +39,7 @@ SERIES = (4 * TERMS + SQUARE_TERMS) * MOTORS
 # Rows of a block of candidates; each row holds LANES numbers.
 INVERSE_WIDTH, DIRECTION_X, DIRECTION_Y, X, Y, ERROR = (k * LANES for k in range(6))
 BLOCK = 6 * LANES
+DURATION = COEFFICIENTS * MOTORS  # where the response keeps the duration [s] it is for, behind its rows
 
 
 @inlined
@@ -91,8 +94,8 @@ def _leg(trail, response, motors, radius, left, right, dt, first, last, largest_
     spans = 0
     while spans < LONGEST_LEG and first + spans < last:
         k = first + spans
-        if response[COEFFICIENTS * MOTORS] != dt[k]:
-            response[COEFFICIENTS * MOTORS] = dt[k]
+        if response[DURATION] != dt[k]:
+            response[DURATION] = dt[k]
             _respond(response, radius, motors, dt[k])
         after = trail[(spans + 1) * TRAIL : (spans + 2) * TRAIL]
         _roll(trail[spans * TRAIL : (spans + 1) * TRAIL], after, response, left[k], right[k])
@@ -107,10 +110,7 @@ def _add_span(series, span, middle):  # type: ignore[no-untyped-def]
     """Add the way of one span to the series of the way; headings count from `middle`."""
     for i in range(MOTORS):
         first, second = span[FIRST_LENGTH + i], span[SECOND_LENGTH + i]
-        first_angle, second_angle = (
-            span[FIRST_ANGLE + i] - middle[i],
-            span[SECOND_ANGLE + i] - middle[i],
-        )
+        first_angle, second_angle = span[FIRST_ANGLE + i] - middle[i], span[SECOND_ANGLE + i] - middle[i]
         for k in range(TERMS):
             series[WAY + k * MOTORS + i] += first + second
             first *= first_angle * (1.0 / (k + 1))
@@ -185,6 +185,26 @@ def _alternating(c, z):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def _squares(series, row):  # type: ignore[no-untyped-def]
+    """Return the coefficients of the series of squares, as numbers."""
+    return (
+        series[row],
+        series[row + MOTORS],
+        series[row + 2 * MOTORS],
+        series[row + 3 * MOTORS],
+        series[row + 4 * MOTORS],
+        series[row + 5 * MOTORS],
+        series[row + 6 * MOTORS],
+    )
+
+
+@inlined
+def _polynomial(c, z):  # type: ignore[no-untyped-def]
+    """Return c0 + c1 z + c2 z^2 + ..."""
+    return c[0] + z * (c[1] + z * (c[2] + z * (c[3] + z * (c[4] + z * (c[5] + z * c[6])))))
+
+
+@inlined
 def _nearest(lanes, block):  # type: ignore[no-untyped-def]
     """Return the smallest error of a block's candidates."""
     nearest = np.inf
@@ -204,10 +224,7 @@ def _advance(lanes, alive, turn, series, motor, poses, centre_x, centre_y, scatt
     sum_even, sum_odd = _every_other(series, SUM + motor), _every_other(series, SUM + MOTORS + motor)
     x_even, x_odd = _every_other(series, ALONG_X + motor), _every_other(series, ALONG_X + MOTORS + motor)
     y_even, y_odd = _every_other(series, ALONG_Y + motor), _every_other(series, ALONG_Y + MOTORS + motor)
-    s0, s1 = series[SQUARE + motor] + scatter, series[SQUARE + MOTORS + motor]
-    s2, s3 = series[SQUARE + 2 * MOTORS + motor], series[SQUARE + 3 * MOTORS + motor]
-    s4, s5 = series[SQUARE + 4 * MOTORS + motor], series[SQUARE + 5 * MOTORS + motor]
-    s6 = series[SQUARE + 6 * MOTORS + motor]
+    square = _squares(series, SQUARE + motor)
     for block in range(len(alive)):
         if not alive[block]:
             continue
@@ -223,13 +240,13 @@ def _advance(lanes, alive, turn, series, motor, poses, centre_x, centre_y, scatt
             sum_x, sum_y = _alternating(sum_even, zz), z * _alternating(sum_odd, zz)
             along = from_x * sum_x + from_y * sum_y - (_alternating(x_even, zz) + z * _alternating(y_odd, zz))
             across = from_x * sum_y - from_y * sum_x - (z * _alternating(x_odd, zz) - _alternating(y_even, zz))
-            square = s0 + zz * (s1 + zz * (s2 + zz * (s3 + zz * (s4 + zz * (s5 + zz * s6)))))
-            error = poses * (from_x * from_x + from_y * from_y) + square + 2.0 * (u_x * along - u_y * across)
+            error = poses * (from_x * from_x + from_y * from_y) + (scatter + _polynomial(square, zz))
+            error += 2.0 * (u_x * along - u_y * across)
             way_x, way_y = _alternating(way_even, zz), z * _alternating(way_odd, zz)
             lanes[i + DIRECTION_X], lanes[i + DIRECTION_Y] = u_x, u_y
             lanes[i + X] = x + (u_x * way_x - u_y * way_y)
             lanes[i + Y] = y + (u_x * way_y + u_y * way_x)
-            lanes[i + ERROR] += max(error, 0.0)
+            lanes[i + ERROR] += max(error, 0.0)  # rounding must not let it shrink
         if bound < np.inf:
             alive[block] = _nearest(lanes, block) <= bound
 
@@ -284,9 +301,9 @@ def add_squared_distances(  # type: ignore[no-untyped-def]
     widths filled in; `largest_turn` is LARGEST_TURN times the smallest width. Blocks whose errors all exceed `bound`
     are given up and marked in `alive` (MOTORS, B).
     """
-    trail, response = np.empty((LONGEST_LEG + 1) * TRAIL), np.empty((COEFFICIENTS + 1) * MOTORS)
+    trail, response = np.empty((LONGEST_LEG + 1) * TRAIL), np.empty(DURATION + 1)
     series, middle, carried = np.empty(SERIES), np.empty(MOTORS), np.empty(MOTORS)
-    response[COEFFICIENTS * MOTORS] = -1.0
+    response[DURATION] = -1.0
     for segment in range(len(starts)):
         _place(lanes, trail, carried, starts[segment])
         k, end = segments[segment], segments[segment + 1]
