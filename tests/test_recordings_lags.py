@@ -1,5 +1,6 @@
 """What the comparison of clocks promises: lags are found to a fraction of a sample, or are called unknown."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -84,3 +85,15 @@ def test_coarse_encoders_neither_hide_a_lag_nor_make_it_look_more_certain_than_i
         errors.append((lag.seconds - 0.002) / lag.std)
     # The mean square of 8 is above 3.3 in one of 1,000 cases (chi-square).
     assert 0.1 < np.mean(np.square(errors)) < 3.3
+
+
+def test_a_manoeuvre_that_repeats_itself_does_not_tell_by_how_many_periods_a_clock_is_late() -> None:
+    def swinging(share: float) -> tuple[float, float]:
+        turning = 0.3 * math.sin(2.0 * math.pi * 30.0 * share)  # once a second
+        return 0.2 + turning, 0.2 - turning
+
+    whole = later(recording(swinging, 1), "poses", 0.68)
+    start = int(whole.poses.utime[0])
+    lag = lags_of(whole.between(start + 5_000_000, start + 25_000_000))[0]
+    assert not lag.known
+    assert lag.why_unknown == "several lags fit alike"
