@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
 from textwrap import fill
 
 from cmr.bus.preflight import DEFAULT_URL, BusError
@@ -40,8 +39,18 @@ def parser(name: str, description: str, example: str, bus: str = USUAL_BUS) -> a
         metavar="URL",
         help=bus,
     )
-    result.add_argument("--version", action="version", version=f"{name} {version('cmr')}")
+    result.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     return result
+
+
+class _Version(argparse.Action):
+    """Prints the version; it is looked up only then, because that takes as long as all the rest of a start."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_arguments: object) -> None:
+        from importlib.metadata import version
+
+        print(f"{parser.prog} {version('cmr')}")
+        parser.exit()
 
 
 def parse_robot_id(text: str) -> int:

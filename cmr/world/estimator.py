@@ -6,7 +6,7 @@ chapters 5.4 and 7.
 """
 
 from collections import deque
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE, identify
 from cmr.model.body import arc, forward, turn, wrap
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
-from cmr.recordings.recording import Floats
 
+Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 POSE_STD = (0.01, 0.01, 0.02)  # m, m, rad: motion capture or lidar SLAM
 SLIP_STD = 0.03  # m per square root of metre travelled
 TURN_STD = {"gyro": 0.01, "wheels": 0.1}  # rad per square root of second with a gyro; of radian turned without one

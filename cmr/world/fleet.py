@@ -1,12 +1,13 @@
 """Simulated robots, virtual ones and twins: one step of the model advances them all together."""
 
 from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
-from cmr.recordings.recording import Times
 from cmr.world.view import Robots
 
 STEP = 10_000  # us; one step of the simulation
@@ -19,12 +20,15 @@ class Fleet:
     """The simulated robots of a world, known by (robot id, origin); `utime` is the moment for which states hold."""
 
     def __init__(self) -> None:
-        from cmr.model.fleet import Fleet as Model  # imports Numba, which who only looks at the world does without
-
         self.utime = 0
-        self._model = Model(STEP * 1e-6)
         self._index: dict[Key, int] = {}
-        self._robots = Robots((), (), self._model.states())
+        self._robots = Robots.of([])
+
+    @cached_property
+    def _model(self) -> Any:
+        from cmr.model.fleet import Fleet as Model  # imports Numba, which takes half a second
+
+        return Model(STEP * 1e-6)
 
     def __contains__(self, key: Key) -> bool:
         return key in self._index
@@ -60,13 +64,14 @@ class Fleet:
         if self.utime + STEP > utime:
             return False
         self.utime += STEP
-        self._model.advance()
-        self._robots = self._robots._replace(state=self._model.states())
+        if self._index:
+            self._model.advance()
+            self._robots = self._robots._replace(state=self._model.states())
         return True
 
     def robots(self) -> Robots:
         """Return all robots as they were after the last step; other commands and parameters show after the next."""
         return self._robots
 
-    def _indices(self, keys: Sequence[Key]) -> Times:
-        return np.array([self._index[key] for key in keys], dtype=np.int64)
+    def _indices(self, keys: Sequence[Key]) -> list[int]:
+        return [self._index[key] for key in keys]

@@ -12,6 +12,7 @@ import numpy as np
 
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, Stream, identify
+from cmr.model.body import wrap
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFileError
@@ -52,7 +53,7 @@ class World:
     """All robots. `follow` makes the parameter follower of a robot id; virtual robots move as their models do.
 
     Real robots are discovered by their MOTOR_FEEDBACK_N or POSE_N. `ready` tells whether robots can be simulated by
-    some parameters without delay; until then, those that move by others go on so, and new ones do not appear.
+    some parameters without delay; until then, those that move by others go on so, and new ones stand where they start.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class World:
         while self._fleet.advance(utime):
             now = self._fleet.utime
             self.view.take(now, self._fleet.robots())
-            for robot in self.real():
+            for robot in (*self.real(), *self._standing()):
                 self.view.put(robot)
             for robot_id, real in self._real.items():
                 self._begin_drive(robot_id, real, now)
@@ -122,11 +123,11 @@ class World:
 
     def everybody(self) -> Robots:
         """Return all robots of the world as they are now; real robots not heard of lately are left out."""
-        return Robots.of(self.real()).with_others(self._fleet.robots())
+        return Robots.of([*self.real(), *self._standing()]).with_others(self._fleet.robots())
 
     def robots(self) -> list[Robot]:
         """Return the same, one by one."""
-        return [*self.real(), *self._fleet.robots().each(self._fleet.utime)]
+        return [*self.real(), *self._standing(), *self._fleet.robots().each(self._fleet.utime)]
 
     def real(self) -> list[Robot]:
         """Return the real robots heard of lately; one whose clock is off by more is as good as not heard."""
@@ -134,6 +135,14 @@ class World:
             Robot(robot.estimator.utime, robot_id, REAL, robot.estimator.state)
             for robot_id, robot in self._real.items()
             if abs(self._fleet.utime - robot.estimator.utime) <= LOST
+        ]
+
+    def _standing(self) -> list[Robot]:
+        """Return the virtual robots whose parameters are known but not ready yet."""
+        return [
+            Robot(self._fleet.utime, robot.robot_id, VIRTUAL, RobotState.at_rest(robot.x, robot.y, wrap(robot.theta)))
+            for robot in self._absent
+            if robot.parameters_of in self._not_ready
         ]
 
     def _real_robot(self, robot_id: int) -> _RealRobot:
@@ -206,8 +215,9 @@ class World:
         robots = self._fleet.robots()
         turns = math.ceil(len(robots.robot_id) / LARGEST_TURN) or 1
         first = utime // STEP % turns * LARGEST_TURN
-        chosen = robots.part(first, first + LARGEST_TURN)
-        self._fleet.command(first, list(self._duties(chosen, utime)))
+        duties = list(self._duties(robots.part(first, first + LARGEST_TURN), utime))
+        if duties:
+            self._fleet.command(first, duties)
 
     def _duties(self, robots: Robots, utime: int) -> Iterator[tuple[float, float]]:
         """Yield the duties of simulated robots: what behaviours decide, and what twins' robots are told."""
