@@ -15,6 +15,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 # Numba has annotations from some version on; this way they make no difference.
 jit: Any = numba.njit
+config: Any = numba.config
 OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
 
@@ -28,6 +29,8 @@ def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Compile a function for one signature when it is first called; later processes find it in Numba's cache."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        if config.DISABLE_JIT:  # by the environment's NUMBA_DISABLE_JIT, to step through the code
+            return function
         return cast("Callable[P, R]", _Compiled(signature, function))
 
     return decorate

@@ -38,7 +38,7 @@ COMMAND_JITTER = Effect(
 COMMAND_LOSS = Effect(
     name="command_loss",
     group=GROUP,
-    cause="{command_loss:.1%} of the commands are lost; the one before stays in force.",
+    cause="Of all commands {command_loss:.1%} are lost; the one before stays in force.",
     equations={"packet": "lost = lost or random < command_loss"},
     parameters=(ParameterDefinition("command_loss", "-", "probability that a command is lost", 0.0, 0.9, 0.0, 0.05),),
     needs="commands that change often",
