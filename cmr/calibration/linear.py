@@ -73,28 +73,28 @@ class Linear:
 
     def _positions(self) -> list[tuple[str, Series]]:
         """Return the series of both coordinates [m], the path placed by the segment's shift and rotation."""
-        segment, path = self.segment, self.trajectory
-        shift = self.own[:3]
-        x, y = path.x - segment.start.x, path.y - segment.start.y
-        cos, sin = np.cos(shift[2]), np.sin(shift[2])
+        segment, at = self.segment, self.segment.at
+        shift_x, shift_y, rotation = self.own[:3]
+        x, y = self.trajectory.x[at] - segment.start.x, self.trajectory.y[at] - segment.start.y
+        cos, sin = np.cos(rotation), np.sin(rotation)
         turned_x, turned_y = cos * x - sin * y, sin * x + cos * y
+        rate_x, rate_y = self._rate(self.trajectory.x), self._rate(self.trajectory.y)
         result = []
-        for axis, turned, derivative, start, measured in (
-            ("x", turned_x, -turned_y, segment.start.x + shift[0], segment.x),
-            ("y", turned_y, turned_x, segment.start.y + shift[1], segment.y),
+        for axis, turned, derivative, rate, offset in (
+            ("x", turned_x, -turned_y[:, 0], cos * rate_x - sin * rate_y, segment.start.x + shift_x - segment.x),
+            ("y", turned_y, turned_x[:, 0], sin * rate_x + cos * rate_y, segment.start.y + shift_y - segment.y),
         ):
-            own = {axis: 1.0, "theta": derivative[segment.at, 0]} if segment.fits_start else {}
-            residual = start + turned[segment.at] - measured[:, np.newaxis]
-            result.append(("position", self._at_poses(residual, self._rate(turned[:, 0]), own)))
+            own = {axis: 1.0, "theta": derivative} if segment.fits_start else {}
+            result.append(("position", self._at_poses(turned, offset, rate, own)))
         return result
 
     def _headings(self) -> tuple[str, Series]:
         """Return the series of headings [rad]; markers need not point forward."""
         segment = self.segment
-        shift = self.own[OWN.index("theta")] + self.own[OWN.index("marker")]
-        residual = self.trajectory.theta[segment.at] + shift - segment.theta[:, np.newaxis]
+        offset = self.own[OWN.index("theta")] + self.own[OWN.index("marker")] - segment.theta
         own = {"marker": 1.0} | ({"theta": 1.0} if segment.fits_start else {})
-        return "heading", self._at_poses(residual, self._rate(self.trajectory.theta[:, 0]), own)
+        rate = self._rate(self.trajectory.theta)
+        return "heading", self._at_poses(self.trajectory.theta[segment.at], offset, rate, own)
 
     def _wheels(self) -> list[tuple[str, Series]]:
         """Return the series of each side's wheel angle [rad]; none where the wheels are followed."""
@@ -111,34 +111,36 @@ class Linear:
             if len(at) < 2:
                 continue
             angle = factor * modelled[at]
-            residual = angle + self.own[OWN.index(name)] - measured[:, np.newaxis]
-            derivatives = {name: 1.0, COMMAND_TIME: -factor * psi[at, 0], WHEEL_FACTOR: angle[:, 0]}
-            result.append(("wheel angle", self._series(residual, segment.border_times[at], derivatives)))
+            known = {name: 1.0, COMMAND_TIME: -factor * psi[at, 0], WHEEL_FACTOR: angle[:, 0]}
+            offset = self.own[OWN.index(name)] - measured
+            result.append(("wheel angle", self._series(angle, offset, segment.border_times[at], known)))
         return result
 
-    def _at_poses(self, residual: Floats, rate: Floats, own: Mapping[str, Floats | float]) -> Series:
-        late = -rate[self.segment.at]
-        return self._series(
-            residual, self.segment.border_times[self.segment.at], {COMMAND_TIME: late, POSE_TIME: late} | dict(own)
-        )
+    def _at_poses(self, modelled: Floats, offset: Floats, rate: Floats, own: Mapping[str, Floats | float]) -> Series:
+        known = {COMMAND_TIME: -rate, POSE_TIME: -rate} | dict(own)
+        return self._series(modelled, offset, self.segment.border_times[self.segment.at], known)
 
     def _rate(self, values: Floats) -> Floats:
-        """Return the derivative by time of what is known at the borders."""
-        return np.asarray(np.gradient(values, self.segment.border_times))
+        """Return the derivative by time, at the poses, of what is known at the borders."""
+        time, at = self.segment.border_times, self.segment.at
+        before, after = np.maximum(at - 1, 0), np.minimum(at + 1, len(time) - 1)
+        return np.asarray((values[after, 0] - values[before, 0]) / (time[after] - time[before]))
 
-    def _series(self, residual: Floats, times: Floats, known: Mapping[str, Floats | float]) -> Series:
-        """Return the first candidate's residuals (n, candidates) with derivatives: by differences, and `known` ones.
+    def _series(self, modelled: Floats, offset: Floats, times: Floats, known: Mapping[str, Floats | float]) -> Series:
+        """Return the series of `modelled` (n, candidates) plus `offset` (n,), with its derivatives.
 
-        Times enter linearly: what happens later by a little is less by that much of its rate.
+        Those by model parameters are differences of candidates, the others are `known`. Times enter linearly: what
+        happens later by a little is less by that much of its rate.
         """
         parameters = self.unknowns.parameters
-        derivatives = np.zeros((len(residual), self.unknowns.count))
-        derivatives[:, :parameters] = (residual[:, 1::2] - residual[:, 2::2]) / (2.0 * RELATIVE_STEP)
-        first = residual[:, 0].copy()
-        for name, values in known.items():
-            column = self.unknowns.column(name)
-            if column is not None:
-                derivatives[:, column] = values
-                if name in TIMES:
-                    first += values * self.shared[column]
-        return Series(first, derivatives, times)
+        derivatives = {name: values for name, values in known.items() if self.unknowns.column(name) is not None}
+        rows = np.empty((1 + parameters + len(derivatives), len(times)))
+        np.add(modelled[:, 0], offset, out=rows[0])
+        np.subtract(modelled[:, 1::2].T, modelled[:, 2::2].T, out=rows[1 : 1 + parameters])
+        rows[1 : 1 + parameters] *= 0.5 / RELATIVE_STEP
+        for row, (name, values) in enumerate(derivatives.items(), start=1 + parameters):
+            rows[row] = values
+            if name in TIMES:
+                rows[0] += rows[row] * self.shared[self.unknowns.shared.index(name)]
+        columns = [self.unknowns.column(name) for name in derivatives]
+        return Series(rows, (*range(parameters), *(column for column in columns if column is not None)), times)

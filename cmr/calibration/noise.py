@@ -28,11 +28,19 @@ SMALLEST_NOISE = 1e-12  # keeps perfect, made-up data from dividing by zero
 
 @dataclass(frozen=True)
 class Series:
-    """Residuals (n,) of one signal, in its unit, at `times` [s] (n,), and their derivatives by the unknowns (n, m)."""
+    """Residuals of one signal, in its unit, at `times` [s] (n,), with their derivatives.
 
-    residuals: Floats
-    derivatives: Floats
+    `rows` has shape (1 + k, n): the residuals, then the derivatives by the unknowns `columns` (k,); all others are 0.
+    """
+
+    rows: Floats
+    columns: tuple[int, ...]
     times: Floats
+
+    @property
+    def residuals(self) -> Floats:
+        """The residuals (n,)."""
+        return np.asarray(self.rows[0])
 
 
 @dataclass(frozen=True)
@@ -42,25 +50,23 @@ class Noise:
     coefficients: Floats
     size: float = 1.0
 
-    def whiten(self, series: Series) -> tuple[Floats, Floats]:
-        """Return what is new in residuals and derivatives, in units of the noise, of samples with a whole past."""
-        rows = _with_past(series.times, len(self.coefficients))
-        return self._new(series.residuals, rows), self._new(series.derivatives, rows)
-
-    def _new(self, values: Floats, rows: NDArray[np.int64]) -> Floats:
-        new = values[rows]
+    def whiten(self, rows: Floats, times: Floats) -> Floats:
+        """Return what is new in rows of shape (m, n), in units of the noise, at the times with a whole past."""
+        order = len(self.coefficients)
+        new = rows[:, order:] * (1.0 / self.size)
         for lag, coefficient in enumerate(self.coefficients, start=1):
-            new -= coefficient * values[rows - lag]
-        return np.asarray(new / self.size)
+            new -= (coefficient / self.size) * rows[:, order - lag : rows.shape[1] - lag]
+        past = _with_past(times, order)
+        return np.asarray(new if past.all() else new[:, past])
 
 
 def noise_of(series: Sequence[Series], order: int = ORDER, unknowns: int = 0) -> Noise:
     """Estimate the noise of a signal from its residuals, to which `unknowns` were fitted."""
     coefficients = _autoregression(series, min(order, _longest_order(series)))
-    new = [Noise(coefficients).whiten(one)[0] for one in series]
+    new = [Noise(coefficients).whiten(one.rows[:1], one.times)[0] for one in series]
     count = max(sum(len(values) for values in new), 1)
     size = _size(new, count)
-    total = sum(float(one.residuals @ one.residuals) for one in series) / sum(len(one.residuals) for one in series)
+    total = sum(_squares(one.residuals) for one in series) / sum(len(one.residuals) for one in series)
     # So many independent residuals would tell as much about a slow cause as these do; unknowns use them up.
     independent = count * min(max(total * (1.0 - float(np.sum(coefficients))) ** 2 / max(size**2, TINY), 0.0), 1.0)
     freedom = max(1.0 - unknowns / max(independent, 1.0), LEAST_FREEDOM)
@@ -73,13 +79,13 @@ def _longest_order(series: Sequence[Series]) -> int:
     return int(np.sum(lengths**2) / np.sum(lengths)) // SAMPLES_PER_ORDER
 
 
-def _with_past(times: Floats, order: int) -> NDArray[np.int64]:
-    """Return the rows that follow `order` others without a gap."""
+def _with_past(times: Floats, order: int) -> NDArray[np.bool_]:
+    """Tell which of the samples from number `order` on follow that many others without a gap."""
     if order == 0 or len(times) < 2:
-        return np.arange(min(order, len(times)), len(times))
+        return np.ones(max(len(times) - order, 0), dtype=bool)
     interval = np.diff(times)
     late = np.concatenate([[0], np.cumsum(interval > LONGEST_INTERVAL * np.median(interval))])
-    return np.asarray(np.flatnonzero(late[order:] == late[:-order]) + order)
+    return np.asarray(late[order:] == late[:-order])
 
 
 def _autoregression(series: Sequence[Series], order: int) -> Floats:
@@ -88,10 +94,10 @@ def _autoregression(series: Sequence[Series], order: int) -> Floats:
     if order == 0:
         return right
     for one in series:
-        rows = _with_past(one.times, order)
-        past = np.array([one.residuals[rows - lag] for lag in range(1, order + 1)])
-        normal += past @ past.T
-        right += past @ one.residuals[rows]
+        rows, past = one.residuals, _with_past(one.times, order)
+        lagged = np.array([rows[order - lag : len(rows) - lag][past] for lag in range(1, order + 1)])
+        normal += lagged @ lagged.T
+        right += lagged @ rows[order:][past]
     return _stable(np.linalg.pinv(normal) @ right)
 
 
@@ -110,7 +116,12 @@ def _size(new: Sequence[Floats], count: int) -> float:
     Where they scatter more than chance allows, that many times more counts as noise (method of batch means).
     """
     batches = [batch for values in new for batch in np.array_split(values, min(BATCHES, max(len(values), 1)))]
-    white = sum(float(values @ values) for values in new) / count
+    white = sum(_squares(values) for values in new) / count
     slow = sum(float(np.sum(batch)) ** 2 for batch in batches) / count
     chance = white * (1.0 + CHANCE * np.sqrt(2.0 / len(batches)))
     return float(np.sqrt(slow if slow > chance else white))
+
+
+def _squares(values: Floats) -> float:
+    """Return the sum of the squares; a dot product would start threads for as little."""
+    return float(np.einsum("i,i", values, values))

@@ -5,6 +5,7 @@ the cost grows with the number of segments, not with its cube. Source: Triggs et
 section 6.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,11 +31,13 @@ class NormalEquations:
         size = shared + own
         return cls(np.zeros((segments, size, size)), np.zeros((segments, size)), shared)
 
-    def add(self, segment: int, residuals: Floats, jacobian: Floats) -> None:
-        """Add rows of a segment: residuals (n,) and their derivatives (n, shared + own)."""
-        self.normal[segment] += jacobian.T @ jacobian
-        self.right[segment] += jacobian.T @ residuals
-        self.cost += 0.5 * float(residuals @ residuals)
+    def add(self, segment: int, rows: Floats, columns: Sequence[int]) -> None:
+        """Add measurements of a segment: rows (1 + k, n) of residuals and of their derivatives by `columns`."""
+        products = rows @ rows.T
+        at = np.array(columns, dtype=np.intp)
+        self.normal[segment][np.ix_(at, at)] += products[1:, 1:]
+        self.right[segment][at] += products[1:, 0]
+        self.cost += 0.5 * float(products[0, 0])
 
     def step(self, damping: float) -> tuple[Floats, Floats]:
         """Return the Levenberg-Marquardt step: of shared unknowns (shared,), and of own ones (segments, own)."""

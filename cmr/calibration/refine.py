@@ -8,7 +8,7 @@ between measured and modelled wheel angles keeps a wrong wheel radius, or a wron
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ ROUNDS = 8  # fits, each with the noise that the one before left; most settle in
 SETTLED = 0.1  # standard deviations; less is no news
 ITERATIONS = 30
 NEGLIGIBLE = 1e-4  # of the cost function; a parameter is then some hundredth of a standard deviation from the optimum
+NEAR = 0.01  # share of the cost; enough where a better fit follows
 FIRST_DAMPING, LEAST_RAISED_DAMPING, HOPELESS_DAMPING = 1e-6, 1e-3, 1e6
 
 
@@ -53,7 +54,7 @@ class _Point:
     own: Floats
 
 
-@dataclass(frozen=True)
+@dataclass
 class Refinement:
     """Least squares fit of the parameters `names` to all segments.
 
@@ -67,6 +68,8 @@ class Refinement:
     values: Mapping[str, float]
     by_wheels: bool = False
     pose_clock_std: float = 0.1
+    # The newest linearisation; noise and normal equations are often asked for at the same point.
+    _last: tuple[_Point, list[tuple[int, str, Series]]] | None = field(default=None, init=False, repr=False)
 
     def solve(self, *, far: bool = False) -> Refined:
         """Return the estimates of `names`; a standard deviation is infinite where the data say nothing.
@@ -76,9 +79,9 @@ class Refinement:
         point = self._first_point()
         for seconds in PREFIXES if far else ():
             beginnings = replace(self, segments=[segment.beginning(seconds) for segment in self.segments])
-            point = replace(point, shared=beginnings._fit(point, beginnings._noise(point, 0)).shared)
+            point = replace(point, shared=beginnings._fit(point, beginnings._noise(point, 0), NEAR).shared)
         # At a first guess the residuals show how wrong it is; only near the optimum do they show the noise.
-        point = self._fit(point, self._noise(point, 0))
+        point = self._fit(point, self._noise(point, 0), NEAR)
         for _round in range(ROUNDS):
             noise, before = self._noise(point, ORDER), point
             point = self._fit(point, noise)
@@ -129,8 +132,11 @@ class Refinement:
         starts = 3 * sum(segment.fits_start for segment in self.segments)
         return {signal: noise_of(ones, order, len(point.shared) + starts) for signal, ones in series.items()}
 
-    def _fit(self, point: _Point, noise: Mapping[str, Noise]) -> _Point:
-        """Return the least-squares solution for this noise (Levenberg-Marquardt)."""
+    def _fit(self, point: _Point, noise: Mapping[str, Noise], enough: float = 0.0) -> _Point:
+        """Return the least-squares solution for this noise (Levenberg-Marquardt).
+
+        It ends when a step gains next to nothing, or less than the share `enough` of the cost.
+        """
         equations, damping = self._equations(point, noise), FIRST_DAMPING
         for _iteration in range(ITERATIONS):
             shared, own = equations.step(damping)
@@ -141,7 +147,7 @@ class Refinement:
                 point, equations, damping = trial, attempt, damping / 10.0
             else:
                 damping = max(damping * 10.0, LEAST_RAISED_DAMPING)
-            if 0.0 <= gained < NEGLIGIBLE or damping > HOPELESS_DAMPING:
+            if 0.0 <= gained < max(NEGLIGIBLE, enough * equations.cost) or damping > HOPELESS_DAMPING:
                 break
         return point
 
@@ -150,18 +156,21 @@ class Refinement:
         unknowns = self.unknowns
         equations = NormalEquations.empty(len(self.segments), len(unknowns.shared), len(OWN))
         for segment, signal, series in self._linearised(point):
-            equations.add(segment, *noise[signal].whiten(series))
+            equations.add(segment, noise[signal].whiten(series.rows, series.times), series.columns)
         command_clock_std = COMMAND_CLOCK_STD if self._has_wheels else SERIAL_LINE_STD
         for name, known in ((COMMAND_TIME, command_clock_std), (POSE_TIME, self.pose_clock_std)):
             column = unknowns.column(name)
             if column is not None:
-                row = np.zeros((1, unknowns.count))
-                row[0, column] = 1.0 / known
-                equations.add(0, point.shared[[column]] / known, row)
+                equations.add(0, np.array([[point.shared[column]], [1.0]]) / known, [column])
         return equations
 
-    def _linearised(self, point: _Point) -> Iterator[tuple[int, str, Series]]:
-        """Yield the residuals and derivatives of every signal: (segment, name of the signal, series)."""
+    def _linearised(self, point: _Point) -> list[tuple[int, str, Series]]:
+        """Return the residuals and derivatives of every signal: (segment, name of the signal, series)."""
+        if self._last is None or self._last[0] is not point:
+            self._last = point, list(self._series(point))
+        return self._last[1]
+
+    def _series(self, point: _Point) -> Iterator[tuple[int, str, Series]]:
         unknowns, candidates = self.unknowns, self._candidates(point.shared[: len(self.names)])
         for index, segment in enumerate(self.segments):
             path = segment.follow_wheels(candidates) if self.by_wheels else segment.simulate(candidates)
