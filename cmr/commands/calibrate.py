@@ -14,7 +14,7 @@ from cmr.bus.streams import CALIBRATION_STATUS, GYRO, MOTOR_COMMAND, MOTOR_FEEDB
 from cmr.calibration.calibrate import calibrate
 from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.fitting import PAPER_PARAMETERS
-from cmr.calibration.result import CalibrationError
+from cmr.calibration.result import CalibrationError, CalibrationResult
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
@@ -62,6 +62,13 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options.add_argument(
         "--out", type=Path, default=None, metavar="FILE", help="file to write; live: robot_N.yaml, log: only print"
     )
+    options.add_argument(
+        "--picture",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="draw path, residuals and error surface, as .png, .svg or .pdf",
+    )
     return options.parse_args(arguments)
 
 
@@ -79,6 +86,7 @@ def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> in
     except (RecordingError, CalibrationError) as error:
         raise CommandError(str(error)) from error
     print(result.summary())
+    _draw(result, options.picture)
     if options.out:
         digest = hashlib.sha256()
         for path in options.log:
@@ -125,6 +133,8 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
                 break
     if calibrator.state == calibration_status_t.FAILED:
         raise CommandError(calibrator.failure)
+    if calibrator.result is not None:
+        _draw(calibrator.result, options.picture)
     return process.exit_code
 
 
@@ -157,6 +167,16 @@ def _publish_result(calibrator: Calibrator, path: Path, process: Process) -> Non
     announcement = parameters.announcement(sequence=now_utime())
     process.parameters_sha256 = announcement.sha256
     process.repeat(PARAMETERS, announcement, calibrator.robot_id, period=1.0)
+
+
+def _draw(result: CalibrationResult, path: Path | None) -> None:
+    if path is None:
+        return
+    try:
+        result.plot().savefig(path)
+    except (OSError, ValueError) as error:
+        raise CommandError(f"{path}: cannot be drawn: {error}. Choose another place with --picture.") from error
+    print(f"drawn in {path}")
 
 
 def _save(parameters: ParameterFile, path: Path) -> None:
