@@ -11,7 +11,7 @@ from importlib import import_module
 
 
 def run(module: str) -> int:
-    """Run `main()` of a command's module; return its exit code (0 done, 1 failed, 2 wrong usage, 130 interrupted)."""
+    """Run `main()` of a command's module and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda _number, _frame: os._exit(130))
     try:
@@ -27,7 +27,11 @@ def run(module: str) -> int:
             file=sys.stderr,
         )
         return 1
-    return guarded(main, sys.argv[1:])
+    code = guarded(main, sys.argv[1:])
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Everything of ours is closed; to take Numba apart would keep an interrupted process for half a second longer.
+    os._exit(code)
 
 
 def calibrate() -> int:
