@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from cmr.bus.messages import make
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, pose_xyt_t
 from cmr.recordings import Recorder, Recording
+from cmr.recordings.arrivals import KEPT, Kept
 from cmr.recordings.checks import check
-from cmr.recordings.signal import Signal
+from cmr.recordings.signal import Floats, Signal
 from tests.emulated_drive import EPOCH, figure_eight, messages, write_log
 from tests.faulty_drive import (
     at_rest,
@@ -212,7 +213,48 @@ MESSAGES = st.lists(
 )
 
 
-@settings(max_examples=200, deadline=None)
+def values_of_a_kind(rng: np.random.Generator, count: int) -> Floats:
+    """Return values as a broken sensor gives them, of one of several kinds."""
+    return (
+        np.zeros(count),
+        np.full(count, rng.normal()),
+        rng.normal(0.0, 10.0 ** rng.uniform(-6, 6), count),
+        np.cumsum(rng.normal(size=count)),
+        np.sin(np.arange(count) * rng.uniform(0.0, 2.0)),
+        np.repeat(rng.normal(size=count // 7 + 1), 7)[:count],
+        np.where(rng.uniform(size=count) < 0.1, 1e300, rng.normal(size=count)),
+        np.where(rng.uniform(size=count) < 0.5, 1e-300, 0.0),
+    )[rng.integers(8)]
+
+
+def signal_of_a_kind(rng: np.random.Generator, kept: Kept) -> Signal:
+    """Return a signal of any length and any kind of time steps."""
+    count = int(rng.choice([0, 1, 2, 3, 11, 12, 60, 250, 1000]))
+    steps = (
+        np.full(count, 10_000),
+        np.ones(count, np.int64),
+        rng.integers(1, 50_000, count),
+        np.where(rng.uniform(size=count) < 0.05, 10**9, 20_000),
+    )[rng.integers(4)]
+    utime = EPOCH + rng.integers(10**6) + np.cumsum(steps)
+    return Signal(utime, {name: values_of_a_kind(rng, count) for name in kept.fields}, rng.permutation(count))
+
+
+@pytest.mark.filterwarnings("error")
+def test_sensors_broken_in_any_way_neither_stop_the_checks_nor_make_them_overflow() -> None:
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        signals = {name: signal_of_a_kind(rng, kept) for name, kept in KEPT.items()}
+        whole = Recording(0, **signals)  # type: ignore[arg-type]
+        findings = check(whole)
+        assert findings["damaged_samples"].found == sum(
+            int(np.count_nonzero(np.any([np.abs(values) > 1e9 for values in signal.fields.values()], axis=0)))
+            for signal in signals.values()
+        )
+        findings.cleaned(whole)
+
+
+@settings(max_examples=100, deadline=None)
 @given(messages=MESSAGES, spacing=st.sampled_from([0, 1, 10_000, 100_000, 2_000_000]))
 def test_no_recording_is_so_odd_that_it_cannot_be_checked(
     messages: list[tuple[str, int, float, float, float, int]], spacing: int

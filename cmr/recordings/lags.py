@@ -13,6 +13,9 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.robust import quantile, running_median, spread
 from cmr.recordings.signal import SECONDS, Floats, Signal, Times
 
+LEAST_MOTION = 1e-9  # spread of rates, in any unit; less is nothing
+ROUNDING = 1e-12  # of sums of squares
+FEWEST_SPANS = 4  # of common time
 REACH = 2.5  # s; longer lags are not looked for
 STEP = 0.04  # s between the moments at which the rates are compared
 SPAN = 0.2  # s over which rates are averaged, twice; longer where a sensor is slow
@@ -117,13 +120,15 @@ def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
     if last - first > SPARSEST * (len(late.time) + len(early.time)):
         return Lag.unknown(sensor, reference, "the recording is mostly gaps")
     span = max(SPAN, *(2.5 * float(np.median(np.diff(travel.time))) for travel in (late, early)))
+    if last - first < FEWEST_SPANS * span:
+        return Lag.unknown(sensor, reference, "one of them comes too seldom")
     moments = np.arange(first + 0.5 * span, last - 0.5 * span, STEP)
     pairs = [
         (_rates(late.time, a, moments, span), _rates(early.time, b, moments, span))
         for a, b in ((late.driven, early.driven), (late.turned, early.turned))
         if a is not None and b is not None
     ]
-    pairs = [pair for pair in pairs if min(float(np.std(rates)) for rates in pair) > 0.0]
+    pairs = [pair for pair in pairs if min(float(np.std(rates)) for rates in pair) > LEAST_MOTION]
     if not pairs:
         return Lag.unknown(sensor, reference, "nothing moves in one of them")
     shifts = int(min(REACH, 0.25 * (last - first)) / STEP)
@@ -166,7 +171,8 @@ def _evidence(late: Floats, early: Floats, shifts: int, span: float) -> Floats:
     n = len(inner)
     within = squares[n : n + 2 * shifts + 1] - squares[: 2 * shifts + 1]
     within = within - (sums[n : n + 2 * shifts + 1] - sums[: 2 * shifts + 1]) ** 2 / n
-    correlation = product / np.sqrt(np.maximum(within, 1e-12 * squares[-1]) * float(inner @ inner))
+    energy = max(float(inner @ inner), ROUNDING * float(late @ late))
+    correlation = product / np.sqrt(np.maximum(within, ROUNDING * squares[-1]) * energy)
     independent = n * STEP / span
     return np.asarray(-0.5 * independent * np.log1p(-np.minimum(correlation**2, 0.9999)) * (correlation > 0.0))[::-1]
 

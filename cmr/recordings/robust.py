@@ -7,7 +7,8 @@ import numpy as np
 from cmr.recordings.signal import Floats
 
 TO_DEVIATION = 1.4826  # standard deviations of a normal distribution per median distance from 0
-NEGLIGIBLE = 1e-12  # of the weight of all; less decides nothing and may overflow
+LEAST_WEIGHT = 1e-100  # less is nothing, and division by it overflows
+NEGLIGIBLE = 1e-12  # of the weight of all; less decides nothing
 LOCAL = 100  # samples over which local noise is taken
 LOUDEST = 2.0  # times the noise of all: where there is more, the values are wrong
 SHARES = (0.75, 0.9)
@@ -79,7 +80,7 @@ def ratio(y: Floats, x: Floats) -> float:
     """Return the factor c that makes the sum of abs(y - c x) least; 0 where x is 0 throughout."""
     weight = np.abs(x)
     total = float(weight.sum())
-    if not total > 0.0:
+    if not total > LEAST_WEIGHT:
         return 0.0
     used = weight > NEGLIGIBLE * total
     quotient = y[used] / x[used]
