@@ -4,8 +4,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
-import numpy as np
-
 
 @dataclass(frozen=True)
 class ParameterDefinition:
@@ -27,6 +25,8 @@ class ParameterDefinition:
 
     def is_neutral(self, value: Any) -> bool:
         """Tell whether the value, or each of an array of values, is the neutral one."""
+        import numpy as np  # half of the time that cmr-driver would take to start, which needs no arrays
+
         return bool(np.all(np.asarray(value) == self.neutral))
 
     def allows(self, value: float) -> bool:
