@@ -1,0 +1,143 @@
+"""The text of docs/effects.md, written from the catalogue."""
+
+from textwrap import dedent
+
+from cmr.model.catalogue import CATALOGUE, typical
+from cmr.model.effect import GROUPS, Effect
+from cmr.model.parameters import ParameterDefinition
+from cmr.model.showcase import LAP, Showcase
+from cmr.model.stages import ALWAYS, FUNCTIONS, STAGES, Stage
+
+INTRODUCTION = f"""\
+# Effects
+
+What the three-parameter model of the paper leaves out. *Written by `scripts/write_effects_document` from
+`cmr/model/effects/`; do not edit.*
+
+An effect is one entry of the catalogue. Simulation, calibration, diagnosis and this page read the same entry, and the
+lines printed here as its equation are the code that runs. A parameter that is absent has its neutral value, which
+switches the effect off: the robot then moves bit for bit as if the effect did not exist.
+
+Sizes are typical of a robot with wheels of 4 cm radius, K2/K3 = 118 rad/s^2, K1 = 0.054 s/rad, a base width of 0.16 m
+and a top speed of 18 rad/s. Pictures show one lap of {LAP:g} s on a figure-eight, driven with the same commands without
+the effect (blue, as the paper's model simulates it) and with it (yellow, as the real robot would drive). The dot is the
+start. Pictures of sensors show the truth in blue and what the sensor says in yellow. On the right is the signal that
+changes, with the effect minus without it, or measured minus true. Where the effect is too small to see, it is drawn
+larger, and the caption says by how much.
+
+Duty is the commanded share of full drive, psi the speed of a side's wheels, domega their acceleration. `side` is 1.0 on
+the left and -1.0 on the right. The stages of the step, in which the equations stand, are explained
+[at the end](#stages-of-the-step).
+"""
+
+
+def document(showcases: dict[str, Showcase], example: str) -> str:
+    """Return the whole page; `example` is the source of an effect of the reader's own."""
+    parts = [INTRODUCTION, _contents()]
+    for group in GROUPS:
+        parts.append(f"## {group.capitalize()}\n")
+        parts += [_entry(effect, showcases[effect.name]) for effect in CATALOGUE.values() if effect.group == group]
+    return "\n".join([*parts, _stages(), _own(example)])
+
+
+def _contents() -> str:
+    rows = [
+        f"| {group} | {' · '.join(f'[{e.name}](#{e.name})' for e in CATALOGUE.values() if e.group == group)} |"
+        for group in GROUPS
+    ]
+    return "\n".join(["| group | effects |", "|---|---|", *rows, ""])
+
+
+def _entry(effect: Effect, shown: Showcase) -> str:
+    lines = [
+        f"### {effect.name}\n",
+        f"*{effect.sentence(typical(effect))}*\n",
+        f"![{effect.name}](effects/{effect.name}.png)\n",
+        f"{caption(shown)}\n",
+        "```python",
+        "\n\n".join(f"# {_heading(stage)}\n{dedent(code).strip()}" for stage, code in effect.equations.items()),
+        "```\n",
+        "| parameter | unit | meaning | neutral | typical | from | to |",
+        "|---|---|---|---|---|---|---|",
+        *(_parameter(parameter) for parameter in effect.parameters),
+        "",
+    ]
+    if effect.memory:
+        remembered = "; ".join(f"`{memory.name}` [{memory.unit}], {memory.meaning}" for memory in effect.memory)
+        lines.append(f"Remembers from step to step: {remembered}.\n")
+    lines.append(f"Shows in {effect.shows_in}. Needs {effect.needs}.\n")
+    if effect.confused_with:
+        told_apart = [f"[{other}](#{other}): {manoeuvre}" for other, manoeuvre in effect.confused_with.items()]
+        lines.append(f"Confused with, and told apart by: {'; '.join(told_apart)}.\n")
+    return "\n".join(lines)
+
+
+def caption(shown: Showcase) -> str:
+    """Return what the picture shows, with the size drawn."""
+    sizes = ", ".join(
+        f"{parameter.name} = {shown.values[parameter.name]:.4g} {_unit(parameter)}".rstrip()
+        for parameter in shown.effect.parameters
+    )
+    if shown.factor == 1.0:
+        return f"Drawn at its typical size: {sizes}."
+    is_limit = any(parameter.neutral == parameter.upper for parameter in shown.effect.parameters)
+    return f"Drawn {shown.factor:g} times as {'tight' if is_limit else 'strong'} as typical: {sizes}."
+
+
+def _parameter(parameter: ParameterDefinition) -> str:
+    numbers = (parameter.neutral, parameter.typical, parameter.lower, parameter.upper)
+    row = (f"`{parameter.name}`", parameter.unit, parameter.meaning, *(f"{number:g}" for number in numbers))
+    return f"| {' | '.join(row)} |"
+
+
+def _unit(parameter: ParameterDefinition) -> str:
+    return "" if parameter.unit == "-" else parameter.unit
+
+
+def _heading(name: str) -> str:
+    stage = STAGES[name]
+    return f"{name}: {stage.when}{', for each side' if stage.per_side else ''}"
+
+
+def _stages() -> str:
+    rows = [f"| `{name}`{' (side)' if stage.per_side else ''} | {_row(stage)} |" for name, stage in STAGES.items()]
+    functions = "; ".join(f"`{name}`: {meaning}" for name, meaning in FUNCTIONS.items())
+    return "\n".join(
+        [
+            "## Stages of the step\n",
+            "The step computes the stages in this order. A stage begins with the paper's value of its variables;",
+            "statements change them, in the order of the catalogue. Stages marked (side) are written once and hold for",
+            "both sides; the others name the side: `duty_left`. Names that a statement assigns beyond these are the",
+            "entry's own, and its later stages read them.\n",
+            "| stage | when | begins with, and may change | reads |",
+            "|---|---|---|---|",
+            *rows,
+            "",
+            f"Every stage of the motion also reads {', '.join(ALWAYS)}. Functions: {functions}.",
+            "",
+        ]
+    )
+
+
+def _row(stage: Stage) -> str:
+    columns = (
+        "; ".join(f"`{name}`{' ' + meaning if meaning else ''}" for name, meaning in names.items())
+        for names in (stage.changes, stage.reads)
+    )
+    return " | ".join([stage.when, *columns])
+
+
+def _own(example: str) -> str:
+    return "\n".join(
+        [
+            "## An effect of your own\n",
+            "Write an entry like this one into a package of yours, say `my_effects.py`:\n",
+            f"```python\n{example.strip()}\n```\n",
+            "and name it in the package's `pyproject.toml`:\n",
+            '```toml\n[project.entry-points."cmr.effects"]\nside_brush = "my_effects:SIDE_BRUSH"\n```\n',
+            "Install the package beside CMR. The first step after that composes and compiles the model anew, once, in",
+            "some 20 s. From then on `side_brush_push` is a parameter like all others: in parameter files, in",
+            "`drive` and `Fleet`, in calibration and diagnosis.",
+            "",
+        ]
+    )
