@@ -13,7 +13,7 @@ from tests.emulated_drive import DEFAULT, EPOCH, IDEAL, TRUTH, Message, messages
 
 @pytest.fixture(scope="module")
 def drive() -> list[Message]:
-    return messages(DEFAULT)
+    return messages(DEFAULT, rest=3.0)
 
 
 def fed(drive: list[Message], calibrator: Calibrator | None = None) -> Calibrator:
@@ -48,7 +48,7 @@ def test_during_the_drive_the_estimates_are_told_and_their_intervals_shrink() ->
     spreads = []
     looks = iter([EPOCH + 1_000_000 * second for second in (9, 13, 18, 24, 31, 1000)])
     due = next(looks)
-    for channel, message in messages(IDEAL):
+    for channel, message in messages(IDEAL, rest=3.0):
         calibrator.handle(message.utime, channel, message)
         if message.utime >= due:
             assert calibrator.tells_something
@@ -65,7 +65,7 @@ def test_during_the_drive_the_estimates_are_told_and_their_intervals_shrink() ->
     # What is found in the end does not depend on having looked.
     assert calibrator.fit() is not None
     assert calibrator.result is not None
-    offline = fed(messages(IDEAL)).fit()
+    offline = fed(messages(IDEAL, rest=3.0)).fit()
     assert offline is not None
     assert calibrator.result.estimates == offline.estimates
 

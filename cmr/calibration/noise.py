@@ -53,11 +53,20 @@ class Noise:
     def whiten(self, rows: Floats, times: Floats) -> Floats:
         """Return what is new in rows of shape (m, n), in units of the noise, at the times with a whole past."""
         order = len(self.coefficients)
-        new = rows[:, order:] * (1.0 / self.size)
+        new = rows[:, order:] / self.size
         for lag, coefficient in enumerate(self.coefficients, start=1):
             new -= (coefficient / self.size) * rows[:, order - lag : rows.shape[1] - lag]
-        past = _with_past(times, order)
-        return np.asarray(new if past.all() else new[:, past])
+        return np.asarray(new[:, _with_past(times, order)])
+
+    def products(self, series: Series) -> Floats:
+        """Return W W^T, shape (m, m), of what is new, W, in all rows of a series."""
+        from cmr.calibration.products import add_products
+
+        weights = np.concatenate([[1.0], -self.coefficients]) / self.size
+        count = len(series.rows)
+        products = np.zeros((count, count))
+        add_products(series.rows, _with_past(series.times, len(self.coefficients)), weights, products)
+        return products + np.tril(products, -1).T
 
 
 def noise_of(series: Sequence[Series], order: int = ORDER, unknowns: int = 0) -> Noise:
@@ -81,7 +90,7 @@ def _longest_order(series: Sequence[Series]) -> int:
 
 def _with_past(times: Floats, order: int) -> NDArray[np.bool_]:
     """Tell which of the samples from number `order` on follow that many others without a gap."""
-    if order == 0 or len(times) < 2:
+    if order == 0 or len(times) <= order:
         return np.ones(max(len(times) - order, 0), dtype=bool)
     interval = np.diff(times)
     late = np.concatenate([[0], np.cumsum(interval > LONGEST_INTERVAL * np.median(interval))])

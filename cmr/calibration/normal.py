@@ -31,9 +31,8 @@ class NormalEquations:
         size = shared + own
         return cls(np.zeros((segments, size, size)), np.zeros((segments, size)), shared)
 
-    def add(self, segment: int, rows: Floats, columns: Sequence[int]) -> None:
-        """Add measurements of a segment: rows (1 + k, n) of residuals and of their derivatives by `columns`."""
-        products = rows @ rows.T
+    def add(self, segment: int, products: Floats, columns: Sequence[int]) -> None:
+        """Add W W^T, shape (1 + k, 1 + k), of a segment's measurements W: residuals, and derivatives by `columns`."""
         at = np.array(columns, dtype=np.intp)
         self.normal[segment][np.ix_(at, at)] += products[1:, 1:]
         self.right[segment][at] += products[1:, 0]

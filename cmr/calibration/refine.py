@@ -24,9 +24,12 @@ from cmr.recordings.recording import Floats
 # a serial line takes time.
 COMMAND_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 PREFIXES = (5.0, 15.0, 40.0)  # s; a bad first guess is led to the optimum by fitting ever longer beginnings
+GUESS_STD = float(np.log(2.0))  # of a parameter's logarithm, where a beginning tells little
+COARSE = 1000  # measurements of each signal are enough to find the way
 ROUNDS = 8  # fits, each with the noise that the one before left; most settle in two or three
 SETTLED = 0.1  # standard deviations; less is no news
-ITERATIONS = 30
+ITERATIONS = 40
+LONGEST_STEP = 1.0  # of a parameter's logarithm; further away nothing is known from here
 NEGLIGIBLE = 1e-4  # of the cost function; a parameter is then some hundredth of a standard deviation from the optimum
 NEAR = 0.01  # share of the cost; enough where a better fit follows
 FIRST_DAMPING, LEAST_RAISED_DAMPING, HOPELESS_DAMPING = 1e-6, 1e-3, 1e6
@@ -60,7 +63,8 @@ class Refinement:
 
     `values` holds all four parameters: a first guess of those in `names`, and the fixed value of the others.
     `by_wheels` follows the recorded wheel angles instead of driving the recorded commands. `pose_clock_std` [s] tells
-    how well the clocks of wheels and poses are known to agree beforehand.
+    how well the clocks of wheels and poses are known to agree beforehand, `guess_std` how far the first guess may be
+    off, in logarithms.
     """
 
     segments: list[Segment]
@@ -68,6 +72,7 @@ class Refinement:
     values: Mapping[str, float]
     by_wheels: bool = False
     pose_clock_std: float = 0.1
+    guess_std: float = np.inf
     # The newest linearisation; noise and normal equations are often asked for at the same point.
     _last: tuple[_Point, list[tuple[int, str, Series]]] | None = field(default=None, init=False, repr=False)
 
@@ -78,10 +83,11 @@ class Refinement:
         """
         point = self._first_point()
         for seconds in PREFIXES if far else ():
-            beginnings = replace(self, segments=[segment.beginning(seconds) for segment in self.segments])
+            beginnings = self._coarse(seconds)
             point = replace(point, shared=beginnings._fit(point, beginnings._noise(point, 0), NEAR).shared)
         # At a first guess the residuals show how wrong it is; only near the optimum do they show the noise.
-        point = self._fit(point, self._noise(point, 0), NEAR)
+        coarse = self._coarse()
+        point = coarse._fit(point, coarse._noise(point, 0), NEAR)
         for _round in range(ROUNDS):
             noise, before = self._noise(point, ORDER), point
             point = self._fit(point, noise)
@@ -90,6 +96,11 @@ class Refinement:
             if np.max(moved[: len(self.names)]) < SETTLED:
                 break
         return self._refined(point, equations)
+
+    def _coarse(self, seconds: float = np.inf) -> "Refinement":
+        """Return the fit of the segments' beginnings to some of their measurements, not far from the first guess."""
+        coarse = [segment.beginning(seconds).thinned(COARSE) for segment in self.segments]
+        return replace(self, segments=coarse, guess_std=GUESS_STD if np.isfinite(seconds) else np.inf)
 
     @property
     def unknowns(self) -> Unknowns:
@@ -140,6 +151,11 @@ class Refinement:
         equations, damping = self._equations(point, noise), FIRST_DAMPING
         for _iteration in range(ITERATIONS):
             shared, own = equations.step(damping)
+            if np.max(np.abs(shared[: len(self.names)]), initial=0.0) > LONGEST_STEP:
+                damping = max(damping * 10.0, LEAST_RAISED_DAMPING)
+                if damping > HOPELESS_DAMPING:
+                    break
+                continue
             trial = _Point(point.shared + shared, point.own + own)
             attempt = self._equations(trial, noise)
             gained = equations.cost - attempt.cost
@@ -156,12 +172,15 @@ class Refinement:
         unknowns = self.unknowns
         equations = NormalEquations.empty(len(self.segments), len(unknowns.shared), len(OWN))
         for segment, signal, series in self._linearised(point):
-            equations.add(segment, noise[signal].whiten(series.rows, series.times), series.columns)
+            equations.add(segment, noise[signal].products(series), series.columns)
         command_clock_std = COMMAND_CLOCK_STD if self._has_wheels else SERIAL_LINE_STD
-        for name, known in ((COMMAND_TIME, command_clock_std), (POSE_TIME, self.pose_clock_std)):
+        known = [(COMMAND_TIME, 0.0, command_clock_std), (POSE_TIME, 0.0, self.pose_clock_std)]
+        known += [(name, float(np.log(self.values[name])), self.guess_std) for name in self.names]
+        for name, value, std in known:
             column = unknowns.column(name)
-            if column is not None:
-                equations.add(0, np.array([[point.shared[column]], [1.0]]) / known, [column])
+            if column is not None and np.isfinite(std):
+                row = np.array([point.shared[column] - value, 1.0]) / std
+                equations.add(0, np.outer(row, row), [column])
         return equations
 
     def _linearised(self, point: _Point) -> list[tuple[int, str, Series]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class Segment:
         """Whether there are poses enough to fit the start pose along with the parameters."""
         return len(self.x) >= FEWEST_POSES_FOR_START
 
-    @property
+    @cached_property
     def border_times(self) -> Floats:
         """Times of the T + 1 borders [s], from 0."""
         return np.concatenate([[0.0], np.cumsum(self.dt)])
@@ -78,6 +79,24 @@ class Segment:
             x=self.x[:poses],
             y=self.y[:poses],
             theta=self.theta[:poses],
+        )
+
+    def thinned(self, most: int) -> "Segment":
+        """Return the segment with at most so many poses, and twice as many edges of each encoder."""
+        poses = slice(None, None, max(-(-len(self.at) // most), 1))
+        left = slice(None, None, max(-(-len(self.left_at) // (2 * most)), 1))
+        right = slice(None, None, max(-(-len(self.right_at) // (2 * most)), 1))
+        return replace(
+            self,
+            left_at=self.left_at[left],
+            right_at=self.right_at[right],
+            left_edge=self.left_edge[left],
+            right_edge=self.right_edge[right],
+            at=self.at[poses],
+            utime=self.utime[poses],
+            x=self.x[poses],
+            y=self.y[poses],
+            theta=self.theta[poses],
         )
 
     def simulate(self, parameters: RobotParameters) -> Trajectory:
