@@ -172,7 +172,8 @@ class _Demo:
         self._process.publish(WAYPOINTS, make(waypoints_t, utime=now_utime(), robot_id=LEADER, x=x, y=y), LEADER)
         began = time.monotonic()
         self._last_motion = now_utime()
-        self._wait(self._resting, 4.0 * expected, title, lambda: min((time.monotonic() - began) / expected, 1.0))
+        # 100 % is said when it is over.
+        self._wait(self._resting, 4.0 * expected, title, lambda: min((time.monotonic() - began) / expected, 0.99))
 
     def _wait(
         self,
