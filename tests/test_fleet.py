@@ -1,9 +1,13 @@
 """Simulated robots together: each by its own parameters, effects included, thousands at once, without any pause."""
 
+import os
+import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +15,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cmr.bus.bus import Bus
 from cmr.bus.messages import make
-from cmr.bus.streams import PARAMETERS
+from cmr.bus.streams import PARAMETERS, WORLD_STATE
 from cmr.model.fleet import Fleet as Model
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -146,13 +151,11 @@ def test_robots_go_on_as_before_until_a_new_model_is_ready() -> None:
     assert robot.state.x == pytest.approx(expected.x[0], rel=1e-12)
 
 
-def test_what_takes_long_to_load_is_ready_in_the_end_and_needs_no_waiting() -> None:
+def test_what_takes_long_to_load_is_ready_in_the_end() -> None:
     loader = Loader()
-    parameters = RobotParameters.of({**PAPER, **EFFECTS})
-    rounds = wait_until(lambda: loader.ready(parameters))
-    assert rounds > 0
-    assert loader.ready(parameters)
-    assert loader.message == ""
+    wait_until(lambda: loader.ready(RobotParameters.of({**PAPER, **EFFECTS})))
+    assert loader.ready(RobotParameters.of({**EFFECTS, **PAPER}))
+    wait_until(lambda: not loader.message)
 
 
 def test_a_model_that_cannot_be_loaded_is_told_and_never_ready() -> None:
@@ -163,17 +166,14 @@ def test_a_model_that_cannot_be_loaded_is_told_and_never_ready() -> None:
     assert "no_such_effect" in loader.message
     assert not loader.ready(wrong)
     wait_until(lambda: loader.ready(RobotParameters.of(PAPER)))
-    assert loader.message == ""
+    wait_until(lambda: not loader.message)
 
 
-def wait_until(happened: Callable[[], bool]) -> int:
-    """Look again and again; return how often in vain."""
-    pause, rounds = threading.Event(), 0
+def wait_until(happened: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
     while not happened():
-        assert rounds * 0.01 < PATIENCE
-        pause.wait(0.01)
-        rounds += 1
-    return rounds
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("module", ["cmr.commands.sim", "cmr.commands.pilot", "robot_driver.main"])
@@ -181,6 +181,56 @@ def test_no_process_waits_for_a_compiler_or_for_what_it_does_not_use(module: str
     script = f"import sys, {module}; print(*sys.modules)"
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert not set(result.stdout.split()) & {"numba", "scipy", "matplotlib", "importlib.metadata"}
+
+
+@pytest.fixture
+def sim(url: str, tmp_path: Path) -> Iterator[Callable[..., "subprocess.Popen[str]"]]:
+    """A function that starts cmr-sim with a virtual robot that drives by a file."""
+    running = []
+
+    def start(file: ParameterFile, **environment: str) -> "subprocess.Popen[str]":
+        file.save(tmp_path / "robot_0.yaml")
+        program = str(Path(sys.executable).parent / "cmr-sim")
+        command = [program, "--virtual", "10=figure_eight,start=0", "--parameters", str(tmp_path), "--lcm-url", url]
+        environment = os.environ | environment
+        running.append(subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True))
+        return running[0]
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def listen(url: str, happened: Callable[[Any], bool]) -> Any:
+    """Return the first world_state_t of which something is true."""
+    bus = Bus(url)
+    bus.subscribe(WORLD_STATE, every=True)
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        for received in bus.receive(0.1):
+            if happened(received.message):
+                return received.message
+    raise AssertionError("it did not happen")
+
+
+def test_cmr_sim_runs_a_file_with_effects_as_it_is(sim: Callable[..., "subprocess.Popen[str]"], url: str) -> None:
+    sim(file_of({**EFFECTS, "gyro_bias": 0.01}))
+    message = listen(url, lambda message: message.psi_left[0] > 1.0)
+    assert (message.robot_id, message.origin) == ((10,), (VIRTUAL,))
+
+
+def test_a_world_is_there_and_can_be_stopped_while_its_model_is_compiled(
+    sim: Callable[..., "subprocess.Popen[str]"], url: str, tmp_path: Path
+) -> None:
+    process = sim(file_of({}), NUMBA_CACHE_DIR=str(tmp_path / "empty"))
+    message = listen(url, lambda _message: True)
+    assert (message.robot_id, message.psi_left) == ((10,), (0.0,))
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    assert all(line.startswith("cmr-sim: ") for line in said.splitlines()), said
+    assert not list((tmp_path / "empty").rglob("*.nbc")), "it was compiled by then, so nothing was tested"
 
 
 # Thousands
