@@ -76,14 +76,16 @@ def _aligned(
 ) -> Fit:
     """Refine; where the fit says that a clock is off, set it right and refine again."""
     for _round in range(ROUNDS):
-        refined = Refinement(segments, names, values, by_wheels, prepared.pose_clock_std).solve()
-        offsets = {name: refined.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in refined.nuisance}
+        rough = Refinement(segments, names, values, by_wheels, prepared.pose_clock_std).solve(rounds=1)
+        values = dict(values) | {name: estimate.value for name, estimate in rough.estimates.items()}
+        offsets = {name: rough.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in rough.nuisance}
         off = {n: e.value for n, e in offsets.items() if abs(e.value) > max(ALIGNED, 3.0 * e.std)}
         if not off:
             break
         prepared = prepared.shifted(commands=off.get(COMMAND_TIME, 0.0), poses=-off.get(POSE_TIME, 0.0))
         segments = prepared.segments()
-        values = dict(values) | {name: estimate.value for name, estimate in refined.estimates.items()}
+    refined = Refinement(segments, names, values, by_wheels, prepared.pose_clock_std).solve()
+    offsets = {name: refined.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in refined.nuisance}
     return Fit(refined, segments, method, grid, by_wheels, _told(prepared, offsets))
 
 

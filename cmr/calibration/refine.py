@@ -26,11 +26,11 @@ COMMAND_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 PREFIXES = (5.0, 15.0, 40.0)  # s; a bad first guess is led to the optimum by fitting ever longer beginnings
 GUESS_STD = float(np.log(2.0))  # of a parameter's logarithm, where a beginning tells little
 COARSE = 1000  # measurements of each signal are enough to find the way
-ROUNDS = 8  # fits, each with the noise that the one before left; most settle in two or three
+ROUNDS = 6  # fits, each with the noise that the one before left; most settle in two or three
 SETTLED = 0.1  # standard deviations; less is no news
 ITERATIONS = 40
 LONGEST_STEP = 1.0  # of a parameter's logarithm; further away nothing is known from here
-NEGLIGIBLE = 1e-4  # of the cost function; a parameter is then some hundredth of a standard deviation from the optimum
+NEGLIGIBLE = 1e-3  # of the cost function; parameters are then some hundredths of a standard deviation from the optimum
 NEAR = 0.01  # share of the cost; enough where a better fit follows
 FIRST_DAMPING, LEAST_RAISED_DAMPING, HOPELESS_DAMPING = 1e-6, 1e-3, 1e6
 
@@ -76,10 +76,10 @@ class Refinement:
     # The newest linearisation; noise and normal equations are often asked for at the same point.
     _last: tuple[_Point, list[tuple[int, str, Series]]] | None = field(default=None, init=False, repr=False)
 
-    def solve(self, *, far: bool = False) -> Refined:
+    def solve(self, *, far: bool = False, rounds: int = ROUNDS) -> Refined:
         """Return the estimates of `names`; a standard deviation is infinite where the data say nothing.
 
-        `far` tells that the first guess may be off by a factor of two.
+        `far` tells that the first guess may be off by a factor of two. With fewer `rounds` the result is a rough one.
         """
         point = self._first_point()
         for seconds in PREFIXES if far else ():
@@ -88,7 +88,7 @@ class Refinement:
         # At a first guess the residuals show how wrong it is; only near the optimum do they show the noise.
         coarse = self._coarse()
         point = coarse._fit(point, coarse._noise(point, 0), NEAR)
-        for _round in range(ROUNDS):
+        for _round in range(rounds):
             noise, before = self._noise(point, ORDER), point
             point = self._fit(point, noise)
             equations = self._equations(point, noise)
