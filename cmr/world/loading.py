@@ -1,10 +1,11 @@
 """Load in the background what simulating takes: compiled for the first time, that is seconds without a world."""
 
 import time
-from threading import Thread
+from threading import Lock, Thread
 
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
+from cmr.world.fleet import STEP
 
 LONG = 1.0  # s; what takes longer is worth a word
 
@@ -19,6 +20,7 @@ class Loader:
         self._since: float = 0.0
         self._ready: set[Key] = set()
         self._failure = ""
+        self._one_at_a_time = Lock()
 
     def ready(self, parameters: RobotParameters) -> bool:
         """Tell whether robots can be simulated by these parameters without delay; if not, begin to see to it."""
@@ -42,10 +44,10 @@ class Loader:
         from cmr.model.fleet import Fleet
 
         try:
-            fleet = Fleet(0.01)
-            fleet.add(RobotState.at_rest(), parameters)
-            fleet.advance()
-            fleet.states()
+            with self._one_at_a_time:
+                fleet = Fleet(STEP * 1e-6)
+                fleet.add(RobotState.at_rest(), parameters)
+                fleet.advance()
         except Exception as error:  # of whatever kind: an effect that a package adds is anybody's code
             self._failure = f"Robots cannot be simulated by the newest parameters: {error}"
             return

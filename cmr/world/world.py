@@ -6,6 +6,7 @@ It knows no bus: messages go in by `handle`, time passes by `advance`, robots co
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,15 @@ class _RealRobot:
         self.last_driven = 0
 
 
+def _starting(virtual: list[VirtualRobot], parameters_of: int) -> Robots:
+    """Return those that move by the parameters of one robot, at rest where they start."""
+    robots = [robot for robot in virtual if robot.parameters_of == parameters_of]
+    poses = ((robot.x, robot.y, wrap(robot.theta)) for robot in robots)
+    return Robots.of(
+        Robot(0, robot.robot_id, VIRTUAL, RobotState.at_rest(*pose)) for robot, pose in zip(robots, poses, strict=True)
+    )
+
+
 class World:
     """All robots. `follow` makes the parameter follower of a robot id; virtual robots move as their models do.
 
@@ -70,7 +80,7 @@ class World:
         self._models: dict[int, RobotParameters] = {}  # in use, by robot id
         self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
-        self._absent = list(virtual)
+        self._absent = {robot_id: _starting(virtual, robot_id) for robot_id in {r.parameters_of for r in virtual}}
         self._real: dict[int, _RealRobot] = {}
         self._fleet = Fleet()
         for robot in virtual:
@@ -115,7 +125,9 @@ class World:
         while self._fleet.advance(utime):
             now = self._fleet.utime
             self.view.take(now, self._fleet.robots())
-            for robot in (*self.real(), *self._standing()):
+            for robots in self._standing():
+                self.view.take(now, robots)
+            for robot in self.real():
                 self.view.put(robot)
             for robot_id, real in self._real.items():
                 self._begin_drive(robot_id, real, now)
@@ -123,11 +135,15 @@ class World:
 
     def everybody(self) -> Robots:
         """Return all robots of the world as they are now; real robots not heard of lately are left out."""
-        return Robots.of([*self.real(), *self._standing()]).with_others(self._fleet.robots())
+        everybody = Robots.of(self.real())
+        for robots in (*self._standing(), self._fleet.robots()):
+            everybody = everybody.with_others(robots)
+        return everybody
 
     def robots(self) -> list[Robot]:
         """Return the same, one by one."""
-        return [*self.real(), *self._standing(), *self._fleet.robots().each(self._fleet.utime)]
+        simulated = (*self._standing(), self._fleet.robots())
+        return [*self.real(), *chain.from_iterable(robots.each(self._fleet.utime) for robots in simulated)]
 
     def real(self) -> list[Robot]:
         """Return the real robots heard of lately; one whose clock is off by more is as good as not heard."""
@@ -137,13 +153,9 @@ class World:
             if abs(self._fleet.utime - robot.estimator.utime) <= LOST
         ]
 
-    def _standing(self) -> list[Robot]:
-        """Return the virtual robots whose parameters are known but not ready yet."""
-        return [
-            Robot(self._fleet.utime, robot.robot_id, VIRTUAL, RobotState.at_rest(robot.x, robot.y, wrap(robot.theta)))
-            for robot in self._absent
-            if robot.parameters_of in self._not_ready
-        ]
+    def _standing(self) -> list[Robots]:
+        """Return the virtual robots whose parameters are known but not ready yet: they stand where they start."""
+        return [robots for robot_id, robots in self._absent.items() if robot_id in self._not_ready]
 
     def _real_robot(self, robot_id: int) -> _RealRobot:
         if robot_id not in self._real:
@@ -182,12 +194,11 @@ class World:
 
     def _place_virtual(self) -> None:
         """Place the virtual robots whose parameters are known by now."""
-        for robot_id in sorted({robot.parameters_of for robot in self._absent} & set(self._models)):
-            robots = [robot for robot in self._absent if robot.parameters_of == robot_id]
-            poses = np.array([(robot.x, robot.y, robot.theta) for robot in robots], dtype=float).T
-            keys = [(robot.robot_id, VIRTUAL) for robot in robots]
-            self._fleet.place(keys, RobotState.at_rest(*poses), self._models[robot_id])
-            self._absent = [robot for robot in self._absent if robot.parameters_of != robot_id]
+        for robot_id in self._absent.keys() & self._models.keys():
+            robots = self._absent.pop(robot_id)
+            self._fleet.place(
+                list(zip(robots.robot_id, robots.origin, strict=True)), robots.state, self._models[robot_id]
+            )
 
     def _handle_virtual(self, stream: Stream, robot_id: int, message: Any) -> None:
         behaviour = self._virtual[robot_id].behaviour
