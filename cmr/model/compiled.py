@@ -10,11 +10,13 @@ from contextlib import contextmanager, suppress
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+from numba.core import sigutils
 
 P = ParamSpec("P")
 R = TypeVar("R")
 # Numba has annotations from some version on; this way they make no difference.
 jit: Any = numba.njit
+signatures: Any = sigutils
 config: Any = numba.config
 OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
@@ -56,7 +58,8 @@ class _Compiled:
 
     def _load(self, *arguments: Any) -> Any:
         with _without_linear_algebra():
-            self._dispatcher.compile(self._signature)
+            # By types alone, as compiled callers ask for it: so both find the same in the cache.
+            self._dispatcher.compile(signatures.normalize_signature(self._signature)[0])
         self._dispatcher.disable_compile()
         self._call = self._dispatcher
         return self._call(*arguments)

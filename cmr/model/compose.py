@@ -18,25 +18,26 @@ from textwrap import dedent
 
 from cmr.model.composed_loops import IMPORTS, LOOPS
 from cmr.model.effect import Effect
+from cmr.model.parameters import DEFINITIONS as _PAPER
 from cmr.model.parameters import ParameterDefinition
 from cmr.model.stages import STAGES
 
 LANES = 16  # robots side by side; the distance between rows is known to the compiler, so it sees that none overlap
 SIDES = {"left": 1.0, "right": -1.0}
-STATE = (
+CHANGED = (
     *("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"),
-    *("domega_left", "domega_right", "time", "command_left", "command_right", "left_before", "right_before"),
+    *("domega_left", "domega_right", "time"),
 )
+COMMANDS = ("command_left", "command_right", "left_before", "right_before")
 COEFFICIENTS = tuple(f"{what}_{when}" for when in ("first", "second", "end") for what in ("kept", "gained", "grown"))
 OF_A_SIDE = {name for stage in STAGES.values() if stage.per_side for name in (*stage.changes, *stage.reads)} - {
     *("load_share", "cosine", "sine", "time")
 }
-HELPERS = {"after": "after", "share": "share", "sign": "sign", "exp": "exp", "cos": "cos", "sin": "sin"}
 
 
 def rows_of(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> list[str]:
-    """Return the names of a robot's rows: state, coefficients, parameters and memory."""
-    return [*STATE, *COEFFICIENTS, *definitions, *memories(effects)]
+    """Return the names of a robot's rows: what a step changes, commands, coefficients, parameters."""
+    return [*CHANGED, *memories(effects), *COMMANDS, *COEFFICIENTS, *definitions]
 
 
 def memories(effects: Iterable[Effect]) -> list[str]:
@@ -51,43 +52,45 @@ def memories(effects: Iterable[Effect]) -> list[str]:
 def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> str:
     """Return the source of a module that advances and drives robots with these effects.
 
-    `definitions` are the parameters that robots have; those of sensors need not be among them.
+    `definitions` are the parameters that robots have: the paper's first, then those of effects with a stage `packet`.
+    Those of sensors need not be among them.
     """
     statements = Statements(effects)
     rows = rows_of(effects, definitions)
-    constants = [f"{name.upper()} = {LANES * i}" for i, name in enumerate(rows)]
-    changed = ("x", "y", "theta", *(f"{name}_{side}" for name in ("psi", "angle", "domega") for side in SIDES), "time")
-    kept = (*changed, *memories(effects))
+    remembered = memories(effects)
+    own = [*_PAPER, *(parameter.name for effect in late(effects) for parameter in effect.parameters)]
+    constants = {name.upper(): LANES * i for i, name in enumerate(rows)}
+    constants["CHANGED"] = LANES * (len(CHANGED) + len(remembered))
+    constants["OWN"] = LANES * rows.index(own[-1]) + LANES
+    constants["SIZE"] = LANES * len(rows)
     body = [
-        *(f"{name} = rows[first + {name.upper()} + i]" for name in rows),
+        *(f"{name} = work[{name.upper()} + i]" for name in rows),
         *_step(statements),
-        *(f"rows[first + {name.upper()} + i] = {name}" for name in kept),
+        *(f"work[{name.upper()} + i] = {name}" for name in (*CHANGED, *remembered)),
     ]
     start = [
         *(f"{name} = rows[first + {name.upper()} + i]" for name in ("psi_left", "psi_right", *definitions)),
-        *(f"{name} = 0.0" for name in memories(effects)),
+        *(f"{name} = 0.0" for name in remembered),
         *(f"duty_{side} = k1 * psi_{side}" for side in SIDES),
         *(f"rows[first + {side.upper()}_BEFORE + i] = duty_{side}" for side in SIDES),
         *statements.both("start"),
-        *(f"rows[first + {name.upper()} + i] = {name}" for name in memories(effects)),
+        *(f"rows[first + {name.upper()} + i] = {name}" for name in remembered),
     ]
     packet = [
-        *(f"{name} = rows[first + {name.upper()} + i]" for name in definitions),
+        *(f"{name} = here[{name.upper()} + i]" for name in own),
         "delay = 0.0",
         "lost = False",
         *statements.of("packet"),
     ]
-    return "\n".join(
-        [
-            IMPORTS,
-            f"LANES = {LANES}",
-            *constants,
-            f"SIZE = {LANES * len(rows)}",
-            LOOPS.replace("    STEP\n", _indented(body, 12))
-            .replace("    START\n", _indented(start, 4))
-            .replace("    PACKET\n", _indented(packet, 4)),
-        ]
-    )
+    loops = LOOPS
+    for place, lines, depth in (("STEP", body, 12), ("START", start, 4), ("PACKET", packet, 12)):
+        loops = loops.replace(f"    {place}\n", _indented(lines, depth))
+    return "\n".join([IMPORTS, f"LANES = {LANES}", *(f"{name} = {value}" for name, value in constants.items()), loops])
+
+
+def late(effects: Iterable[Effect]) -> list[Effect]:
+    """Return the effects that make commands late or lose them."""
+    return [effect for effect in effects if "packet" in effect.equations]
 
 
 def _indented(lines: Iterable[str], by: int) -> str:
@@ -145,7 +148,7 @@ class _Rename(ast.NodeTransformer):
         if name == "side" and self._side:
             return ast.Constant(SIDES[self._side])
         if name == "random":
-            return ast.parse(f"random_number(seed, number, robot, {_stream(self._effect.name)})", mode="eval").body
+            return ast.parse(f"random_number(seed, count, robot, {_stream(self._effect.name)})", mode="eval").body
         if name in self._own:
             return self._named(f"{self._effect.name}_{name}", node, self._own[name])
         return self._named(name, node, name in self._of_a_side)

@@ -20,13 +20,26 @@ second_BY_FIRST, second_BY_SECOND = 0.5386751345948129, 0.25
 
 LOOPS = '''
 
-@compiled("void(f8[::1], f8)")
-def advance(rows, dt):
-    """Let a step of dt [s] pass for all robots."""
-    for block in range(len(rows) // SIZE):
-        first = block * SIZE
+@compiled("void(f8[::1], f8[::1], i8[::1], f8)")
+def advance(rows, work, varying, dt):
+    """Let a step of dt [s] pass for all robots.
+
+    The rows of a block of LANES robots are the first ones, up to OWN, and then those of `varying`, by their place in
+    `work`, where a block is computed. It holds the other parameters, which all robots share.
+    """
+    stride = OWN + len(varying) * LANES
+    for block in range(len(rows) // stride):
+        here = rows[block * stride : (block + 1) * stride]
+        for j in range(OWN):
+            work[j] = here[j]
+        for row in range(len(varying)):
+            place = work[varying[row] : varying[row] + LANES]
+            for i in range(LANES):
+                place[i] = here[OWN + row * LANES + i]
         for i in range(LANES):
     STEP
+        for j in range(CHANGED):
+            here[j] = work[j]
 
 
 @inlined
@@ -39,11 +52,11 @@ def _coefficients(rate, t, dt):
     return 1.0 + lost, gained, series if z < 0.02 else (t - gained) / (rate * dt)
 
 
-@compiled("void(f8[::1], f8)")
-def prepare(rows, dt):
-    """Compute the coefficients of all robots for steps of dt [s]."""
-    for block in range(len(rows) // SIZE):
-        first = block * SIZE
+@compiled("void(f8[::1], i8, f8)")
+def prepare(rows, stride, dt):
+    """Compute the coefficients of all robots for steps of dt [s]; a block takes `stride` numbers."""
+    for block in range(len(rows) // stride):
+        first = block * stride
         for i in range(first, first + LANES):
             rate = rows[K1 + i] * rows[K2_OVER_K3 + i]
             rows[KEPT_FIRST + i], rows[GAINED_FIRST + i], rows[GROWN_FIRST + i] = _coefficients(rate, FIRST * dt, dt)
@@ -55,98 +68,86 @@ def prepare(rows, dt):
 
 @compiled("void(f8[::1], i8)")
 def start(rows, robot):
-    """Set a robot's memory to what it is where a drive begins."""
+    """Set a robot's memory to what it is where a drive begins; blocks have all rows here."""
     first, i = robot // LANES * SIZE, robot % LANES
     START
 
 
-@inlined
-def lateness(rows, slot, seed, number, robot):
-    """Return the delay [s] of a packet, infinite if it is lost; seed, number and robot fix its random numbers."""
-    first, i = slot // LANES * SIZE, slot % LANES
-    PACKET
-    return inf if lost else delay
-
-
-@compiled("void(f8[::1], i8, f8[::1], i8, i8, i8, i8, f8, f8, f8)")
-def command(rows, slot, packets, ring, number, seed, robot, dt, duty_left, duty_right):
-    """Send a robot its next packet and set its commands to the mean over the step of those in force.
+@compiled("void(f8[::1], i8, i8[::1], i8, i8, f8[::1], i8, i8, f8)")
+def send(rows, stride, robots, seed, count, packets, ring, number, dt):
+    """Send each robot what its commands say, and set them to the mean over the step of those in force.
 
     In force is the newest packet that has arrived; before the first, the duty that held the speed at the start.
-    `packets` holds the last ones, `ring` for each slot: left, right, arrival. `number` counts the robot's packets.
+    `packets` holds the last `ring` ones of each block: left, right, arrival. `number` is 0 for the first packet;
+    seed, count and the index in `robots` fix a packet's random numbers.
     """
-    first, i = slot // LANES * SIZE, slot % LANES
-    now = rows[first + TIME + i]
-    late = lateness(rows, slot, seed, number, robot)
-    ring_start = 3 * ring * slot
-    position = number % ring
-    newest = ring_start + 3 * position
-    before = newest - 3 if position > 0 else newest + 3 * (ring - 1)
-    packets[newest], packets[newest + 1], packets[newest + 2] = duty_left, duty_right, now + late
-    if late == inf and number > 0:
-        # A lost packet leaves the one before in force.
-        packets[newest], packets[newest + 1] = packets[before], packets[before + 1]
-        packets[newest + 2] = packets[before + 2]
-    elif late == inf:
-        packets[newest], packets[newest + 1] = rows[first + LEFT_BEFORE + i], rows[first + RIGHT_BEFORE + i]
-        packets[newest + 2] = now
-    if packets[newest + 2] <= now:
-        rows[first + COMMAND_LEFT + i], rows[first + COMMAND_RIGHT + i] = packets[newest], packets[newest + 1]
-        return
-    until, sum_left, sum_right = now + dt, 0.0, 0.0
-    here = newest
-    for _ in range(min(number + 1, ring)):
-        since = max(packets[here + 2], now)
-        if since < until:
-            sum_left += (until - since) * packets[here]
-            sum_right += (until - since) * packets[here + 1]
-            until = since
-            if until <= now:
-                break
-        here = here - 3 if here > ring_start else here + 3 * (ring - 1)
-    rows[first + COMMAND_LEFT + i] = (sum_left + (until - now) * rows[first + LEFT_BEFORE + i]) / dt
-    rows[first + COMMAND_RIGHT + i] = (sum_right + (until - now) * rows[first + RIGHT_BEFORE + i]) / dt
+    packet = 3 * LANES
+    mean = np.empty(3 * LANES)  # of left, of right; and until when the step's commands are not known yet
+    for block in range(len(rows) // stride):
+        here = rows[block * stride : (block + 1) * stride]
+        sent = packets[block * ring * packet : (block + 1) * ring * packet]
+        index = robots[block * LANES : (block + 1) * LANES]
+        if number == 0:
+            for k in range(ring):
+                for i in range(LANES):
+                    sent[k * packet + i] = here[LEFT_BEFORE + i]
+                    sent[k * packet + LANES + i] = here[RIGHT_BEFORE + i]
+                    sent[k * packet + 2 * LANES + i] = -inf
+        position = number % ring
+        newest = sent[position * packet : (position + 1) * packet]
+        position = (number + ring - 1) % ring
+        before = sent[position * packet : (position + 1) * packet]
+        for i in range(LANES):
+            robot = index[i]
+            now = here[TIME + i]
+    PACKET
+            # A lost packet leaves the one before in force.
+            left = before[i] if lost else here[COMMAND_LEFT + i]
+            right = before[LANES + i] if lost else here[COMMAND_RIGHT + i]
+            arrival = before[2 * LANES + i] if lost else now + delay
+            newest[i], newest[LANES + i], newest[2 * LANES + i] = left, right, arrival
+            mean[i], mean[LANES + i], mean[2 * LANES + i] = 0.0, 0.0, now + dt
+        for k in range(ring):
+            position = (number + ring - k) % ring
+            one = sent[position * packet : (position + 1) * packet]
+            for i in range(LANES):
+                since = max(one[2 * LANES + i], here[TIME + i])
+                share = max(mean[2 * LANES + i] - since, 0.0) / dt
+                mean[i] += share * one[i]
+                mean[LANES + i] += share * one[LANES + i]
+                mean[2 * LANES + i] = min(mean[2 * LANES + i], since)
+        for i in range(LANES):
+            arrived = newest[2 * LANES + i] <= here[TIME + i]
+            here[COMMAND_LEFT + i] = newest[i] if arrived else mean[i]
+            here[COMMAND_RIGHT + i] = newest[LANES + i] if arrived else mean[LANES + i]
 
 
-@compiled("void(f8[::1], i8[::1], i8[::1], i8[::1], f8[:, ::1], i8, f8, f8[::1], i8)")
-def command_all(rows, slots, robots, numbers, duty, seed, dt, packets, ring):
-    """Send the next packet to the robots of a fleet whose commands may be late.
-
-    `slots` are their places, `robots` their indices, `numbers` counts their packets; `duty` (2, all slots).
-    """
-    for k in range(len(slots)):
-        slot = slots[k]
-        command(rows, slot, packets, ring, numbers[k], seed, robots[k], dt, duty[0, slot], duty[1, slot])
-        numbers[k] += 1
-
-
-@compiled("void(f8[::1], i8, f8[::1], f8[::1], f8[::1], f8[::1], i8, i8[::1], f8[:, :, ::1])")
-def drive(rows, robots, left, right, dt, packets, seed, at, recorded):
+@compiled("void(f8[::1], f8[::1], i8[::1], i8, f8[::1], f8[::1], f8[::1], i8, i8, i8[::1], f8[:, :, ::1])")
+def drive(rows, work, varying, robots, left, right, dt, ring, seed, at, recorded):
     """Drive T spans with every robot and record the states at the borders `at`.
 
-    Shapes: left, right, dt (T,); packets (3 T robots) to be filled, or empty where no commands are late; at (R,),
-    ascending; recorded (R, robots, 7): x, y, theta, psi and angle of both sides.
+    Shapes: left, right, dt (T,); at (R,), ascending; recorded (R, robots, 7): x, y, theta, psi and angle of both
+    sides. `ring` is the number of packets that may be under way, 0 where none is late. All robots have the same luck.
     """
+    stride = OWN + len(varying) * LANES
+    packets = np.empty(ring * 3 * LANES)
+    index = np.zeros(LANES, dtype=np.int64)
     for block in range((robots + LANES - 1) // LANES):
-        first = block * SIZE
-        here = rows[first : first + SIZE]
+        here = rows[block * stride : (block + 1) * stride]
         lanes = min(LANES, robots - block * LANES)
         prepared, border = -1.0, 0
         for r in range(len(at)):
             while border < at[r]:
                 if dt[border] != prepared:
                     prepared = dt[border]
-                    prepare(here, prepared)
+                    prepare(here, stride, prepared)
                 for i in range(LANES):
-                    rows[first + COMMAND_LEFT + i], rows[first + COMMAND_RIGHT + i] = left[border], right[border]
-                if len(packets) > 0:
-                    for slot in range(block * LANES, block * LANES + lanes):
-                        command(
-                            rows, slot, packets, len(dt), border, seed, 0, prepared, left[border], right[border]
-                        )
-                advance(here, prepared)
+                    here[COMMAND_LEFT + i], here[COMMAND_RIGHT + i] = left[border], right[border]
+                if ring > 0:
+                    send(here, stride, index, seed, border, packets, ring, border, prepared)
+                advance(here, work, varying, prepared)
                 border += 1
             for i in range(lanes):
                 for field in range(7):
-                    recorded[r, block * LANES + i, field] = rows[first + field * LANES + i]
+                    recorded[r, block * LANES + i, field] = here[field * LANES + i]
 '''

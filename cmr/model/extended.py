@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cmr.model import composed_loops, elementary, step_helpers
 from cmr.model.catalogue import CATALOGUE
-from cmr.model.compose import LANES, STATE, compose, rows_of
+from cmr.model.compose import LANES, compose, late, rows_of
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import ParameterDefinition
@@ -32,48 +32,40 @@ class ExtendedModel:
 
     def __init__(self, effects: Sequence[Effect]) -> None:
         self.effects = tuple(effect for effect in effects if not effect.is_sensor)
-        self.definitions: dict[str, ParameterDefinition] = dict(PAPER)
-        for effect in self.effects:
-            self.definitions.update({parameter.name: parameter for parameter in effect.parameters})
+        self.late = [parameter for effect in late(self.effects) for parameter in effect.parameters]
+        others = [parameter for effect in self.effects for parameter in effect.parameters]
+        self.definitions = {parameter.name: parameter for parameter in (*PAPER.values(), *self.late, *others)}
         self.row = {name: index for index, name in enumerate(rows_of(self.effects, self.definitions))}
-        self.late = [
-            parameter for effect in self.effects if "packet" in effect.equations for parameter in effect.parameters
-        ]
         self.module: Any = _module(compose(self.effects, self.definitions))
 
     def on(self, values: Mapping[str, Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell for which robots the values, by name, switch on any effect on the motion."""
         return self._differs([p for effect in self.effects for p in effect.parameters if p.switches], values, shape)
 
-    def is_late(self, values: Mapping[str, Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-        """Tell for which robots commands may be late or lost."""
-        return self._differs(self.late, values, shape)
+    def packets_under_way(self, values: Mapping[str, Floats], dt: Floats) -> int:
+        """Return how many packets, one for each step of `dt` [s], are at most to be kept; 0 where none is late."""
+        late = {parameter.name: parameter for parameter in self.late if parameter.name in values}
+        if not np.any(self._differs(list(late.values()), values, values["k1"].shape)):
+            return 0
+        longest = sum(float(np.max(values[name])) for name, parameter in late.items() if parameter.unit == "s")
+        ends = np.cumsum(dt)
+        return int(np.max(np.searchsorted(ends, ends + longest, side="right") - np.arange(len(ends)), initial=1)) + 1
 
-    def robots(self, values: Mapping[str, Floats], start: Sequence[Floats] | Floats, time: float) -> Floats:
-        """Return the rows of robots that start with these values and at these states, shape (blocks, rows, LANES)."""
+    def robots(self, values: Mapping[str, Floats], start: Sequence[Floats] | Floats, time: float) -> "Blocks":
+        """Return robots that begin with these values, by name, and at these states: x, y, theta and both psi."""
         count = len(start[0])
-        rows = np.ones((-(-count // LANES), len(self.row), LANES))
-        rows[:, : len(STATE)] = 0.0
+        rows = np.zeros((-(-count // LANES), len(self.row), LANES))
+        lanes = np.arange(rows.shape[0] * LANES)
+        filled = np.minimum(lanes, count - 1)  # lanes that are left over repeat the last robot
         for name, definition in self.definitions.items():
-            if definition.neutral is not None:
-                rows[:, self.row[name]] = definition.neutral
-            if name in values:
-                self.put(rows, name, values[name])
+            numbers = values[name][filled] if name in values else np.full(len(lanes), definition.neutral, dtype=float)
+            rows[:, self.row[name]] = numbers.reshape(-1, LANES)
         for name, numbers in zip((*START, "time"), (*start, np.full(count, time)), strict=True):
-            self.put(rows, name, numbers)
+            rows[:, self.row[name]] = numbers[filled].reshape(-1, LANES)
         flat = rows.reshape(-1)
         for slot in range(count):
             self.module.start(flat, slot)
-        return rows
-
-    def put(self, rows: Floats, name: str, values: Any, slots: Any = None) -> None:
-        """Write a value of the robots in these slots, by default of the first ones."""
-        where = np.arange(len(values)) if slots is None else slots
-        rows[where // LANES, self.row[name], where % LANES] = values
-
-    def get(self, rows: Floats, name: str, slots: NDArray[np.int64]) -> Floats:
-        """Return a value of the robots in these slots."""
-        return np.asarray(rows[slots // LANES, self.row[name], slots % LANES])
+        return Blocks(self, rows)
 
     def _differs(
         self, definitions: Sequence[ParameterDefinition], values: Mapping[str, Any], shape: tuple[int, ...]
@@ -83,6 +75,33 @@ class ExtendedModel:
             if definition.name in values:
                 result |= np.asarray(values[definition.name]) != definition.neutral
         return result
+
+
+class Blocks:
+    """Robots as the compiled functions take them.
+
+    Robots stand in blocks of LANES. A block has rows of its own for what changes, and for parameters that differ from
+    robot to robot; what all robots share stands once, in `work`, where a block is computed. That halves what has to
+    come from memory.
+    """
+
+    def __init__(self, model: ExtendedModel, rows: Floats) -> None:
+        own = model.module.OWN // LANES
+        differ = np.any(rows != rows[:1, :, :1], axis=(0, 2))
+        places = own + np.flatnonzero(differ[own:])
+        self._row = model.row
+        self._flat = np.concatenate([rows[:, :own], rows[:, places]], axis=1).reshape(-1)
+        self.rows = self._flat.reshape(len(rows), own + len(places), LANES)
+        self.stride = LANES * self.rows.shape[1]
+        self.arguments = (self._flat, rows[0].reshape(-1).copy(), places * LANES)
+
+    def put(self, name: str, values: Floats, slots: NDArray[np.int64]) -> None:
+        """Write what changes, by name, of the robots in these slots."""
+        self.rows[slots // LANES, self._row[name], slots % LANES] = values
+
+    def get(self, name: str, slots: NDArray[np.int64]) -> Floats:
+        """Return what changes, by name, of the robots in these slots."""
+        return np.asarray(self.rows[slots // LANES, self._row[name], slots % LANES])
 
 
 @cache
@@ -112,10 +131,10 @@ def drive(
     parts = np.maximum(np.ceil(dt / LONGEST_STEP), 1.0).astype(np.int64)
     borders = np.concatenate([[0], np.cumsum(parts)])[at]
     left, right, dt = (np.repeat(array, parts) for array in (left, right, dt / parts))
-    rows = model.robots(values, start, time)
-    packets = np.empty(3 * len(dt) * count if np.any(model.is_late(values, (count,))) else 0)
+    blocks = model.robots(values, start, time)
     recorded = np.empty((len(at), count, RECORDED))
-    model.module.drive(rows.reshape(-1), count, left, right, dt, packets, seed, borders, recorded)
+    ring = model.packets_under_way(values, dt)
+    model.module.drive(*blocks.arguments, count, left, right, dt, ring, seed, borders, recorded)
     return np.ascontiguousarray(recorded.transpose(2, 0, 1))
 
 

@@ -11,6 +11,7 @@ from cmr.model.extended import START, extended_model
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+MOST_PACKETS = 1000  # that may be under way to one robot
 KEPT = ("time", "angle_left", "angle_right")  # what a robot keeps, besides memory, when others come or change
 
 
@@ -22,14 +23,15 @@ class ExtendedGroup:
         self._dt, self._seed, self._robots = dt, seed, robots
         self._slots = np.arange(len(robots))
         chosen = {name: numbers[robots] for name, numbers in values.items() if name in self._model.definitions}
-        self._rows = self._model.robots(chosen, state[:, robots], 0.0)
-        self._flat = self._rows.reshape(-1)
-        self._model.module.prepare(self._flat, dt)
-        self._late = np.flatnonzero(self._model.is_late(chosen, robots.shape))
-        self._numbers = np.zeros(len(self._late), dtype=np.int64)
-        self._ring = self._reach(chosen) if len(self._late) else 0
-        self._packets = np.zeros(3 * self._ring * len(robots))
-        self._duty = np.zeros((2, self._rows.shape[0] * LANES))
+        self._blocks = self._model.robots(chosen, state[:, robots], 0.0)
+        self._model.module.prepare(self._blocks.arguments[0], self._blocks.stride, dt)
+        # One packet a step reaches back as far as the longest delay in a row of steps that is long enough.
+        self._ring = self._model.packets_under_way(chosen, np.full(MOST_PACKETS, dt))
+        self._packets = np.empty(self._ring * 3 * LANES * len(self._blocks.rows))
+        self._number = 0
+        self._duty = np.zeros((2, len(self._blocks.rows) * LANES))
+        self._luck = np.zeros(self._duty.shape[1], dtype=np.int64)
+        self._luck[: len(robots)] = robots
         # Robots that follow one another are read as a slice, which costs less than looking up each.
         first, last = int(robots[0]), int(robots[-1])
         self._columns: Any = slice(first, last + 1) if last - first + 1 == len(robots) else robots
@@ -43,34 +45,28 @@ class ExtendedGroup:
         chosen = stays[self._robots[here]]
         here, there = here[chosen], there[chosen]
         for name in (*memories(self._model.effects), *KEPT):
-            self._model.put(self._rows, name, self._model.get(before._rows, name, there), here)
+            self._blocks.put(name, before._blocks.get(name, there), here)
         for side, name in enumerate(("left_before", "right_before")):
-            self._model.put(self._rows, name, duty[side, self._robots[here]], here)
+            self._blocks.put(name, duty[side, self._robots[here]], here)
 
-    def advance(self, duty: Floats) -> None:
-        """Let a step pass with the duties (2, robots of the fleet)."""
+    def advance(self, duty: Floats, count: int) -> None:
+        """Let the step number `count` of the fleet pass with the duties (2, robots of the fleet)."""
         self._duty[:, : len(self._slots)] = duty[:, self._columns]
         for name, values in zip(("command_left", "command_right"), self._duty, strict=True):
-            self._rows[:, self._model.row[name]] = values.reshape(-1, LANES)
-        if len(self._late):
-            late = self._late, self._robots[self._late], self._numbers
-            self._model.module.command_all(
-                self._flat, *late, self._duty, self._seed, self._dt, self._packets, self._ring
-            )
-        self._model.module.advance(self._flat, self._dt)
+            self._blocks.rows[:, self._model.row[name]] = values.reshape(-1, LANES)
+        if self._ring:
+            packets = self._packets, self._ring, self._number
+            rows = self._blocks.arguments[0], self._blocks.stride
+            self._model.module.send(*rows, self._luck, self._seed, count, *packets, self._dt)
+            self._number += 1
+        self._model.module.advance(*self._blocks.arguments, self._dt)
 
     def write(self, state: Floats, chosen: NDArray[np.bool_] | None = None, domega: Floats | None = None) -> None:
         """Write x, y, theta and both psi into the fleet's state (5, robots), for `chosen` ones by index; and domega."""
         slots = self._slots if chosen is None else self._slots[chosen[self._robots]]
         robots = self._robots[slots]
         for row, name in zip(state, START, strict=True):
-            row[robots] = self._model.get(self._rows, name, slots)
+            row[robots] = self._blocks.get(name, slots)
         if domega is not None:
             for row, name in zip(domega, ("domega_left", "domega_right"), strict=True):
-                row[robots] = self._model.get(self._rows, name, slots)
-
-    def _reach(self, values: Mapping[str, Floats]) -> int:
-        """Return how many packets a robot's ring must hold to reach back as far as the longest delay."""
-        delays = [parameter.name for parameter in self._model.late if parameter.unit == "s"]
-        longest = sum(float(np.max(values[name])) for name in delays if name in values)
-        return int(np.ceil(longest / self._dt)) + 2
+                row[robots] = self._blocks.get(name, slots)

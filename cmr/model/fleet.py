@@ -39,6 +39,7 @@ class Fleet:
         self._extended: ExtendedGroup | None = None
         self._placed = np.empty(ROOM, dtype=bool)
         self._changed = False
+        self._steps = 0
         self._rows: tuple[Floats, ...] = ()
 
     def __len__(self) -> int:
@@ -94,7 +95,8 @@ class Fleet:
             if self._rows:
                 paper.advance(*self._rows)
             if self._extended:
-                self._extended.advance(self._duty)
+                self._extended.advance(self._duty, self._steps)
+            self._steps += 1
 
     def states(self, index: Any = slice(None)) -> RobotState:
         """Return the states as arrays; headings lie in (-pi, pi]."""

@@ -39,7 +39,7 @@ COMMAND_LOSS = Effect(
     name="command_loss",
     group=GROUP,
     cause="Of all commands {command_loss:.1%} are lost; the one before stays in force.",
-    equations={"packet": "lost = lost or random < command_loss"},
+    equations={"packet": "lost = lost | (random < command_loss)"},
     parameters=(ParameterDefinition("command_loss", "-", "probability that a command is lost", 0.0, 0.9, 0.0, 0.05),),
     needs="commands that change often",
     shows_in="single late changes of the wheel speed",
