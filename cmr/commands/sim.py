@@ -70,7 +70,13 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "MOTOR_COMMAND_N says), or your own as module:Class; x, y, theta set where a virtual robot starts.",
     )
     options.add_argument(
-        "--virtual", type=numbered, action="append", default=[], metavar="ID=BEHAVIOUR,...", help="a virtual robot"
+        "--virtual",
+        type=numbered,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="ID=BEHAVIOUR,...",
+        help="virtual robots",
     )
     options.add_argument(
         "--parameters", type=Path, default=Path(), metavar="DIR", help="folder with the files robot_<id>.yaml"

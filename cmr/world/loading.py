@@ -36,7 +36,7 @@ class Loader:
         """What keeps robots from being simulated by the newest parameters, empty if nothing does for long."""
         loading = any(thread.is_alive() for thread in self._threads.values())
         if loading and time.monotonic() - self._since > LONG:
-            return "The robot model is being compiled, as it is the first time it runs on this computer."
+            return "The robot model is still being loaded; the first time on a computer, it has to be compiled."
         return self._failure
 
     def _load(self, key: Key, parameters: RobotParameters) -> None:
