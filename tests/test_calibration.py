@@ -1,6 +1,5 @@
 """What calibrate() promises, on drives of an emulated robot whose truth is known."""
 
-import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 from cmr.calibration import CalibrationError, CalibrationResult, calibrate
-from cmr.calibration.grid import axes_for, search
 from cmr.calibration.segments import segments_of
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value, parse
@@ -61,19 +59,6 @@ def test_what_was_believed_before_does_not_change_what_is_found(
 ) -> None:
     other = ParameterFile(0, {"wheel_radius": Value(0.04), "k1": Value(0.02), "k2_over_k3": Value(900.0)})
     assert calibrate(recording_of(default_drive), other).estimates == default_result.estimates
-
-
-def test_the_grid_is_the_loop_over_all_its_points() -> None:
-    segments = segments_of(recording_of(messages(DEFAULT, seconds=6.0)))
-    full = axes_for(segments, 0.04, None)
-    axes = (full[0][::6], full[1][::10], full[2][::10])
-    grid = search(segments, 0.04, axes)
-    (segment,) = segments
-    for (i, gain), (j, k1), (k, width) in itertools.product(*(enumerate(axis) for axis in axes)):
-        path = segment.simulate(RobotParameters(0.04, gain, k1, width))
-        square = (path.x[segment.at] - segment.x) ** 2 + (path.y[segment.at] - segment.y) ** 2
-        assert grid.mean_square[i, j, k] == pytest.approx(float(square.mean()), rel=1e-9)
-    assert grid.best["k1"] == axes[1][np.unravel_index(grid.mean_square.argmin(), grid.mean_square.shape)[1]]
 
 
 def test_a_robot_that_never_turned_has_no_base_width() -> None:
