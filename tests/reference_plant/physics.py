@@ -332,6 +332,13 @@ def disturbed(side: Side, noise: tuple[float, float, float, float], h: float, ra
 
 
 @compiled
+def row(left: Side, right: Side, body: Body) -> tuple[float, ...]:
+    """Return the state in the order of COLUMNS."""
+    pose = (body.x, body.y, body.theta)
+    return (*pose, left.psi, right.psi, left.domega, right.domega, left.phi, right.phi, body.w)
+
+
+@compiled
 def simulate(
     p: PlantParameters,
     pose: tuple[float, float, float],
@@ -363,17 +370,5 @@ def simulate(
             left, right, body = advance(p, left, right, body, wanted, borders[span] + number * h, h)
             if noisy:
                 left, right = disturbed(left, noise, h, random), disturbed(right, noise, h, random)
-        state = (
-            body.x,
-            body.y,
-            body.theta,
-            left.psi,
-            right.psi,
-            left.domega,
-            right.domega,
-            left.phi,
-            right.phi,
-            body.w,
-        )
-        states[span + 1] = state
+        states[span + 1] = row(left, right, body)
     return states
