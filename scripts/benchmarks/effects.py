@@ -35,14 +35,14 @@ def effects() -> Iterator[Row]:
         kernel, neutral_step, all_on = timings["kernel"], timings["neutral"], timings["all on"]
         ratio = neutral_step.median / kernel.median
         yield Row(
-            f"the same with the catalogue of effects present and neutral, {count:,} robots",
+            f"step of {count:,} robots, the catalogue of effects present and neutral",
             per_robot(neutral_step, count),
             f"{ratio:.2f} to the kernel without a catalogue at {per_robot(kernel, count)}",
             f"{LARGEST_RATIO:g}",
             ratio <= LARGEST_RATIO,
         )
         yield Row(
-            f"the same with all {len(OF_MOTION)} effects of the motion on, {count:,} robots",
+            f"step of {count:,} robots, all {len(OF_MOTION)} effects of the motion on",
             per_robot(all_on, count),
             f"{all_on.median / kernel.median:.1f} to the kernel without a catalogue",
             f"{LONGEST_STEP * 1e9:g} ns",
