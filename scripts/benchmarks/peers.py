@@ -4,6 +4,7 @@ They are not dependencies: `install` makes .venv-bench for them, and each runs i
 """
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -21,6 +22,7 @@ ENVIRONMENT = ROOT / ".venv-bench"
 WORKER = Path(__file__).with_name("peer_worker.py")
 # This very file of torch is for CPUs alone; others bring gigabytes of CUDA along.
 PACKAGES = (("torch==2.13.0",), ("mujoco", "ir-sim", "vmas"))
+DISK = 4e9  # bytes while installing
 ROBOTS = (10, 100, 1_000)
 REPETITIONS = 5
 # Of a peer's time to ours at the largest number of robots, and the peer's name.
@@ -75,11 +77,13 @@ class Peer:
 def install() -> None:
     """Make the environment with the peers, unless it is there: 1.4 GB, some minutes.
 
-    Raises subprocess.CalledProcessError.
+    Raises RuntimeError where the disk is too full, subprocess.CalledProcessError where pip fails.
     """
     done = ENVIRONMENT / "installed"
     if done.exists():
         return
+    if shutil.disk_usage(ROOT).free < DISK:
+        raise RuntimeError(f"the peers take {DISK / 1e9:g} GB of disk while they are installed, and there is less")
     print(f"Installing MuJoCo, ir-sim and VMAS into {ENVIRONMENT} (1.4 GB) ...", file=sys.stderr, flush=True)
     subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True)
     for packages in PACKAGES:
