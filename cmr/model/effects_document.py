@@ -1,5 +1,6 @@
 """The text of docs/effects.md, written from the catalogue."""
 
+from collections.abc import Mapping
 from textwrap import dedent
 
 from cmr.model.catalogue import CATALOGUE, typical
@@ -101,7 +102,7 @@ def _heading(name: str) -> str:
 
 def _stages() -> str:
     rows = [f"| `{name}`{' (side)' if stage.per_side else ''} | {_row(stage)} |" for name, stage in STAGES.items()]
-    functions = "; ".join(f"`{name}`: {meaning}" for name, meaning in FUNCTIONS.items())
+    always, functions = (_names(names) for names in (ALWAYS, FUNCTIONS))
     return "\n".join(
         [
             "## Stages of the step\n",
@@ -113,18 +114,19 @@ def _stages() -> str:
             "|---|---|---|---|",
             *rows,
             "",
-            f"Every stage of the motion also reads {', '.join(ALWAYS)}. Functions: {functions}.",
+            f"Every stage of the motion also reads all parameters and the entry's memory; {always}.",
+            f"Functions: {functions}. A choice is written `a if condition else b`; both are computed.",
             "",
         ]
     )
 
 
 def _row(stage: Stage) -> str:
-    columns = (
-        "; ".join(f"`{name}`{' ' + meaning if meaning else ''}" for name, meaning in names.items())
-        for names in (stage.changes, stage.reads)
-    )
-    return " | ".join([stage.when, *columns])
+    return " | ".join([stage.when, _names(stage.changes), _names(stage.reads)])
+
+
+def _names(names: Mapping[str, str]) -> str:
+    return "; ".join(f"`{name}` {meaning}".strip() for name, meaning in names.items())
 
 
 def _own(example: str) -> str:

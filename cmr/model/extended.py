@@ -24,7 +24,7 @@ from cmr.model.parameters import ParameterDefinition
 Floats = NDArray[np.float64]
 START = ("x", "y", "theta", "psi_left", "psi_right")
 RECORDED = 7
-LONGEST_STEP = 0.0100001  # s; longer spans are split
+LONGEST_STEP = 0.012  # s; longer spans are split into equal parts
 
 
 class ExtendedModel:

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.model.compose import LANES, memories
+from cmr.model.compose import LANES
 from cmr.model.extended import START, extended_model
+from cmr.model.statements import memories
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

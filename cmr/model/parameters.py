@@ -76,11 +76,5 @@ class RobotParameters:
     def __iter__(self) -> Iterator[Any]:
         return iter((self.wheel_radius, self.k2_over_k3, self.k1, self.base_width))
 
-    def __len__(self) -> int:
-        return len(DEFINITIONS)
-
-    def __getitem__(self, index: int) -> Any:
-        return getattr(self, tuple(DEFINITIONS)[index])
-
     def _replace(self, **values: Any) -> "RobotParameters":
         return replace(self, **values)

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cmr.model.catalogue import CATALOGUE
-from cmr.model.compose import SIDES, Statements
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
+from cmr.model.statements import SIDES, Statements
 
 
 class Readings(NamedTuple):
@@ -77,7 +77,7 @@ def _values(parameters: RobotParameters) -> dict[str, Any]:
 @cache
 def _stage(stage: str, side: str | None = None) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
     """Return a function from the variables of a stage, by name, to their values after all effects."""
-    statements = Statements(tuple(effect for effect in CATALOGUE.values() if effect.is_sensor))
+    statements = Statements(tuple(effect for effect in CATALOGUE.values() if effect.is_sensor), DEFINITIONS)
     lines = statements.of(stage) if side is None else statements.of_side(stage, side)
     code = compile("\n".join(lines), f"<stage {stage}>", "exec")
     functions = {

@@ -7,19 +7,28 @@ the left (`side` = 1.0) and for the right (`side` = -1.0); stages for the whole 
 
 from dataclasses import dataclass
 
-ALWAYS = (
-    "all parameters by name",
-    "memory",
-    "`dt` [s]",
-    "`time` [s] since the start, at the step's beginning",
-    "the pose `x`, `y`, `theta` there",
-)
+ALWAYS = {
+    "dt": "[s]",
+    "time": "[s] since the start, at the step's beginning",
+    "x": "[m] there",
+    "y": "[m] there",
+    "theta": "[rad] there",
+}
 FUNCTIONS = {
-    "min, max, abs, exp, cos, sin, sqrt": "as usual",
-    "sign(value)": "-1.0, 0.0 or 1.0",
-    "after(moment)": "share of the step that lies after this time [s]",
-    "share(before, behind)": "share of the step during which a value is positive that goes from the one to the other",
-    "a if condition else b": "a choice; both are computed",
+    "min": "of two",
+    "max": "of two",
+    "abs": "",
+    "exp": "",
+    "cos": "",
+    "sin": "",
+    "sqrt": "",
+    "sign": "-1.0, 0.0 or 1.0",
+    "after": "of a moment [s]: the share of the step that lies after it",
+    "share": "of two values: the share of the step during which what goes from the one to the other is positive",
+    "floor": "for sensors",
+    "where": "for sensors",
+    "inf": "for sensors",
+    "pi": "for sensors",
 }
 
 
@@ -48,7 +57,7 @@ STAGES = {
         per_side=True,
     ),
     "packet": Stage(
-        "once a step, for its command",
+        "once a step, for its command; reads its own and the paper's parameters only",
         {"delay": "age of the command in force [s]", "lost": "whether the command before stays in force"},
         {"random": "number in [0, 1), new for each step and effect"},
     ),

@@ -1,0 +1,119 @@
+"""The statements of effects, made ready for the step: checked, and with names that cannot meet others' by accident."""
+
+import ast
+import zlib
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from textwrap import dedent
+
+from cmr.model.effect import Effect
+from cmr.model.stages import ALWAYS, FUNCTIONS, STAGES
+
+SIDES = {"left": 1.0, "right": -1.0}
+OF_A_SIDE = {name for stage in STAGES.values() if stage.per_side for name in (*stage.changes, *stage.reads)} - {
+    *("load_share", "cosine", "sine", "time")
+}
+
+
+def memories(effects: Iterable[Effect]) -> list[str]:
+    """Return what the step calls all memory: after its effect, and with the side where there is one for each."""
+    return [
+        name
+        for effect in effects
+        for memory in effect.memory
+        for name in _for_sides(f"{effect.name}_{memory.name}", memory.per_side)
+    ]
+
+
+def _for_sides(name: str, per_side: bool) -> list[str]:
+    return [f"{name}_{side}" for side in SIDES] if per_side else [name]
+
+
+class Statements:
+    """The statements of all effects; `parameters` are the names that all of them may read.
+
+    Raises ValueError where a statement reads a name that nothing gives it.
+    """
+
+    def __init__(self, effects: Sequence[Effect], parameters: Collection[str]) -> None:
+        self._effects = effects
+        self._names = {effect.name: _own_names(effect) for effect in effects}
+        for effect in effects:
+            for stage in effect.equations:
+                _check(effect, stage, {*parameters, *self._names[effect.name]})
+
+    def of(self, stage: str) -> list[str]:
+        """Return the statements of a stage of the whole robot."""
+        return [line for effect in self._effects for line in self._lines(effect, stage, None)]
+
+    def both(self, stage: str) -> list[str]:
+        """Return the statements of a side's stage, for both sides."""
+        return [line for side in SIDES for line in self.of_side(stage, side)]
+
+    def of_side(self, stage: str, side: str) -> list[str]:
+        """Return the statements of a side's stage, for one side."""
+        return [line for effect in self._effects for line in self._lines(effect, stage, side)]
+
+    def _lines(self, effect: Effect, stage: str, side: str | None) -> list[str]:
+        if stage not in effect.equations:
+            return []
+        tree = _parsed(effect, stage)
+        return ast.unparse(_Rename(effect.name, self._names[effect.name], side).visit(tree)).splitlines()
+
+
+def _parsed(effect: Effect, stage: str) -> ast.Module:
+    try:
+        return ast.parse(dedent(effect.equations[stage]))
+    except SyntaxError as error:
+        raise ValueError(f"effect {effect.name}, stage {stage}: {error}") from None
+
+
+def _own_names(effect: Effect) -> dict[str, bool]:
+    """Return the names that belong to an effect, memory and what it assigns, each with whether every side has one."""
+    own = {}
+    for memory in effect.memory:
+        own[memory.name] = memory.per_side
+        if memory.per_side:
+            own.update(dict.fromkeys(_for_sides(memory.name, True), False))
+    for stage in effect.equations:
+        for node in ast.walk(_parsed(effect, stage)):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id not in STAGES[stage].changes:
+                own.setdefault(node.id, STAGES[stage].per_side)
+    return own
+
+
+def _check(effect: Effect, name: str, known: set[str]) -> None:
+    stage = STAGES[name]
+    given = {*known, *FUNCTIONS, *ALWAYS, *stage.changes, *stage.reads, *(("side",) if stage.per_side else ())}
+    read = {node.id for node in ast.walk(_parsed(effect, name)) if isinstance(node, ast.Name)}
+    unknown = sorted(read - given)
+    if unknown:
+        raise ValueError(f"effect {effect.name}, stage {name}: nothing gives {', '.join(unknown)}")
+
+
+class _Rename(ast.NodeTransformer):
+    """Give the names in an effect's statements the side, and its own names the effect's name."""
+
+    def __init__(self, effect: str, own: Mapping[str, bool], side: str | None) -> None:
+        self._effect, self._own, self._side = effect, own, side
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """Rename one name."""
+        name = node.id
+        if name == "side" and self._side:
+            return ast.Constant(SIDES[self._side])
+        if name == "random":
+            stream = zlib.crc32(self._effect.encode())  # tells its random numbers from those of other effects
+            return ast.parse(f"random_number(seed, count, robot, {stream})", mode="eval").body
+        if name in self._own:
+            return self._named(f"{self._effect}_{name}", node, self._own[name])
+        return self._named(name, node, name in OF_A_SIDE)
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        """Hand the step to the function that needs it."""
+        self.generic_visit(node)
+        if isinstance(node.func, ast.Name) and node.func.id == "after":
+            node.args = [ast.Name("time"), ast.Name("dt"), *node.args]
+        return node
+
+    def _named(self, name: str, node: ast.Name, per_side: bool) -> ast.Name:
+        return ast.Name(f"{name}_{self._side}" if per_side and self._side else name, node.ctx)
