@@ -90,7 +90,7 @@ def test_a_robot_that_does_not_stop_is_calibrated_all_the_same() -> None:
         turning = 0.09 if int(share * 6) % 2 else -0.09
         return 0.42 - turning, 0.42 + turning
 
-    endless = [m for m in messages(DEFAULT, seconds=60.0, duties=laps) if m[1].utime < EPOCH + 60_000_000]
+    endless = [m for m in messages(DEFAULT, seconds=150.0, duties=laps) if m[1].utime < EPOCH + 150_000_000]
     assert fed(endless).complete
 
 

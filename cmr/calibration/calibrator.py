@@ -27,7 +27,7 @@ FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to on
 HEARD = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 FIRST_LOOK = 3.0  # s of motion that tell something
 SHARP = 0.05  # relative standard deviation of an estimate that the next one can start from
-ENOUGH = 4.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
+ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
 
 
 class Calibrator:
