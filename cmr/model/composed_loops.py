@@ -73,20 +73,23 @@ def start(rows, robot):
     START
 
 
-@compiled("void(f8[::1], i8, i8[::1], i8, i8, f8[::1], i8, i8, f8)")
-def send(rows, stride, robots, seed, count, packets, ring, number, dt):
-    """Send each robot what its commands say, and set them to the mean over the step of those in force.
+@compiled("void(f8[::1], i8, f8[:, ::1], i8[::1], i8, i8, f8[::1], i8, i8, f8)")
+def send(rows, stride, duty, robots, seed, count, packets, ring, number, dt):
+    """Send each robot its `duty` (2, robots), and set its commands to the mean over the step of those in force.
 
     In force is the newest packet that has arrived; before the first, the duty that held the speed at the start.
     `packets` holds the last `ring` ones of each block: left, right, arrival. `number` is 0 for the first packet;
     seed, count and the index in `robots` fix a packet's random numbers.
     """
+    duty_left, duty_right = duty[0], duty[1]
     packet = 3 * LANES
     mean = np.empty(3 * LANES)  # of left, of right; and until when the step's commands are not known yet
     for block in range(len(rows) // stride):
         here = rows[block * stride : (block + 1) * stride]
         sent = packets[block * ring * packet : (block + 1) * ring * packet]
         index = robots[block * LANES : (block + 1) * LANES]
+        wanted_left = duty_left[block * LANES : (block + 1) * LANES]
+        wanted_right = duty_right[block * LANES : (block + 1) * LANES]
         if number == 0:
             for k in range(ring):
                 for i in range(LANES):
@@ -102,8 +105,8 @@ def send(rows, stride, robots, seed, count, packets, ring, number, dt):
             now = here[TIME + i]
     PACKET
             # A lost packet leaves the one before in force.
-            left = before[i] if lost else here[COMMAND_LEFT + i]
-            right = before[LANES + i] if lost else here[COMMAND_RIGHT + i]
+            left = before[i] if lost else wanted_left[i]
+            right = before[LANES + i] if lost else wanted_right[i]
             arrival = before[2 * LANES + i] if lost else now + delay
             newest[i], newest[LANES + i], newest[2 * LANES + i] = left, right, arrival
             mean[i], mean[LANES + i], mean[2 * LANES + i] = 0.0, 0.0, now + dt
@@ -132,6 +135,7 @@ def drive(rows, work, varying, robots, left, right, dt, ring, seed, at, recorded
     stride = OWN + len(varying) * LANES
     packets = np.empty(ring * 3 * LANES)
     index = np.zeros(LANES, dtype=np.int64)
+    duty = np.empty((2, LANES))
     for block in range((robots + LANES - 1) // LANES):
         here = rows[block * stride : (block + 1) * stride]
         lanes = min(LANES, robots - block * LANES)
@@ -144,7 +148,8 @@ def drive(rows, work, varying, robots, left, right, dt, ring, seed, at, recorded
                 for i in range(LANES):
                     here[COMMAND_LEFT + i], here[COMMAND_RIGHT + i] = left[border], right[border]
                 if ring > 0:
-                    send(here, stride, index, seed, border, packets, ring, border, prepared)
+                    duty[0], duty[1] = left[border], right[border]
+                    send(here, stride, duty, index, seed, border, packets, ring, border, prepared)
                 advance(here, work, varying, prepared)
                 border += 1
             for i in range(lanes):

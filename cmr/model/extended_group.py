@@ -50,15 +50,18 @@ class ExtendedGroup:
         for side, name in enumerate(("left_before", "right_before")):
             self._blocks.put(name, duty[side, self._robots[here]], here)
 
-    def advance(self, duty: Floats, count: int) -> None:
-        """Let the step number `count` of the fleet pass with the duties (2, robots of the fleet)."""
+    def command(self, duty: Floats) -> None:
+        """Drive with the duties (2, robots of the fleet) from now on."""
         self._duty[:, : len(self._slots)] = duty[:, self._columns]
         for name, values in zip(("command_left", "command_right"), self._duty, strict=True):
             self._blocks.rows[:, self._model.row[name]] = values.reshape(-1, LANES)
+
+    def advance(self, count: int) -> None:
+        """Let the step number `count` of the fleet pass."""
         if self._ring:
+            rows = self._blocks.arguments[0], self._blocks.stride, self._duty, self._luck
             packets = self._packets, self._ring, self._number
-            rows = self._blocks.arguments[0], self._blocks.stride
-            self._model.module.send(*rows, self._luck, self._seed, count, *packets, self._dt)
+            self._model.module.send(*rows, self._seed, count, *packets, self._dt)
             self._number += 1
         self._model.module.advance(*self._blocks.arguments, self._dt)
 

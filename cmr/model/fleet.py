@@ -39,6 +39,7 @@ class Fleet:
         self._extended: ExtendedGroup | None = None
         self._placed = np.empty(ROOM, dtype=bool)
         self._changed = False
+        self._commanded = False
         self._steps = 0
         self._rows: tuple[Floats, ...] = ()
 
@@ -86,16 +87,20 @@ class Fleet:
         """Drive robots with these duties, in [-1, 1], from now on."""
         self._duty[0, index] = left
         self._duty[1, index] = right
+        self._commanded = True
 
     def advance(self, steps: int = 1) -> None:
         """Let time pass for all robots."""
         if self._changed:
             self._prepare()
+        if self._extended and self._commanded:
+            self._extended.command(self._duty)
+        self._commanded = False
         for _ in range(steps):
             if self._rows:
                 paper.advance(*self._rows)
             if self._extended:
-                self._extended.advance(self._duty, self._steps)
+                self._extended.advance(self._steps)
             self._steps += 1
 
     def states(self, index: Any = slice(None)) -> RobotState:
@@ -145,7 +150,7 @@ class Fleet:
         rows = (*self._state, *self._duty, *self._coefficients)
         self._rows = () if len(robots) == n else tuple(row[:n] for row in rows)
         self._placed[:] = False
-        self._changed = False
+        self._changed, self._commanded = False, True
 
 
 def _turning_too_fast(dt: float, parameters: Floats, speeds: Floats) -> NDArray[np.bool_]:

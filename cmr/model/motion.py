@@ -14,6 +14,7 @@ from cmr.model.body import arc, forward, turn
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 
 LARGEST_HALF_TURN = 0.3  # rad between the middle of a step and its Gauss points; beyond, steps are split
+LONGEST_PART = 0.025  # s; errors grow with the fourth power
 MOST_PARTS = 1000  # into which a step is split; absurd parameters must not take for ever
 
 
@@ -155,14 +156,13 @@ def _columns(rows: Any, chosen: Any) -> Any:
 
 
 def parts_of(dt: Any, wheel_radius: Any, base_width: Any, fastest: Any) -> Any:
-    """Return in how many parts spans `dt` [s] are integrated so that no robot turns far between the Gauss points.
+    """Return in how many parts spans `dt` [s] are integrated: short ones, in which no robot turns far.
 
-    `fastest` [rad/s] bounds the wheel speeds. One part is enough for anything that drives; wrong parameters, or
-    commands that stay away for seconds, may need more.
+    `fastest` [rad/s] bounds the wheel speeds. One part is enough where commands come often; long spans, or wrong
+    parameters, need more.
     """
-    parts = np.ceil(
-        np.max(half_turn(1.0, wheel_radius, base_width, fastest), initial=0.0) * np.abs(dt) / LARGEST_HALF_TURN
-    )
+    half_turn_in_a_second = np.max(half_turn(1.0, wheel_radius, base_width, fastest), initial=0.0)
+    parts = np.ceil(np.abs(dt) * np.maximum(half_turn_in_a_second / LARGEST_HALF_TURN, 1.0 / LONGEST_PART))
     return np.clip(np.nan_to_num(parts, nan=1.0), 1.0, MOST_PARTS).astype(np.int64)
 
 
