@@ -1,6 +1,11 @@
 """How a skid-steer robot moves: the one definition that simulation, calibration and documentation read.
 
-`parameters` names the model's numbers, `motor` turns commands into wheel motion, `body` turns wheel motion
-into motion over the floor, `motion` joins the two: one step of many robots, or one drive under many parameters.
-Every function is pure and broadcasts over NumPy arrays.
+The paper's model: `parameters` names its numbers, `motor` turns commands into wheel motion, `body` turns wheel motion
+into motion over the floor; `paper` is both, compiled.
+
+Effects: `catalogue` has one entry for each, from `effects/`; `stages` says what the equations of an entry may do,
+`compose` makes one step out of all entries, `extended` compiles it.
+
+What others use: `motion` (one drive under many parameters), `fleet` (many robots, step by step), `sensitivity`
+(one drive with derivatives), `sensors` (what encoders, gyro and an external pose make of a drive).
 """

@@ -68,7 +68,7 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
         *statements.of("packet"),
     ]
     loops = LOOPS
-    for place, lines, depth in (("STEP", body, 12), ("START", start, 4), ("PACKET", packet, 12)):
+    for place, lines, depth in (("STEP", body, 12), ("START", start, 8), ("PACKET", packet, 12)):
         loops = loops.replace(f"    {place}\n", _indented(lines, depth))
     return "\n".join([IMPORTS, f"LANES = {LANES}", *(f"{name} = {value}" for name, value in constants.items()), loops])
 

@@ -67,9 +67,10 @@ def prepare(rows, stride, dt):
 
 
 @compiled("void(f8[::1], i8)")
-def start(rows, robot):
-    """Set a robot's memory to what it is where a drive begins; blocks have all rows here."""
-    first, i = robot // LANES * SIZE, robot % LANES
+def start(rows, robots):
+    """Set the memory of the first `robots` to what it is where a drive begins; blocks have all rows here."""
+    for robot in range(robots):
+        first, i = robot // LANES * SIZE, robot % LANES
     START
 
 

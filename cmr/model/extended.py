@@ -62,9 +62,7 @@ class ExtendedModel:
             rows[:, self.row[name]] = numbers.reshape(-1, LANES)
         for name, numbers in zip((*START, "time"), (*start, np.full(count, time)), strict=True):
             rows[:, self.row[name]] = numbers[filled].reshape(-1, LANES)
-        flat = rows.reshape(-1)
-        for slot in range(count):
-            self.module.start(flat, slot)
+        self.module.start(rows.reshape(-1), count)
         return Blocks(self, rows)
 
     def _differs(
