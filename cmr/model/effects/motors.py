@@ -35,7 +35,7 @@ STATIC_FRICTION = Effect(
     cause="Starting from rest takes {static_friction:.1f} rad/s^2 more than rolling on.",
     equations={
         "acceleration": f"""
-            friction = friction + static_friction * exp(-(psi / {STRIBECK_SPEED}) ** 2)
+            friction = friction + static_friction * exp(-((psi / {STRIBECK_SPEED}) ** 2))
             break_away = break_away + static_friction
         """
     },
