@@ -9,13 +9,14 @@ The step, for a robot on a span of constant commands:
    sticks, or sets off with what friction cannot hold.
 4. Wheels, ground and body at the two Gauss-Legendre points; heading and position by collocation.
 
-There is no branch in it: choices become selections, and the loop over LANES robots is vectorised.
+There is no branch in it: choices become selections, and the loops over LANES robots are vectorised.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 
 from cmr.model.composed_loops import IMPORTS, LOOPS
 from cmr.model.effect import Effect
+from cmr.model.loops import loops
 from cmr.model.parameters import DEFINITIONS as _PAPER
 from cmr.model.parameters import ParameterDefinition
 from cmr.model.statements import SIDES, Statements, memories
@@ -44,15 +45,12 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
     rows = rows_of(effects, definitions)
     remembered = memories(effects)
     own = [*_PAPER, *(parameter.name for effect in late(effects) for parameter in effect.parameters)]
-    constants = {name.upper(): LANES * i for i, name in enumerate(rows)}
+    body, extra = loops(_step(statements), rows, (*CHANGED, *remembered))
+    constants = {name.upper(): LANES * i for i, name in enumerate((*rows, *extra))}
     constants["CHANGED"] = LANES * (len(CHANGED) + len(remembered))
     constants["OWN"] = LANES * rows.index(own[-1]) + LANES
     constants["SIZE"] = LANES * len(rows)
-    body = [
-        *(f"{name} = work[{name.upper()} + i]" for name in rows),
-        *_step(statements),
-        *(f"work[{name.upper()} + i] = {name}" for name in (*CHANGED, *remembered)),
-    ]
+    constants["WORK"] = LANES * len((*rows, *extra))
     start = [
         *(f"{name} = rows[first + {name.upper()} + i]" for name in ("psi_left", "psi_right", *definitions)),
         *(f"{name} = 0.0" for name in remembered),
@@ -67,10 +65,12 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
         "lost = False",
         *statements.of("packet"),
     ]
-    loops = LOOPS
-    for place, lines, depth in (("STEP", body, 12), ("START", start, 8), ("PACKET", packet, 12)):
-        loops = loops.replace(f"    {place}\n", _indented(lines, depth))
-    return "\n".join([IMPORTS, f"LANES = {LANES}", *(f"{name} = {value}" for name, value in constants.items()), loops])
+    functions = LOOPS
+    for place, lines, depth in (("STEP", body, 8), ("START", start, 8), ("PACKET", packet, 12)):
+        functions = functions.replace(f"    {place}\n", _indented(lines, depth))
+    return "\n".join(
+        [IMPORTS, f"LANES = {LANES}", *(f"{name} = {value}" for name, value in constants.items()), functions]
+    )
 
 
 def late(effects: Iterable[Effect]) -> list[Effect]:
@@ -79,39 +79,48 @@ def late(effects: Iterable[Effect]) -> list[Effect]:
 
 
 def _indented(lines: Iterable[str], by: int) -> str:
-    return "".join(" " * by + part + "\n" for line in lines for part in line.splitlines())
+    return "".join(" " * by + line + "\n" for line in lines)
 
 
-def _step(statements: Statements) -> list[str]:
-    """Return the lines of one step."""
-    each = [line for side in SIDES for line in _each(_BEFORE, side)]
+def _step(statements: Statements) -> list[list[str]]:
+    """Return the lines of one step, in the parts that are loops of their own."""
     return [
-        "duty_left, duty_right = command_left, command_right",
-        *statements.of("command"),
-        *each,
-        *statements.both("actuator"),
-        *_AHEAD,
-        *statements.of("place"),
-        *_evaluation(statements),
-        *(line for side in SIDES for line in _each(_DIRECTION, side)),
-        *statements.of("coupling"),
-        *(line for side in SIDES for line in _each(_PREDICT, side)),
-        "load_before = load_share",
-        "sine, cosine = sine_ahead, cosine_ahead",
-        *_evaluation(statements),
-        *(line for side in SIDES for line in _each(_FRICTION, side)),
-        *statements.of("coupling"),
-        *(line for side in SIDES for line in _each(_CORRECT, side)),
-        *statements.both("wheel"),
-        *_point(statements, "first"),
-        *_point(statements, "second"),
-        *_POSE,
-        *(line for side in SIDES for line in _each(_AFTER, side)),
-        "load_share = 0.5 * (load_before + load_share)",
-        *statements.both("memory"),
-        *statements.of("robot_memory"),
-        "time = time + dt",
+        [
+            "duty_left, duty_right = command_left, command_right",
+            *statements.of("command"),
+            *_both(_BEFORE),
+            *statements.both("actuator"),
+        ],
+        [*_AHEAD, *statements.of("place")],
+        [
+            *_evaluation(statements),
+            *_both(_DIRECTION),
+            *statements.of("coupling"),
+            *_both(_PREDICT),
+            "load_before = load_share",
+        ],
+        [
+            "sine, cosine = sine_ahead, cosine_ahead",
+            *_evaluation(statements),
+            *_both(_FRICTION),
+            *statements.of("coupling"),
+            "load_share = 0.5 * (load_before + load_share)",
+        ],
+        [*_both(_CORRECT), *statements.both("wheel")],
+        _point(statements, "first"),
+        _point(statements, "second"),
+        _POSE,
+        [
+            *_both(_AFTER),
+            *statements.both("memory"),
+            *statements.of("robot_memory"),
+            "time = time + dt",
+        ],
     ]
+
+
+def _both(lines: Iterable[str]) -> list[str]:
+    return [line for side in SIDES for line in _each(lines, side)]
 
 
 def _each(lines: Iterable[str], side: str) -> list[str]:
@@ -213,7 +222,7 @@ _GROUND = (
     "angle_SIDE = angle_before_SIDE + dt * (POINT_BY_FIRST * first_SIDE + POINT_BY_SECOND * second_SIDE)",
     "radius_SIDE, rolling_SIDE = wheel_radius, psi_SIDE",
 )
-_POSE = (
+_POSE = [
     "sine_first, cosine_first = sincos(theta + dt * (0.25 * yaw_rate_first + first_BY_SECOND * yaw_rate_second))",
     "sine_second, cosine_second = sincos(theta + dt * (second_BY_FIRST * yaw_rate_first + 0.25 * yaw_rate_second))",
     "x = x + 0.5 * dt * (speed_first * cosine_first - sideways_first * sine_first "
@@ -221,7 +230,7 @@ _POSE = (
     "y = y + 0.5 * dt * (speed_first * sine_first + sideways_first * cosine_first "
     "+ speed_second * sine_second + sideways_second * cosine_second)",
     "theta = theta + 0.5 * dt * (yaw_rate_first + yaw_rate_second)",
-)
+]
 _AFTER = (
     "psi_SIDE, domega_SIDE = after_SIDE, domega_end_SIDE",
     "angle_SIDE = angle_before_SIDE + turned_SIDE",

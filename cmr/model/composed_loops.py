@@ -36,7 +36,6 @@ def advance(rows, work, varying, dt):
             place = work[varying[row] : varying[row] + LANES]
             for i in range(LANES):
                 place[i] = here[OWN + row * LANES + i]
-        for i in range(LANES):
     STEP
         for j in range(CHANGED):
             here[j] = work[j]
@@ -83,7 +82,7 @@ def send(rows, stride, duty, robots, seed, count, packets, ring, number, dt):
     seed, count and the index in `robots` fix a packet's random numbers.
     """
     duty_left, duty_right = duty[0], duty[1]
-    packet = 3 * LANES
+    packet, per_dt = 3 * LANES, 1.0 / dt
     mean = np.empty(3 * LANES)  # of left, of right; and until when the step's commands are not known yet
     for block in range(len(rows) // stride):
         here = rows[block * stride : (block + 1) * stride]
@@ -116,7 +115,7 @@ def send(rows, stride, duty, robots, seed, count, packets, ring, number, dt):
             one = sent[position * packet : (position + 1) * packet]
             for i in range(LANES):
                 since = max(one[2 * LANES + i], here[TIME + i])
-                share = max(mean[2 * LANES + i] - since, 0.0) / dt
+                share = max(mean[2 * LANES + i] - since, 0.0) * per_dt
                 mean[i] += share * one[i]
                 mean[LANES + i] += share * one[LANES + i]
                 mean[2 * LANES + i] = min(mean[2 * LANES + i], since)

@@ -91,7 +91,9 @@ class Blocks:
         self._flat = np.concatenate([rows[:, :own], rows[:, places]], axis=1).reshape(-1)
         self.rows = self._flat.reshape(len(rows), own + len(places), LANES)
         self.stride = LANES * self.rows.shape[1]
-        self.arguments = (self._flat, rows[0].reshape(-1).copy(), places * LANES)
+        work = np.zeros(model.module.WORK)
+        work[: model.module.SIZE] = rows[0].reshape(-1)
+        self.arguments = (self._flat, work, places * LANES)
 
     def put(self, name: str, values: Floats, slots: NDArray[np.int64]) -> None:
         """Write what changes, by name, of the robots in these slots."""

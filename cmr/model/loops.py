@@ -1,0 +1,41 @@
+"""Cut a long sequence of statements into loops over robots, short enough for a processor to look ahead.
+
+A step is a chain of a thousand instructions, each waiting for the one before. In short loops the processor works on
+the next robots meanwhile, which halves the time. What a later part reads of an earlier one is kept in rows.
+"""
+
+import ast
+from collections.abc import Collection, Sequence
+
+
+def loops(parts: Sequence[Sequence[str]], rows: Collection[str], kept: Collection[str]) -> tuple[list[str], list[str]]:
+    """Return one loop for each part, and the names that need rows besides `rows`.
+
+    Loops run over `i` below LANES, on rows of an array `work`. `kept` are the rows that must hold their last value.
+    """
+    reads, writes = zip(*(_names("\n".join(part)) for part in parts), strict=True)
+    extra: list[str] = []
+    lines: list[str] = []
+    for k, part in enumerate(parts):
+        before = set(rows).union(*writes[:k])
+        later = set(kept).union(*reads[k + 1 :])
+        stored = [name for name in writes[k] if name in later]
+        extra += [name for name in stored if name not in rows and name not in extra]
+        body = [
+            *(f"{name} = work[{name.upper()} + i]" for name in reads[k] if name in before),
+            *part,
+            *(f"work[{name.upper()} + i] = {name}" for name in stored),
+        ]
+        lines += ["for i in range(LANES):", *("    " + line for line in body)]
+    return lines, extra
+
+
+def _names(code: str) -> tuple[list[str], list[str]]:
+    """Return the names that statements read before they assign them, and those that they assign, in order."""
+    reads: dict[str, None] = {}
+    writes: dict[str, None] = {}
+    for statement in ast.parse(code).body:
+        names = [node for node in ast.walk(statement) if isinstance(node, ast.Name)]
+        reads.update({node.id: None for node in names if isinstance(node.ctx, ast.Load) and node.id not in writes})
+        writes.update({node.id: None for node in names if isinstance(node.ctx, ast.Store)})
+    return list(reads), list(writes)
