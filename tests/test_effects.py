@@ -315,3 +315,13 @@ def test_a_statement_that_reads_an_unknown_name_is_refused_before_anything_is_co
     )
     with pytest.raises(ValueError, match="effect draught, stage body: nothing gives draft"):
         compose((misspelt,), definitions_of({"draught": misspelt}))
+
+
+def test_a_span_without_duration_changes_nothing() -> None:
+    everything = {name: size for effect in MOTION for name, size in typical(effect).items()}
+    for parameters in (ROBOT, with_effects(ROBOT, everything)):
+        path = drive([0.5, 0.9, 0.5], [0.5, 0.1, 0.5], [0.2, 0.0, 0.1], parameters, RobotState.at_rest())
+        whole = drive([0.5, 0.5], [0.5, 0.5], [0.2, 0.1], parameters, RobotState.at_rest())
+        for values, reference in zip(path, whole, strict=True):
+            assert values[1] == values[2] == reference[1]
+            assert values[3] == pytest.approx(reference[2], abs=1e-12)

@@ -128,9 +128,9 @@ def drive(
     """
     model = model or extended_model()
     count = len(start[0])
-    parts = np.maximum(np.ceil(dt / LONGEST_STEP), 1.0).astype(np.int64)
+    parts = np.ceil(dt / LONGEST_STEP).astype(np.int64)  # none for a span without duration
     borders = np.concatenate([[0], np.cumsum(parts)])[at]
-    left, right, dt = (np.repeat(array, parts) for array in (left, right, dt / parts))
+    left, right, dt = (np.repeat(array, parts) for array in (left, right, dt / np.maximum(parts, 1)))
     blocks = model.robots(values, start, time)
     recorded = np.empty((len(at), count, RECORDED))
     ring = model.packets_under_way(values, dt)
