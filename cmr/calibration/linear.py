@@ -16,8 +16,10 @@ from cmr.recordings.recording import Floats
 
 COMMAND_TIME, POSE_TIME, WHEEL_FACTOR = "command time", "pose time", "wheel factor"
 TIMES = (COMMAND_TIME, POSE_TIME)
-OWN = ("x", "y", "theta", "marker", "wheel left", "wheel right")
-RELATIVE_STEP = 1e-5  # of the central differences; errors of the derivative stay near 1e-10
+OWN = ("x", "y", "theta", "marker", "wheel left", "wheel right", "psi left", "psi right")
+# Steps of the central differences: of a parameter's logarithm, of a wheel speed at the start; errors of the derivative
+# stay near 1e-10.
+RELATIVE_STEP, PSI_STEP = 1e-5, 1e-4  # 1; rad/s
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,8 @@ class Unknowns:
 
     Shared: logarithms of model parameters; the times [s] by which commands take effect, and poses are stamped, later
     than they say; the logarithm of the factor between measured and modelled wheel angles. Own: shift (m, m) and
-    rotation (rad) of the start pose, angle of the marker on the robot (rad), angles (rad) at which the encoders began.
+    rotation (rad) of the start pose, angle of the marker on the robot (rad), angles (rad) at which the encoders began,
+    and by how much the wheels were faster at the start than measured (rad/s).
     """
 
     shared: tuple[str, ...]
@@ -44,19 +47,32 @@ class Unknowns:
         return self.shared.index(name) if name in self.shared else None
 
 
-def factors(parameters: int) -> Floats:
-    """Return the factors (1 + 2 parameters, parameters) of the candidates for `Linear`: none, then a step up and down
-    for each parameter in turn.
+@dataclass(frozen=True)
+class Candidates:
+    """The present point and its neighbours, a step up and a step down for each unknown that the model knows.
+
+    `factors` (1 + 2 k, parameters) multiply the parameters, `psi` (1 + 2 k, 2) is added to the wheel speeds at the
+    start; k counts the parameters, and both speeds where `with_psi`.
     """
-    steps = np.zeros((1 + 2 * parameters, parameters))
-    for index in range(parameters):
-        steps[1 + 2 * index, index], steps[2 + 2 * index, index] = RELATIVE_STEP, -RELATIVE_STEP
-    return np.exp(steps)
+
+    factors: Floats
+    psi: Floats
+
+    @classmethod
+    def around(cls, parameters: int, with_psi: bool) -> "Candidates":
+        """Return the neighbours for so many parameters."""
+        count = parameters + (2 if with_psi else 0)
+        steps = np.zeros((1 + 2 * count, count))
+        for index in range(count):
+            size = RELATIVE_STEP if index < parameters else PSI_STEP
+            steps[1 + 2 * index, index], steps[2 + 2 * index, index] = size, -size
+        psi = steps[:, parameters:] if with_psi else np.zeros((1 + 2 * count, 2))
+        return cls(np.exp(steps[:, :parameters]), psi)
 
 
 @dataclass(frozen=True)
 class Linear:
-    """One segment's residuals and derivatives about a path simulated for the candidates of `factors`.
+    """One segment's residuals and derivatives about a path simulated for `Candidates`.
 
     `shared` and `own` are the present values of the unknowns.
     """
@@ -132,15 +148,26 @@ class Linear:
         Those by model parameters are differences of candidates, the others are `known`. Times enter linearly: what
         happens later by a little is less by that much of its rate.
         """
-        parameters = self.unknowns.parameters
+        stepped, sizes = self._stepped
         derivatives = {name: values for name, values in known.items() if self.unknowns.column(name) is not None}
-        rows = np.empty((1 + parameters + len(derivatives), len(times)))
+        rows = np.empty((1 + len(stepped) + len(derivatives), len(times)))
         np.add(modelled[:, 0], offset, out=rows[0])
-        np.subtract(modelled[:, 1::2].T, modelled[:, 2::2].T, out=rows[1 : 1 + parameters])
-        rows[1 : 1 + parameters] *= 0.5 / RELATIVE_STEP
-        for row, (name, values) in enumerate(derivatives.items(), start=1 + parameters):
+        np.subtract(modelled[:, 1::2].T, modelled[:, 2::2].T, out=rows[1 : 1 + len(stepped)])
+        rows[1 : 1 + len(stepped)] *= sizes[:, np.newaxis]
+        for row, (name, values) in enumerate(derivatives.items(), start=1 + len(stepped)):
             rows[row] = values
             if name in TIMES:
                 rows[0] += rows[row] * self.shared[self.unknowns.shared.index(name)]
         columns = [self.unknowns.column(name) for name in derivatives]
-        return Series(rows, (*range(parameters), *(column for column in columns if column is not None)), times)
+        return Series(rows, (*stepped, *(column for column in columns if column is not None)), times)
+
+    @property
+    def _stepped(self) -> tuple[list[int], Floats]:
+        """The columns of what the candidates were stepped in, with the factors from differences to derivatives."""
+        parameters = self.unknowns.parameters
+        with_psi = self.trajectory.x.shape[1] > 1 + 2 * parameters
+        columns, sizes = list(range(parameters)), [0.5 / RELATIVE_STEP] * parameters
+        if with_psi:
+            columns += [len(self.unknowns.shared) + OWN.index(name) for name in ("psi left", "psi right")]
+            sizes += [0.5 / PSI_STEP] * 2
+        return columns, np.array(sizes)

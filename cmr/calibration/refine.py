@@ -12,11 +12,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cmr.calibration.linear import COMMAND_TIME, OWN, POSE_TIME, TIMES, WHEEL_FACTOR, Linear, Unknowns, factors
+from cmr.calibration.linear import COMMAND_TIME, OWN, POSE_TIME, TIMES, WHEEL_FACTOR, Candidates, Linear, Unknowns
 from cmr.calibration.noise import ORDER, Noise, Series, noise_of
 from cmr.calibration.normal import NormalEquations
 from cmr.calibration.result import Estimate
 from cmr.calibration.segments import Segment
+from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats
 
@@ -24,6 +25,7 @@ from cmr.recordings.recording import Floats
 # a serial line takes time.
 COMMAND_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 PREFIXES = (5.0, 15.0, 40.0)  # s; a bad first guess is led to the optimum by fitting ever longer beginnings
+SMALLEST_PSI_STD = 1e-3  # rad/s; of a wheel that rests while the other one turns
 GUESS_STD = float(np.log(2.0))  # of a parameter's logarithm, where a beginning tells little
 COARSE = 1000  # measurements of each signal are enough to find the way
 ROUNDS = 6  # fits, each with the noise that the one before left; most settle in two or three
@@ -181,7 +183,18 @@ class Refinement:
             if column is not None and np.isfinite(std):
                 row = np.array([point.shared[column] - value, 1.0]) / std
                 equations.add(0, np.outer(row, row), [column])
+        if not self.by_wheels:
+            self._know_start_speeds(equations, point)
         return equations
+
+    def _know_start_speeds(self, equations: NormalEquations, point: _Point) -> None:
+        """Count what the encoders say of the wheel speeds at the start of each segment as measurements."""
+        for index, segment in enumerate(self.segments):
+            for name, std in zip(("psi left", "psi right"), segment.start_psi_std, strict=True):
+                if segment.fits_start_psi:
+                    own = OWN.index(name)
+                    row = np.array([point.own[index, own], 1.0]) / max(std, SMALLEST_PSI_STD)
+                    equations.add(index, np.outer(row, row), [len(self.unknowns.shared) + own])
 
     def _linearised(self, point: _Point) -> list[tuple[int, str, Series]]:
         """Return the residuals and derivatives of every signal: (segment, name of the signal, series)."""
@@ -190,13 +203,17 @@ class Refinement:
         return self._last[1]
 
     def _series(self, point: _Point) -> Iterator[tuple[int, str, Series]]:
-        unknowns, candidates = self.unknowns, self._candidates(point.shared[: len(self.names)])
         for index, segment in enumerate(self.segments):
-            path = segment.follow_wheels(candidates) if self.by_wheels else segment.simulate(candidates)
-            linear = Linear(unknowns, segment, path, point.shared, point.own[index])
+            path = self._path(segment, point.shared[: len(self.names)], point.own[index])
+            linear = Linear(self.unknowns, segment, path, point.shared, point.own[index])
             yield from ((index, signal, one) for signal, one in linear.series())
 
-    def _candidates(self, logarithms: Floats) -> RobotParameters:
-        """Return the point itself with its neighbours, from which derivatives are taken."""
-        around = np.exp(logarithms) * factors(len(self.names))
-        return RobotParameters.of({**self.values, **dict(zip(self.names, around.T, strict=True))})
+    def _path(self, segment: Segment, logarithms: Floats, own: Floats) -> Trajectory:
+        """Return the path of the point itself and of its neighbours, from which derivatives are taken."""
+        around = Candidates.around(len(self.names), segment.fits_start_psi and not self.by_wheels)
+        values = np.exp(logarithms) * around.factors
+        parameters = RobotParameters.of({**self.values, **dict(zip(self.names, values.T, strict=True))})
+        if self.by_wheels:
+            return segment.follow_wheels(parameters)
+        left, right = (around.psi + own[OWN.index("psi left") :]).T
+        return segment.simulate(parameters, (segment.start.psi_left + left, segment.start.psi_right + right))

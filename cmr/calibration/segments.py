@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ LEAD = 1.0  # s of rest kept before the robot begins to move: enough to average 
 MOVING_DUTY = 1e-3  # commands below are rest
 SAME_ANGLE, UNLIKE_ANGLE = 1e-3, 1.0  # relative differences of the angles by ticks and by speed
 START_SPAN = 0.15  # s around the start over which the wheel speeds are averaged
+LEAST_PSI_DOUBT, UNKNOWN_PSI = 0.02, 10.0  # of the speed; rad/s
 FEWEST_POSES_FOR_START = 50  # with fewer, the start pose is taken as measured and not fitted
 
 
@@ -29,7 +31,8 @@ class Segment:
     angles `angle_left`, `angle_right` [rad] at their T + 1 borders (empty where no wheels were recorded). At the
     borders `left_at` and `right_at` that side's encoder has just moved on, and its wheel stood at `left_edge`,
     `right_edge` [rad]. The M measured poses `x`, `y` [m], `theta` [rad, unwrapped] fall on the borders `at`; `utime`
-    are their times. `start` is the state at the first border, as measured.
+    are their times. `start` is the state at the first border, as measured; `start_psi_std` [rad/s] tells how well the
+    speeds of its left and right wheels are known, 0 for a robot that rests.
     """
 
     dt: Floats
@@ -47,6 +50,7 @@ class Segment:
     y: Floats
     theta: Floats
     start: RobotState
+    start_psi_std: tuple[float, float] = (0.0, 0.0)
 
     @property
     def fits_start(self) -> bool:
@@ -99,9 +103,19 @@ class Segment:
             theta=self.theta[poses],
         )
 
-    def simulate(self, parameters: RobotParameters) -> Trajectory:
-        """Drive the recorded duties with the motor model; the trajectory at all borders."""
-        return drive(self.left, self.right, self.dt, parameters, self.start)
+    @property
+    def fits_start_psi(self) -> bool:
+        """Whether the robot moved when the segment began, so that its wheel speeds are known only roughly."""
+        return max(self.start_psi_std) > 0.0
+
+    def simulate(self, parameters: RobotParameters, psi: tuple[Any, Any] | None = None) -> Trajectory:
+        """Drive the recorded duties with the motor model; the trajectory at all borders.
+
+        `psi` are wheel speeds at the start [rad/s], arrays of candidates perhaps, in place of the measured ones.
+        """
+        left, right = psi or (self.start.psi_left, self.start.psi_right)
+        start = self.start._replace(psi_left=left, psi_right=right)
+        return drive(self.left, self.right, self.dt, parameters, start)
 
     def follow_wheels(self, parameters: RobotParameters) -> Trajectory:
         """Follow the recorded wheel angles (dead reckoning); the trajectory at all borders."""
@@ -190,10 +204,12 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
         angles = [np.interp(times, recording.wheels.utime, angle) for angle in turned]
         edges = [_edges(recording.wheels.utime, angle, times) for angle in turned]
     theta = np.unwrap(poses["theta"])
+    left, right = (hold(duty, side, times[:-1]) for side in ("left", "right"))
+    psi = _start_psi(recording, int(times[0]), (float(left[0]), float(right[0])))
     return Segment(
         dt=np.diff(times) * SECONDS,
-        left=hold(duty, "left", times[:-1]),
-        right=hold(duty, "right", times[:-1]),
+        left=left,
+        right=right,
         angle_left=angles[0],
         angle_right=angles[1],
         left_at=edges[0][0],
@@ -205,7 +221,8 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
         x=np.ascontiguousarray(poses["x"]),
         y=np.ascontiguousarray(poses["y"]),
         theta=theta,
-        start=_start(recording, poses, theta, _onset(recording, int(poses.utime[0]), last)),
+        start=_start(poses, theta, _onset(recording, int(poses.utime[0]), last), (psi[0][0], psi[1][0])),
+        start_psi_std=(psi[0][1], psi[1][1]),
     )
 
 
@@ -241,22 +258,37 @@ def _onset(recording: Recording, first: int, last: int) -> int:
     return onset if onset < last else first
 
 
-def _start(recording: Recording, poses: Signal, theta: Floats, onset: int) -> RobotState:
-    """Return the state at the first pose: poses at rest averaged, wheel speeds as measured."""
+def _start(poses: Signal, theta: Floats, onset: int, psi: tuple[float, float]) -> RobotState:
+    """Return the state at the first pose: poses at rest averaged, wheel speeds as given."""
     rest = max(int(np.count_nonzero(poses.utime <= onset)), 1)
-    near = recording.wheels.between(
-        int(poses.utime[0] - START_SPAN / SECONDS), int(poses.utime[0] + START_SPAN / SECONDS)
-    )
-    psi_left, psi_right = (float(near[name].mean()) if len(near) else 0.0 for name in ("psi_left", "psi_right"))
     return RobotState(
         float(poses["x"][:rest].mean()),
         float(poses["y"][:rest].mean()),
         float(theta[:rest].mean()),
-        psi_left,
-        psi_right,
+        *psi,
         0.0,
         0.0,
     )
+
+
+def _start_psi(recording: Recording, start: int, duties: tuple[float, float]) -> list[tuple[float, float]]:
+    """Return the speed [rad/s] of each side's wheels at a time, and how well it is known: 0 for a robot at rest.
+
+    Speeds are averages over the time before; while a robot speeds up the truth lies somewhere in what is measured
+    around the time. Without wheels only the commands tell that the robot may have been moving.
+    """
+    span = int(START_SPAN / SECONDS)
+    near = recording.wheels.between(start - span, start + span)
+    result = []
+    for name, duty in zip(("psi_left", "psi_right"), duties, strict=True):
+        if len(near):
+            psi = near[name]
+            moves = psi[near.utime <= start].any()
+            doubt = max(float(np.ptp(psi)) / 2.0, LEAST_PSI_DOUBT * float(np.abs(psi).max())) if moves else 0.0
+            result.append((float(psi.mean()) if moves else 0.0, doubt))
+        else:
+            result.append((0.0, UNKNOWN_PSI if abs(duty) > MOVING_DUTY else 0.0))
+    return result
 
 
 def path_error(segments: list[Segment], trajectories: list[Trajectory]) -> float:
