@@ -2,14 +2,17 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from cmr.calibration.fitting import PAPER_PARAMETERS, Fit, fit_by_path, fit_by_wheels_and_path
+from cmr.calibration.linear import WHEEL_FACTOR
 from cmr.calibration.preparing import Prepared, prepare
 from cmr.calibration.result import CalibrationError, CalibrationResult, Estimate
 from cmr.calibration.segments import MOVING_DUTY, Segment, heading_range, path_error, travelled
-from cmr.model.parameters import RobotParameters
+from cmr.calibration.signs import require_consistent_signs
+from cmr.model.parameters import DEFINITIONS, RobotParameters
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
@@ -18,6 +21,8 @@ SHORTEST_TRAVEL = 0.3  # m; less says nothing about speed
 SMALLEST_RADIUS_ERROR = 0.02  # relative; a smaller contradiction of wheels and path may be slip
 SMALLEST_TURN = 0.5  # rad; less says nothing about the base width
 LARGEST_RELATIVE_STD = 0.3  # an estimate with a larger standard deviation is a guess and is not given
+WORST_FACTOR = 3.0  # of wheel angles to the path; beyond it, or under one over it, something is wrong, not inexact
+WORST_PATH_ERROR = 0.1  # of the way driven; a larger one means that the model does not explain the drive
 CONFUSED = 0.95  # correlation from which on two parameters are called confused
 
 
@@ -34,9 +39,11 @@ def calibrate(
     and poses, without poses the motor from the wheel speeds and the base width from the gyro. `first`, a good first
     guess of the three parameters, saves the grid search.
 
-    Raises CalibrationError when nothing at all can be found.
+    What is fitted is the paper's model: effects that `nominal` has are left out, and the result says so.
+    Raises CalibrationError when nothing at all can be found, or when signals contradict one another.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    _require_one_robot(recordings)
     nominal = nominal or next((r.parameters for r in recordings if r.parameters is not None), None)
     if nominal is None or not nominal.has("wheel_radius"):
         raise CalibrationError(
@@ -44,8 +51,12 @@ def calibrate(
             "by --parameters."
         )
     prepared = prepare(recordings)
+    if nominal.effects:
+        prepared = replace(prepared, notes=(*prepared.notes, _WITHOUT_EFFECTS.format(", ".join(nominal.effects))))
+        nominal = replace(nominal, effects=(), values={n: v for n, v in nominal.values.items() if n in DEFINITIONS})
     segments = prepared.segments()
     recordings = prepared.recordings
+    require_consistent_signs(recordings)
     commanded = any(_commanded(recording) for recording in recordings)
     has_wheels = all(len(recording.wheels) > 1 for recording in recordings)
     on_the_spot = segments and _travel(segments) == 0.0 and heading_range(segments) >= SMALLEST_TURN and has_wheels
@@ -56,9 +67,14 @@ def calibrate(
     if has_wheels and any(np.any(r.wheels["psi_left"]) or np.any(r.wheels["psi_right"]) for r in recordings):
         return _by_wheels(prepared, nominal, commanded)
     raise CalibrationError(
-        "Nothing to compare: it takes poses (POSE_N) or moving wheels (MOTOR_FEEDBACK_N), and the log has "
-        f"{_contents(recordings)}."
+        "Nothing to compare: it takes moving wheels (MOTOR_FEEDBACK_N), or poses (POSE_N) with commands, and the log "
+        f"has {_contents(recordings)}."
     )
+
+
+_WITHOUT_EFFECTS = (
+    "The calibration fits the model without effects: {} of the given parameters is not used, nor kept in a new file."
+)
 
 
 def _by_path(
@@ -72,9 +88,21 @@ def _by_path(
         names = ("k2_over_k3", "k1")
         known["base_width"] = nominal.value("base_width") if nominal.has("base_width") else 1.0
     fit = fit_by_path(prepared, segments, names, known, first)
-    note = _radius_note(known["wheel_radius"], fit.refined.nuisance.get("wheel factor"))
+    factor = fit.refined.nuisance.get(WHEEL_FACTOR)
+    if factor is not None and not 1.0 / WORST_FACTOR < factor.value < WORST_FACTOR:
+        raise CalibrationError(
+            f"The wheels turn {factor.value:.3g} times as far as the path says: check wheel_radius "
+            f"({known['wheel_radius']:g} m), the encoder's ticks per turn, and the poses (m, rad, y to the left)."
+        )
+    note = _radius_note(known["wheel_radius"], factor)
     reason = "the speed hardly changed while the path was recorded"
     return _result(prepared, fit, nominal, known, unidentified, reason, note)
+
+
+_UNEXPLAINED = (
+    "The model does not explain this drive: its path is {:.3g} m off, on a way of {:.3g} m. Do not use these numbers "
+    "before you know why: motors, encoders or axes of the poses swapped or mirrored, or a robot that slips."
+)
 
 
 def _by_wheels_and_path(prepared: Prepared, segments: list[Segment], nominal: ParameterFile) -> CalibrationResult:
@@ -107,6 +135,10 @@ def _result(
     _require(estimates, unidentified)
     given = dict(known) | _values(nominal)
     kept = [list(found).index(name) for name in estimates]
+    after = _error(fit, given | {name: e.value for name, e in estimates.items()})
+    way = sum(travelled(segment.x, segment.y) for segment in fit.segments)
+    if after > WORST_PATH_ERROR * way:
+        notes = (*notes, _UNEXPLAINED.format(after, way))
     return CalibrationResult(
         robot_id=prepared.recordings[0].robot_id,
         estimates=estimates,
@@ -116,7 +148,7 @@ def _result(
         samples=sum(len(segment.x) for segment in fit.segments),
         covariance=fit.refined.covariance[np.ix_(kept, kept)],
         path_rmse_before=_error(fit, given),
-        path_rmse_after=_error(fit, given | {name: e.value for name, e in estimates.items()}),
+        path_rmse_after=after,
         notes=(*prepared.notes, *fit.notes, *notes),
         segments=fit.segments,
         grid=fit.grid,
@@ -183,6 +215,15 @@ def _radius_note(radius: float, factor: Estimate | None) -> tuple[str, ...]:
         f"The wheels turn {factor.value:.3f} times as far as the path says. Check wheel_radius "
         f"({radius / factor.value:.4g} m would fit instead of {radius:g} m) and the encoder's ticks per turn.",
     )
+
+
+def _require_one_robot(recordings: Sequence[Recording]) -> None:
+    """Raise CalibrationError unless there are recordings, all of one robot."""
+    robots = sorted({recording.robot_id for recording in recordings})
+    if not recordings:
+        raise CalibrationError("No recording was given.")
+    if len(robots) > 1:
+        raise CalibrationError(f"The recordings are of robots {robots}; calibrate each robot by itself.")
 
 
 def _require(estimates: dict[str, Estimate], unidentified: dict[str, str]) -> None:

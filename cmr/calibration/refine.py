@@ -117,6 +117,10 @@ class Refinement:
     def _has_wheels(self) -> bool:
         return any(len(segment.left_at) + len(segment.right_at) > 2 for segment in self.segments)
 
+    @property
+    def _logarithms(self) -> list[int]:
+        return [column for column, name in enumerate(self.unknowns.shared) if name not in TIMES]
+
     def _first_point(self) -> _Point:
         shared = np.zeros(len(self.unknowns.shared))
         shared[: len(self.names)] = [np.log(self.values[name]) for name in self.names]
@@ -153,7 +157,7 @@ class Refinement:
         equations, damping = self._equations(point, noise), FIRST_DAMPING
         for _iteration in range(ITERATIONS):
             shared, own = equations.step(damping)
-            if np.max(np.abs(shared[: len(self.names)]), initial=0.0) > LONGEST_STEP:
+            if np.max(np.abs(shared[self._logarithms]), initial=0.0) > LONGEST_STEP:
                 damping = max(damping * 10.0, LEAST_RAISED_DAMPING)
                 if damping > HOPELESS_DAMPING:
                     break

@@ -120,7 +120,7 @@ class CalibrationResult:
                 )
             elif name in self.unidentified:
                 lines.append(f"  {name:13s} not identifiable: {self.unidentified[name]}")
-            elif name in self.nominal.values and True:
+            elif name in self.nominal.values:
                 given = self.nominal.values[name].value
                 lines.append(f"  {name:13s} {given:11.5g} {'':9s} {'as given':>24s}  {definition.unit}")
         if math.isfinite(self.path_rmse_after):

@@ -53,14 +53,21 @@ class Trajectory(NamedTuple):
 
 
 def step(state: RobotState, left: Any, right: Any, parameters: RobotParameters, dt: float) -> RobotState:
-    """Return the state after `dt` [s] of constant duties `left` and `right`."""
+    """Return the state after `dt` [s] of constant duties `left` and `right`.
+
+    What effects remember (lags, heat, gaps, delayed commands) begins anew at each call: for more than one step of
+    those keep a `cmr.model.fleet.Fleet`.
+    """
     from cmr.model.fleet import Fleet  # imports Numba, which commands that never simulate should not wait for
 
-    everything = np.broadcast_arrays(*state, left, right, *parameters)
-    *places, u_left, u_right, radius, gain, k1, base = (np.ravel(values).astype(float) for values in everything)
+    values = parameters.values
+    everything = np.broadcast_arrays(*state, left, right, *values.values())
+    rows = [np.ravel(row).astype(float) for row in everything]
+    count = len(RobotState._fields)
     fleet = Fleet(dt)
-    robots = fleet.add(RobotState(*places), RobotParameters(radius, gain, k1, base))
-    fleet.command(robots, u_left, u_right)
+    given = dict(zip(values, rows[count + 2 :], strict=True))
+    robots = fleet.add(RobotState(*rows[:count]), RobotParameters.of(given))
+    fleet.command(robots, rows[count], rows[count + 1])
     fleet.advance()
     return RobotState(*(values.reshape(everything[0].shape)[()] for values in fleet.states()))
 
