@@ -4,9 +4,14 @@
 Nothing that is compiled is imported until it is needed, because Numba itself takes half a second to import.
 """
 
+import hashlib
+import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
@@ -44,8 +49,8 @@ class _Compiled:
     def __init__(self, signature: str, function: Callable[..., Any]) -> None:
         self._signature = signature
         self._dispatcher = jit(**OPTIONS)(function)
-        with suppress(RuntimeError):  # nowhere to write: each process compiles for itself
-            self._dispatcher.enable_caching()
+        with suppress(RuntimeError), _caching_in(cache_folder() / _sources()):
+            self._dispatcher.enable_caching()  # an error if nowhere can be written: each process compiles for itself
         self._call = self._load
 
     def __call__(self, *arguments: Any) -> Any:
@@ -63,6 +68,40 @@ class _Compiled:
         self._dispatcher.disable_compile()
         self._call = self._dispatcher
         return self._call(*arguments)
+
+
+@cache
+def cache_folder() -> Path:
+    """Return the user's cache folder for compiled code, or a temporary one where that cannot be written."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cmr"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except OSError:
+        pass
+    return Path(tempfile.mkdtemp(prefix="cmr-"))
+
+
+@cache
+def _sources() -> str:
+    """Return a name for the state of the model's source files.
+
+    Numba compiles a function anew when its own file changes; what is inlined into it comes from other files.
+    """
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+
+
+@contextmanager
+def _caching_in(folder: Path) -> Iterator[None]:
+    """Let Numba choose this folder for what it caches, unless the user has chosen one (NUMBA_CACHE_DIR)."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = before or str(folder)
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = before
 
 
 @contextmanager

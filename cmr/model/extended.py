@@ -2,7 +2,6 @@
 
 import hashlib
 import importlib.util
-import os
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from cmr.model import composed_loops, elementary, step_helpers
 from cmr.model.catalogue import CATALOGUE
+from cmr.model.compiled import cache_folder
 from cmr.model.compose import LANES, compose, late, rows_of
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
@@ -145,7 +145,7 @@ def _module(source: str) -> ModuleType:
     )
     key = hashlib.sha256((source + inlined).encode()).hexdigest()[:16]
     name = f"cmr_model_{key}"
-    path = _cache_folder() / f"{name}.py"
+    path = cache_folder() / f"{name}.py"
     if not path.exists():
         with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, suffix=".new", delete=False) as file:
             file.write(source)
@@ -154,19 +154,6 @@ def _module(source: str) -> ModuleType:
     if specification is None or specification.loader is None:
         raise ImportError(f"cannot load {path}")
     module = importlib.util.module_from_spec(specification)
-    sys.modules[name] = module  # where Numba looks for the globals of what it finds in its cache
     sys.modules[name] = module  # where Numba looks for it when it loads what another process compiled
     specification.loader.exec_module(module)
     return module
-
-
-def _cache_folder() -> Path:
-    """Return the user's cache folder for composed models, or a temporary one where that cannot be written."""
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cmr"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    except OSError:
-        pass
-    return Path(tempfile.mkdtemp(prefix="cmr-"))
