@@ -76,7 +76,7 @@ def _aligned(
 ) -> Fit:
     """Refine; where the fit says that a clock is off, set it right and refine again."""
     for _round in range(ROUNDS):
-        rough = Refinement(segments, names, values, by_wheels, prepared.pose_clock_std).solve(rounds=1)
+        rough = _refinement(prepared, segments, names, values, by_wheels).solve(rounds=1)
         values = dict(values) | {name: estimate.value for name, estimate in rough.estimates.items()}
         offsets = {name: rough.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in rough.nuisance}
         off = {n: e.value for n, e in offsets.items() if abs(e.value) > max(ALIGNED, 3.0 * e.std)}
@@ -84,9 +84,16 @@ def _aligned(
             break
         prepared = prepared.shifted(commands=off.get(COMMAND_TIME, 0.0), poses=-off.get(POSE_TIME, 0.0))
         segments = prepared.segments()
-    refined = Refinement(segments, names, values, by_wheels, prepared.pose_clock_std).solve()
+    refined = _refinement(prepared, segments, names, values, by_wheels).solve()
     offsets = {name: refined.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in refined.nuisance}
     return Fit(refined, segments, method, grid, by_wheels, _told(prepared, offsets))
+
+
+def _refinement(
+    prepared: Prepared, segments: list[Segment], names: tuple[str, ...], values: Mapping[str, float], by_wheels: bool
+) -> Refinement:
+    clocks = prepared.pose_clock_std, prepared.command_clock_std
+    return Refinement(segments, names, values, by_wheels, *clocks)
 
 
 def _told(prepared: Prepared, offsets: Mapping[str, Estimate]) -> tuple[str, ...]:

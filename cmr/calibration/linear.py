@@ -137,10 +137,15 @@ class Linear:
         return self._series(modelled, offset, self.segment.border_times[self.segment.at], known)
 
     def _rate(self, values: Floats) -> Floats:
-        """Return the derivative by time, at the poses, of what is known at the borders."""
+        """Return the derivative by time, at the poses, of what is known at the borders.
+
+        Where the path begins at the first pose as measured, a late clock moves that one too: what counts is the rate
+        beyond that at the start.
+        """
         time, at = self.segment.border_times, self.segment.at
         before, after = np.maximum(at - 1, 0), np.minimum(at + 1, len(time) - 1)
-        return np.asarray((values[after, 0] - values[before, 0]) / (time[after] - time[before]))
+        rate = np.asarray((values[after, 0] - values[before, 0]) / (time[after] - time[before]))
+        return rate if self.segment.fits_start else rate - rate[0]
 
     def _series(self, modelled: Floats, offset: Floats, times: Floats, known: Mapping[str, Floats | float]) -> Series:
         """Return the series of `modelled` (n, candidates) plus `offset` (n,), with its derivatives.

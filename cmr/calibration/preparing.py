@@ -12,7 +12,7 @@ from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Signal
 
-UNKNOWN_CLOCK_STD = 0.1  # s
+UNKNOWN_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 SLOWEST_MOTOR, USUAL_MOTOR = 0.5, 0.15  # s that wheels lag their commands
 TOLD = (
     "pose_jumps",
@@ -40,6 +40,16 @@ class Prepared:
     pose_clock_std: float = UNKNOWN_CLOCK_STD
     commands_shifted: float = 0.0
     poses_shifted: float = 0.0
+
+    @property
+    def command_clock_std(self) -> float:
+        """How well it is known when a command takes effect [s].
+
+        What the driver says it sent bears the clock of the wheels, and is off by no more than a serial line takes.
+        Commands from elsewhere may have any clock; without wheels nothing could tell a wrong one from a slow motor.
+        """
+        own_clock = [len(r.wheels) > 1 and r.duty is r.commands for r in self.recordings]
+        return UNKNOWN_CLOCK_STD if all(own_clock) else SERIAL_LINE_STD
 
     def segments(self) -> list[Segment]:
         """Return the segments of all recordings."""

@@ -21,9 +21,6 @@ from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats
 
-# How well it is known when a command takes effect: where wheels show it, hardly, where they do not, about as well as
-# a serial line takes time.
-COMMAND_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 PREFIXES = (5.0, 15.0, 40.0)  # s; a bad first guess is led to the optimum by fitting ever longer beginnings
 SMALLEST_PSI_STD = 1e-3  # rad/s; of a wheel that rests while the other one turns
 GUESS_STD = float(np.log(2.0))  # of a parameter's logarithm, where a beginning tells little
@@ -65,7 +62,8 @@ class Refinement:
 
     `values` holds all four parameters: a first guess of those in `names`, and the fixed value of the others.
     `by_wheels` follows the recorded wheel angles instead of driving the recorded commands. `pose_clock_std` [s] tells
-    how well the clocks of wheels and poses are known to agree beforehand, `guess_std` how far the first guess may be
+    how well the clocks of wheels and poses are known to agree beforehand, `command_clock_std` [s] how well it is known
+    when a command takes effect, `guess_std` how far the first guess may be
     off, in logarithms.
     """
 
@@ -74,6 +72,7 @@ class Refinement:
     values: Mapping[str, float]
     by_wheels: bool = False
     pose_clock_std: float = 0.1
+    command_clock_std: float = 0.1
     guess_std: float = np.inf
     # The newest linearisation; noise and normal equations are often asked for at the same point.
     _last: tuple[_Point, list[tuple[int, str, Series]]] | None = field(default=None, init=False, repr=False)
@@ -179,8 +178,7 @@ class Refinement:
         equations = NormalEquations.empty(len(self.segments), len(unknowns.shared), len(OWN))
         for segment, signal, series in self._linearised(point):
             equations.add(segment, noise[signal].products(series), series.columns)
-        command_clock_std = COMMAND_CLOCK_STD if self._has_wheels else SERIAL_LINE_STD
-        known = [(COMMAND_TIME, 0.0, command_clock_std), (POSE_TIME, 0.0, self.pose_clock_std)]
+        known = [(COMMAND_TIME, 0.0, self.command_clock_std), (POSE_TIME, 0.0, self.pose_clock_std)]
         known += [(name, float(np.log(self.values[name])), self.guess_std) for name in self.names]
         for name, value, std in known:
             column = unknowns.column(name)

@@ -1,6 +1,6 @@
 """Find wires that are crossed: encoders, motors or poses whose signs or sides contradict the commands."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -14,20 +14,22 @@ LONGEST_TURN = 1.0  # rad from pose to pose; a larger one may be a jump
 
 
 def require_consistent_signs(recordings: Sequence[Recording]) -> None:
-    """Check which way wheels and poses go against the commands.
+    """Check which way wheels and poses go against the commands, over all recordings together.
 
     Raises CalibrationError that names what seems to be crossed. What is not recorded, or hardly varies, is passed.
     """
-    for recording in recordings:
-        if len(recording.duty) and len(recording.wheels) > 1:
-            _check_wheels(recording)
-        if len(recording.duty) and len(recording.poses) > 1:
-            _check_turns(recording)
+    commanded = [recording for recording in recordings if len(recording.duty)]
+    with_wheels = [recording for recording in commanded if len(recording.wheels) > 1]
+    with_poses = [recording for recording in commanded if len(recording.poses) > 1]
+    if with_wheels:
+        _check_wheels(with_wheels)
+    if with_poses:
+        _check_turns(with_poses)
 
 
-def _check_wheels(recording: Recording) -> None:
-    left, right = _duties(recording, recording.wheels.utime)
-    psi_left, psi_right = recording.wheels["psi_left"], recording.wheels["psi_right"]
+def _check_wheels(recordings: list[Recording]) -> None:
+    left, right = _joined(_duties(recording, recording.wheels.utime) for recording in recordings)
+    psi_left, psi_right = _joined((r.wheels["psi_left"], r.wheels["psi_right"]) for r in recordings)
     for side, psi, duty in (("left", psi_left, left), ("right", psi_right, right)):
         if _agreement(psi, duty) < -SURE:
             raise CalibrationError(
@@ -41,17 +43,21 @@ def _check_wheels(recording: Recording) -> None:
         )
 
 
-def _check_turns(recording: Recording) -> None:
+def _check_turns(recordings: list[Recording]) -> None:
     """Compare the turns of the poses with those that were commanded."""
-    poses = recording.poses
-    turn = np.remainder(np.diff(poses["theta"]) + np.pi, 2.0 * np.pi) - np.pi
-    left, right = _duties(recording, poses.utime[:-1])
+    left, right = _joined(_duties(recording, recording.poses.utime[:-1]) for recording in recordings)
+    (theta,) = _joined((np.diff(recording.poses["theta"]),) for recording in recordings)
+    turn = np.remainder(theta + np.pi, 2.0 * np.pi) - np.pi
     small = np.abs(turn) < LONGEST_TURN
     if _agreement(turn[small], (right - left)[small]) < -SURE:
         raise CalibrationError(
             "The poses turn the other way than the commands: the tracker's y axis or heading is mirrored (headings are "
             "counter-clockwise positive, seen from above), or the motors of the two sides are swapped."
         )
+
+
+def _joined(parts: Iterable[tuple[Floats, ...]]) -> list[Floats]:
+    return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
 
 
 def _duties(recording: Recording, times: Times) -> tuple[Floats, Floats]:
