@@ -21,7 +21,7 @@ from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.recordings.recording import RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s
-LOOK_PERIOD = 0.5  # s; the estimates so far are renewed as often, if the computer can
+LOOK_PERIOD = 0.4  # s; the estimates so far are renewed as often, if the computer can
 FINISHED = (calibration_status_t.DONE, calibration_status_t.FAILED)
 ANNOUNCING = 3.0  # s for which a new file is announced before the command ends; cmr-sim goes on announcing it
 
