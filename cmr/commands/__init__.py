@@ -9,6 +9,9 @@ import signal
 import sys
 from importlib import import_module
 
+# Our matrices are small: threads of linear algebra would cost more than they save. To be set before NumPy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 def run(module: str) -> int:
     """Run `main()` of a command's module and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
