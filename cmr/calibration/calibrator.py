@@ -25,6 +25,7 @@ REST = 1_000_000  # us at rest that end the manoeuvre
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
 FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
 HEARD = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
+LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 SHARP = 0.05  # relative standard deviation of an estimate that the next one can start from
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
@@ -152,7 +153,7 @@ class Calibrator:
         for name in PAPER_PARAMETERS:
             estimate = found.estimates.get(name) if found else None
             fields[name] = estimate.value if estimate else math.nan
-            fields[f"{name}_std"] = estimate.std if estimate else math.nan
+            fields[f"{name}_std"] = estimate.std * self._caution if estimate else math.nan
         return make(
             calibration_status_t,
             utime=now_utime(),
@@ -164,6 +165,17 @@ class Calibrator:
             message=self._sentence(),
             **fields,
         )
+
+    @property
+    def _caution(self) -> float:
+        """By how much the deviations of a drive that goes on are widened; 1 for a whole one.
+
+        Friction and slip change as slowly as the robot goes round. Of a drive shorter than a lap the residuals do not
+        show that yet, and deviations drawn from them are too small.
+        """
+        if self.result is not None:
+            return 1.0
+        return 1.0 + (LAP / max(self._coverage.seconds[MOVING_AT_ALL], FIRST_LOOK)) ** 2
 
     def _watch(self, utime: int, left: float, right: float) -> None:
         """Follow the motion; decide when it is over."""
