@@ -105,8 +105,8 @@ class Segment:
 
     @property
     def fits_start_psi(self) -> bool:
-        """Whether the robot moved when the segment began, and there are poses enough to fit its wheel speeds too."""
-        return self.fits_start and max(self.start_psi_std) > 0.0
+        """Whether the robot moved when the segment began, so that its wheel speeds are known only roughly."""
+        return max(self.start_psi_std) > 0.0
 
     def simulate(self, parameters: RobotParameters, psi: tuple[Any, Any] | None = None) -> Trajectory:
         """Drive the recorded duties with the motor model; the trajectory at all borders.
