@@ -1,0 +1,165 @@
+"""What a diagnosis found: the verdict, the causes and their evidence, the extended parameters, the gain."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from cmr.calibration.result import Estimate
+from cmr.recordings.findings import Finding
+from cmr.recordings.signal import Floats
+
+EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
+VERDICTS = (EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedEffect:
+    """An effect that the data show.
+
+    `estimates` are its parameters by name. `statistic` is twice the log-likelihood that the effect adds to the model
+    with all other effects named, `p_value` how often chance alone would give as much somewhere in the catalogue.
+    `held_out` is the log-likelihood that it adds on data it was not fitted on. `shift` tells how far each parameter
+    of the paper's model moved when the effect came in. `indistinguishable_from` are effects that explain these data
+    as well, `next_experiment` the manoeuvre that would tell them apart, or sharpen the estimate; None if nothing is
+    left to find out.
+    """
+
+    name: str
+    cause: str
+    estimates: Mapping[str, Estimate]
+    statistic: float
+    p_value: float
+    held_out: float = math.nan
+    shift: Mapping[str, float] = field(default_factory=dict)
+    indistinguishable_from: tuple[str, ...] = ()
+    next_experiment: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """An effect of the catalogue that was tried and not named: its evidence beside the effects named.
+
+    `statistic` and `held_out` are as in NamedEffect; `why_not` is a sentence.
+    """
+
+    name: str
+    statistic: float
+    p_value: float
+    held_out: float
+    why_not: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitted:
+    """A model fitted to the recordings.
+
+    `estimates` are its parameters by name: the paper's that the data determine, and those of effects. `path_rmse` [m]
+    is the root mean square distance from the real path of free runs over windows of `Evidence.window` seconds, each
+    begun at the real state; `held_out_path_rmse` the same on data that the parameters were not fitted on.
+    """
+
+    estimates: Mapping[str, Estimate]
+    path_rmse: float
+    held_out_path_rmse: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gain:
+    """By how much errors of free runs shrink on data that nothing was fitted on.
+
+    `ratio` is the baseline's path error over that of the extended model, `interval` its 95 % interval by a block
+    bootstrap. `signals` are the ratios by signal: psi, yaw_rate, pose.
+    """
+
+    ratio: float
+    interval: tuple[float, float]
+    signals: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unexplained:
+    """Structure that remains and that no effect of the catalogue explains.
+
+    `signal` is the residual that has most of it, `regressors` predict it, on data they were not fitted on, with
+    `share` of its variance.
+    """
+
+    present: bool = False
+    signal: str | None = None
+    regressors: tuple[str, ...] = ()
+    share: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path:
+    """One recording's path and what the models make of it in free runs from its measured start, all of shape (n,).
+
+    Positions in [m], headings [rad, unwrapped], `time` [s] since the recording's first sample.
+    """
+
+    label: str
+    time: Floats
+    x: Floats
+    y: Floats
+    theta: Floats
+    before_x: Floats
+    before_y: Floats
+    before_theta: Floats
+    after_x: Floats
+    after_y: Floats
+    after_theta: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Residual:
+    """What one signal says minus what the models predict of it, shape (n,), and the state at that moment.
+
+    `signal` is one of psi_left, psi_right, yaw_rate, forward, sideways, heading; `unit` that of `before` (paper's
+    model) and `after` (extended model; the same as `before` where nothing was found). `regressors` are arrays (n,) by
+    name: time, command_left, command_right, speed, yaw_rate, speed_times_yaw_rate, x, y, heading,
+    wheel_angle_left, wheel_angle_right, energy, ... Those of the pose are errors grown over windows of a second.
+    """
+
+    signal: str
+    unit: str
+    before: Floats
+    after: Floats
+    regressors: Mapping[str, Floats]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What a report draws: paths, residuals, and how long the windows of free runs are [s]."""
+
+    paths: tuple[Path, ...] = ()
+    residuals: tuple[Residual, ...] = ()
+    window: float = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """What a diagnosis found of one robot.
+
+    `effects` are ordered by evidence, `candidates` are the runners-up. `baseline` is the paper's model, `extended`
+    that with the effects named, both None with bad data. `parameters` holds all values the extended model runs with,
+    by name, and `effect_names` those switched on. `checks` tells what was wrong with the data, `notes` are sentences
+    on what else a reader should know, `next_experiment` what to drive next if nothing, or not enough, was found.
+    `sources` names the recordings.
+    """
+
+    robot_id: int
+    verdict: str
+    sentence: str
+    baseline: Fitted | None = None
+    extended: Fitted | None = None
+    effects: tuple[NamedEffect, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
+    gain: Gain | None = None
+    unexplained: Unexplained = field(default_factory=Unexplained)
+    checks: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
+    next_experiment: str | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    evidence: Evidence = field(default_factory=Evidence)
+    sources: tuple[str, ...] = ()
+    samples: int = 0
