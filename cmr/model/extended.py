@@ -36,7 +36,7 @@ class ExtendedModel:
         others = [parameter for effect in self.effects for parameter in effect.parameters]
         self.definitions = {parameter.name: parameter for parameter in (*PAPER.values(), *self.late, *others)}
         self.row = {name: index for index, name in enumerate(rows_of(self.effects, self.definitions))}
-        self.module: Any = _module(compose(self.effects, self.definitions))
+        self.module: Any = composed_module(compose(self.effects, self.definitions), composed_loops)
 
     def on(self, values: Mapping[str, Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell for which robots the values, by name, switch on any effect on the motion."""
@@ -138,11 +138,12 @@ def drive(
     return np.ascontiguousarray(recorded.transpose(2, 0, 1))
 
 
-def _module(source: str) -> ModuleType:
-    """Return the module with this source, from the cache folder or written there, and compiled by Numba."""
-    inlined = "".join(
-        Path(module.__file__ or "").read_text("utf-8") for module in (elementary, step_helpers, composed_loops)
-    )
+def composed_module(source: str, template: ModuleType) -> ModuleType:
+    """Return the module with this source, from the cache folder or written there, and compiled by Numba.
+
+    `template` is the module that the loops came from.
+    """
+    inlined = "".join(Path(module.__file__ or "").read_text("utf-8") for module in (elementary, step_helpers, template))
     key = hashlib.sha256((source + inlined).encode()).hexdigest()[:16]
     name = f"cmr_model_{key}"
     path = cache_folder() / f"{name}.py"

@@ -49,6 +49,11 @@ def read_sensors(
     return Readings(sides["left"], sides["right"], gyro["reading"], *pose)
 
 
+def encoder_reading(values: Mapping[str, Any], side: str, angle: Any) -> Any:
+    """Return what the encoder of a side ("left", "right") says at a wheel angle [rad]; parameter `values` by name."""
+    return _stage("encoder", side)({**_neutral(), **values, "time": 0.0, "reading": angle})["reading"]
+
+
 def pose_seen(time: Any, motion: Trajectory, parameters: RobotParameters, pose_time: Any) -> tuple[Any, Any, Any]:
     """Return the external pose x, y, theta at its stamped times; arguments as in `read_sensors`."""
     values = {**_values(parameters), "time": np.asarray(pose_time)}
@@ -65,13 +70,17 @@ def yaw_rate(time: Any, theta: Any) -> Any:
 
 def _values(parameters: RobotParameters) -> dict[str, Any]:
     """Return all parameters by name, neutral ones too."""
-    neutral = {
+    return {**_neutral(), **parameters.values}
+
+
+def _neutral() -> dict[str, Any]:
+    """Return the neutral value of each of the sensors' parameters."""
+    return {
         parameter.name: parameter.neutral
         for effect in CATALOGUE.values()
         if effect.is_sensor
         for parameter in effect.parameters
     }
-    return {**neutral, **parameters.values}
 
 
 @cache

@@ -1,0 +1,190 @@
+"""The model as an observer: it drives the recorded commands and is drawn towards what the sensors say.
+
+What a sensor says minus what the observer expected just before is the prediction error (innovation). Errors of free
+runs pile up along the drive; prediction errors do not, and each tells of its own moment. With the gains of a Kalman
+filter they are as independent as the noise (Ljung, System Identification, 2nd ed., 1999, chapters 4 and 7).
+
+All effects take part, those of sensors too: the observer corrects its state by what the sensor, with its effects, would
+have said. Many candidate parameters are observed at once, one to a lane.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.model import observer_loops
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.compose import CHANGED, LANES
+from cmr.model.extended import ExtendedModel, composed_module, extended_model
+from cmr.model.statements import SIDES, Statements
+
+Floats = NDArray[np.float64]
+MOTION = (*CHANGED[:9], "yaw_rate")  # columns of the observed motion
+LONGEST_LATENCY = 1.2  # s that the observer looks back
+RESTART = 0  # in `pose_use`: the observer begins anew at this pose
+FOLLOWED = 1
+DEAD_MOTOR = {"k2_over_k3": 1e-2, "k1": 1e-5}  # neither drives nor slows down: wheel speeds are given
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What was sent to a robot and heard from it, on a raster of `dt` [s] from time 0 on.
+
+    `left`, `right` [duty], shape (T,), are the commands of each step. Where there were none, `given` [rad/s], shape
+    (T, 2), are the measured wheel speeds that the robot rolled with; else it is empty. `wheel` [rad], shape (W, 2), are
+    the encoders' angles at `wheel_time` [s], `wheel_use` whether each is believed; `gyro` [rad/s] and `pose` [m, m, rad],
+    shape (P, 3), likewise; `pose_use` is FOLLOWED or RESTART. `start` is x, y, theta, psi_left, psi_right at time 0,
+    which is `time` [s] after the drive began. All times ascend and lie within the raster.
+    """
+
+    dt: float
+    left: Floats
+    right: Floats
+    start: tuple[float, float, float, float, float]
+    wheel_time: Floats
+    wheel: Floats
+    wheel_use: NDArray[np.uint8]
+    gyro_time: Floats
+    gyro: Floats
+    pose_time: Floats
+    pose: Floats
+    pose_use: NDArray[np.uint8]
+    given: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    time: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """How long it took [s]."""
+        return len(self.left) * self.dt
+
+
+class Gains(NamedTuple):
+    """How far the observer follows its sensors: shares of an error, and for the speed 1/s; numbers or one a lane."""
+
+    angle: Any
+    psi: Any
+    position: Any
+    theta: Any
+
+
+class Innovations(NamedTuple):
+    """Prediction errors of C candidates: wheel (W, 2, C) [rad], gyro (G, C) [rad/s], pose (P, 3, C) [m, m, rad; world].
+
+    `motion`, shape (T + 1, 10), is how the first candidate moved: columns MOTION.
+    """
+
+    wheel: Floats
+    gyro: Floats
+    pose: Floats
+    motion: Floats
+
+
+def observe(
+    heard: Heard, values: Mapping[str, Any], gains: Gains, *, seed: int = 0, luck: NDArray[np.int64] | None = None
+) -> Innovations:
+    """Observe a drive with C candidates.
+
+    `values` maps names of parameters, the paper's and those of effects, to numbers or arrays (C,). `seed` and `luck`
+    (C,) fix random numbers. Raises KeyError for a name that no parameter has.
+    """
+    model = extended_model()
+    count = max(int(np.size(value)) for value in (*values.values(), *gains))
+    lanes = -(-count // LANES) * LANES
+    numbers = {name: np.broadcast_to(np.asarray(value, np.float64), count) for name, value in values.items()}
+    unknown = sorted(set(numbers) - set(DEFINITIONS))
+    if unknown:
+        raise KeyError(f"unknown parameters {', '.join(unknown)}")
+    if len(heard.given):
+        numbers.update({name: np.full(count, value) for name, value in DEAD_MOTOR.items()})
+    start = [np.full(count, value) for value in heard.start]
+    blocks = model.robots({n: v for n, v in numbers.items() if n in model.definitions}, start, heard.time)
+    ring = model.packets_under_way(numbers, np.full(len(heard.left), heard.dt))
+    sensor = np.empty((len(_sensor_parameters()), lanes))
+    for row, name in zip(sensor, _sensor_parameters(), strict=True):
+        row[:] = _padded(numbers.get(name, np.full(count, DEFINITIONS[name].neutral)), lanes)
+    scales = _encoder_scales(numbers, count) if len(heard.given) else np.ones((2, count))
+    gain = np.stack([_padded(np.broadcast_to(row, count), lanes) for row in (*gains, *scales)])
+    chosen = np.zeros(lanes, np.int64) if luck is None else _padded(luck, lanes).astype(np.int64)
+    result = Innovations(
+        np.empty((len(heard.wheel_time), 2, count)),
+        np.empty((len(heard.gyro_time), count)),
+        np.empty((len(heard.pose_time), 3, count)),
+        np.empty((len(heard.left) + 1, len(MOTION))),
+    )
+    _module(heard.dt).observe(
+        *blocks.arguments, count, heard.left, heard.right, heard.dt, ring, seed, chosen, heard.given, sensor, gain,
+        heard.wheel_time, heard.wheel, heard.wheel_use, heard.gyro_time, heard.gyro,
+        heard.pose_time, heard.pose, heard.pose_use, *result,
+    )  # fmt: skip
+    return result
+
+
+def _padded(values: Any, lanes: int) -> Floats:
+    """Return one value a lane; lanes that are left over repeat the last."""
+    return np.asarray(np.pad(values, (0, lanes - len(values)), mode="edge"), np.float64)
+
+
+@cache
+def _sensor_parameters() -> tuple[str, ...]:
+    """Return the parameters that sensors have, and the paper's, which their effects may read."""
+    return tuple(
+        parameter.name for effect in CATALOGUE.values() if effect.is_sensor for parameter in effect.parameters
+    )
+
+
+def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
+    """Return how many radians a wheel turns for one that its encoder tells, shape (2, count): left, right."""
+    from cmr.model.sensors import encoder_reading
+
+    known = {name: value for name, value in values.items() if name in _sensor_parameters()}
+    known.pop("encoder_quantisation", None)
+    return np.stack([1.0 / np.broadcast_to(encoder_reading(known, side, 1.0), count) for side in SIDES])
+
+
+@cache
+def _module(dt: float) -> Any:
+    """Return the compiled observer that looks back LONGEST_LATENCY on a raster of `dt` [s]."""
+    model = extended_model()
+    history = 1 << int(np.ceil(np.log2(LONGEST_LATENCY / dt + 3.0)))
+    return composed_module(_source(model, history), observer_loops)
+
+
+def _source(model: ExtendedModel, history: int) -> str:
+    """Return the source of the observer with all effects of the catalogue."""
+    effects = tuple(effect for effect in CATALOGUE.values() if effect.is_sensor)
+    statements = Statements(effects, DEFINITIONS)
+    row = {name: f"numbers[{index}, i]" for index, name in enumerate(_sensor_parameters())}
+    stages = {
+        "GYRO_TIME": statements.of("gyro_time"),
+        "GYRO": statements.of("gyro"),
+        "ENCODER": statements.both("encoder"),
+        "POSE_TIME": statements.of("pose_time"),
+        "POSE": statements.of("pose"),
+    }
+    reads = {
+        "GYRO_NUMBERS": (*stages["GYRO_TIME"], *stages["GYRO"]),
+        "ENCODER_NUMBERS": stages["ENCODER"],
+        "POSE_NUMBERS": (*stages["POSE_TIME"], *stages["POSE"]),
+    }
+    for place, lines in reads.items():
+        text = "\n".join(lines)
+        stages[place] = [f"{name} = {number}" for name, number in row.items() if name in text]
+    loops = observer_loops.LOOPS
+    for place, lines in stages.items():
+        loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 20}{line}\n" for line in lines))
+    names = ("X", "Y", "THETA", "PSI_LEFT", "PSI_RIGHT", "ANGLE_LEFT", "ANGLE_RIGHT", "COMMAND_LEFT", "COMMAND_RIGHT")
+    used = ("advance", "prepare", "send", "LANES", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND", "FIRST", "SECOND")
+    constants = {"HISTORY": history, "CHANGED_FIELDS": len(MOTION) - 1, "TO_THE_END": "(1.0 - SECOND) / (SECOND - FIRST)"}
+    return "\n".join(
+        [
+            observer_loops.IMPORTS,
+            f"from {model.module.__name__} import {', '.join((*names, *used))}",
+            "",
+            *(f"{name} = {value}" for name, value in constants.items()),
+            loops,
+        ]
+    )
