@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.recording import Recording
@@ -12,7 +13,7 @@ from cmr.recordings.signal import Floats, Signal, Times
 from tests.reference_plant import sensors
 from tests.reference_plant.manoeuvres import Manoeuvre
 from tests.reference_plant.parameters import PlantParameters, as_record, plant_parameters
-from tests.reference_plant.physics import COLUMNS, simulate
+from tests.reference_plant.physics import COLUMNS, at_rest, simulate
 from tests.reference_plant.sensors import SILENT, Noise
 
 REFERENCE_STEP = 1e-5  # s
@@ -48,6 +49,22 @@ def packets(manoeuvre: Manoeuvre, seconds: float, rate: float = COMMAND_RATE) ->
     return Commands(time, *manoeuvre(time))
 
 
+class Course(NamedTuple):
+    """When what happens to the plant: it is simulated from border to border.
+
+    `borders` [s, shape (n + 1,)] are all moments that matter; `packet`, shape (n,), is the number of the packet that
+    is in force after each border but the last, -1 before the first has come. `random` draws the noise of the motion.
+    """
+
+    borders: Floats
+    packet: NDArray[np.int64]
+    random: np.random.Generator
+
+    def at(self, times: Floats) -> NDArray[np.int64]:
+        """Return the numbers of the borders at these times [s]."""
+        return np.searchsorted(_nanoseconds(self.borders), _nanoseconds(times))
+
+
 def true_motion(
     commands: Commands,
     parameters: Mapping[str, float],
@@ -59,33 +76,38 @@ def true_motion(
     seed: int = 0,
 ) -> dict[str, Floats]:
     """Return the true state (physics.COLUMNS) at `times` [s, 0 or later], each of their shape."""
-    p, random = plant_parameters(parameters), np.random.default_rng(seed)
-    arrived = arrivals(p, commands, random)
-    events = [p.surface_change_time, p.payload_change_time]
+    p = plant_parameters(parameters)
+    course = course_of(p, commands.time, times, seed)
+    left, right = (np.append(duty, 0.0)[course.packet] for duty in commands[1:])
+    robot = at_rest(start)
+    states, _ = simulate(as_record(p), robot, course.borders, left, right, step, noise.of_motion, course.random)
+    return dict(zip(COLUMNS, states[course.at(times)].T, strict=True))
+
+
+def course_of(p: PlantParameters, sent: Floats, times: Floats, seed: int) -> Course:
+    """Return the course of a drive whose packets are sent at `sent` [s], with borders at `times` [s] too."""
+    random = np.random.default_rng(seed)
+    arrival, number = arrivals(p, sent, random)
     end = float(np.max(times))
-    borders = np.concatenate([[0.0, end], times, arrived.time, events])
+    borders = np.concatenate([[0.0, end], times, arrival, [p.surface_change_time, p.payload_change_time]])
     borders = np.unique(_nanoseconds(borders[(borders >= 0.0) & (borders <= end)]))
     # The newest packet that has come by the beginning of each span; nothing drives before the first.
-    newest = np.searchsorted(_nanoseconds(arrived.time), borders[:-1], side="right")
-    left, right = (np.concatenate([[0.0], duty])[newest] for duty in arrived[1:])
-    states = simulate(as_record(p), start, borders / NANOSECONDS, left, right, step, noise.of_motion, random)
-    asked = states[np.searchsorted(borders, _nanoseconds(times))]
-    return dict(zip(COLUMNS, asked.T, strict=True))
+    newest = np.searchsorted(_nanoseconds(arrival), borders[:-1], side="right")
+    return Course(borders / NANOSECONDS, np.append(-1, number)[newest], random)
 
 
-def arrivals(p: PlantParameters, commands: Commands, random: np.random.Generator) -> Commands:
-    """Return when which packet reaches the controller.
+def arrivals(p: PlantParameters, sent: Floats, random: np.random.Generator) -> tuple[Floats, NDArray[np.int64]]:
+    """Return when [s, increasing] which of the packets sent at `sent` [s] reach the controller.
 
     command_delay: u(t - d); command_jitter: a delay uniform in [0, J] per packet, where one that comes after a newer
     one is ignored; command_loss: a packet is lost with probability p, the old command stays.
     """
-    count = len(commands.time)
-    delay = p.command_delay + p.command_jitter * random.random(count)
-    lost = random.random(count) < p.command_loss
-    arrival = np.where(lost, math.inf, commands.time + delay)
+    delay = p.command_delay + p.command_jitter * random.random(len(sent))
+    lost = random.random(len(sent)) < p.command_loss
+    arrival = np.where(lost, math.inf, sent + delay)
     first_newer = np.minimum.accumulate(arrival[::-1])[::-1]  # earliest arrival of this packet or a newer one
-    kept = np.isfinite(arrival) & (arrival <= first_newer)
-    return Commands(arrival[kept], commands.left[kept], commands.right[kept])
+    kept = np.flatnonzero(np.isfinite(arrival) & (arrival <= first_newer))
+    return arrival[kept], kept
 
 
 def drive(
@@ -104,12 +126,9 @@ def drive(
     `nominal` is what the recording announces, by default the true wheel radius alone.
     """
     p = plant_parameters(parameters)
-    motion, seeing = np.random.SeedSequence(seed).spawn(2)
-    random = np.random.default_rng(seeing)
-    time, pose_time = _raster(seconds, WHEEL_RATE), _raster(seconds, POSE_RATE)
-    gyro_time = _raster(seconds, GYRO_RATE)
-    asked = np.concatenate([time, sensors.gyro_time(p, gyro_time), sensors.pose_time(p, pose_time)])
-    motion_seed = int(motion.generate_state(1)[0])
+    motion_seed, random = seeds(seed)
+    time, gyro_time, pose_time = (raster(seconds, rate) for rate in (WHEEL_RATE, GYRO_RATE, POSE_RATE))
+    asked = moments(p, seconds)
     states = true_motion(commands, parameters, asked, step=step, start=start, noise=noise, seed=motion_seed)
     at_wheels, at_gyro, at_poses = np.split(np.arange(len(asked)), [len(time), len(time) + len(gyro_time)])
     rate = sensors.gyro(p, gyro_time, states["w"][at_gyro], noise, random)
@@ -165,7 +184,20 @@ def _wheels(
     return Signal(utime(time), fields)
 
 
-def _raster(seconds: float, rate: float) -> Floats:
+def seeds(seed: int) -> tuple[int, np.random.Generator]:
+    """Return what the noise of the motion is drawn from, and that of the sensors."""
+    motion, seeing = np.random.SeedSequence(seed).spawn(2)
+    return int(motion.generate_state(1)[0]), np.random.default_rng(seeing)
+
+
+def moments(p: PlantParameters, seconds: float) -> Floats:
+    """Return the moments [s] of which wheels, gyro and poses tell in a drive, one after the other."""
+    wheels, gyro, poses = (raster(seconds, rate) for rate in (WHEEL_RATE, GYRO_RATE, POSE_RATE))
+    return np.concatenate([wheels, sensors.gyro_time(p, gyro), sensors.pose_time(p, poses)])
+
+
+def raster(seconds: float, rate: float) -> Floats:
+    """Return the times [s] from 0 to `seconds` at this rate [Hz]."""
     return np.arange(math.floor(seconds * rate + 1e-9) + 1) / rate
 
 

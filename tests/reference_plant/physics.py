@@ -53,8 +53,22 @@ class Body(NamedTuple):
     energy: float
 
 
+class Robot(NamedTuple):
+    """All that the robot carries from one step to the next."""
+
+    left: Side
+    right: Side
+    body: Body
+
+
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+def at_rest(pose: tuple[float, float, float]) -> Robot:
+    """Return the robot at rest at this pose."""
+    side = Side(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Robot(side, side, Body(*pose, 0.0, 0.0))
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -341,25 +355,24 @@ def row(left: Side, right: Side, body: Body) -> tuple[float, ...]:
 @compiled
 def simulate(
     p: PlantParameters,
-    pose: tuple[float, float, float],
+    robot: Robot,
     borders: Floats,
     duty_left: Floats,
     duty_right: Floats,
     step: float,
     noise: tuple[float, float, float, float],
     random: np.random.Generator,
-) -> Floats:
-    """Drive from rest at `pose` and return the state at the borders, shape (n + 1, len(COLUMNS)).
+) -> tuple[Floats, Robot]:
+    """Drive on from `robot` and return the state at the borders, shape (n + 1, len(COLUMNS)), and the robot then.
 
-    `borders` [s] are n + 1 increasing times, the first 0; the duties of shape (n,) have reached the controller and
-    hold between them. Steps are at most `step` [s]. `noise`: size [rad/s^2] and time [s] of the torque's, size [1]
-    and time [s] of the slip's.
+    `borders` [s] are n + 1 increasing times, the first that of `robot`; the duties of shape (n,) have reached the
+    controller and hold between them. Steps are at most `step` [s]. `noise`: size [rad/s^2] and time [s] of the
+    torque's, size [1] and time [s] of the slip's.
     """
     noisy = noise[0] > 0.0 or noise[2] > 0.0
-    left = right = Side(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    body = Body(pose[0], pose[1], pose[2], 0.0, 0.0)
+    left, right, body = robot
     states = np.zeros((len(borders), len(COLUMNS)))
-    states[0, 0], states[0, 1], states[0, 2] = pose
+    states[0] = row(left, right, body)
     for span in range(len(duty_left)):
         duration = borders[span + 1] - borders[span]
         steps = max(1, math.ceil(duration / step - 1e-6))
@@ -371,4 +384,4 @@ def simulate(
             if noisy:
                 left, right = disturbed(left, noise, h, random), disturbed(right, noise, h, random)
         states[span + 1] = row(left, right, body)
-    return states
+    return states, Robot(left, right, body)

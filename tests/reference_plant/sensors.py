@@ -91,23 +91,24 @@ def pose_time(p: PlantParameters, time: Floats) -> Floats:
 
 
 def pose(
-    p: PlantParameters,
-    time: Floats,
-    true: tuple[Floats, Floats, Floats],
-    noise: Noise,
-    random: np.random.Generator,
+    p: PlantParameters, time: Floats, true: tuple[Floats, Floats, Floats], noise: Noise, random: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
-    """Return what the external localisation says of a robot at the true poses x, y, theta.
+    """Return what the external localisation says of a robot at the true poses x, y, theta."""
+    x, y, theta = seen(p, *true)
+    x = x + noise.position * correlated(time, noise.pose_time, random)
+    y = y + noise.position * correlated(time, noise.pose_time, random)
+    theta = theta + noise.heading * correlated(time, noise.pose_time, random)
+    return x, y, np.remainder(theta + math.pi, TURN) - math.pi
+
+
+def seen(p: PlantParameters, x: Floats, y: Floats, theta: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return what the external localisation would say without noise, the heading unwrapped.
 
     pose_offset: the tracked point sits m ahead of the turning centre; pose_distortion: p (1 + k abs(p)^2).
     """
-    x, y, theta = true
     x, y = x + p.pose_offset * np.cos(theta), y + p.pose_offset * np.sin(theta)
     stretch = 1.0 + p.pose_distortion * (x**2 + y**2)
-    x = x * stretch + noise.position * correlated(time, noise.pose_time, random)
-    y = y * stretch + noise.position * correlated(time, noise.pose_time, random)
-    theta = theta + noise.heading * correlated(time, noise.pose_time, random)
-    return x, y, np.remainder(theta + math.pi, TURN) - math.pi
+    return x * stretch, y * stretch, theta
 
 
 def correlated(time: Floats, memory: float, random: np.random.Generator) -> Floats:

@@ -1,0 +1,87 @@
+"""What is hidden in a log: the case that asks for it, and the truth that came of it."""
+
+import math
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tests.reference_plant import REALISTIC, Noise
+
+RICH, EIGHT, EIGHT_OPEN = "rich", "figure_eight", "figure_eight_open"
+MANOEUVRES = (RICH, EIGHT, EIGHT_OPEN)
+WALK = 0.02  # share of a gyro's drift over 100 s by which it walks at random in that time
+
+
+def louder(noise: Noise, times: float) -> Noise:
+    """Return noise that many times as large, seen with the same encoders."""
+    sizes = ("torque", "slip", "gyro", "position", "heading")
+    return replace(noise, **{name: times * getattr(noise, name) for name in sizes})
+
+
+# How noisy robots are. Poses of `white` err anew each time, those of `slow` err for half a second in the same way.
+NOISES: Mapping[str, Noise] = {
+    "realistic": REALISTIC,
+    "white": replace(REALISTIC, pose_time=0.0),
+    "slow": replace(REALISTIC, pose_time=0.5),
+    "threefold": louder(REALISTIC, 3.0),
+    "threefold_white": replace(louder(REALISTIC, 3.0), pose_time=0.0),
+    "threefold_slow": replace(louder(REALISTIC, 3.0), pose_time=0.5),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """What to hide: effects (names of reference_plant.TYPICAL), and how the robot is driven and seen.
+
+    `seed` draws the robot, the size of the effects, and the drive; `run` numbers drives of the same robot with the
+    same effects. `noise` is a name of NOISES. Raises ValueError for a name that is not known.
+    """
+
+    effects: tuple[str, ...] = ()
+    manoeuvre: str = RICH
+    seed: int = 0
+    noise: str = "realistic"
+    run: int = 0
+
+    def __post_init__(self) -> None:
+        if self.manoeuvre not in MANOEUVRES:
+            raise ValueError(f"no manoeuvre {self.manoeuvre!r}; there are {', '.join(MANOEUVRES)}")
+        if self.noise not in NOISES:
+            raise ValueError(f"no noise {self.noise!r}; there are {', '.join(NOISES)}")
+
+    def random(self, purpose: str, *further: int) -> np.random.Generator:
+        """Return what draws one thing; whatever else is drawn, the same case draws the same here."""
+        names = "+".join((purpose, *sorted(self.effects)))
+        return np.random.default_rng([self.seed, zlib.crc32(names.encode()), *further])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What is hidden in a log.
+
+    `robot` are the paper's four parameters, `parameters` those of the effects, in the catalogue's units; `nominal` is
+    what the log announces of the robot.
+    """
+
+    case: Case
+    robot: Mapping[str, float]
+    parameters: Mapping[str, float]
+    nominal: Mapping[str, float]
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """The names of the hidden effects."""
+        return self.case.effects
+
+    @property
+    def noise(self) -> Noise:
+        """How noisy the robot is; a gyro that drifts does so a little unevenly."""
+        uneven = WALK * abs(self.parameters.get("gyro_drift", 0.0)) / math.sqrt(100.0)
+        return replace(NOISES[self.case.noise], gyro_walk=uneven)
+
+    @property
+    def plant(self) -> dict[str, float]:
+        """All that the plant needs to know."""
+        return {**self.robot, **self.parameters}

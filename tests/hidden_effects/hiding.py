@@ -1,0 +1,65 @@
+"""Make a log, or a recording, in which effects are hidden."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cmr.parameters.file import ParameterFile, Value
+from cmr.recordings.recording import Recording
+from tests.hidden_effects.cases import Case, Truth
+from tests.hidden_effects.driving import SECONDS, commands_of
+from tests.hidden_effects.logs import write_log
+from tests.hidden_effects.places import placed
+from tests.hidden_effects.robots import draw_nominal, draw_robot
+from tests.hidden_effects.sizes import draw_sizes
+from tests.reference_plant import Drive, drive
+
+
+@dataclass(frozen=True)
+class HiddenLog:
+    """An event log, and what is hidden in it."""
+
+    path: Path
+    truth: Truth
+
+
+@dataclass(frozen=True)
+class HiddenRecording:
+    """A recording as it would be read from the log, the true motion (100 Hz), and what is hidden."""
+
+    recording: Recording
+    motion: Mapping[str, Any]
+    truth: Truth
+
+
+def hide(*effects: str, path: Path | str, **options: Any) -> HiddenLog:
+    """Write an event log of a robot with these effects; `options` are those of Case."""
+    truth, driven = _driven(Case(effects, **options))
+    return HiddenLog(write_log(Path(path), driven.recording), truth)
+
+
+def hidden_recording(*effects: str, **options: Any) -> HiddenRecording:
+    """Return the recording of a robot with these effects without writing a log; `options` are those of Case."""
+    truth, driven = _driven(Case(effects, **options))
+    return HiddenRecording(driven.recording, driven.truth.fields, truth)
+
+
+def truth_of(case: Case) -> Truth:
+    """Draw what the case hides."""
+    random = case.random("robot")
+    robot = draw_robot(random)
+    nominal = draw_nominal(robot, random)
+    parameters = {}
+    for effect in case.effects:
+        parameters.update(draw_sizes(effect, robot, SECONDS[case.manoeuvre], random))
+    truth = Truth(case=case, robot=robot, parameters=parameters, nominal=nominal)
+    return placed(truth) if "surface_patch" in case.effects else truth
+
+
+def _driven(case: Case) -> tuple[Truth, Drive]:
+    truth = truth_of(case)
+    seed = int(case.random("noise", case.run).integers(2**31))
+    nominal = ParameterFile(0, {name: Value(value) for name, value in truth.nominal.items()})
+    commands = commands_of(truth, seed)
+    return truth, drive(commands, truth.plant, SECONDS[case.manoeuvre], truth.noise, seed, nominal=nominal)
