@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.reference_plant import REALISTIC, Noise
+from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
+from tests.reference_plant import REALISTIC, TYPICAL, Noise
+from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS
 
 RICH, EIGHT, EIGHT_OPEN = "rich", "figure_eight", "figure_eight_open"
-MANOEUVRES = (RICH, EIGHT, EIGHT_OPEN)
+SECONDS: Mapping[str, float] = {RICH: RICH_DRIVE_SECONDS, EIGHT: 120.0, EIGHT_OPEN: 120.0}
 WALK = 0.02  # share of a gyro's drift over 100 s by which it walks at random in that time
 
 
@@ -20,7 +22,8 @@ def louder(noise: Noise, times: float) -> Noise:
     return replace(noise, **{name: times * getattr(noise, name) for name in sizes})
 
 
-# How noisy robots are. Poses of `white` err anew each time, those of `slow` err for half a second in the same way.
+# How noisy robots are. Poses of `white` err anew each time, those of `slow` err for half a second in the same way;
+# encoders of `coarse` have few ticks.
 NOISES: Mapping[str, Noise] = {
     "realistic": REALISTIC,
     "white": replace(REALISTIC, pose_time=0.0),
@@ -28,28 +31,39 @@ NOISES: Mapping[str, Noise] = {
     "threefold": louder(REALISTIC, 3.0),
     "threefold_white": replace(louder(REALISTIC, 3.0), pose_time=0.0),
     "threefold_slow": replace(louder(REALISTIC, 3.0), pose_time=0.5),
+    "coarse": replace(REALISTIC, ticks_per_turn=48.0),
 }
 
 
 @dataclass(frozen=True)
 class Case:
-    """What to hide: effects (names of reference_plant.TYPICAL), and how the robot is driven and seen.
+    """What to hide, and how the robot is driven and seen.
 
-    `seed` draws the robot, the size of the effects, and the drive; `run` numbers drives of the same robot with the
-    same effects. `noise` is a name of NOISES. Raises ValueError for a name that is not known.
+    `effects` are names of reference_plant.TYPICAL, or of UNKNOWN. `seed` draws the robot, the size of the effects, and
+    the drive; `run` numbers drives of the same robot with the same effects. `noise` is a name of NOISES, `friction` of
+    FRICTIONS; the drive is made `repeats` times. Raises ValueError for a name that is not known.
     """
 
     effects: tuple[str, ...] = ()
     manoeuvre: str = RICH
     seed: int = 0
     noise: str = "realistic"
+    friction: str = "dry"
     run: int = 0
+    repeats: int = 1
 
     def __post_init__(self) -> None:
-        if self.manoeuvre not in MANOEUVRES:
-            raise ValueError(f"no manoeuvre {self.manoeuvre!r}; there are {', '.join(MANOEUVRES)}")
-        if self.noise not in NOISES:
-            raise ValueError(f"no noise {self.noise!r}; there are {', '.join(NOISES)}")
+        known = {"manoeuvre": SECONDS, "noise": NOISES, "friction": FRICTIONS}
+        asked = [(kind, getattr(self, kind), names) for kind, names in known.items()]
+        asked += [("effect", effect, {**TYPICAL, **UNKNOWN}) for effect in self.effects]
+        for kind, name, names in asked:
+            if name not in names:
+                raise ValueError(f"no {kind} {name!r}; there are {', '.join(names)}")
+
+    @property
+    def seconds(self) -> float:
+        """How long the drive takes."""
+        return self.repeats * SECONDS[self.manoeuvre]
 
     def random(self, purpose: str, *further: int) -> np.random.Generator:
         """Return what draws one thing; whatever else is drawn, the same case draws the same here."""
@@ -61,8 +75,8 @@ class Case:
 class Truth:
     """What is hidden in a log.
 
-    `robot` are the paper's four parameters, `parameters` those of the effects, in the catalogue's units; `nominal` is
-    what the log announces of the robot.
+    `robot` are the paper's four parameters, `parameters` those of what is hidden, those of effects in the catalogue's
+    units; `nominal` is what the log announces of the robot.
     """
 
     case: Case
@@ -73,7 +87,12 @@ class Truth:
     @property
     def effects(self) -> tuple[str, ...]:
         """The names of the hidden effects."""
-        return self.case.effects
+        return tuple(name for name in self.case.effects if name in TYPICAL)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """The names of hidden physics that no effect describes."""
+        return tuple(name for name in self.case.effects if name in UNKNOWN)
 
     @property
     def noise(self) -> Noise:
@@ -84,4 +103,4 @@ class Truth:
     @property
     def plant(self) -> dict[str, float]:
         """All that the plant needs to know."""
-        return {**self.robot, **self.parameters}
+        return {**self.robot, **self.parameters, **FRICTIONS[self.case.friction]}

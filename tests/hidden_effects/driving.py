@@ -6,14 +6,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from cmr.recordings.signal import Floats
-from tests.hidden_effects.cases import EIGHT, EIGHT_OPEN, RICH, Truth
+from tests.hidden_effects.cases import EIGHT_OPEN, RICH, Truth
 from tests.reference_plant import Commands, packets, plant_parameters
 from tests.reference_plant.drives import Pose
-from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, figure_eight, rich_drive
+from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, figure_eight, in_turn, rich_drive
 from tests.reference_plant.steering import Pilot, steered
 
-EIGHT_SECONDS = 120.0
-SECONDS: Mapping[str, float] = {RICH: RICH_DRIVE_SECONDS, EIGHT: EIGHT_SECONDS, EIGHT_OPEN: EIGHT_SECONDS}
 REST = 3.0  # s before and after figure-eights
 SPEEDS = (0.27, 0.33)  # m/s; of figure-eights, for a robot that is as believed
 HALF_WIDTHS = (0.8, 1.1)  # m, of figure-eights
@@ -24,14 +22,14 @@ POINTS = 1000  # of a figure-eight
 
 def commands_of(truth: Truth, seed: int) -> Commands:
     """Return the commands that the robot gets in the drive of this seed."""
-    seconds, random = SECONDS[truth.case.manoeuvre], truth.case.random("driving", truth.case.run)
+    seconds, random = truth.case.seconds, truth.case.random("driving", truth.case.run)
     if truth.case.manoeuvre == RICH:
-        return packets(rich_drive(), seconds)
+        return packets(in_turn([(RICH_DRIVE_SECONDS, rich_drive())] * truth.case.repeats), seconds)
     speed, half_width = random.uniform(*SPEEDS), random.uniform(*HALF_WIDTHS)
     if truth.case.manoeuvre == EIGHT_OPEN:
         laps = round(speed * (seconds - 2.0 * REST) / (6.1 * half_width))
         return packets(figure_eight(seconds, laps, speed, plant_parameters(truth.robot)), seconds)
-    pilot = pursuit(truth.nominal, speed, half_width)
+    pilot = pursuit(truth.nominal, speed, half_width, seconds)
     return steered(pilot, truth.plant, seconds, truth.noise, seed)
 
 
@@ -43,8 +41,8 @@ def eight(half_width: float) -> Floats:
     return np.column_stack([diagonal * (x + y), diagonal * (y - x)])
 
 
-def pursuit(believed: Mapping[str, float], speed: float, half_width: float) -> Pilot:
-    """Return a pilot that pursues a point ahead of the robot on a figure-eight, at this speed [m/s].
+def pursuit(believed: Mapping[str, float], speed: float, half_width: float, seconds: float) -> Pilot:
+    """Return a pilot that pursues a point ahead of the robot on a figure-eight, at this speed [m/s], between rests.
 
     It turns the speed and turn rate that it wants into duties by what is believed of the robot.
     """
@@ -55,7 +53,7 @@ def pursuit(believed: Mapping[str, float], speed: float, half_width: float) -> P
 
     def duties(time: float, pose: Pose) -> tuple[float, float]:
         nonlocal nearest
-        if not REST <= time < EIGHT_SECONDS - REST:
+        if not REST <= time < seconds - REST:
             return 0.0, 0.0
         x, y, theta = pose
         near = (nearest + np.arange(window)) % POINTS

@@ -8,7 +8,7 @@ from typing import Any
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.recording import Recording
 from tests.hidden_effects.cases import Case, Truth
-from tests.hidden_effects.driving import SECONDS, commands_of
+from tests.hidden_effects.driving import commands_of
 from tests.hidden_effects.logs import write_log
 from tests.hidden_effects.places import placed
 from tests.hidden_effects.robots import draw_nominal, draw_robot
@@ -52,7 +52,7 @@ def truth_of(case: Case) -> Truth:
     nominal = draw_nominal(robot, random)
     parameters = {}
     for effect in case.effects:
-        parameters.update(draw_sizes(effect, robot, SECONDS[case.manoeuvre], random))
+        parameters.update(draw_sizes(effect, robot, case.seconds, random))
     truth = Truth(case=case, robot=robot, parameters=parameters, nominal=nominal)
     return placed(truth) if "surface_patch" in case.effects else truth
 
@@ -62,4 +62,4 @@ def _driven(case: Case) -> tuple[Truth, Drive]:
     seed = int(case.random("noise", case.run).integers(2**31))
     nominal = ParameterFile(0, {name: Value(value) for name, value in truth.nominal.items()})
     commands = commands_of(truth, seed)
-    return truth, drive(commands, truth.plant, SECONDS[case.manoeuvre], truth.noise, seed, nominal=nominal)
+    return truth, drive(commands, truth.plant, case.seconds, truth.noise, seed, nominal=nominal)

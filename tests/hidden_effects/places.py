@@ -6,7 +6,7 @@ import numpy as np
 
 from cmr.recordings.signal import Floats
 from tests.hidden_effects.cases import Truth
-from tests.hidden_effects.driving import SECONDS, commands_of
+from tests.hidden_effects.driving import commands_of
 from tests.reference_plant.drives import raster, true_motion
 
 CROSSINGS = 3  # at least
@@ -37,7 +37,7 @@ def placed(truth: Truth) -> Truth:
 
 def _path(truth: Truth) -> Floats:
     """Return where the robot is while it moves, at 50 Hz, shape (n, 2) [m], without noise of the motion."""
-    times = raster(SECONDS[truth.case.manoeuvre], 50.0)
+    times = raster(truth.case.seconds, 50.0)
     states = true_motion(commands_of(truth, 0), truth.plant, times, step=STEP)
     moves = np.abs(states["psi_left"]) + np.abs(states["psi_right"]) > SETTLED
     return np.column_stack([states["x"], states["y"]])[moves]

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from tests.hidden_effects.robots import scales
+from tests.hidden_effects.unknown import UNKNOWN
 from tests.reference_plant import TYPICAL
 
+ALL: Mapping[str, Mapping[str, float]] = {**TYPICAL, **UNKNOWN}
 SPREAD = 0.25  # share of the typical size
 MIDDLE_THIRD = (1.0 / 3.0, 2.0 / 3.0)  # of the drive; when things change that change at a time
 
@@ -20,6 +22,7 @@ GROWS_WITH: Mapping[str, str] = {
     "surface_patch_friction": "rad/s^2",
     "quadratic_drag": "1/rad",
     "turn_rate_limit": "rad/s",
+    "caster_flip": "rad/s",
     "turn_slip": "s/rad",
     "lateral_skid": "s/rad",
     "longitudinal_slip": "time constant",
@@ -44,6 +47,9 @@ EITHER_SIGN = frozenset(
         "clock_skew",
         "pose_offset",
         "pose_distortion",
+        "floor_camber",
+        "gyro_magnetism",
+        "pose_heading_warp",
     }
 )
 SLOPE = math.hypot(*TYPICAL["slope"].values())  # rad/s^2
@@ -53,7 +59,7 @@ COARSE_DISCS = (40.0, 48.0, 60.0)  # ticks; whole steps of an encoder that is ta
 def draw_sizes(
     effect: str, robot: Mapping[str, float], seconds: float, random: np.random.Generator
 ) -> dict[str, float]:
-    """Return the parameters of an effect on this robot in a drive of `seconds`.
+    """Return the parameters of an effect, or of physics that no effect describes, in a drive of `seconds`.
 
     A surface_patch has no place yet.
     """
@@ -62,13 +68,13 @@ def draw_sizes(
     if effect == "slope":
         size, uphill = SLOPE * _share(random) * scales(robot)["rad/s^2"], random.uniform(-math.pi, math.pi)
         return {"slope_x": size * math.cos(uphill), "slope_y": size * math.sin(uphill)}
-    return {name: _size(name, typical, robot, seconds, random) for name, typical in TYPICAL[effect].items()}
+    return {name: _size(name, typical, robot, seconds, random) for name, typical in ALL[effect].items()}
 
 
 def _size(name: str, typical: float, robot: Mapping[str, float], seconds: float, random: np.random.Generator) -> float:
     if name.endswith("_time"):
         return seconds * float(random.uniform(*MIDDLE_THIRD))
-    if name.endswith("_phase"):
+    if name.endswith(("_phase", "_direction")):
         return float(random.uniform(-math.pi, math.pi))
     sign = random.choice((-1.0, 1.0)) if name in EITHER_SIGN else 1.0
     return float(sign * typical * _share(random) * scales(robot)[GROWS_WITH.get(name, "-")])

@@ -13,8 +13,9 @@ from cmr.recordings.signal import Floats, Signal, Times
 from tests.reference_plant import sensors
 from tests.reference_plant.manoeuvres import Manoeuvre
 from tests.reference_plant.parameters import PlantParameters, as_record, plant_parameters
-from tests.reference_plant.physics import COLUMNS, at_rest, simulate
+from tests.reference_plant.physics import simulate
 from tests.reference_plant.sensors import SILENT, Noise
+from tests.reference_plant.state import COLUMNS, at_rest
 
 REFERENCE_STEP = 1e-5  # s
 STUDY_STEP = 1e-3  # s; for many drives
@@ -37,7 +38,7 @@ class Commands(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """One drive: the true motion (fields of physics.COLUMNS, at 100 Hz), and what was recorded of it."""
+    """One drive: the true motion (fields of state.COLUMNS, at 100 Hz), and what was recorded of it."""
 
     truth: Signal
     recording: Recording
@@ -75,7 +76,7 @@ def true_motion(
     noise: Noise = SILENT,
     seed: int = 0,
 ) -> dict[str, Floats]:
-    """Return the true state (physics.COLUMNS) at `times` [s, 0 or later], each of their shape."""
+    """Return the true state (state.COLUMNS) at `times` [s, 0 or later], each of their shape."""
     p = plant_parameters(parameters)
     course = course_of(p, commands.time, times, seed)
     left, right = (np.append(duty, 0.0)[course.packet] for duty in commands[1:])
@@ -131,7 +132,7 @@ def drive(
     asked = moments(p, seconds)
     states = true_motion(commands, parameters, asked, step=step, start=start, noise=noise, seed=motion_seed)
     at_wheels, at_gyro, at_poses = np.split(np.arange(len(asked)), [len(time), len(time) + len(gyro_time)])
-    rate = sensors.gyro(p, gyro_time, states["w"][at_gyro], noise, random)
+    rate = sensors.gyro(p, gyro_time, states["w"][at_gyro], states["theta"][at_gyro], noise, random)
     true_pose = states["x"][at_poses], states["y"][at_poses], states["theta"][at_poses]
     poses = sensors.pose(p, pose_time, true_pose, noise, random)
     sent = commands.time <= seconds
@@ -170,6 +171,7 @@ def _wheels(
 ) -> Signal:
     # No wheel begins on an edge of its encoder, nor both at the same distance from one.
     left_phase, right_phase = random.random(2) if math.isfinite(noise.ticks_per_turn) else (0.0, 0.0)
+    phi_left, phi_right = (sensors.counted(p, phi, time) for phi in (phi_left, phi_right))
     left = sensors.ticks(p, 1.0, phi_left, noise.ticks_per_turn, NOMINAL_TICKS, left_phase)
     right = sensors.ticks(p, -1.0, phi_right, noise.ticks_per_turn, NOMINAL_TICKS, right_phase)
     unknown = np.full(len(time), math.nan)  # the controller does not tell what it drives

@@ -68,6 +68,24 @@ class PlantParameters(NamedTuple):
     clock_skew: float = 0.0  # 1
     pose_offset: float = 0.0  # m
     pose_distortion: float = 0.0  # 1/m^2
+    # Other laws of friction than the effects': where it sets in smoothly, where it is larger at low speed.
+    friction_smoothing: float = 0.0  # rad/s
+    friction_bump: float = 0.0  # 1
+    stribeck_shape: float = 2.0  # 1
+    viscous_friction: float = 0.0  # 1/s
+    # What no effect describes.
+    cubic_motor: float = 0.0  # 1
+    weak_reverse: float = 0.0  # 1
+    torque_ripple: float = 0.0  # 1
+    coasting: float = 0.0  # 1
+    caster_flip: float = 0.0  # rad/s
+    traction_loss: float = 0.0  # 1/s
+    side_wind: float = 0.0  # m/s
+    side_wind_direction: float = 0.0  # rad
+    floor_camber: float = 0.0  # rad/m
+    encoder_miscount: float = 0.0  # 1
+    gyro_magnetism: float = 0.0  # rad/s
+    pose_heading_warp: float = 0.0  # rad
 
 
 NEUTRAL = PlantParameters()

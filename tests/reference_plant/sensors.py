@@ -9,6 +9,8 @@ from cmr.recordings.signal import Floats
 from tests.reference_plant.parameters import PlantParameters
 
 TURN = 2.0 * math.pi
+MISCOUNTING_SPEEDS = (6.0, 12.0)  # rad/s; between them an encoder begins to miss counts
+WARP_LENGTH = 1.5  # m; over which the error of the pose's heading repeats
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,15 @@ def ticks(
     return turns * nominal if math.isinf(disc) else np.floor(turns * disc + phase) * (nominal / disc)
 
 
+def counted(p: PlantParameters, phi: Floats, time: Floats) -> Floats:
+    """Return the angle that the encoder would count without steps. encoder_miscount: a share m is missed at speed."""
+    if p.encoder_miscount == 0.0:
+        return phi
+    turned, duration = np.diff(phi, prepend=0.0), np.diff(time, prepend=-1.0)
+    missed = p.encoder_miscount * np.interp(np.abs(turned / duration), MISCOUNTING_SPEEDS, (0.0, 1.0))
+    return np.asarray(np.cumsum(turned * (1.0 - missed)))
+
+
 def wheel_speed(count: Floats, time: Floats, nominal: float) -> Floats:
     """Return the wheel speed [rad/s] that the driver tells: mean over the time since the previous message."""
     return np.concatenate([[0.0], np.diff(count) / np.diff(time)]) * (TURN / nominal)
@@ -72,12 +83,15 @@ def gyro_time(p: PlantParameters, time: Floats) -> Floats:
     return np.maximum(time - p.gyro_latency, 0.0)
 
 
-def gyro(p: PlantParameters, time: Floats, w: Floats, noise: Noise, random: np.random.Generator) -> Floats:
-    """Return what the gyro says at `time` when the robot turns with `w`.
+def gyro(
+    p: PlantParameters, time: Floats, w: Floats, theta: Floats, noise: Noise, random: np.random.Generator
+) -> Floats:
+    """Return what the gyro says at `time` when the robot turns with `w` at heading `theta`.
 
-    gyro_scale: w (1 + e); gyro_bias: + B; gyro_drift: + D t / 100 s.
+    gyro_scale: w (1 + e); gyro_bias: + B; gyro_drift: + D t / 100 s; gyro_magnetism: + M sin(2 theta).
     """
     measured = w * (1.0 + p.gyro_scale) + p.gyro_bias + p.gyro_drift * time / 100.0
+    measured = measured + p.gyro_magnetism * np.sin(2.0 * theta)
     steps = np.sqrt(np.diff(time, prepend=0.0)) * random.standard_normal(len(time))
     return measured + noise.gyro_walk * np.cumsum(steps) + noise.gyro * random.standard_normal(len(time))
 
@@ -104,9 +118,11 @@ def pose(
 def seen(p: PlantParameters, x: Floats, y: Floats, theta: Floats) -> tuple[Floats, Floats, Floats]:
     """Return what the external localisation would say without noise, the heading unwrapped.
 
-    pose_offset: the tracked point sits m ahead of the turning centre; pose_distortion: p (1 + k abs(p)^2).
+    pose_offset: the tracked point sits m ahead of the turning centre; pose_distortion: p (1 + k abs(p)^2);
+    pose_heading_warp: theta + A sin(2 pi x / 1.5 m).
     """
     x, y = x + p.pose_offset * np.cos(theta), y + p.pose_offset * np.sin(theta)
+    theta = theta + p.pose_heading_warp * np.sin(TURN * x / WARP_LENGTH)
     stretch = 1.0 + p.pose_distortion * (x**2 + y**2)
     return x * stretch, y * stretch, theta
 

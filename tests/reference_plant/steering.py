@@ -20,8 +20,9 @@ from tests.reference_plant.drives import (
     seeds,
 )
 from tests.reference_plant.parameters import PlantParameters, as_record, plant_parameters
-from tests.reference_plant.physics import COLUMNS, at_rest, simulate
+from tests.reference_plant.physics import simulate
 from tests.reference_plant.sensors import SILENT, Noise
+from tests.reference_plant.state import COLUMNS, at_rest
 
 # What a pilot does at a time [s] when it sees the robot at this pose: the duties of both sides.
 Pilot = Callable[[float, Pose], tuple[float, float]]

@@ -1,0 +1,105 @@
+"""The cases by which a diagnosis is measured, set by set; `seeds` [20] says how many robots there are of each kind."""
+
+from collections.abc import Callable, Mapping
+from itertools import combinations
+
+import numpy as np
+
+from tests.hidden_effects.cases import EIGHT, EIGHT_OPEN, RICH, Case
+from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
+from tests.reference_plant import TYPICAL
+
+SEEDS = 20
+NULL_NOISES = ("realistic", "threefold", "white", "threefold_white", "slow", "threefold_slow")
+# Either name says the same of the data, so both at once are one effect.
+SAME_MATHEMATICS = (frozenset({"wheel_radius_scale", "encoder_scale"}),)
+PAIRS = [pair for pair in combinations(TYPICAL, 2) if frozenset(pair) not in SAME_MATHEMATICS]
+TWO_HOURS = 61  # rich drives
+
+
+def single(seeds: int) -> list[Case]:
+    """Return every effect on the rich drive."""
+    return [Case((effect,), RICH, seed) for seed in range(seeds) for effect in TYPICAL]
+
+
+def eight(seeds: int) -> list[Case]:
+    """Return every effect on figure-eights alone."""
+    return [Case((effect,), EIGHT, seed) for seed in range(seeds) for effect in TYPICAL]
+
+
+def null(seeds: int) -> list[Case]:
+    """Return robots without any effect, on every drive and with every kind of noise."""
+    drives = [(drive, noise) for noise in NULL_NOISES for drive in (RICH, EIGHT)]
+    return [Case((), *_turn(drives, seed)) for seed in range(15 * seeds)]
+
+
+def coarse(seeds: int) -> list[Case]:
+    """Return robots with 48 ticks per turn and no other effect."""
+    drives = [(drive, "coarse") for drive in (EIGHT, RICH, EIGHT_OPEN)]
+    return [Case((), *_turn(drives, seed)) for seed in range(3 * seeds)]
+
+
+def pairs(seeds: int) -> list[Case]:
+    """Return two effects at once on the rich drive."""
+    return [Case(PAIRS[_drawn(seed, len(PAIRS))], RICH, seed) for seed in range(5 * seeds)]
+
+
+def unknown(seeds: int) -> list[Case]:
+    """Return physics that no effect describes, on the rich drive."""
+    return [Case((kind,), RICH, seed) for seed in range((seeds + 1) // 2) for kind in UNKNOWN]
+
+
+def friction(seeds: int) -> list[Case]:
+    """Return friction by other laws than the catalogue's, on the rich drive."""
+    laws = [law for law in FRICTIONS if law != "dry"]
+    effects = ("coulomb_friction", "static_friction")
+    return [Case((effect,), RICH, seed, friction=law) for seed in range(seeds) for effect in effects for law in laws]
+
+
+def gain(seeds: int) -> list[Case]:
+    """Return every effect on the rich drive, of which a fresh drive of the same robot is to be foretold."""
+    return [Case((effect,), RICH, 500 + seed) for seed in range((seeds + 9) // 10) for effect in TYPICAL]
+
+
+def length(seeds: int) -> list[Case]:
+    """Return drives of two, four and eight minutes."""
+    return [
+        Case(("coulomb_friction",), RICH, seed, repeats=repeats)
+        for seed in range((seeds + 4) // 5)
+        for repeats in (1, 2, 4)
+    ]
+
+
+def command(seeds: int) -> list[Case]:
+    """Return drives for the whole command, report included."""
+    return [Case((effect,), RICH, 600 + seed) for seed, effect in enumerate(list(TYPICAL)[: (seeds + 3) // 4])]
+
+
+def hours(_seeds: int) -> list[Case]:
+    """Return one drive of two hours."""
+    return [Case(("coulomb_friction",), RICH, 700, repeats=TWO_HOURS)]
+
+
+SETS: Mapping[str, Callable[[int], list[Case]]] = {
+    "single": single,
+    "eight": eight,
+    "null": null,
+    "coarse": coarse,
+    "pairs": pairs,
+    "unknown": unknown,
+    "friction": friction,
+    "gain": gain,
+    "length": length,
+    "command": command,
+    "hours": hours,
+}
+
+
+def _turn(drives: list[tuple[str, str]], seed: int) -> tuple[str, int, str]:
+    """Return manoeuvre, seed and noise of the case with this number, all in turn."""
+    manoeuvre, noise = drives[seed % len(drives)]
+    return manoeuvre, seed, noise
+
+
+def _drawn(seed: int, count: int) -> int:
+    return int(np.random.default_rng([seed, 7]).integers(count))

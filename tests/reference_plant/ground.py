@@ -1,0 +1,103 @@
+"""From the wheels' speeds to the motion over the ground."""
+
+import math
+
+from tests.reference_plant.compiling import compiled
+from tests.reference_plant.parameters import PlantParameters
+from tests.reference_plant.state import Body, Side
+
+FLIP_SPEED = 0.02  # m/s; at which a caster that trails the wrong way turns round
+FLIP_TIME = 0.5  # s that it takes
+BLOWN_SPEED = 0.05  # m/s; the wind pushes a robot fully above it, and none that stands
+CAMBER_LENGTH = 1.5  # m from one crest of the floor to the next
+LOST_TRACTION = 0.15  # share of its speed over ground that a wheel loses
+
+
+@compiled
+def yaw_rate(p: PlantParameters, v_left: float, v_right: float, inside: bool, t: float) -> float:
+    """Return w for the ground speeds of both sides."""
+    b = p.base_width
+    # surface_change: b (1 + f) after T; surface_patch: b (1 + f) inside the disc.
+    if t >= p.surface_change_time:
+        b *= 1.0 + p.surface_change_base_width
+    if inside:
+        b *= 1.0 + p.surface_patch_base_width
+    # turn_asymmetry: b (1 + k sign(w)).
+    if v_right != v_left:
+        b *= 1.0 + p.turn_asymmetry * math.copysign(1.0, v_right - v_left)
+    w = (v_right - v_left) / b
+    # turn_slip: b (1 + k abs(w)), so w (1 + k abs(w)) = (v_right - v_left) / b, solved for w.
+    return 2.0 * w / (1.0 + math.sqrt(1.0 + 4.0 * p.turn_slip * abs(w)))
+
+
+@compiled
+def rolling_radius(p: PlantParameters, s: float, phi: float) -> float:
+    """Return r of one side whose wheel has turned by phi."""
+    # wheel_radius_scale: r (1 + e); wheel_radius_asymmetry: r (1 + s e); wheel_wobble: r (1 + e cos(phi + phase)).
+    r = p.wheel_radius * (1.0 + p.wheel_radius_scale) * (1.0 + s * p.wheel_radius_asymmetry)
+    if p.wheel_wobble_share != 0.0:
+        r *= 1.0 + p.wheel_wobble_share * math.cos(phi + p.wheel_wobble_phase)
+    return r
+
+
+@compiled
+def on_patch(p: PlantParameters, x: float, y: float) -> bool:
+    """Tell whether the robot stands inside the disc of surface_patch."""
+    return (x - p.surface_patch_x) ** 2 + (y - p.surface_patch_y) ** 2 < p.surface_patch_radius**2
+
+
+@compiled
+def ground_speed(p: PlantParameters, s: float, side: Side, rolled: float, h: float) -> float:
+    """Return the speed [m/s] with which one side moves over the ground while its wheel turns by `rolled`."""
+    # traction_loss: for a while a wheel turns faster than it carries.
+    grip = 1.0 - LOST_TRACTION if side.lost > 0.0 else 1.0
+    # longitudinal_slip: ground speed psi - k domega.
+    rate = rolled / h - p.longitudinal_slip * side.domega
+    return rolling_radius(p, s, side.phi - side.gap - 0.5 * rolled) * rate * (1.0 + side.slip) * grip
+
+
+@compiled
+def trailing(body: Body, v: float, h: float) -> Body:
+    """Return the body with its caster as it is after h at forward speed v."""
+    caster, flipped, side = body.caster, body.flipped + h, body.flip_side
+    if abs(v) > FLIP_SPEED and caster * v <= 0.0:
+        if caster != 0.0:
+            flipped, side = 0.0, -side
+        caster = math.copysign(1.0, v)
+    return Body(body.x, body.y, body.theta, body.w, body.energy, caster, flipped, side)
+
+
+@compiled
+def pushed(p: PlantParameters, body: Body, v: float) -> float:
+    """Return the yaw rate that floor and caster add at forward speed v [rad/s]."""
+    w = 0.0
+    # caster_flip: a push while the caster turns round; floor_camber: w += k v sin(2 pi y / 1.5 m).
+    if body.flipped < FLIP_TIME:
+        w += p.caster_flip * body.flip_side * math.sin(math.pi * body.flipped / FLIP_TIME)
+    if p.floor_camber != 0.0:
+        w += p.floor_camber * v * math.sin(2.0 * math.pi * body.y / CAMBER_LENGTH)
+    return w
+
+
+@compiled
+def blown(p: PlantParameters, theta: float, v: float) -> float:
+    """Return the sideways speed that the wind gives [m/s]."""
+    # side_wind: v_y += W sin(direction - theta) while the robot moves.
+    if p.side_wind == 0.0:
+        return 0.0
+    return p.side_wind * math.sin(p.side_wind_direction - theta) * min(1.0, abs(v) / BLOWN_SPEED)
+
+
+@compiled
+def moved(
+    p: PlantParameters, body: Body, energy: float, v_left: float, v_right: float, inside: bool, t: float, h: float
+) -> Body:
+    """Return the body after h at these ground speeds, by the midpoint rule."""
+    v_x = 0.5 * (v_left + v_right)
+    body = trailing(body, v_x, h)
+    w = yaw_rate(p, v_left, v_right, inside, t) + pushed(p, body, v_x)
+    # lateral_skid: v_y = -k v w.
+    v_y = -p.lateral_skid * v_x * w + blown(p, body.theta, v_x)
+    cosine, sine = math.cos(body.theta + 0.5 * h * w), math.sin(body.theta + 0.5 * h * w)
+    x, y = body.x + h * (v_x * cosine - v_y * sine), body.y + h * (v_x * sine + v_y * cosine)
+    return Body(x, y, body.theta + h * w, w, energy, body.caster, body.flipped, body.flip_side)
