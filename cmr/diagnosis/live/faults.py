@@ -1,0 +1,177 @@
+"""What is plain from single seconds: wheels that stand still, poses that freeze, jump or end, an empty battery."""
+
+import math
+import statistics
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from cmr.diagnosis.live.causes import Voltage
+from cmr.diagnosis.live.measures import MOVING_SECONDS
+from cmr.diagnosis.live.second import PoseSteps, Second
+from cmr.msg import motor_feedback_t
+
+MEANT = 0.08  # duty; a smaller one may be too little to move the wheels
+STANDING = 0.1  # rad in a second
+SURE_AFTER = 2  # seconds of standing still
+MISSED_AFTER = 3  # seconds without a sensor that was there before
+LINGERING = 3  # seconds for which a fault must be gone
+JUMP, TURN_JUMP = 0.1, 0.2  # m, rad; smaller steps are left to the statistics
+UNUSUAL = 5.0  # times the usual; localisation that always jumps about is noise
+REMEMBERED = 60  # seconds from which the usual is taken
+LOW = 0.1  # share by which the voltage has fallen
+PRESENT_VOLTAGE = 10  # seconds over which the voltage is taken
+
+POSE_MEASURES = frozenset({"forward", "sideways", "heading", "turn_by_pose"})
+WHEEL_MEASURES = frozenset({"drive", "steer"})
+CONDITIONS = (
+    (motor_feedback_t.STATUS_ESTOP, "the emergency stop is engaged; release it"),
+    (motor_feedback_t.STATUS_NOT_ARMED, "the motors are not armed; start cmr-driver again"),
+    (motor_feedback_t.STATUS_MOTOR_FAULT, "the controller reports a fault or too much current; see what is blocked"),
+    (motor_feedback_t.STATUS_TEMPERATURE, "the controller is too hot; let it cool down"),
+    (motor_feedback_t.STATUS_COMMAND_STALE, "commands reach the driver too late; look at the network"),
+)
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """What is suspected. `title` names it for when it is over; empty for an event, which is not said to be over.
+
+    `size` tells how far it has come, if it can grow.
+    """
+
+    title: str
+    sentence: str
+    size: float = 0.0
+
+
+@dataclass
+class Faults:
+    """The faults of one robot, by key; `muted` are the measures that the last second cannot be judged by."""
+
+    present: dict[str, Suspicion] = field(default_factory=dict)
+    muted: frozenset[str] = frozenset()
+    _seen: dict[str, int] = field(default_factory=dict)
+    _standing: list[int] = field(default_factory=lambda: [0, 0])
+    _missed: dict[str, int] = field(default_factory=dict)
+    _jumps: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    _first_voltages: list[float] = field(default_factory=list)
+    _last_voltages: deque[float] = field(default_factory=lambda: deque(maxlen=PRESENT_VOLTAGE))
+    _number: int = 0
+
+    @property
+    def voltage(self) -> Voltage:
+        """The battery's voltage at the start and now."""
+        if len(self._first_voltages) < MOVING_SECONDS:
+            return Voltage(math.nan, math.nan)
+        return Voltage(statistics.median(self._first_voltages), statistics.median(self._last_voltages))
+
+    def hears(self, sensor: str) -> bool:
+        """Tell whether gyro or poses come."""
+        return self._missed.get(sensor, MISSED_AFTER) < MISSED_AFTER
+
+    def add(self, second: Second) -> None:
+        """Look at one more second."""
+        self._number += 1
+        self.muted = frozenset()
+        for find in (self._standing_still, self._sensors, self._localisation, self._battery):
+            for key, suspicion in find(second):
+                self.present[key] = suspicion
+                self._seen[key] = self._number
+        for key in [key for key in self.present if self._number - self._seen[key] > LINGERING]:
+            del self.present[key]
+
+    def _standing_still(self, second: Second) -> Iterator[tuple[str, Suspicion]]:
+        for side in (0, 1):
+            way = second.path[side] / float(second.parameters.wheel_radius)
+            stands = abs(second.commanded[side]) > MEANT and way < STANDING
+            self._standing[side] = self._standing[side] + 1 if stands else 0
+        if any(self._standing):
+            self.muted |= WHEEL_MEASURES
+        stuck = [seconds >= SURE_AFTER for seconds in self._standing]
+        if any(stuck):
+            name = "both sides'" if all(stuck) else "the left" if stuck[0] else "the right"
+            duty = max(abs(second.commanded[side]) for side in (0, 1) if stuck[side])
+            seen = f"{name[0].upper()}{name[1:]} wheels stand still at a commanded duty of {duty:.2f}"
+            yield "standing", Suspicion(f"{name} wheels standing still", f"{seen}: {_why_standing(second, stuck)}.")
+
+    def _sensors(self, second: Second) -> Iterator[tuple[str, Suspicion]]:
+        there = {"gyro": not math.isnan(second.gyro), "poses": second.pose is not None}
+        for name, known in there.items():
+            if known:
+                self._missed[name] = 0
+            elif name in self._missed:
+                self._missed[name] += 1
+            if self._missed.get(name, 0) >= MISSED_AFTER:
+                what = "gyro readings" if name == "gyro" else "poses"
+                yield (
+                    f"no {name}",
+                    Suspicion(
+                        f"missing {what}",
+                        f"For {MISSED_AFTER} s there are no usable {what}: the sensor or its process has stopped, or "
+                        "its clock is off. What needs them is not watched.",
+                    ),
+                )
+
+    def _localisation(self, second: Second) -> Iterator[tuple[str, Suspicion]]:
+        if second.pose is None:
+            return
+        if second.pose.frozen:
+            self.muted |= POSE_MEASURES
+            yield (
+                "frozen",
+                Suspicion(
+                    "frozen poses",
+                    "The poses stay exactly the same while the wheels turn: the localisation is at fault, not the "
+                    "robot. Does it still see the robot?",
+                ),
+            )
+        jump = self._jump(second.pose)
+        if jump:
+            self.muted |= POSE_MEASURES
+            if second.resting:
+                why = "the localisation is at fault, or somebody moved the robot"
+            else:
+                why = "the localisation is at fault, not the robot. Look at its markers or its map"
+            yield (
+                "jump",
+                Suspicion("", f"The pose jumped by {jump} more than the wheels can have moved the robot: {why}."),
+            )
+
+    def _jump(self, pose: PoseSteps) -> str:
+        """Return by how much the pose jumped, with unit; empty if it did not."""
+        usual = [statistics.median(sizes) for sizes in zip(*self._jumps, strict=True)] or [0.0, 0.0]
+        self._jumps.append((pose.jump, pose.turn_jump))
+        if pose.jump > JUMP + UNUSUAL * usual[0]:
+            return f"{pose.jump:.2f} m"
+        return f"{pose.turn_jump:.2f} rad" if pose.turn_jump > TURN_JUMP + UNUSUAL * usual[1] else ""
+
+    def _battery(self, second: Second) -> Iterator[tuple[str, Suspicion]]:
+        if second.moving and second.voltage > 0.0:
+            if len(self._first_voltages) < MOVING_SECONDS:
+                self._first_voltages.append(second.voltage)
+            self._last_voltages.append(second.voltage)
+        voltage = self.voltage
+        if second.status & motor_feedback_t.STATUS_BATTERY:
+            shows = f"; it shows {second.voltage:.1f} V" if second.voltage > 0.0 else ""
+            yield (
+                "battery",
+                Suspicion("low battery", f"The controller warns of the battery's voltage{shows}. Charge it."),
+            )
+        elif voltage.known and voltage.fall > LOW:
+            sentence = f"Suspected: low battery (effect battery_drift); {voltage}. Charge it."
+            yield "battery", Suspicion("low battery", sentence, voltage.fall)
+
+
+def _why_standing(second: Second, stuck: list[bool]) -> str:
+    """Return why wheels may stand still, and what to do."""
+    for bit, reason in CONDITIONS:
+        if second.status & bit:
+            return reason
+    if all(second.applied[side] == 0.0 for side in (0, 1) if stuck[side]):
+        return "the driver does not pass the commands on; look at its PROCESS_STATUS"
+    if second.pose is not None and abs(second.pose.forward) + abs(second.pose.turn) > STANDING:
+        return "but the robot moves, so it is the encoder that is at fault; look at its cable"
+    return (
+        "the motor is off or blocked, or the duty is too small to overcome friction; look at power, cables and wheels"
+    )

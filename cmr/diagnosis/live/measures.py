@@ -1,0 +1,159 @@
+"""The differences looked at in each second, and what may explain them without anything having changed.
+
+No robot is exactly its model. What it does otherwise from the start on, in proportion to these regressors, is learnt
+(`expectation`) and expected: they are the effects of the catalogue to first order.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cmr.diagnosis.live.second import LEAST_ANGLE, Second
+
+MOVING_SECONDS, RESTING_SECONDS = 20, 3  # that are learnt from before anything is judged
+
+Row = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One difference, in `unit`: what was measured in a second minus what was to be expected; NaN if unknown.
+
+    `regressors` of a second may explain it; `prior` are the usual sizes of their coefficients. `scale` is roughly the
+    noise to expect, as it grows with the way. It is judged after it was learnt in `fewest` seconds.
+    """
+
+    name: str
+    unit: str
+    value: Callable[[Second], float]
+    regressors: Callable[[Second], Row]
+    prior: Row
+    scale: Callable[[Second], float]
+    fewest: int = MOVING_SECONDS
+
+
+def common(left: float, right: float) -> float:
+    """Return what both sides have in common."""
+    return (left + right) / 2.0
+
+
+def opposite(left: float, right: float) -> float:
+    """Return what turns the robot counter-clockwise."""
+    return (right - left) / 2.0
+
+
+def _drive(second: Second) -> float:
+    return common(*second.turned) - common(*second.predicted)
+
+
+def _drive_regressors(second: Second) -> Row:
+    speed, steer = common(*second.predicted), opposite(*second.predicted)
+    friction = common(*map(_direction, second.predicted))
+    return speed, steer, friction, common(*second.predicted_change), abs(steer) * _direction(speed)
+
+
+def _steer(second: Second) -> float:
+    return opposite(*second.turned) - opposite(*second.predicted)
+
+
+def _steer_regressors(second: Second) -> Row:
+    friction = opposite(*map(_direction, second.predicted))
+    return opposite(*second.predicted), common(*second.predicted), friction, opposite(*second.predicted_change)
+
+
+def _direction(angle: float) -> float:
+    """Return -1 or 1 as a wheel turned this way [rad], in between for one that hardly did."""
+    return min(max(angle / LEAST_ANGLE, -1.0), 1.0)
+
+
+def _wheel_scale(second: Second) -> float:
+    return math.hypot(0.02, 0.005 * common(*map(abs, second.predicted)))
+
+
+def _turn_by_gyro(second: Second) -> float:
+    return second.gyro - second.turn if second.moving else math.nan
+
+
+def _turn_by_pose(second: Second) -> float:
+    known = second.pose is not None and second.moving and math.isnan(second.gyro)
+    return second.pose.turn - second.turn if known and second.pose else math.nan
+
+
+def _turn_regressors(second: Second) -> Row:
+    turn, straight = second.turn, second.forward / second.parameters.base_width
+    return turn, straight, turn * abs(turn), abs(turn), second.turn_rate_change
+
+
+def _slip_of_turns(second: Second) -> float:
+    return 0.003 * common(*second.path) / float(second.parameters.base_width)
+
+
+def _heading(second: Second) -> float:
+    return second.pose.turn - second.gyro if second.pose and second.moving else math.nan
+
+
+def _forward(second: Second) -> float:
+    return second.pose.forward - second.forward if second.pose and second.moving else math.nan
+
+
+def _sideways(second: Second) -> float:
+    return second.pose.sideways - second.sideways if second.pose and second.moving else math.nan
+
+
+def _place_scale(second: Second) -> float:
+    return math.hypot(0.006, 0.005 * common(*second.path))
+
+
+MEASURES = (
+    Measure("drive", "rad", _drive, _drive_regressors, (0.2, 0.2, 2.0, 0.3, 0.2), _wheel_scale),
+    Measure("steer", "rad", _steer, _steer_regressors, (0.3, 0.1, 2.0, 0.3), _wheel_scale),
+    Measure(
+        "turn_by_gyro",
+        "rad",
+        _turn_by_gyro,
+        lambda second: (*_turn_regressors(second), 1.0),
+        (0.3, 0.1, 0.1, 0.1, 0.3, 0.05),
+        lambda second: math.hypot(0.002, _slip_of_turns(second)),
+    ),
+    Measure(
+        "turn_by_pose",
+        "rad",
+        _turn_by_pose,
+        _turn_regressors,
+        (0.3, 0.1, 0.1, 0.1, 0.3),
+        lambda second: math.hypot(0.006, _slip_of_turns(second)),
+    ),
+    Measure(
+        "heading",
+        "rad",
+        _heading,
+        lambda second: (second.gyro, second.turn_rate_change, 1.0),
+        (0.1, 0.3, 0.05),
+        lambda _second: 0.006,
+    ),
+    Measure(
+        "forward",
+        "m",
+        _forward,
+        lambda second: (second.forward, second.speed_change, second.forward * abs(second.turn)),
+        (0.2, 0.3, 0.1),
+        _place_scale,
+    ),
+    Measure(
+        "sideways",
+        "m",
+        _sideways,
+        lambda second: (second.forward, second.turn, second.forward * second.turn),
+        (0.1, 0.3, 0.5),
+        _place_scale,
+    ),
+    Measure(
+        "gyro_at_rest",
+        "rad",
+        lambda second: second.gyro if second.resting else math.nan,
+        lambda _second: (1.0,),
+        (0.05,),
+        lambda _second: 0.002,
+        RESTING_SECONDS,
+    ),
+)

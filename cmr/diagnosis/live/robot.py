@@ -1,0 +1,149 @@
+"""Watch one robot, second by second."""
+
+import math
+from collections import deque
+from collections.abc import Mapping
+
+from cmr.diagnosis.live.causes import Cause, Sizes
+from cmr.diagnosis.live.changes import BY_NAME
+from cmr.diagnosis.live.detection import Detector, Residuals
+from cmr.diagnosis.live.expectation import Expectation, Residual
+from cmr.diagnosis.live.explaining import Explanation, Observed, explain
+from cmr.diagnosis.live.faults import Faults, Suspicion
+from cmr.diagnosis.live.measures import MEASURES, MOVING_SECONDS
+from cmr.diagnosis.live.second import Second
+
+WINDOW = 20  # seconds that are explained together, at most
+CONSIDERED = 2_000_000  # us after an alarm until it is explained: the first seconds may look like many things
+CALM = 0.3  # of the threshold; what is new is learnt only if no change is about to show
+UNEXPLAINED_FOR = 20_000_000  # us after which an alarm without a cause is forgotten
+GROWN = 1.5  # times; what has grown by as much is said again
+SAID_AGAIN = 60_000_000  # us; nothing is said more often
+
+
+class RobotWatch:
+    """The watch of one robot, from its parameters on; feed it seconds by `add`, read `news` and `status`."""
+
+    def __init__(self) -> None:
+        self.faults = Faults()
+        self._expectations = {measure.name: Expectation(measure) for measure in MEASURES}
+        self._detector = Detector()
+        self._window: deque[Observed] = deque(maxlen=WINDOW)
+        self._explanation = Explanation()
+        self._unexplained: Suspicion | None = None
+        self._forget_at = 0
+        self._since: int | None = None
+        self._decision = 0
+        self._moving_seconds = 0
+        self._announcer = Announcer()
+
+    def add(self, second: Second) -> list[str]:
+        """Take one more second; return what is to be said."""
+        self.faults.add(second)
+        self._moving_seconds += second.moving
+        residuals = self._residuals(second)
+        self._window.append(Observed(second, residuals))
+        since = self._detector.add(second, self._beyond_present(second, residuals))
+        if since is not None and self._since is None:
+            self._since, self._decision = since, second.end + CONSIDERED
+        if self._since is not None and second.end >= self._decision:
+            self._explain(second.end, self._since)
+        if second.end >= self._forget_at:
+            self._unexplained = None
+        return self._announcer.news(second.end, self.suspicions())
+
+    def suspicions(self) -> dict[str, Suspicion]:
+        """Return what is suspected, by key."""
+        found = dict(self.faults.present)
+        if self._unexplained is not None:
+            found["unexplained"] = self._unexplained
+        for cause, sizes in self._explanation.causes:
+            found[cause.key] = self._suspicion(cause, sizes)
+        return found
+
+    def status(self) -> str:
+        """Return, for a person, what is suspected or what is being done."""
+        suspicions = self.suspicions()
+        if suspicions:
+            return " ".join(suspicion.sentence for suspicion in suspicions.values())
+        if self._moving_seconds < MOVING_SECONDS:
+            return f"learning how it moves: {self._moving_seconds} of {MOVING_SECONDS} s in motion."
+        signals = ["wheels", *(name for name in ("gyro", "poses") if self.faults.hears(name))]
+        return f"watching {', '.join(signals)}; it moves as at the start."
+
+    def _residuals(self, second: Second) -> dict[str, Residual]:
+        """Compare the second with what is expected; learn from it where that is not known yet."""
+        calm = not self._explanation.causes and self._since is None and self._detector.level < CALM
+        residuals: dict[str, Residual] = {}
+        for name, expectation in self._expectations.items():
+            if name in self.faults.muted or math.isnan(expectation.measure.value(second)):
+                continue
+            residual = expectation.residual(second) if expectation.ready else None
+            if residual is not None and not residual.novel:
+                residuals[name] = residual
+            elif calm:
+                expectation.learn(second)
+        return residuals
+
+    def _beyond_present(self, second: Second, residuals: Residuals) -> Residuals:
+        """Return the residuals less what the present explanation explains."""
+        beyond = dict(residuals)
+        for change, size in self._explanation.sizes.items():
+            for name, shift in BY_NAME[change].shifts(second).items():
+                if name in beyond:
+                    beyond[name] = beyond[name]._replace(value=beyond[name].value - size * shift)
+        return beyond
+
+    def _explain(self, utime: int, since: int) -> None:
+        """Find out what has changed since then."""
+        observed = [item for item in self._window if item.second.end >= since and item.residuals]
+        found = explain(observed, self._explanation)
+        if found.complete:
+            self._explanation, self._unexplained = found, None
+        else:
+            self._unexplained = unexplained(found)
+            self._forget_at = utime + UNEXPLAINED_FOR
+        self._since = None
+        self._detector.reset()
+
+    def _suspicion(self, cause: Cause, sizes: Sizes) -> Suspicion:
+        voltage = self.faults.voltage
+        title, sentence = cause.title(sizes, voltage), cause.sentence(sizes, voltage)
+        others = " or ".join(rival.title(theirs, voltage) for rival, theirs in self._explanation.rivals)
+        if others:
+            sentence += f" So far it may as well be: {others}."
+        return Suspicion(title, sentence, max(map(abs, sizes.values())))
+
+
+def unexplained(found: Explanation) -> Suspicion:
+    """Return the suspicion that something has changed which no cause explains well."""
+    clauses = [BY_NAME[name].clause(size) for name, size in found.sizes.items()]
+    nearest = f" Nearest to it: {' and '.join(clauses)}." if clauses else ""
+    return Suspicion(
+        "the unexplained change",
+        "Something has changed for which there is no single cause."
+        f"{nearest} Keep the log and let cmr-diagnose look at it.",
+    )
+
+
+class Announcer:
+    """Says what is suspected once, again when it has grown, and when it is over; each at most once a minute."""
+
+    def __init__(self) -> None:
+        self._said: dict[str, tuple[int, float]] = {}  # when, and of what size, by key
+        self._open: dict[str, str] = {}  # titles of what was said and is not over, by key
+
+    def news(self, utime: int, suspicions: Mapping[str, Suspicion]) -> list[str]:
+        """Return what is to be said at utime."""
+        news = []
+        for key, suspicion in suspicions.items():
+            when, size = self._said.get(key, (utime - SAID_AGAIN, 0.0))
+            if (key not in self._open or suspicion.size > GROWN * size) and utime - when >= SAID_AGAIN:
+                news.append(suspicion.sentence)
+                self._said[key] = (utime, suspicion.size)
+                self._open[key] = suspicion.title
+        for key in [key for key in self._open if key not in suspicions]:
+            title = self._open.pop(key)
+            if title:
+                news.append(f"No longer seen: {title}.")
+        return news

@@ -1,0 +1,193 @@
+"""Watch all real robots on the bus. It knows no bus and no clock: messages go in, sentences come out.
+
+All decisions follow from the time stamps of the messages, so a log gives the same sentences at any speed, if messages
+come less than LATEST later than those of the wheels with the same time stamp.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream, identify
+from cmr.diagnosis.live.hearing import Hearing
+from cmr.diagnosis.live.robot import RobotWatch
+from cmr.diagnosis.live.second import AROUND, SECOND, observe
+from cmr.diagnosis.live.twin import Twin
+from cmr.model.parameters import RobotParameters
+from cmr.parameters.file import ParameterFileError
+from cmr.parameters.following import ParameterFollower
+
+LATEST = 1_000_000  # us by which messages may be late
+LONGEST_GAP = 3_000_000  # us without feedback, or in which its clock goes back, after which it is another drive
+SILENT = 3_000_000  # us
+
+COLUMNS = {MOTOR_COMMAND: "commands", MOTOR_FEEDBACK: "wheels", GYRO: "gyro", POSE: "poses"}
+
+
+class Watcher:
+    """All robots that send MOTOR_FEEDBACK_N, or the one of `robot_id`.
+
+    `follow` makes the parameter follower of a robot id. `ready` tells whether robots can be simulated by some
+    parameters without delay; until then, nothing is watched.
+    """
+
+    def __init__(
+        self,
+        follow: Callable[[int], ParameterFollower],
+        robot_id: int | None = None,
+        ready: Callable[[RobotParameters], bool] = lambda _parameters: True,
+    ) -> None:
+        self._follow = follow
+        self._ready = ready
+        self._robot_id = robot_id
+        self._robots: dict[int, _Robot] = {}
+        self._now = 0
+        if robot_id is not None:
+            self._robot(robot_id)
+
+    def handle(self, utime: int, channel: str, message: Any) -> None:
+        """Take one message from the bus or from a log."""
+        stream, robot_id = identify(channel) or (None, None)
+        if stream is None or robot_id is None or self._robot_id not in (None, robot_id):
+            return
+        if stream is MOTOR_FEEDBACK:
+            self._robot(robot_id).roll(utime, message)
+        elif robot_id in self._robots or stream is PARAMETERS:
+            self._robot(robot_id).take(stream, utime, channel, message)
+
+    def advance(self, utime: int) -> list[str]:
+        """Let time pass, look for replaced parameter files, and return what is to be said since the last call."""
+        self._now = utime
+        for robot in self._robots.values():
+            robot.look_for_parameters()
+        return [sentence for robot_id in sorted(self._robots) for sentence in self._robots[robot_id].tell()]
+
+    @property
+    def problem(self) -> str:
+        """What keeps robots from being watched; empty if nothing does."""
+        return " ".join(problem for robot in self._robots.values() if (problem := robot.problem))
+
+    @property
+    def parameters_sha256(self) -> str:
+        """The parameter files in use, as in process_status_t."""
+        return ",".join(robot.follower.sha256 for _, robot in sorted(self._robots.items()) if robot.follower.sha256)
+
+    def status(self) -> str:
+        """Return one line: what is suspected at present, or what is being watched."""
+        lines = [robot.status(self._now) for _, robot in sorted(self._robots.items()) if robot.heard]
+        who = "a robot" if self._robot_id is None else f"robot {self._robot_id}"
+        channel = f"{MOTOR_FEEDBACK.name}_{'N' if self._robot_id is None else self._robot_id}"
+        return " ".join(lines) or f"Waiting for {who}: nothing heard on {channel}."
+
+    def _robot(self, robot_id: int) -> "_Robot":
+        if robot_id not in self._robots:
+            self._robots[robot_id] = _Robot(robot_id, self._follow(robot_id), self._ready)
+        return self._robots[robot_id]
+
+
+class _Robot:
+    """What is kept of one robot: what was heard of it lately, and the watch that goes by its time stamps."""
+
+    def __init__(self, robot_id: int, follower: ParameterFollower, ready: Callable[[RobotParameters], bool]) -> None:
+        self.robot_id = robot_id
+        self.follower = follower
+        self.heard = 0  # us, of the newest feedback
+        self._ready = ready
+        self._hearing = Hearing()
+        self._begin = 0  # us, of the second that comes next
+        self._parameters: RobotParameters | None = None
+        self._sha256 = ""
+        self._incomplete = ""
+        self._twin: Twin | None = None
+        self._watch: RobotWatch | None = None
+        self._news: list[str] = []
+
+    def roll(self, utime: int, message: Any) -> None:
+        """Take a MOTOR_FEEDBACK_N; its time stamps are the clock of the watch."""
+        if not -LATEST <= utime - self.heard <= LONGEST_GAP:
+            self._hearing, self._twin = Hearing(), None
+            self.heard = utime
+            self._begin = (utime // SECOND + 1) * SECOND
+        self.heard = max(self.heard, utime)
+        row = (message.psi_left, message.psi_right, message.applied_left, message.applied_right)
+        self._hearing.take("wheels", utime, (*row, message.battery_voltage, message.status))
+        while self.heard >= self._begin + SECOND + LATEST:
+            self._watch_second()
+            self._begin += SECOND
+            self._hearing.keep(self._begin - AROUND, self.heard + LONGEST_GAP)
+
+    def take(self, stream: Stream, utime: int, channel: str, message: Any) -> None:
+        """Take any other message of the robot."""
+        if stream is PARAMETERS:
+            self.follower.handle(utime, channel, message)
+            self.look_for_parameters()
+        elif stream is MOTOR_COMMAND:
+            self._hearing.take("commands", utime, (message.left, message.right))
+        elif stream is GYRO and message.valid:
+            self._hearing.take("gyro", utime, (message.yaw_rate,))
+        elif stream is POSE:
+            self._hearing.take("poses", utime, (message.x, message.y, message.theta))
+
+    def look_for_parameters(self) -> None:
+        """Use the newest parameters; with other ones than before the watch begins anew."""
+        self.follower.poll()
+        if self.follower.parameters is None or self.follower.sha256 == self._sha256:
+            return
+        self._incomplete = ""
+        try:
+            parameters = self.follower.parameters.robot_parameters
+        except ParameterFileError as error:
+            self._incomplete = f"its parameters are incomplete: {error}. Calibrate it with cmr-calibrate."
+            return
+        if not self._ready(parameters):
+            return
+        if self._watch is not None:
+            self._say("The parameters are new: the watch begins anew.")
+        self._sha256, self._parameters = self.follower.sha256, parameters
+        self._watch, self._twin = RobotWatch(), None
+
+    def tell(self) -> list[str]:
+        """Return what is to be said since the last call."""
+        news, self._news = self._news, []
+        return news
+
+    def status(self, utime: int) -> str:
+        """Return what is suspected, or what is being done."""
+        if self.problem or self._watch is None:
+            return self.problem or f"Robot {self.robot_id}: its model is being loaded."
+        if utime - self.heard > SILENT:
+            return f"Robot {self.robot_id}: no feedback of its motors for {(utime - self.heard) * 1e-6:.0f} s."
+        return f"Robot {self.robot_id}: {self._watch.status()}"
+
+    @property
+    def problem(self) -> str:
+        """What keeps the robot from being watched; empty if nothing does."""
+        channel = PARAMETERS.channel(self.robot_id)
+        if self.follower.parameters is None:
+            why = self.follower.message or f"none are announced on {channel}."
+            return f"Robot {self.robot_id}: its parameters are missing: {why}"
+        problem = self._incomplete or self.follower.message
+        return f"Robot {self.robot_id}: {problem}" if problem else ""
+
+    def _watch_second(self) -> None:
+        """Watch the second that comes next."""
+        if self._watch is None or self._parameters is None:
+            return
+        if self._twin is None:
+            self._twin = self._new_twin(self._parameters)
+        second = observe(self._hearing, self._twin, self._parameters, self._begin) if self._twin else None
+        if second is None:
+            self._twin = None
+            return
+        for sentence in self._watch.add(second):
+            self._say(sentence)
+
+    def _new_twin(self, parameters: RobotParameters) -> Twin | None:
+        """Return a twin whose wheels turn like the robot's; None where those are unknown."""
+        wheels = self._hearing.between("wheels", self._begin - AROUND, self._begin + AROUND, self._begin)
+        if not len(wheels):
+            return None
+        newest = wheels[wheels[:, 0] <= 0.0][-1:] if (wheels[:, 0] <= 0.0).any() else wheels[:1]
+        return Twin(parameters, float(newest[0, 1]), float(newest[0, 2]))
+
+    def _say(self, sentence: str) -> None:
+        self._news.append(f"Robot {self.robot_id}: {sentence}")
