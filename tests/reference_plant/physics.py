@@ -94,10 +94,15 @@ def simulate(
         h = duration / steps
         wanted = wanted_duties(p, duty_left[span], duty_right[span])
         left, right = switched(p, left, wanted[0]), switched(p, right, wanted[1])
+        before = body.w
         for number in range(steps):
+            before = body.w
             left, right, body = advance(p, left, right, body, wanted, borders[span] + number * h, h)
             if noisy:
                 left = disturbed(p, left, noise, h, random)
                 right = disturbed(p, right, noise, h, random)
         states[span + 1] = row(left, right, body)
+        if steps > 1:
+            # A body's yaw rate is the mean of its last step; what a gyro would read is that at the step's end.
+            states[span + 1, -1] += 0.5 * (body.w - before)
     return states, Robot(left, right, body)
