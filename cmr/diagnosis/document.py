@@ -1,0 +1,181 @@
+"""What a diagnosis leaves behind for programs: `diagnosis.json`, and the extended parameter file.
+
+Every field of the document is always there. A number that is not known, or not finite, is null; a list or mapping
+without content is empty.
+"""
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cmr.calibration.result import Estimate
+from cmr.diagnosis.result import Candidate, Diagnosis, Fitted, Gain, NamedEffect, Unexplained
+from cmr.model.catalogue import definition, effects_on
+from cmr.model.parameters import DEFINITIONS
+from cmr.parameters.file import ParameterFile, Value
+from cmr.recordings.findings import Finding
+
+SCHEMA = 1
+METHOD = "diagnosis"
+DIGITS = 6  # decimals of the path errors in a parameter file: micrometres
+
+Document = dict[str, Any]
+
+
+def document(diagnosis: Diagnosis) -> Document:
+    """Return the content of `diagnosis.json`.
+
+    Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `next_experiment`, what
+    to drive next; `candidates`, the effects that were tried and not named, and why not; `sources` and `samples`, what
+    was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; and the
+    `sentence` of each data check. Parameters without a standard deviation were given, not fitted.
+    Raises KeyError for a parameter that the catalogue does not know.
+    """
+    return {
+        "schema": SCHEMA,
+        "robot_id": diagnosis.robot_id,
+        "verdict": diagnosis.verdict,
+        "sentence": diagnosis.sentence,
+        "baseline": _fitted(diagnosis.baseline),
+        "effects": [_effect(rank, effect) for rank, effect in enumerate(diagnosis.effects, start=1)],
+        "extended": _fitted(diagnosis.extended, diagnosis.parameters),
+        "gain": _gain(diagnosis.gain),
+        "unexplained": _unexplained(diagnosis.unexplained),
+        "data_checks": [_data_check(finding) for finding in diagnosis.checks],
+        "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],
+        "notes": list(diagnosis.notes),
+        "next_experiment": diagnosis.next_experiment,
+        "sources": list(diagnosis.sources),
+        "samples": int(diagnosis.samples),
+    }
+
+
+def write_document(diagnosis: Diagnosis, path: Path) -> None:
+    """Write `diagnosis.json` atomically.
+
+    Raises OSError when the folder cannot be written.
+    """
+    text = json.dumps(document(diagnosis), indent=2, allow_nan=False, ensure_ascii=False)
+    _write_atomically(text + "\n", path)
+
+
+def extended_file(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> ParameterFile:
+    """Return the parameter file of the extended model, `robot_<id>.yaml`; without any effect it is the paper's model.
+
+    `provenance` tells where the data come from; method and path errors are added to it.
+    Raises ParameterFileError for a value that no robot can have, KeyError for a parameter that nobody knows.
+    """
+    estimates = diagnosis.extended.estimates if diagnosis.extended else {}
+    effects = effects_on(diagnosis.parameters)
+    in_use = [*DEFINITIONS, *(parameter.name for effect in effects for parameter in effect.parameters)]
+    values = {
+        name: Value(float(diagnosis.parameters[name]), _finite(estimates[name].std) if name in estimates else None)
+        for name in in_use
+        if name in diagnosis.parameters
+    }
+    found = {"method": METHOD, "samples": int(diagnosis.samples), **_path_errors(diagnosis.extended)}
+    return ParameterFile(
+        diagnosis.robot_id, values, tuple(effect.name for effect in effects), provenance={**provenance, **found}
+    )
+
+
+def _path_errors(fitted: Fitted | None) -> dict[str, float]:
+    """Return the path errors [m] that are known."""
+    if fitted is None:
+        return {}
+    errors = {"path_rmse_m": fitted.path_rmse, "held_out_path_rmse_m": fitted.held_out_path_rmse}
+    return {name: round(float(error), DIGITS) for name, error in errors.items() if math.isfinite(error)}
+
+
+def _fitted(fitted: Fitted | None, given: Mapping[str, float] | None = None) -> Document:
+    """Return a model: its estimates, then parameters that it was given, without a standard deviation."""
+    estimates = fitted.estimates if fitted else {}
+    parameters = {name: _estimate(name, estimate) for name, estimate in estimates.items()}
+    for name, value in (given or {}).items():
+        parameters.setdefault(name, _estimate(name, Estimate(value, math.nan)))
+    return {
+        "parameters": parameters,
+        "path_rmse_m": _finite(fitted.path_rmse) if fitted else None,
+        "held_out_path_rmse_m": _finite(fitted.held_out_path_rmse) if fitted else None,
+    }
+
+
+def _effect(rank: int, effect: NamedEffect) -> Document:
+    return {
+        "name": effect.name,
+        "cause": effect.cause,
+        "rank": rank,
+        "parameters": {
+            name: {**_estimate(name, estimate), "ci95": _interval(estimate.interval)}
+            for name, estimate in effect.estimates.items()
+        },
+        "evidence": _evidence(effect),
+        "shift": {name: _finite(by) for name, by in effect.shift.items()},
+        "indistinguishable_from": list(effect.indistinguishable_from),
+        "next_experiment": effect.next_experiment,
+    }
+
+
+def _candidate(candidate: Candidate) -> Document:
+    return {"name": candidate.name, "evidence": _evidence(candidate), "why_not": candidate.why_not}
+
+
+def _evidence(tried: NamedEffect | Candidate) -> Document:
+    return {
+        "statistic": _finite(tried.statistic),
+        "p_value": _finite(tried.p_value),
+        "held_out": _finite(tried.held_out),
+    }
+
+
+def _gain(gain: Gain | None) -> Document:
+    return {
+        "held_out_path_rmse_ratio": _finite(gain.ratio) if gain else None,
+        "ci95": _interval(gain.interval if gain else (math.nan, math.nan)),
+        "signals": {name: _finite(ratio) for name, ratio in gain.signals.items()} if gain else {},
+    }
+
+
+def _unexplained(unexplained: Unexplained) -> Document:
+    return {
+        "present": bool(unexplained.present),
+        "signal": unexplained.signal,
+        "regressors": list(unexplained.regressors),
+        "share_of_residual_variance": _finite(unexplained.share),
+    }
+
+
+def _data_check(finding: Finding) -> Document:
+    return {"check": finding.check, "found": int(finding.found), "sentence": finding.sentence}
+
+
+def _estimate(name: str, estimate: Estimate) -> Document:
+    return {"value": _finite(estimate.value), "unit": definition(name).unit, "std": _finite(estimate.std)}
+
+
+def _interval(interval: tuple[float, float]) -> list[float | None]:
+    return [_finite(end) for end in interval]
+
+
+def _finite(number: float) -> float | None:
+    return float(number) if math.isfinite(number) else None
+
+
+def _write_atomically(text: str, path: Path) -> None:
+    """Write a text so that a reader, or a crash at any moment, finds the old file or the new one."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        Path(temporary).chmod(0o644)  # mkstemp makes it private; other people's processes read it too
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise

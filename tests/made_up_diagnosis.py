@@ -1,0 +1,73 @@
+"""A diagnosis with something in every field, numbers that are not finite among them; and one of bad data."""
+
+import math
+
+import numpy as np
+
+from cmr.calibration.result import Estimate
+from cmr.diagnosis.result import (
+    BAD_DATA,
+    EFFECTS_FOUND,
+    Candidate,
+    Diagnosis,
+    Fitted,
+    Gain,
+    NamedEffect,
+    Unexplained,
+)
+from cmr.recordings.findings import Finding
+
+BASELINE = {"k2_over_k3": Estimate(118.0, 0.8), "k1": Estimate(0.054, 2e-4), "base_width": Estimate(0.172, 6e-4)}
+REFITTED = {**BASELINE, "base_width": Estimate(0.161, 5e-4)}
+FRICTION = {"coulomb_friction": Estimate(4.1, 0.1)}
+SURFACE = {
+    "surface_change_k1": Estimate(0.05, 0.004),
+    "surface_change_base_width": Estimate(0.04, math.inf),
+    "surface_change_time": Estimate(61.0, 0.3),
+}
+SOUND = Finding("pose_jumps", 0, "The tracker jumps 0 times.")
+FAULT = Finding("pose_outliers", 3, "3 poses cannot be true: set aside.", {"poses": np.ones(3, np.bool_)})
+DIAGNOSIS = Diagnosis(
+    robot_id=4,
+    verdict=EFFECTS_FOUND,
+    sentence="Friction slows both wheels, and the floor changes.",
+    baseline=Fitted(estimates=BASELINE, path_rmse=0.081, held_out_path_rmse=0.093),
+    extended=Fitted(estimates={**REFITTED, **FRICTION, **SURFACE}, path_rmse=0.012, held_out_path_rmse=0.0141234567),
+    effects=(
+        NamedEffect(
+            name="coulomb_friction",
+            cause="Dry friction slows both wheels by 4.1 rad/s^2.",
+            estimates=FRICTION,
+            statistic=311.0,
+            p_value=1e-60,
+            held_out=50.5,
+            shift={"base_width": -0.011, "k1": math.nan},
+            indistinguishable_from=("quadratic_drag",),
+            next_experiment="Drive straight at two speeds.",
+        ),
+        NamedEffect(
+            name="surface_change",
+            cause="From 61.0 s on the floor is another.",
+            estimates=SURFACE,
+            statistic=40.0,
+            p_value=1e-6,
+        ),
+    ),
+    candidates=(
+        Candidate(name="slope", statistic=2.0, p_value=0.8, held_out=-1.0, why_not="Other data speak against it."),
+    ),
+    gain=Gain(ratio=6.6, interval=(5.9, math.inf), signals={"psi": 1.0, "pose": 6.6, "yaw_rate": math.nan}),
+    unexplained=Unexplained(present=True, signal="yaw_rate", regressors=("speed",), share=0.2),
+    checks=(SOUND, FAULT),
+    notes=("The drive was short.",),
+    next_experiment="Drive straight at two speeds.",
+    parameters={
+        "wheel_radius": 0.04,
+        **{name: estimate.value for name, estimate in {**REFITTED, **FRICTION, **SURFACE}.items()},
+        "gyro_bias": 0.0,
+        "turn_rate_limit": math.inf,
+    },
+    sources=("circles.lcm", "squares.lcm"),
+    samples=6000,
+)
+BAD = Diagnosis(robot_id=4, verdict=BAD_DATA, sentence="The robot never moved.", checks=(FAULT,))
