@@ -1,0 +1,275 @@
+"""cmr-diagnose: show what the simulation gets wrong, name the cause, extend the model and measure the gain."""
+
+import argparse
+import os
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime, timezone
+from pathlib import Path
+from types import FrameType
+
+from cmr.bus.process import Process
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE
+from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.diagnosis.job import Job, JobError, Outcome, attempt, perform
+from cmr.diagnosis.many import Pool, jobs_of
+from cmr.msg import process_status_t
+from cmr.parameters.file import ParameterFile, ParameterFileError, load
+from cmr.parameters.following import ParameterFollower
+from cmr.recordings.recording import RecordingError
+
+BAR = 24  # characters
+WATCHED = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
+WATCH_RATE = 20.0  # Hz
+HELD = 10_000_000  # us for which a sentence stays on PROCESS_STATUS
+LIVE = "live.txt"
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-diagnose."""
+    options = _options(arguments)
+    nominal = _nominal(options.parameters)
+    if options.live:
+        return _live(options, nominal)
+    pattern = Job(
+        logs=(),
+        robot_id=options.robot,
+        folder=options.out,
+        nominal=nominal,
+        held_out=tuple(options.held_out),
+        report=not options.no_report,
+    )
+    try:
+        jobs = jobs_of(options.logs, pattern, each=options.each)
+    except RecordingError as error:
+        raise CommandError(str(error)) from error
+    return _one(jobs[0]) if len(jobs) == 1 else _many(jobs, options.jobs)
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-diagnose",
+        "Show what the simulation of a robot gets wrong, name the physical cause, extend the model and measure the "
+        "gain. The logs of one robot are diagnosed together: different manoeuvres tell effects apart. Writes "
+        "diagnosis.json, report.html and the extended parameters robot_N.yaml.\n\n"
+        "Logs of several robots, or --each, make several diagnoses, which run side by side, each with a folder of its "
+        "own below DIR. With --live a drive is watched while it happens: what changes is said on PROCESS_STATUS.",
+        "cmr-diagnose circles.lcm squares.lcm --held-out eight.lcm --out diagnosis\n"
+        "  cmr-diagnose runs/*.lcm --each --out diagnoses\n"
+        "  cmr-diagnose --live --robot 0 --parameters robot_0.yaml",
+        bus="LCM bus of --live; otherwise LCM_DEFAULT_URL from the environment, otherwise this host only",
+    )
+    options.add_argument("logs", type=Path, nargs="*", metavar="RUN.lcm", help="event logs to diagnose")
+    options.add_argument("--robot", type=parse_robot_id, default=None, metavar="N", help="robot id; else all there are")
+    options.add_argument(
+        "--parameters",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="nominal parameters, at least wheel_radius; otherwise those announced on PARAMETERS_N",
+    )
+    options.add_argument(
+        "--held-out",
+        type=Path,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="LOG",
+        help="logs on which the gain is measured and nothing is fitted; best another manoeuvre",
+    )
+    options.add_argument("--out", type=Path, default=None, metavar="DIR", help="folder for the results")
+    options.add_argument("--each", action="store_true", help="diagnose every log for itself")
+    options.add_argument("--no-report", action="store_true", help="leave out report.html")
+    options.add_argument(
+        "--jobs", type=_count, default=_cores(), metavar="N", help="how many diagnoses run side by side"
+    )
+    options.add_argument("--live", action="store_true", help="watch a drive; with --out what is found is kept there")
+    chosen = options.parse_intermixed_args(arguments)
+    wrong = _contradiction(chosen)
+    if wrong:
+        options.error(wrong)
+    return chosen
+
+
+def _contradiction(chosen: argparse.Namespace) -> str:
+    """Return what is wrong with the options together; empty if nothing is."""
+    if chosen.live:
+        return "--live listens to the bus; it takes no logs" if chosen.logs or chosen.held_out else ""
+    if not chosen.logs:
+        return "name at least one event log, or --live"
+    if chosen.out is None:
+        return "--out DIR is missing: the folder for the results"
+    places = [log.resolve() for log in chosen.logs]
+    twice = next((log for log in chosen.logs if places.count(log.resolve()) > 1), None)
+    if twice:
+        return f"{twice} is named twice"
+    both = next((log for log in chosen.held_out if log.resolve() in places), None)
+    return f"{both} cannot be fitted and held out at once" if both else ""
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 or more")
+    return int(text)
+
+
+def _cores() -> int:
+    """Return on how many cores this process may run."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _nominal(path: Path | None) -> ParameterFile | None:
+    try:
+        return load(path) if path else None
+    except ParameterFileError as error:
+        raise CommandError(str(error)) from error
+
+
+def _one(job: Job) -> int:
+    """Do a job in this process."""
+    line = ProgressLine()
+    try:
+        diagnosis, files = perform(job, line.show)
+    except JobError as error:
+        raise CommandError(str(error)) from error
+    finally:
+        line.clear()
+    from cmr.diagnosis.summary import summary
+
+    print(summary(diagnosis))
+    print(f"written to {', '.join(str(path) for path in files)}")
+    return 0
+
+
+def _many(jobs: Sequence[Job], count: int) -> int:
+    """Do jobs side by side, and tell in a table what came of them."""
+    from cmr.diagnosis.summary import outcome_line, outcome_table
+
+    bar = Bar(len(jobs))
+    outcomes: list[Outcome] = []
+    try:
+        with _interrupts_raised(), Pool(min(count, len(jobs)), attempt) as pool:
+            bar.tell("Starting.")
+            for outcome in pool.perform(jobs, bar.tell):
+                outcomes.append(outcome)
+                if not bar.visible:
+                    print(f"[{len(outcomes)}/{len(jobs)}] {outcome_line(outcome)}", flush=True)
+                bar.count(bool(outcome.failure))
+    finally:
+        bar.clear()
+    place = {job.folder: number for number, job in enumerate(jobs)}
+    print(outcome_table(sorted(outcomes, key=lambda outcome: place[outcome.folder])))
+    print(f"written to the folders of these names below {jobs[0].folder.parent}")
+    failed = sum(bool(outcome.failure) for outcome in outcomes)
+    if failed:
+        raise CommandError(f"{failed} of {len(jobs)} diagnoses failed; the table says why.")
+    return 0
+
+
+def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
+    """Watch robots on the bus; what changes is said on PROCESS_STATUS and on the terminal."""
+    # What the watcher computes with takes a while to load.
+    from cmr.diagnosis.live import Watcher
+    from cmr.world.loading import Loader
+
+    owner = options.robot if options.robot is not None or nominal is None else nominal.robot_id
+    loader = Loader()
+    watcher = Watcher(
+        lambda robot_id: ParameterFollower(robot_id, options.parameters if robot_id == owner else None),
+        options.robot,
+        loader.ready,
+    )
+    said: list[tuple[int, str]] = []
+    with Process("cmr-diagnose", options.lcm_url) as process:
+        for stream in WATCHED:
+            process.subscribe(stream, options.robot, every=True)
+        for utime in process.loop(rate_hz=WATCH_RATE):
+            process.dispatch(watcher.handle)
+            news = watcher.advance(utime)
+            said = [(at, sentence) for at, sentence in said if utime - at < HELD] + [(utime, new) for new in news]
+            problem = watcher.problem or loader.message
+            process.state = process_status_t.DEGRADED if problem else process_status_t.RUNNING
+            process.message = " ".join([*(sentence for _at, sentence in said), problem or watcher.status()])
+            process.parameters_sha256 = watcher.parameters_sha256
+            if news:
+                process.publish_status()
+                _tell(utime, news, options.out)
+        return process.exit_code
+
+
+def _tell(utime: int, sentences: Sequence[str], folder: Path | None) -> None:
+    """Print sentences with the time, and add them to live.txt in the folder."""
+    clock = datetime.fromtimestamp(utime * 1e-6, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+    lines = [f"{clock} {sentence}" for sentence in sentences]
+    print("\n".join(lines), flush=True)
+    if folder is None:
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / LIVE).open("a", encoding="utf-8") as stream:
+            stream.write("\n".join(lines) + "\n")
+    except OSError as error:
+        raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
+
+
+@contextmanager
+def _interrupts_raised() -> Iterator[None]:
+    """Let signals raise KeyboardInterrupt, so that the processes of a pool are ended before this one ends."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, interrupt) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class ProgressLine:
+    """A line on the terminal that is written over; nothing where stderr is none."""
+
+    def __init__(self) -> None:
+        self.visible = sys.stderr.isatty()
+
+    def show(self, text: str) -> None:
+        """Write this text in place of the one before."""
+        if self.visible:
+            width = shutil.get_terminal_size().columns - 1
+            print(f"\r\x1b[K{text[:width]}", end="", file=sys.stderr, flush=True)
+
+    def clear(self) -> None:
+        """Leave nothing of the line."""
+        self.show("")
+
+
+class Bar(ProgressLine):
+    """A line that shows how many of `total` jobs are done, how long the rest will take, and what was told last."""
+
+    def __init__(self, total: int) -> None:
+        super().__init__()
+        self._total, self._done, self._failed = total, 0, 0
+        self._began = time.monotonic()
+        self._told = ""
+
+    def count(self, failed: bool) -> None:
+        """Count one more job as done."""
+        self._done += 1
+        self._failed += failed
+        self.tell(self._told)
+
+    def tell(self, sentence: str) -> None:
+        """Show what is being done."""
+        self._told = sentence
+        filled = BAR * self._done // self._total
+        failed = f", {self._failed} failed" if self._failed else ""
+        each = (time.monotonic() - self._began) / self._done if self._done else 0.0
+        rest = f", {each * (self._total - self._done):.0f} s to go" if self._done else ""
+        bar = f"[{'#' * filled}{'.' * (BAR - filled)}]"
+        self.show(f"{bar} {self._done} of {self._total} diagnosed{failed}{rest}. {sentence}")

@@ -1,0 +1,159 @@
+"""One diagnosis from logs to files: what to read, where to write, and what came of it in brief."""
+
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import lcm
+
+from cmr.bus.streams import identify
+from cmr.calibration.result import CalibrationError
+from cmr.diagnosis.result import Diagnosis
+from cmr.parameters.file import ParameterFile, ParameterFileError
+from cmr.recordings.arrivals import KEPT
+from cmr.recordings.log import intact_events
+from cmr.recordings.recording import Recording, RecordingError, choose_robot, read_log
+
+DOCUMENT, REPORT = "diagnosis.json", "report.html"
+CHUNK = 1 << 20  # bytes of a log read at a time
+
+Telling = Callable[[str], None]
+
+
+class JobError(Exception):
+    """The diagnosis cannot be made or written; the text says why and what to do."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """The logs of one robot that are diagnosed together, and the folder for the results.
+
+    `robot_id` None stands for the only robot of the logs, `nominal` None for what they announce. On `held_out` the
+    gain is measured. `report` tells whether to write report.html.
+    """
+
+    logs: tuple[Path, ...]
+    robot_id: int | None
+    folder: Path
+    nominal: ParameterFile | None = None
+    held_out: tuple[Path, ...] = ()
+    report: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What came of a job, in brief: either `failure`, a sentence, or the verdict and what was named.
+
+    `ratio` is the gain in held-out path error, NaN where it is not known.
+    """
+
+    folder: Path
+    failure: str = ""
+    verdict: str = ""
+    effects: tuple[str, ...] = ()
+    ratio: float = math.nan
+
+
+def robots_in(log: Path) -> list[int]:
+    """Return the ids of the robots that were measured in a log; only the channel names are looked at.
+
+    Raises RecordingError when the log cannot be opened or holds no robot.
+    """
+    read_log(log)  # says why a file cannot be opened
+    events = lcm.EventLog(str(log), "r")
+    try:
+        channels = {event.channel for event in intact_events(events)}
+    finally:
+        events.close()
+    measuring = [kept.stream for kept in KEPT.values() if kept.measured]
+    identities = [identify(channel) for channel in channels]
+    robots = sorted({found[1] for found in identities if found and found[0] in measuring and found[1] is not None})
+    return robots or [choose_robot({}, None, str(log))]
+
+
+def perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
+    """Read, diagnose and write; return the diagnosis and the files written. `tell` is told what is being done.
+
+    Raises JobError.
+    """
+    # The engine takes a while to load; a command line that is wrong should not have to wait for it.
+    from cmr.diagnosis.diagnose import diagnose
+
+    try:
+        with _writing(job.folder):  # before the work, not after it
+            job.folder.mkdir(parents=True, exist_ok=True)
+        tell(f"Reading {_names(job.logs)}.")
+        recordings = [Recording.read(log, job.robot_id) for log in job.logs]
+        held_out = [Recording.read(log, recordings[0].robot_id) for log in job.held_out]
+        sources = [str(log) for log in job.logs]
+        diagnosis = diagnose(recordings, job.nominal, held_out=held_out, sources=sources, progress=tell)
+        provenance = _provenance(job)
+    except (RecordingError, CalibrationError) as error:
+        raise JobError(str(error)) from error
+    with _writing(job.folder):
+        return diagnosis, _write(diagnosis, job, provenance, tell)
+
+
+def attempt(job: Job, tell: Telling) -> Outcome:
+    """Do the job and return what came of it, whatever happens: other jobs are to go on."""
+    try:
+        diagnosis, _files = perform(job, tell)
+    except JobError as error:
+        return Outcome(folder=job.folder, failure=str(error))
+    except Exception as error:
+        what = f"unexpected {type(error).__name__}: {error}"
+        return Outcome(folder=job.folder, failure=f"{what}. Diagnose {_names(job.logs)} alone to see where.")
+    return Outcome(
+        folder=job.folder,
+        verdict=diagnosis.verdict,
+        effects=tuple(effect.name for effect in diagnosis.effects),
+        ratio=diagnosis.gain.ratio if diagnosis.gain else math.nan,
+    )
+
+
+@contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Raise JobError when something cannot be written."""
+    try:
+        yield
+    except ParameterFileError as error:
+        raise JobError(f"The extended parameters cannot be written: {error}") from error
+    except OSError as error:
+        what = f"{folder}: cannot be written: {error.strerror or error}"
+        raise JobError(f"{what}. Choose another place with --out.") from error
+
+
+def _write(diagnosis: Diagnosis, job: Job, provenance: dict[str, Any], tell: Telling) -> tuple[Path, ...]:
+    """Write what makes sense; bad data have no parameters. The report comes last: it is the least sure to succeed."""
+    from cmr.diagnosis.document import extended_file, write_document
+
+    files = [job.folder / DOCUMENT]
+    write_document(diagnosis, files[0])
+    if diagnosis.extended is not None:
+        files.append(job.folder / f"robot_{diagnosis.robot_id}.yaml")
+        extended_file(diagnosis, provenance).save(files[-1])
+    if job.report:
+        from cmr.diagnosis.report import write_report
+
+        tell("Writing the report.")
+        files.append(job.folder / REPORT)
+        write_report(diagnosis, files[-1])
+    return tuple(files)
+
+
+def _provenance(job: Job) -> dict[str, Any]:
+    digest = hashlib.sha256()
+    for log in job.logs:
+        with log.open("rb") as stream:
+            for chunk in iter(lambda: stream.read(CHUNK), b""):
+                digest.update(chunk)
+    provenance = {"log": _names(job.logs), "sha256": digest.hexdigest()}
+    return provenance | ({"held_out_log": _names(job.held_out)} if job.held_out else {})
+
+
+def _names(logs: Sequence[Path]) -> str:
+    return " ".join(str(log) for log in logs)

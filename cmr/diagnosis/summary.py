@@ -1,0 +1,118 @@
+"""What came of diagnoses, as text for a terminal."""
+
+import math
+from collections.abc import Sequence
+from textwrap import fill
+
+from cmr.calibration.result import Estimate
+from cmr.diagnosis.job import Outcome
+from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
+from cmr.model.catalogue import definition
+
+WIDTH = 110  # characters
+SMALLEST = 1e-300  # a smaller chance is none that a computer can tell from zero
+CAUSE_INDENT = "     "
+
+
+def summary(diagnosis: Diagnosis) -> str:
+    """Return the verdict in a sentence, a table of the effects, the gain, and what to do next."""
+    parts = [
+        fill(f"Robot {diagnosis.robot_id}: {diagnosis.sentence}", WIDTH),
+        _table(diagnosis.effects) if diagnosis.effects else "",
+        _gain(diagnosis),
+        "\n".join(_wrapped(note) for note in [*_faults(diagnosis), *diagnosis.notes]),
+        _wrapped(f"Next: {diagnosis.next_experiment}") if diagnosis.next_experiment else "",
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def outcome_line(outcome: Outcome) -> str:
+    """Return what came of one of many diagnoses, in one line."""
+    name = outcome.folder.name
+    if outcome.failure:
+        return f"{name}: failed. {outcome.failure}"
+    effects = f": {', '.join(outcome.effects)}" if outcome.effects else ""
+    return f"{name}: {outcome.verdict}{effects}"
+
+
+def outcome_table(outcomes: Sequence[Outcome]) -> str:
+    """Return a table of what came of many diagnoses, and why some failed."""
+    width = min(max(len(outcome.folder.name) for outcome in outcomes), WIDTH // 2)
+    lines = [f"{'diagnosis':{width}s}  {'verdict':13s}  {'gain':>6s}  effects"]
+    for outcome in outcomes:
+        ratio = f"{outcome.ratio:.2f}" if math.isfinite(outcome.ratio) else "-"
+        start = f"{outcome.folder.name:{width}s}  {outcome.verdict or 'failed':13s}  {ratio:>6s}  "
+        told = outcome.failure or ", ".join(outcome.effects) or "-"
+        lines.append(fill(told, WIDTH, initial_indent=start, subsequent_indent=" " * (width + 25)))
+    return "\n".join(lines)
+
+
+def _table(effects: Sequence[NamedEffect]) -> str:
+    parameters = max(len(name) for effect in effects for name in effect.estimates)
+    lines = [
+        f"     {'parameter':{parameters}s}  {'value':>11s} {'+- std':>9s}  {'unit':8s}  evidence (2 log-likelihood)"
+    ]
+    for rank, effect in enumerate(effects, start=1):
+        evidence = f"{effect.statistic:.1f}, by chance with probability {_probability(effect.p_value)}"
+        for position, (name, estimate) in enumerate(effect.estimates.items()):
+            start = f"{rank:3d}. " if position == 0 else CAUSE_INDENT
+            row = f"{start}{name:{parameters}s}  {_value(estimate)}  {definition(name).unit:8s}  "
+            lines.append((row + (evidence if position == 0 else "")).rstrip())
+        lines += [
+            fill(sentence, WIDTH, initial_indent=CAUSE_INDENT, subsequent_indent=CAUSE_INDENT)
+            for sentence in _said(effect)
+        ]
+    return "\n".join(lines)
+
+
+def _said(effect: NamedEffect) -> list[str]:
+    """Return the sentences below an effect's numbers."""
+    sentences = [f"{effect.name}: {effect.cause}"]
+    if effect.indistinguishable_from:
+        sentences.append(f"These data cannot tell it from {', '.join(effect.indistinguishable_from)}.")
+    if effect.next_experiment:
+        sentences.append(f"Next: {effect.next_experiment}")
+    return sentences
+
+
+def _value(estimate: Estimate) -> str:
+    std = f"{estimate.std:.2g}" if math.isfinite(estimate.std) else "-"
+    return f"{estimate.value:11.5g} {std:>9s}"
+
+
+def _probability(p_value: float) -> str:
+    return f"{p_value:.1g}" if p_value >= SMALLEST else f"< {SMALLEST:g}"
+
+
+def _gain(diagnosis: Diagnosis) -> str:
+    """Return the path errors before and after."""
+    if diagnosis.baseline is None or diagnosis.extended is None:
+        return ""
+    errors = f"Path error on held-out data: {_error(diagnosis.baseline)} with the paper's model"
+    if not diagnosis.effects:
+        return _wrapped(f"{errors}.")
+    errors += f", {_error(diagnosis.extended)} with the effects"
+    if diagnosis.gain is None or not math.isfinite(diagnosis.gain.ratio):
+        return _wrapped(f"{errors}.")
+    low, high = diagnosis.gain.interval
+    return _wrapped(f"{errors}: {diagnosis.gain.ratio:.2f} times smaller (95 %: {low:.2f} to {high:.2f}).")
+
+
+def _error(fitted: Fitted) -> str:
+    return f"{fitted.held_out_path_rmse:.4f} m" if math.isfinite(fitted.held_out_path_rmse) else "unknown"
+
+
+def _faults(diagnosis: Diagnosis) -> list[str]:
+    """Return what was wrong with the data, and what remains unexplained."""
+    sentences = [finding.sentence for finding in diagnosis.checks if finding.found]
+    unexplained = diagnosis.unexplained
+    if unexplained.present and unexplained.signal:
+        sentences.append(
+            f"Unexplained: {100.0 * unexplained.share:.0f} % of what remains of {unexplained.signal} follows "
+            f"{', '.join(unexplained.regressors)}, which no effect of the catalogue explains."
+        )
+    return sentences
+
+
+def _wrapped(text: str) -> str:
+    return fill(text, WIDTH)
