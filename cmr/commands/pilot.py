@@ -9,6 +9,7 @@ from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import behaviour_of
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
+from cmr.world.behaviours.help_text import help_text
 from cmr.world.pilot import Pilot
 
 RATE = 50.0  # Hz
@@ -34,7 +35,11 @@ def main(arguments: list[str]) -> int:
             process.parameters_sha256 = pilot.parameters.sha256
             process.state = process_status_t.DEGRADED if pilot.waiting_for else process_status_t.RUNNING
             process.message = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
+            if behaviour.finished:
+                break
         process.publish(MOTOR_COMMAND, pilot.stop(), options.robot)
+        if behaviour.problem:
+            raise CommandError(behaviour.problem)
         return process.exit_code
 
 
@@ -42,11 +47,13 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options = parser(
         "cmr-pilot",
         "Drive a real robot by a behaviour: it sees the world on WORLD_STATE and commands the motors on "
-        "MOTOR_COMMAND_N. It stops whenever cmr-sim, the robot or its parameters are missing, and on ESTOP.",
-        "cmr-pilot --robot 0 --behaviour follow,leader=10,gap=0.5",
+        "MOTOR_COMMAND_N. It stops whenever cmr-sim, the robot or its parameters are missing, and on ESTOP. "
+        "It ends when a manoeuvre is over.",
+        "cmr-pilot --robot 0 --behaviour follow,leader=10,gap=0.5\n"
+        "  cmr-pilot --robot 0 --behaviour manoeuvre,name=steps,speed=0.8\n\n" + help_text(),
     )
     options.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="robot id")
-    options.add_argument("--behaviour", default="follow", metavar="NAME,KEY=VALUE,...", help="as for cmr-sim --virtual")
+    options.add_argument("--behaviour", default="follow", metavar="NAME,KEY=VALUE,...", help="see below")
     options.add_argument(
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
     )

@@ -22,6 +22,7 @@ from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.following import ParameterFollower
+from cmr.world.behaviours.help_text import help_text
 from cmr.world.loading import Loader
 from cmr.world.view import world_messages
 from cmr.world.world import World
@@ -66,8 +67,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "Keep the state of the whole world: estimate real robots from their sensors, simulate virtual robots and a "
         "twin of each real robot, and publish all on WORLD_STATE. Real robots are found by their messages.",
         "cmr-sim --virtual 10=figure_eight,x=0.5 --virtual 11=follow,leader=10,x=0.2 --parameters .\n\n"
-        "behaviours: figure_eight (size, speed, laps, start), follow (leader, gap, speed), commanded (does what\n"
-        "MOTOR_COMMAND_N says), or your own as module:Class; x, y, theta set where a virtual robot starts.",
+        "x, y, theta set where a virtual robot starts.\n\n" + help_text(),
     )
     options.add_argument(
         "--virtual",

@@ -12,6 +12,7 @@ SHIPPED = {
     "figure_eight": "cmr.world.behaviours.leading:FigureEight",
     "follow": "cmr.world.behaviours.following:Follow",
     "commanded": "cmr.world.behaviours.commanded:Commanded",
+    "manoeuvre": "cmr.world.behaviours.manoeuvring:DriveManoeuvre",
 }
 
 
@@ -26,8 +27,12 @@ class Behaviour(ABC):
     """Decides what one robot does, from what it knows of the world.
 
     Derive from it, give the constructor keyword arguments with defaults, and name the class as
-    `your.module:YourClass` where cmr-sim or cmr-pilot asks for a behaviour.
+    `your.module:YourClass` where cmr-sim or cmr-pilot asks for a behaviour. One that comes to an end sets `finished`,
+    and cmr-pilot ends with it; `problem` is then a sentence that says why it ended before its time, and what to do.
     """
+
+    finished = False
+    problem = ""
 
     @abstractmethod
     def command(self, utime: int, me: Robot, world: WorldView, parameters: RobotParameters) -> tuple[float, float]:
@@ -46,7 +51,7 @@ class Behaviour(ABC):
 def make_behaviour(description: str, settings: dict[str, str]) -> Behaviour:
     """Return the behaviour that `description` names: a shipped one, or `module:Class`; settings go to its constructor.
 
-    Raises BehaviourError when there is no such behaviour or setting, or a value is not a number.
+    Raises BehaviourError when there is no such behaviour or setting, or a value is not what the setting takes.
     """
     target = SHIPPED.get(description, description)
     module_name, _colon, class_name = target.partition(":")
@@ -62,14 +67,19 @@ def make_behaviour(description: str, settings: dict[str, str]) -> Behaviour:
     unknown = set(settings) - set(allowed)
     if unknown:
         raise BehaviourError(f"{description} has no setting {min(unknown)!r}; it has {', '.join(allowed) or 'none'}.")
-    values: dict[str, float] = {}
-    for name, text in settings.items():
-        values[name] = number_of(name, text, int if allowed[name].annotation is int else float)
+    values = {name: _value(name, text, allowed[name].annotation) for name, text in settings.items()}
     try:
         behaviour: Behaviour = kind(**values)
     except (ValueError, TypeError) as error:
         raise BehaviourError(f"{description}: {error}") from error
     return behaviour
+
+
+def _value(name: str, text: str, annotation: object) -> float | str:
+    """Return a setting's value: a text where the constructor asks for `str`, otherwise a number."""
+    if annotation is str:
+        return text
+    return number_of(name, text, int if annotation is int else float)
 
 
 def number_of(name: str, text: str, kind: type[int] | type[float] = float) -> float:
