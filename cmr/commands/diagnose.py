@@ -141,7 +141,7 @@ def _one(job: Job) -> int:
     from cmr.diagnosis.summary import summary
 
     print(summary(diagnosis))
-    print(f"written to {', '.join(str(path) for path in files)}")
+    print(f"\nwritten to {job.folder}: {', '.join(path.name for path in files)}")
     return 0
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from textwrap import fill
+from textwrap import TextWrapper
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.job import Outcome
@@ -11,19 +11,19 @@ from cmr.model.catalogue import definition
 
 WIDTH = 110  # characters
 SMALLEST = 1e-300  # a smaller chance is none that a computer can tell from zero
-CAUSE_INDENT = "     "
+INDENT = "     "
 
 
 def summary(diagnosis: Diagnosis) -> str:
     """Return the verdict in a sentence, a table of the effects, the gain, and what to do next."""
+    told = {effect.next_experiment for effect in diagnosis.effects}
+    following = [f"Next: {diagnosis.next_experiment}"] if diagnosis.next_experiment not in {None, *told} else []
     parts = [
-        fill(f"Robot {diagnosis.robot_id}: {diagnosis.sentence}", WIDTH),
+        _wrapped(f"Robot {diagnosis.robot_id}: {diagnosis.sentence}"),
         _table(diagnosis.effects) if diagnosis.effects else "",
-        _gain(diagnosis),
-        "\n".join(_wrapped(note) for note in [*_faults(diagnosis), *diagnosis.notes]),
-        _wrapped(f"Next: {diagnosis.next_experiment}") if diagnosis.next_experiment else "",
+        "\n".join(map(_wrapped, [*_gain(diagnosis), *_faults(diagnosis), *diagnosis.notes, *following])),
     ]
-    return "\n".join(part for part in parts if part)
+    return "\n\n".join(part for part in parts if part)
 
 
 def outcome_line(outcome: Outcome) -> str:
@@ -37,13 +37,13 @@ def outcome_line(outcome: Outcome) -> str:
 
 def outcome_table(outcomes: Sequence[Outcome]) -> str:
     """Return a table of what came of many diagnoses, and why some failed."""
-    width = min(max(len(outcome.folder.name) for outcome in outcomes), WIDTH // 2)
+    width = max(len("diagnosis"), *(len(outcome.folder.name) for outcome in outcomes))
     lines = [f"{'diagnosis':{width}s}  {'verdict':13s}  {'gain':>6s}  effects"]
     for outcome in outcomes:
         ratio = f"{outcome.ratio:.2f}" if math.isfinite(outcome.ratio) else "-"
-        start = f"{outcome.folder.name:{width}s}  {outcome.verdict or 'failed':13s}  {ratio:>6s}  "
-        told = outcome.failure or ", ".join(outcome.effects) or "-"
-        lines.append(fill(told, WIDTH, initial_indent=start, subsequent_indent=" " * (width + 25)))
+        row = f"{outcome.folder.name:{width}s}  {outcome.verdict or 'failed':13s}  {ratio:>6s}  "
+        lines.append(_wrapped(row + (", ".join(outcome.effects) or "-"), indent=len(row)))
+    lines += [_wrapped(outcome_line(outcome)) for outcome in outcomes if outcome.failure]
     return "\n".join(lines)
 
 
@@ -55,13 +55,10 @@ def _table(effects: Sequence[NamedEffect]) -> str:
     for rank, effect in enumerate(effects, start=1):
         evidence = f"{effect.statistic:.1f}, by chance with probability {_probability(effect.p_value)}"
         for position, (name, estimate) in enumerate(effect.estimates.items()):
-            start = f"{rank:3d}. " if position == 0 else CAUSE_INDENT
+            start = f"{rank:3d}. " if position == 0 else INDENT
             row = f"{start}{name:{parameters}s}  {_value(estimate)}  {definition(name).unit:8s}  "
             lines.append((row + (evidence if position == 0 else "")).rstrip())
-        lines += [
-            fill(sentence, WIDTH, initial_indent=CAUSE_INDENT, subsequent_indent=CAUSE_INDENT)
-            for sentence in _said(effect)
-        ]
+        lines += [_wrapped(INDENT + sentence, indent=len(INDENT)) for sentence in _said(effect)]
     return "\n".join(lines)
 
 
@@ -84,18 +81,18 @@ def _probability(p_value: float) -> str:
     return f"{p_value:.1g}" if p_value >= SMALLEST else f"< {SMALLEST:g}"
 
 
-def _gain(diagnosis: Diagnosis) -> str:
-    """Return the path errors before and after."""
+def _gain(diagnosis: Diagnosis) -> list[str]:
+    """Return a sentence on the path errors before and after; none with bad data."""
     if diagnosis.baseline is None or diagnosis.extended is None:
-        return ""
-    errors = f"Path error on held-out data: {_error(diagnosis.baseline)} with the paper's model"
+        return []
+    before = f"Path error on held-out data: {_error(diagnosis.baseline)} with the paper's model"
     if not diagnosis.effects:
-        return _wrapped(f"{errors}.")
-    errors += f", {_error(diagnosis.extended)} with the effects"
+        return [f"{before}."]
+    errors = f"{before}, {_error(diagnosis.extended)} with the effects"
     if diagnosis.gain is None or not math.isfinite(diagnosis.gain.ratio):
-        return _wrapped(f"{errors}.")
+        return [f"{errors}."]
     low, high = diagnosis.gain.interval
-    return _wrapped(f"{errors}: {diagnosis.gain.ratio:.2f} times smaller (95 %: {low:.2f} to {high:.2f}).")
+    return [f"{errors}, smaller by a factor of {diagnosis.gain.ratio:.2f} (95 %: {low:.2f} to {high:.2f})."]
 
 
 def _error(fitted: Fitted) -> str:
@@ -114,5 +111,7 @@ def _faults(diagnosis: Diagnosis) -> list[str]:
     return sentences
 
 
-def _wrapped(text: str) -> str:
-    return fill(text, WIDTH)
+def _wrapped(text: str, indent: int = 0) -> str:
+    """Return the text in lines of at most WIDTH, all but the first indented; names of files are not broken."""
+    wrapper = TextWrapper(WIDTH, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
+    return wrapper.fill(text)
