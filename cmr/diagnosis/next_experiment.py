@@ -64,8 +64,8 @@ def telling_apart(name: str, other: str) -> str:
 
 
 def motions_in(text: str) -> frozenset[str]:
-    """Return the motions that a text of the catalogue asks for, in its words; of overlapping ones the longest."""
-    return frozenset(MOTION.findall(text))
+    """Return the motions that a text of the catalogue asks for; where several begin with one word, the longest."""
+    return frozenset(MOTION.findall(text.lower()))
 
 
 def manoeuvres_giving(texts: Iterable[str]) -> tuple[Manoeuvre, ...]:
