@@ -20,6 +20,7 @@ from cmr.model import observer_loops
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.compose import CHANGED, LANES
 from cmr.model.extended import ExtendedModel, composed_module, extended_model
+from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.statements import SIDES, Statements
 
 Floats = NDArray[np.float64]
@@ -105,7 +106,7 @@ def observe(
     ring = model.packets_under_way(numbers, np.full(len(heard.left), heard.dt))
     sensor = np.empty((len(_sensor_parameters()), lanes))
     for row, name in zip(sensor, _sensor_parameters(), strict=True):
-        row[:] = _padded(numbers.get(name, np.full(count, DEFINITIONS[name].neutral)), lanes)
+        row[:] = _padded(numbers[name] if name in numbers else np.full(count, DEFINITIONS[name].neutral), lanes)
     scales = _encoder_scales(numbers, count) if len(heard.given) else np.ones((2, count))
     gain = np.stack([_padded(np.broadcast_to(row, count), lanes) for row in (*gains, *scales)])
     chosen = np.zeros(lanes, np.int64) if luck is None else _padded(luck, lanes).astype(np.int64)
@@ -131,9 +132,8 @@ def _padded(values: Any, lanes: int) -> Floats:
 @cache
 def _sensor_parameters() -> tuple[str, ...]:
     """Return the parameters that sensors have, and the paper's, which their effects may read."""
-    return tuple(
-        parameter.name for effect in CATALOGUE.values() if effect.is_sensor for parameter in effect.parameters
-    )
+    effects = [effect for effect in CATALOGUE.values() if effect.is_sensor]
+    return (*PAPER, *(parameter.name for effect in effects for parameter in effect.parameters))
 
 
 def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
@@ -176,9 +176,15 @@ def _source(model: ExtendedModel, history: int) -> str:
     loops = observer_loops.LOOPS
     for place, lines in stages.items():
         loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 20}{line}\n" for line in lines))
-    names = ("X", "Y", "THETA", "PSI_LEFT", "PSI_RIGHT", "ANGLE_LEFT", "ANGLE_RIGHT", "COMMAND_LEFT", "COMMAND_RIGHT")
+    names = ("X", "Y", "THETA", "PSI_LEFT", "PSI_RIGHT", "ANGLE_LEFT", "ANGLE_RIGHT", "COMMAND_LEFT", "COMMAND_RIGHT", "KEPT_END")
     used = ("advance", "prepare", "send", "LANES", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND", "FIRST", "SECOND")
-    constants = {"HISTORY": history, "CHANGED_FIELDS": len(MOTION) - 1, "TO_THE_END": "(1.0 - SECOND) / (SECOND - FIRST)"}
+    constants = {
+        "HISTORY": history,
+        "CHANGED_FIELDS": len(MOTION) - 1,
+        "TO_THE_END": "(1.0 - SECOND) / (SECOND - FIRST)",
+        "WHEEL_RADIUS_NUMBER": _sensor_parameters().index("wheel_radius"),
+        "BASE_WIDTH_NUMBER": _sensor_parameters().index("base_width"),
+    }
     return "\n".join(
         [
             observer_loops.IMPORTS,

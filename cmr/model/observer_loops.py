@@ -34,9 +34,10 @@ def observe(
     packets = np.empty(ring * 3 * LANES)
     duty = np.empty((2, LANES))
     past = np.empty((HISTORY, 4, LANES))
-    offset = np.empty((3, LANES))
+    offset = np.empty((6, LANES))
     before = np.empty((2, LANES))
     offset_x, offset_y, offset_theta = offset[0], offset[1], offset[2]
+    offset_left, offset_right, offset_yaw_rate = offset[3], offset[4], offset[5]
     before_left, before_right = before[0], before[1]
     for block in range((robots + LANES - 1) // LANES):
         here = rows[block * stride : (block + 1) * stride]
@@ -50,6 +51,7 @@ def observe(
         next_wheel, next_gyro, next_pose = 0, 0, 0
         for i in range(LANES):
             offset_x[i], offset_y[i], offset_theta[i] = 0.0, 0.0, 0.0
+            offset_left[i], offset_right[i], offset_yaw_rate[i] = 0.0, 0.0, 0.0
             for h in range(HISTORY):
                 past[h, 0, i], past[h, 1, i], past[h, 2, i] = here[X + i], here[Y + i], here[THETA + i]
                 past[h, 3, i] = 0.0
@@ -72,7 +74,14 @@ def observe(
                     newest[1, i] = here[Y + i] - offset_y[i]
                     newest[2, i] = here[THETA + i] - offset_theta[i]
                     turning = work[YAW_RATE_SECOND + i]
-                    newest[3, i] = turning + TO_THE_END * (turning - work[YAW_RATE_FIRST + i])
+                    turning += TO_THE_END * (turning - work[YAW_RATE_FIRST + i])
+                    # What corrections add fades as a wheel's speed does; without it the past is smooth.
+                    offset_left[i] *= here[KEPT_END + i]
+                    offset_right[i] *= here[KEPT_END + i]
+                    offset_yaw_rate[i] = (
+                        (offset_right[i] - offset_left[i]) * numbers[WHEEL_RADIUS_NUMBER, i] / numbers[BASE_WIDTH_NUMBER, i]
+                    )
+                    newest[3, i] = turning - offset_yaw_rate[i]
             else:
                 for i in range(LANES):
                     before_left[i], before_right[i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
@@ -89,7 +98,7 @@ def observe(
                     first = first - 1 if first == border and border > 0 else first
                     share = position - first
                     one, other = past[first % HISTORY, 3, i], past[(first + 1) % HISTORY, 3, i]
-                    reading = one + share * (other - one) if border > 0 else 0.0
+                    reading = one + share * (other - one) + offset_yaw_rate[i] if border > 0 else 0.0
                     yaw_rate = reading
     GYRO
                     gyro_error[next_gyro, block * LANES + i] = gyro[next_gyro] - reading
@@ -115,6 +124,8 @@ def observe(
                     before_right[i] += gain_angle[i] * error_right
                     here[PSI_LEFT + i] += gain_psi[i] * error_left
                     here[PSI_RIGHT + i] += gain_psi[i] * error_right
+                    offset_left[i] += gain_psi[i] * error_left
+                    offset_right[i] += gain_psi[i] * error_right
                 next_wheel += 1
             while next_pose < len(pose_time) and pose_time[next_pose] <= now:
                 stamp = pose_time[next_pose]
@@ -151,5 +162,5 @@ def observe(
             if block == 0:
                 for field in range(CHANGED_FIELDS):
                     motion[border, field] = here[field * LANES]
-                motion[border, CHANGED_FIELDS] = past[border % HISTORY, 3, 0]
+                motion[border, CHANGED_FIELDS] = past[border % HISTORY, 3, 0] + offset_yaw_rate[0]
 '''

@@ -1,0 +1,206 @@
+"""What the noise of a robot's sensors is like, found from prediction errors; and the errors made white with it.
+
+Each signal's error is first freed of what the other sensors' errors, just before, foretell of it; then of what its own
+past foretells (an autoregressive model); then divided by its size, which grows with the wheel speed and with what
+the ticks of the encoder leave open.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.diagnosis.prediction import POSE_SIGNALS, Errors, Predictor
+from cmr.model.compiled import compiled
+from cmr.model.observer import MOTION
+from cmr.recordings.signal import Floats
+
+# The past of a signal in spans of growing length [samples]: few numbers reach back far (Corsi, J. Financial
+# Econometrics 7, 2009: heterogeneous autoregression).
+SPANS = {
+    **dict.fromkeys(("psi_left", "psi_right", "yaw_rate"), (1, 1, 1, 1, 2, 4, 8, 16, 32)),
+    **dict.fromkeys(POSE_SIGNALS, (1, 1, 1, 1, 4, 8)),
+}
+RIDGE = 1e-6  # of the variance: keeps the model of a signal that never errs solvable
+LEAST_SIZE = 1e-9
+ROUNDS = 4
+FOREIGN = 3  # errors of others: both wheels' and the gyro's, summed up since the pose before
+PSI_LEFT, PSI_RIGHT = MOTION.index("psi_left"), MOTION.index("psi_right")
+
+
+@dataclass(frozen=True)
+class SignalNoise:
+    """The noise of one signal: `past` (p,) weighs its own last errors, `foreign` (FOREIGN,) those of the others.
+
+    The size of what remains is the root of `size` (3,): a constant, and shares of doubt and of wheel speed squared.
+    """
+
+    past: Floats
+    foreign: Floats
+    size: Floats
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of all signals, by name."""
+
+    of: Mapping[str, SignalNoise]
+
+    @classmethod
+    def found(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
+        """Find the noise from the errors of the first candidate in each piece."""
+        names = [name for name in SPANS if any(name in p.times for p in predictors)]
+        return cls({name: _found(name, predictors, errors) for name in names})
+
+    def white(self, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
+        """Return the errors of a piece made white, (n, C) by signal; the first ones, which have no past, are 0."""
+        result = {}
+        for name in predictor.times:
+            noise = self.of[name]
+            own = _freed(name, predictor, errors, noise.foreign)
+            result[name] = _whitened(own, noise.past, SPANS[name], 1.0 / self.size(predictor, errors, name))
+        return result
+
+    def size(self, predictor: Predictor, errors: Errors, name: str) -> Floats:
+        """Return the standard deviation of what cannot be foretold of a signal, shape (n,), in its unit."""
+        return np.sqrt(np.maximum(_sizes(name, predictor, errors) @ self.of[name].size, LEAST_SIZE**2))
+
+    def log_size(self, predictor: Predictor, errors: Errors) -> float:
+        """Return the sum of logarithms of the sizes of all errors in a piece."""
+        return float(sum(np.sum(np.log(self.size(predictor, errors, name))) for name in predictor.times))
+
+
+def _found(name: str, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> SignalNoise:
+    """Find one signal's noise: weighted least squares for what is foretold, then its size, a few times."""
+    spans = SPANS[name]
+    order = sum(spans)
+    rows = []
+    for predictor, error in zip(predictors, errors, strict=True):
+        if name not in predictor.times or len(predictor.times[name]) <= 2 * order:
+            continue
+        own = error.of[name][:, 0]
+        foreign = _foreign(name, predictor, error)[:, :, 0]
+        rows.append((own, foreign, _sizes(name, predictor, error)))
+    if not rows:
+        return SignalNoise(np.zeros(len(spans)), np.zeros(FOREIGN), np.array([1.0, 0.0, 0.0]))
+    foreign_weights = np.zeros(FOREIGN)
+    past = np.zeros(len(spans))
+    weights = [np.ones(len(own)) for own, _, _ in rows]
+    size = np.zeros(3)
+    for _ in range(ROUNDS):
+        foreign_weights = _least_squares([(f * w[:, None], o * w) for (o, f, _), w in zip(rows, weights, strict=True)])
+        freed = [own - foreign @ foreign_weights for own, foreign, _ in rows]
+        pasts = [_past(one, spans) for one in freed]
+        past = _least_squares(
+            [(p * w[order:, None], one[order:] * w[order:]) for p, one, w in zip(pasts, freed, weights, strict=True)]
+        )
+        rest = [one[order:] - p @ past for p, one in zip(pasts, freed, strict=True)]
+        size = _size_found(np.concatenate(rest), np.concatenate([s[order:] for _, _, s in rows]))
+        weights = [1.0 / np.sqrt(np.maximum(s @ size, LEAST_SIZE**2)) for _, _, s in rows]
+    return SignalNoise(past, foreign_weights, size)
+
+
+def _least_squares(pairs: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """Return the weights with which the columns of a explain b, over all pairs (a, b)."""
+    normal = sum(a.T @ a for a, _ in pairs)
+    right = sum(a.T @ b for a, b in pairs)
+    scale = np.diag(normal) + (np.diag(normal) == 0.0)
+    return np.asarray(np.linalg.solve(normal + np.diag(RIDGE * scale), right))
+
+
+def _past(values: Floats, spans: Sequence[int]) -> Floats:
+    """Return the sums over spans of the past of each value, newest first, shape (n - sum of spans, spans)."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    order, count = sum(spans), len(values)
+    begins = np.concatenate([[0], np.cumsum(spans)])
+    columns = [
+        total[order - first : count - first] - total[order - last : count - last]
+        for first, last in zip(begins[:-1], begins[1:], strict=True)
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _size_found(rest: Floats, sizes: Floats) -> Floats:
+    """Return shares (3,) with which `sizes` (n, 3) explain the squares of `rest` best (gamma likelihood)."""
+    from scipy.optimize import nnls
+
+    squares = rest**2
+    weights = np.ones(len(rest)) / max(float(np.mean(squares)), LEAST_SIZE**2)
+    result = np.zeros(sizes.shape[1])
+    scale = np.sqrt(np.mean(sizes**2, axis=0)) + 1e-300
+    for _ in range(ROUNDS):
+        scaled = sizes / scale * weights[:, None]
+        normal, right = scaled.T @ scaled, scaled.T @ (squares * weights)
+        factor = np.linalg.cholesky(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)))
+        result = nnls(factor.T, np.linalg.solve(factor, right))[0] / scale
+        fitted = np.maximum(sizes @ result, 1e-3 * np.mean(squares) + LEAST_SIZE**2)
+        weights = 1.0 / fitted
+    result[0] = max(result[0], 1e-3 * float(np.mean(squares)))
+    return np.asarray(result)
+
+
+def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
+    """Return what a signal's noise may grow with, shape (n, 3): 1, doubt [rad] squared, wheel speeds squared."""
+    motion = predictor.motion_at(errors.motion, name)
+    speed = motion[:, PSI_LEFT] ** 2 + motion[:, PSI_RIGHT] ** 2
+    return np.stack([np.ones(len(speed)), predictor.doubt[name] ** 2, speed], axis=1)
+
+
+def _freed(name: str, predictor: Predictor, errors: Errors, weights: Floats) -> Floats:
+    """Return a signal's errors (n, C) without what the errors of others foretell of them."""
+    if not np.any(weights):
+        return errors.of[name]
+    return errors.of[name] - np.einsum("nfc,f->nc", _foreign(name, predictor, errors), weights)
+
+
+def _foreign(name: str, predictor: Predictor, errors: Errors) -> Floats:
+    """Return the errors of other signals that foretell this one, shape (n, FOREIGN, C): sums since the pose before."""
+    count = len(predictor.times[name])
+    candidates = errors.of[name].shape[1]
+    result = np.zeros((count, FOREIGN, candidates))
+    if name not in POSE_SIGNALS:
+        return result
+    times = predictor.times[name]
+    for column, other in enumerate(("psi_left", "psi_right", "yaw_rate")):
+        if other not in predictor.times:
+            continue
+        total = np.concatenate([np.zeros((1, candidates)), np.cumsum(errors.of[other], axis=0)])
+        at = total[np.searchsorted(predictor.times[other], times, side="right")]
+        result[1:, column] = np.diff(at, axis=0)
+    return result
+
+
+def _whitened(errors: Floats, past: Floats, spans: Sequence[int], weights: Floats) -> Floats:
+    result = np.empty_like(errors)
+    borders = np.concatenate([[0], np.cumsum(spans)]).astype(np.int64)
+    whiten(np.ascontiguousarray(errors), past, borders, weights, result)
+    return result
+
+
+@compiled("void(f8[:, ::1], f8[::1], i8[::1], f8[::1], f8[:, ::1])")
+def whiten(errors, past, borders, weights, result):  # type: ignore[no-untyped-def]
+    """Subtract what sums over spans of the past foretell and weigh what remains; the first, without past, become 0."""
+    count, candidates = errors.shape
+    order = borders[-1]
+    sums = np.zeros((len(past), candidates))
+    for row in range(count):
+        if row >= order:
+            for column in range(candidates):
+                result[row, column] = errors[row, column]
+            for span in range(len(past)):
+                share = past[span]
+                for column in range(candidates):
+                    result[row, column] -= share * sums[span, column]
+            for column in range(candidates):
+                result[row, column] *= weights[row]
+        else:
+            for column in range(candidates):
+                result[row, column] = 0.0
+        for span in range(len(past)):
+            newest, oldest = row - borders[span], row - borders[span + 1]
+            if newest >= 0:
+                for column in range(candidates):
+                    sums[span, column] += errors[newest, column]
+            if oldest >= 0:
+                for column in range(candidates):
+                    sums[span, column] -= errors[oldest, column]

@@ -1,0 +1,88 @@
+"""Prediction errors of candidate parameters, signal by signal, and made white: independent and of size one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cmr.diagnosis.experiment import Piece
+from cmr.model.observer import Gains, observe
+from cmr.recordings.signal import Floats, Mask
+
+SIGNALS = ("psi_left", "psi_right", "yaw_rate", "forward", "sideways", "heading")
+POSE_SIGNALS = SIGNALS[3:]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Prediction errors of C candidates in one piece, shape (n, C) by signal, and how the first of them moved.
+
+    `motion` has shape (T + 1, columns of the observer's MOTION).
+    """
+
+    of: Mapping[str, Floats]
+    motion: Floats
+
+
+class Predictor:
+    """Foretells a recorded piece, sample by sample, with many candidate parameters at once."""
+
+    def __init__(self, piece: Piece) -> None:
+        self.piece = piece
+        heard = piece.heard
+        used = {"psi_left": heard.wheel_use[:, 0] > 0, "psi_right": heard.wheel_use[:, 1] > 0}
+        self._wheels_foretold = len(heard.given) == 0
+        self._used = used
+        self._cosine, self._sine = np.cos(heard.pose[:, 2])[:, None], np.sin(heard.pose[:, 2])[:, None]
+
+    @cached_property
+    def times(self) -> dict[str, Floats]:
+        """When each error arises [s since the piece's beginning], by signal, shape (n,)."""
+        heard = self.piece.heard
+        times = {"yaw_rate": heard.gyro_time, **dict.fromkeys(POSE_SIGNALS, heard.pose_time)}
+        if self._wheels_foretold:
+            times |= {name: heard.wheel_time[used] for name, used in self._used.items()}
+        return {name: times[name] for name in SIGNALS if name in times and len(times[name])}
+
+    @cached_property
+    def doubt(self) -> dict[str, Floats]:
+        """Standard deviation [rad] that the encoder's ticks leave of each of its errors, (n,); of other signals 0."""
+        columns = {"psi_left": 0, "psi_right": 1}
+        return {
+            name: self.piece.wheel_doubt[self._used[name], columns[name]] if name in columns else np.zeros(len(times))
+            for name, times in self.times.items()
+        }
+
+    @cached_property
+    def valid(self) -> dict[str, Mask]:
+        """Which errors count, (n,): not those of a pose at which the observer begins anew."""
+        follows = self.piece.heard.pose_use > 0
+        return {n: follows if n in POSE_SIGNALS else np.ones(len(t), np.bool_) for n, t in self.times.items()}
+
+    def errors(self, values: Mapping[str, Any], gains: Gains, **luck: Any) -> Errors:
+        """Return the prediction errors; `values` by name are numbers or arrays (C,), `luck` is as in `observe`."""
+        innovations = observe(self.piece.heard, values, gains, **luck)
+        east, north = innovations.pose[:, 0], innovations.pose[:, 1]
+        of = {
+            "psi_left": innovations.wheel[self._used["psi_left"], 0],
+            "psi_right": innovations.wheel[self._used["psi_right"], 1],
+            "yaw_rate": innovations.gyro,
+            "forward": self._cosine * east + self._sine * north,
+            "sideways": self._cosine * north - self._sine * east,
+            "heading": innovations.pose[:, 2],
+        }
+        return Errors(
+            {name: np.where(self.valid[name][:, None], of[name], 0.0) for name in self.times}, innovations.motion
+        )
+
+    def motion_at(self, motion: Floats, signal: str) -> Floats:
+        """Return how the robot moved when each error of a signal arose, shape (n, columns of MOTION)."""
+        index = np.minimum(np.round(self.times[signal] / self.piece.heard.dt).astype(np.int64), len(motion) - 1)
+        return np.asarray(motion[index], np.float64)
+
+
+def predictors(pieces: Sequence[Piece]) -> list[Predictor]:
+    """Return a predictor for each piece."""
+    return [Predictor(piece) for piece in pieces]

@@ -1,0 +1,151 @@
+"""Fit models with effects to recordings by their prediction errors."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.diagnosis.candidates import Scene, step_of
+from cmr.diagnosis.noise import Noise
+from cmr.diagnosis.prediction import Errors, Predictor
+from cmr.model.catalogue import definition
+from cmr.model.observer import Gains
+from cmr.recordings.signal import Floats
+
+BLOCK = 1.5  # s; neighbouring blocks belong to different folds
+FOLDS = 5
+MOST_STEPS = 8
+SETTLED = 0.02  # of the sum of squares: a step that promises less is the last
+DAMPING = 1e-6
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted: values of all parameters by name, of which `names` (p) are free.
+
+    `rest` (n,) are the white prediction errors, `slopes` (n, p) their derivatives, `likelihood` the logarithm with the
+    noise level found for this fit, up to a constant.
+    """
+
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+    rest: Floats
+    slopes: Floats
+    likelihood: float
+    noise: Noise
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squared white errors."""
+        return float(self.rest @ self.rest)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (p, p) of the free parameters."""
+        return np.asarray(np.linalg.pinv(self.slopes.T @ self.slopes, hermitian=True))
+
+    def std(self, name: str) -> float:
+        """Return the standard deviation of a free parameter, in its unit."""
+        index = self.names.index(name)
+        return float(np.sqrt(self.covariance[index, index]))
+
+
+class Study:
+    """Recordings to be explained, and what is known of their noise."""
+
+    def __init__(self, predictors: Sequence[Predictor], gains: Gains, scene: Scene) -> None:
+        self.predictors = tuple(predictors)
+        self.gains = gains
+        self.scene = scene
+        self.folds = _folds(self.predictors)
+
+    def errors(self, values: Mapping[str, object]) -> list[Errors]:
+        """Return the prediction errors in each piece; `values` are numbers or arrays (C,)."""
+        return [predictor.errors(values, self.gains) for predictor in self.predictors]
+
+    def white(self, values: Mapping[str, object], noise: Noise) -> Floats:
+        """Return all prediction errors made white, shape (n, C)."""
+        return self.made_white(self.errors(values), noise)
+
+    def made_white(self, errors: Sequence[Errors], noise: Noise) -> Floats:
+        """Return prediction errors made white, shape (n, C), piece by piece and signal by signal."""
+        parts = [
+            part
+            for predictor, error in zip(self.predictors, errors, strict=True)
+            for part in noise.white(predictor, error).values()
+        ]
+        return np.concatenate(parts)
+
+    def noise(self, values: Mapping[str, float]) -> tuple[Noise, float]:
+        """Return the noise that these values leave, and the log-likelihood."""
+        errors = self.errors(values)
+        noise = Noise.found(self.predictors, errors)
+        rest = self.made_white(errors, noise)
+        sizes = sum(noise.log_size(p, e) for p, e in zip(self.predictors, errors, strict=True))
+        return noise, -0.5 * float(rest[:, 0] @ rest[:, 0]) - sizes
+
+    def fit(self, values: Mapping[str, float], names: Sequence[str], noise: Noise, renew: int = 1) -> Fit:
+        """Fit the free parameters `names` from `values` on (Levenberg-Marquardt).
+
+        The noise is found anew `renew` times, and the fit repeated with it.
+        """
+        fit = self._fitted(dict(values), tuple(names), noise)
+        for _ in range(renew):
+            noise, _ = self.noise(fit.values)
+            fit = self._fitted(fit.values, tuple(names), noise)
+        noise, likelihood = self.noise(fit.values)
+        return replace(fit, likelihood=likelihood)
+
+    def _fitted(self, values: Mapping[str, float], names: tuple[str, ...], noise: Noise) -> Fit:
+        damping = DAMPING
+        rest, slopes = self.linear(values, names, noise)
+        for _ in range(MOST_STEPS):
+            normal, right = slopes.T @ slopes, slopes.T @ rest
+            step = -np.linalg.lstsq(normal + damping * np.diag(np.diag(normal)), right, rcond=1e-12)[0]
+            promised = float(-(2.0 * right @ step + step @ normal @ step))
+            if promised < SETTLED:
+                break
+            tried = moved(values, names, step)
+            new_rest, new_slopes = self.linear(tried, names, noise)
+            if new_rest @ new_rest < rest @ rest:
+                values, rest, slopes, damping = tried, new_rest, new_slopes, max(0.1 * damping, DAMPING)
+            else:
+                damping = max(10.0 * damping, 1e-2)
+        return Fit(values, names, rest, slopes, float("nan"), noise)
+
+    def linear(self, values: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:
+        """Return white errors (n,) at some values, and their derivatives (n, p) by the parameters `names`."""
+        steps = [inward(name, values[name], step_of(name, values[name], self.scene)) for name in names]
+        lanes = {name: np.full(1 + len(names), float(value)) for name, value in values.items()}
+        for lane, (name, step) in enumerate(zip(names, steps, strict=True)):
+            lanes[name][1 + lane] += step
+        white = self.white(lanes, noise)
+        return white[:, 0], (white[:, 1:] - white[:, :1]) / np.array(steps)
+
+
+def inward(name: str, value: float, step: float) -> float:
+    """Return the step, turned round where it would leave the parameter's bounds."""
+    return -step if value + step > definition(name).upper else step
+
+
+def moved(values: Mapping[str, float], names: Sequence[str], step: Floats) -> dict[str, float]:
+    """Return the values with a step added to those named, kept within their bounds."""
+    result = dict(values)
+    for name, change in zip(names, step, strict=True):
+        known = definition(name)
+        result[name] = float(np.clip(values[name] + change, known.lower, known.upper))
+    return result
+
+
+def _folds(predictors: Sequence[Predictor]) -> np.typing.NDArray[np.int64]:
+    """Return the fold of each white error, (n,): another recording, or with one recording alternating blocks."""
+    several = len({predictor.piece.recording for predictor in predictors}) > 1
+    return np.concatenate(
+        [
+            np.full(len(times), predictor.piece.recording)
+            if several
+            else np.floor((times + predictor.piece.heard.time) / BLOCK).astype(np.int64) % FOLDS
+            for predictor in predictors
+            for times in predictor.times.values()
+        ]
+    )
