@@ -127,6 +127,20 @@ def spread_out(points: np.typing.NDArray[np.float64], count: int) -> np.typing.N
     return points[chosen]
 
 
+def lanes_of(sets: Sequence[Mapping[str, float]]) -> dict[str, object]:
+    """Return one array for each parameter that any set has, or a number where all agree; neutral ones are left out."""
+    result: dict[str, object] = {}
+    for name in dict.fromkeys(name for one in sets for name in one):
+        neutral = definition(name).neutral
+        column = np.array([one.get(name, neutral) for one in sets], np.float64)
+        if np.all(column == column[0]):
+            if column[0] != neutral:
+                result[name] = float(column[0])
+        else:
+            result[name] = column
+    return result
+
+
 def step_of(name: str, value: float, scene: Scene) -> float:
     """Return by how much a parameter is moved to see what it does, in its unit."""
     parameter = definition(name)

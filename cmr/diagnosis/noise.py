@@ -52,6 +52,17 @@ class Noise:
         names = [name for name in SPANS if any(name in p.times for p in predictors)]
         return cls({name: _found(name, predictors, errors) for name in names})
 
+    @classmethod
+    def plain(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
+        """Return white noise of the size of all errors: what is known before anything is."""
+        result = {}
+        for name, spans in SPANS.items():
+            own = [error.of[name][:, 0] for error in errors if name in error.of]
+            if own:
+                size = max(float(np.mean(np.concatenate(own) ** 2)), LEAST_SIZE**2)
+                result[name] = SignalNoise(np.zeros(len(spans)), np.zeros(FOREIGN), np.array([size, 0.0, 0.0]))
+        return cls(result)
+
     def white(self, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
         """Return the errors of a piece made white, (n, C) by signal; the first ones, which have no past, are 0."""
         result = {}

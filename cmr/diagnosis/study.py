@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.diagnosis.candidates import Scene, step_of
+from cmr.diagnosis.candidates import Scene, lanes_of, step_of
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors, Predictor
 from cmr.model.catalogue import definition
@@ -17,6 +17,7 @@ FOLDS = 5
 MOST_STEPS = 8
 SETTLED = 0.02  # of the sum of squares: a step that promises less is the last
 DAMPING = 1e-6
+QUICK_STEPS = 5  # of models fitted side by side
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,40 @@ class Study:
                 damping = max(10.0 * damping, 1e-2)
         return Fit(values, names, rest, slopes, float("nan"), noise)
 
+    def fit_beside(
+        self, base: Fit, starts: Sequence[Mapping[str, float]], names: Sequence[Sequence[str]]
+    ) -> list[tuple[dict[str, float], float]]:
+        """Fit several models at once: the free parameters of `base` and, in each, some `names` of its own.
+
+        `starts` are the values that each model's own parameters begin with. What the base's parameters do is taken
+        from its fit. Returns each model's values and its sum of squared white errors.
+        """
+        tried = [{**base.values, **start} for start in starts]
+        best = [(values, np.inf) for values in tried]
+        pace = np.ones(len(tried))
+        steps: list[Floats] = [np.zeros(0)] * len(tried)
+        for _ in range(QUICK_STEPS):
+            sets, places = [], []
+            for values, own in zip(tried, names, strict=True):
+                places.append(len(sets))
+                moves = [inward(name, values[name], step_of(name, values[name], self.scene)) for name in own]
+                sets += [values, *({**values, n: values[n] + move} for n, move in zip(own, moves, strict=True))]
+            white = self.white(lanes_of(sets), base.noise)
+            for model, (place, own) in enumerate(zip(places, names, strict=True)):
+                rest = white[:, place]
+                squares = float(rest @ rest)
+                free = (*base.names, *own)
+                if squares < best[model][1]:
+                    values = tried[model]
+                    best[model], pace[model] = (values, squares), 1.0
+                    moves = [inward(n, values[n], step_of(n, values[n], self.scene)) for n in own]
+                    slopes = (white[:, place + 1 : place + 1 + len(own)] - rest[:, None]) / np.array(moves)
+                    steps[model] = _step(base.slopes, slopes, rest)
+                else:
+                    pace[model] *= 0.3
+                tried[model] = moved(best[model][0], free, pace[model] * steps[model])
+        return best
+
     def linear(self, values: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:
         """Return white errors (n,) at some values, and their derivatives (n, p) by the parameters `names`."""
         steps = [inward(name, values[name], step_of(name, values[name], self.scene)) for name in names]
@@ -121,6 +156,15 @@ class Study:
             lanes[name][1 + lane] += step
         white = self.white(lanes, noise)
         return white[:, 0], (white[:, 1:] - white[:, :1]) / np.array(steps)
+
+
+def _step(base: Floats, own: Floats, rest: Floats) -> Floats:
+    """Return the Gauss-Newton step of all parameters, whose slopes are those of the base and their own."""
+    slopes = np.concatenate([base, own], axis=1)
+    normal = slopes.T @ slopes
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    damped = normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    return np.asarray(-np.linalg.solve(damped, slopes.T @ rest / scale) / scale)
 
 
 def inward(name: str, value: float, step: float) -> float:

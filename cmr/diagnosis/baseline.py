@@ -1,0 +1,56 @@
+"""A first guess of the paper's parameters, good enough to begin a fit, whatever effects hide in the data."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cmr.diagnosis.prediction import Predictor
+from cmr.model.observer import Gains
+from cmr.recordings.signal import Floats
+
+MOVING = 0.02  # duty
+WINDOW = 0.5  # s over which turns are compared
+RATES = np.geomspace(1.0, 60.0, 10)  # 1/s: how fast motors of wheeled robots follow
+SPEEDS = np.array([0.8, 0.9, 1.0, 1.1, 1.25])  # shares of the first guess of K1
+FREE = Gains(0.3, 0.0, 0.3, 0.3)
+
+
+def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> float | None:
+    """Return the base width [m] by which the wheels' difference explains the turns; None if the robot never turned."""
+    products = squares = 0.0
+    for predictor in predictors:
+        heard = predictor.piece.heard
+        difference, turn = _turns(predictor)
+        moving = np.abs(difference) > 1e-3
+        products += float(np.sum(difference[moving] * turn[moving]))
+        squares += float(np.sum(difference[moving] ** 2))
+        del heard
+    return wheel_radius * squares / products if products > 0.0 else None
+
+
+def _turns(predictor: Predictor) -> tuple[Floats, Floats]:
+    """Return by how much the wheels' angles differ, and the robot turned, in each window [rad]."""
+    heard = predictor.piece.heard
+    borders = np.arange(0.0, heard.seconds, WINDOW)
+    wheels = np.interp(borders, heard.wheel_time, heard.wheel[:, 1] - heard.wheel[:, 0])
+    if len(heard.pose_time):
+        heading = np.interp(borders, heard.pose_time, np.unwrap(heard.pose[:, 2]))
+    else:
+        spans = np.diff(heard.gyro_time, prepend=heard.gyro_time[:1])
+        heading = np.interp(borders, heard.gyro_time, np.cumsum(heard.gyro * spans))
+    return np.diff(wheels), np.diff(heading)
+
+
+def guess_motor(predictors: Sequence[Predictor], values: dict[str, float]) -> dict[str, float]:
+    """Return k2_over_k3 and k1 by which commands explain the wheels best, on a grid."""
+    duty = sum(float(np.sum(np.abs(p.piece.heard.left) + np.abs(p.piece.heard.right))) for p in predictors) * 0.01
+    turned = sum(float(np.sum(np.abs(np.diff(p.piece.heard.wheel, axis=0)))) for p in predictors)
+    k1 = duty / max(turned, 1e-9)
+    rates, speeds = (grid.ravel() for grid in np.meshgrid(RATES, SPEEDS * k1))
+    lanes = {**values, "k2_over_k3": rates / speeds, "k1": speeds}
+    squares = np.zeros(len(rates))
+    for predictor in predictors:
+        of = predictor.errors(lanes, FREE).of
+        squares += sum(np.sum(np.abs(of[name]), axis=0) for name in ("psi_left", "psi_right") if name in of)
+    best = int(np.argmin(squares))
+    return {"k2_over_k3": float(rates[best] / speeds[best]), "k1": float(speeds[best])}

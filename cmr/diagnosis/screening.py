@@ -1,0 +1,124 @@
+"""Try every effect of the catalogue at once: how much of the prediction errors would it explain (score test)?
+
+The noise is taken from what is left when all effects together, and the parameters in use, have explained what they can
+(to first order): noise found beside a wrong model would swallow what the model gets wrong.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.diagnosis.candidates import Trial, lanes_of, step_of, trials
+from cmr.diagnosis.noise import Noise
+from cmr.diagnosis.prediction import Errors
+from cmr.diagnosis.study import Study, inward
+from cmr.model.catalogue import CATALOGUE, definition
+from cmr.recordings.signal import Floats
+
+LARGEST_SHARE = 3.0  # of a trial's size that the noise's model may use
+MOST_OF_A_LIMIT = 1.3  # of a trial's size that a limit's score may use
+ROUNDS = 2
+NOTHING = 1e-6  # white errors squared; a trial that changes less says nothing
+MEDIAN_OF_CHI2 = 0.4549  # with one degree of freedom
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a trial would explain: the drop of the sum of squared white errors, at this share of the trial's size."""
+
+    trial: Trial
+    drop: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Screening:
+    """The noise, the best score of each effect, best first, and the white errors (n,) with slopes (n, p) of the model.
+
+    `inflation` is how much larger the scores of effects that explain nothing are than chance would have them, at
+    least 1: it stands for whatever is not quite as assumed (genomic control; Devlin and Roeder, Biometrics 55, 1999).
+    """
+
+    noise: Noise
+    scores: tuple[Score, ...]
+    inflation: float
+
+
+def screen(
+    study: Study, values: Mapping[str, float], names: Sequence[str], without: Collection[str], noise: Noise | None
+) -> Screening:
+    """Score all effects but those `without`, beside the free parameters `names` at `values`."""
+    attempts = trials(study.scene, [effect for effect in CATALOGUE.values() if effect.name not in without])
+    steps = [inward(name, values[name], step_of(name, values[name], study.scene)) for name in names]
+    sets = [dict(values)]
+    sets += [{**values, name: values[name] + step} for name, step in zip(names, steps, strict=True)]
+    sets += [{**values, **trial.values} for trial in attempts]
+    errors = study.errors(lanes_of(sets))
+    noise = noise_of_all(study, errors, len(names), noise)
+    white = study.made_white(errors, noise)
+    rest, moved = white[:, 0], white[:, 1:] - white[:, :1]
+    basis, _ = np.linalg.qr(moved[:, : len(names)])
+    rest = rest - basis @ (basis.T @ rest)
+    # Of moves beside the model only what the model cannot do itself counts.
+    trial_moves = moved[:, len(names) :]
+    along = basis.T @ trial_moves
+    sizes = np.einsum("nc,nc->c", trial_moves, trial_moves) - np.einsum("pc,pc->c", along, along)
+    pulls = trial_moves.T @ rest
+    scores = [_score(trial, size, pull) for trial, size, pull in zip(attempts, sizes, pulls, strict=True)]
+    best: dict[str, Score] = {}
+    for score in scores:
+        if score.drop > best.get(score.trial.effect, score).drop or score.trial.effect not in best:
+            best[score.trial.effect] = score
+    ordered = tuple(sorted(best.values(), key=lambda score: -score.drop))
+    return Screening(noise, ordered, _inflation(scores))
+
+
+def noise_of_all(study: Study, errors: Sequence[Errors], free: int, noise: Noise | None) -> Noise:
+    """Return the noise that is left when the first `free` moves, and all trials, have explained what they can."""
+    noise = noise or Noise.plain(study.predictors, errors)
+    for _ in range(ROUNDS):
+        white = study.made_white(errors, noise)
+        moved = white[:, 1:] - white[:, :1]
+        normal = moved.T @ moved
+        prior = np.full(len(normal), LARGEST_SHARE**-2)
+        prior[:free] = 1e-9 * np.diag(normal)[:free] + 1e-12
+        shares = -np.linalg.solve(normal + np.diag(prior), moved.T @ white[:, 0])
+        noise = Noise.found(study.predictors, [_explained(error, shares) for error in errors])
+    return noise
+
+
+def _explained(errors: Errors, shares: Floats) -> Errors:
+    """Return the errors (n, 1) left when each candidate but the first has explained its share."""
+    first = 1.0 - shares.sum()
+    weights = np.concatenate([[first], shares])[:, None]
+    return Errors({name: error @ weights for name, error in errors.of.items()}, errors.motion)
+
+
+def _score(trial: Trial, size: float, pull: float) -> Score:
+    if size < NOTHING:
+        return Score(trial, 0.0, 0.0)
+    share = -pull / size
+    if trial.threshold:
+        share = min(share, MOST_OF_A_LIMIT)
+    if trial.threshold or _one_sided(trial):
+        share = max(share, 0.0)
+    return Score(trial, float(-(2.0 * share * pull + share**2 * size)), float(share))
+
+
+def _one_sided(trial: Trial) -> bool:
+    """Tell whether the effect has one sign only."""
+    switches = [
+        definition(name)
+        for name, value in trial.values.items()
+        if definition(name).switches and value != definition(name).neutral
+    ]
+    return all(parameter.lower == parameter.neutral for parameter in switches)
+
+
+def _inflation(scores: Sequence[Score]) -> float:
+    """Return how much larger than chance the usual score is; of scores of one sign half are zero by chance."""
+    two_sided = [score.drop for score in scores if not score.trial.threshold and not _one_sided(score.trial)]
+    if len(two_sided) < 10:
+        return 1.0
+    return max(1.0, float(np.median(two_sided)) / MEDIAN_OF_CHI2)
