@@ -19,8 +19,8 @@ from cmr.bus.bus import Bus
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, PROCESS_STATUS
 from cmr.calibration.result import CalibrationError
-from cmr.commands import diagnose as command
 from cmr.commands.command_line import guarded
+from cmr.commands.diagnose import main
 from cmr.diagnosis.job import Job, Telling, attempt
 from cmr.diagnosis.result import EFFECTS_FOUND, Diagnosis
 from cmr.parameters.file import ParameterFile, load
@@ -70,7 +70,7 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> Engine:
 
 def run(*arguments: object) -> int:
     """Run the command in this process, as `guarded` does: expected errors become one line on stderr."""
-    return guarded(command.main, [str(argument) for argument in arguments])
+    return guarded(main, [str(argument) for argument in arguments])
 
 
 def files(folder: Path) -> list[str]:
@@ -214,7 +214,7 @@ def test_a_folder_that_cannot_be_written_is_told_before_the_work(
 )
 def test_wrong_usage_exits_with_2(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        command.main(arguments)
+        main(arguments)
     assert ended.value.code == 2
     assert sentence in capsys.readouterr().err
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from cmr.commands import diagnose as command
 from cmr.commands.command_line import guarded
+from cmr.commands.diagnose import main
 from cmr.diagnosis.job import Job, Outcome, Telling
 from cmr.diagnosis.many import THREADS, Pool, jobs_of
 from cmr.diagnosis.result import EFFECTS_FOUND
@@ -142,11 +142,11 @@ def test_the_processes_are_gone_when_the_pool_is_left(tmp_path: Path) -> None:
 def test_robots_that_fail_are_named_in_a_table_and_the_exit_code_is_1(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(command, "attempt", pretend)
+    monkeypatch.setattr(sys.modules[main.__module__], "attempt", pretend)
     for name in ("work", "fail"):
         (tmp_path / f"{name}.lcm").write_bytes((logs / "a.lcm").read_bytes())
     arguments = [tmp_path / "fail.lcm", tmp_path / "work.lcm", "--each", "--out", tmp_path / "out"]
-    assert guarded(command.main, [str(argument) for argument in arguments]) == 1
+    assert guarded(main, [str(argument) for argument in arguments]) == 1
     said = capsys.readouterr()
     assert said.err.endswith(": 1 of 2 diagnoses failed; the table says why.\n")
     assert len(said.err.splitlines()) == 1
