@@ -65,6 +65,11 @@ class Case:
         """How long the drive takes."""
         return self.repeats * SECONDS[self.manoeuvre]
 
+    @property
+    def drive_seed(self) -> int:
+        """What all noise in this drive is drawn from."""
+        return int(self.random("noise", self.run).integers(2**31))
+
     def random(self, purpose: str, *further: int) -> np.random.Generator:
         """Return what draws one thing; whatever else is drawn, the same case draws the same here."""
         names = "+".join((purpose, *sorted(self.effects)))

@@ -1,7 +1,7 @@
 """Make a log, or a recording, in which effects are hidden."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,13 @@ class HiddenRecording:
 
 def hide(*effects: str, path: Path | str, **options: Any) -> HiddenLog:
     """Write an event log of a robot with these effects; `options` are those of Case."""
-    truth, driven = _driven(Case(effects, **options))
-    return HiddenLog(write_log(Path(path), driven.recording), truth)
+    return hide_case(Case(effects, **options), Path(path))
+
+
+def hide_case(case: Case, path: Path) -> HiddenLog:
+    """Write the event log of a case."""
+    truth, driven = _driven(case)
+    return HiddenLog(write_log(path, driven.recording), truth)
 
 
 def hidden_recording(*effects: str, **options: Any) -> HiddenRecording:
@@ -54,12 +59,11 @@ def truth_of(case: Case) -> Truth:
     for effect in case.effects:
         parameters.update(draw_sizes(effect, robot, case.seconds, random))
     truth = Truth(case=case, robot=robot, parameters=parameters, nominal=nominal)
-    return placed(truth) if "surface_patch" in case.effects else truth
+    return replace(placed(truth), case=case) if "surface_patch" in case.effects else truth
 
 
 def _driven(case: Case) -> tuple[Truth, Drive]:
     truth = truth_of(case)
-    seed = int(case.random("noise", case.run).integers(2**31))
     nominal = ParameterFile(0, {name: Value(value) for name, value in truth.nominal.items()})
-    commands = commands_of(truth, seed)
-    return truth, drive(commands, truth.plant, case.seconds, truth.noise, seed, nominal=nominal)
+    commands = commands_of(truth, case.drive_seed)
+    return truth, drive(commands, truth.plant, case.seconds, truth.noise, case.drive_seed, nominal=nominal)

@@ -1,0 +1,128 @@
+"""What a diagnosis made of one log beside what was hidden in it: one row of a study, kept as CSV."""
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from cmr.diagnosis.result import Diagnosis
+from tests.hidden_effects.cases import Case, Truth
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One log: the case, the truth, and what was found.
+
+    `names` are the effects named, by evidence, `statistics` their evidence, `indistinguishable` the names given beside
+    each. `estimates` are (value, standard deviation, lower and upper end of the 95 % interval) by parameter.
+    `path_rmse` [m] is the error foretold for drives that nothing was fitted on, `fresh_path_rmse` that on a fresh drive
+    of the same robot. `cpu_seconds` took reading and diagnosing, `memory` [bytes] is the most that was in use;
+    `error` is the text of what went wrong, empty if nothing did.
+    """
+
+    set_name: str
+    case: Case
+    robot: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    verdict: str = ""
+    names: tuple[str, ...] = ()
+    statistics: tuple[float, ...] = ()
+    indistinguishable: tuple[tuple[str, ...], ...] = ()
+    estimates: Mapping[str, tuple[float, float, float, float]] = field(default_factory=dict)
+    unexplained: bool = False
+    unexplained_signal: str = ""
+    unexplained_share: float = 0.0
+    next_experiment: str = ""
+    path_rmse: float = math.nan
+    fresh_path_rmse: float = math.nan
+    cpu_seconds: float = math.nan
+    memory: float = math.nan
+    error: str = ""
+
+    @property
+    def key(self) -> tuple[str, Case]:
+        """What tells this row from all others."""
+        return self.set_name, self.case
+
+
+def found(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return what a diagnosis says, as fields of a row."""
+    named, extended = diagnosis.effects, diagnosis.extended
+    estimates = {
+        name: (estimate.value, estimate.std, *estimate.interval)
+        for effect in named
+        for name, estimate in effect.estimates.items()
+    }
+    experiments = [diagnosis.next_experiment, *(effect.next_experiment for effect in named)]
+    return {
+        "verdict": diagnosis.verdict,
+        "names": tuple(effect.name for effect in named),
+        "statistics": tuple(float(effect.statistic) for effect in named),
+        "indistinguishable": tuple(tuple(effect.indistinguishable_from) for effect in named),
+        "estimates": {name: tuple(map(float, estimate)) for name, estimate in estimates.items()},
+        "unexplained": diagnosis.unexplained.present,
+        "unexplained_signal": diagnosis.unexplained.signal or "",
+        "unexplained_share": float(diagnosis.unexplained.share),
+        "next_experiment": next((text for text in experiments if text), ""),
+        "path_rmse": math.nan if extended is None else float(extended.held_out_path_rmse),
+    }
+
+
+def hidden(truth: Truth) -> dict[str, Any]:
+    """Return what was hidden, as fields of a row."""
+    return {"robot": dict(truth.robot), "parameters": dict(truth.parameters)}
+
+
+COLUMNS = ("set", *(part.name for part in fields(Case)), *(part.name for part in fields(Row)[2:]))
+
+
+def append(path: Path, rows: Iterable[Row]) -> None:
+    """Append rows to a CSV file; a file that does not exist yet gets a heading first."""
+    begins = not path.exists() or path.stat().st_size == 0
+    torn = not begins and not path.read_bytes().endswith(b"\n")
+    with path.open("a", newline="", encoding="utf-8") as stream:
+        if torn:
+            stream.write("\n")
+        writer = csv.writer(stream, lineterminator="\n")
+        if begins:
+            writer.writerow(COLUMNS)
+        for row in rows:
+            writer.writerow(_cells(row))
+
+
+def read(path: Path) -> list[Row]:
+    """Return the rows of a CSV file, the last of each case; a line torn by the end of a process is passed over."""
+    rows: dict[tuple[str, Case], Row] = {}
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as stream:
+        for cells in list(csv.reader(stream))[1:]:
+            try:
+                row = _row(dict(zip(COLUMNS, cells, strict=True)))
+            except ValueError:
+                continue
+            rows[row.key] = row
+    return list(rows.values())
+
+
+def _cells(row: Row) -> list[str]:
+    case = {name: json.dumps(value) for name, value in asdict(row.case).items()}
+    further = [json.dumps(getattr(row, part.name)) for part in fields(Row)[2:]]
+    return [json.dumps(row.set_name), *case.values(), *further]
+
+
+def _row(cells: Mapping[str, str]) -> Row:
+    values = {name: json.loads(cell) for name, cell in cells.items()}
+    case = Case(**{part.name: _frozen(values[part.name]) for part in fields(Case)})
+    further = {part.name: _frozen(values[part.name]) for part in fields(Row)[2:]}
+    return Row(set_name=values["set"], case=case, **further)
+
+
+def _frozen(value: Any) -> Any:
+    """Return JSON with tuples for its lists."""
+    if isinstance(value, list):
+        return tuple(_frozen(part) for part in value)
+    return {name: _frozen(part) for name, part in value.items()} if isinstance(value, dict) else value

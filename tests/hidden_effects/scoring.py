@@ -1,0 +1,326 @@
+"""Score rows of a study against what is to be reached. Pure functions of rows."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.hidden_effects.rows import Row
+from tests.hidden_effects.sets import SAME_MATHEMATICS
+from tests.hidden_effects.unknown import UNKNOWN
+from tests.reference_plant import TYPICAL
+
+RELATIVE, DEVIATIONS = 0.05, 3.0  # a parameter is right within this share, or within so many standard deviations
+FORETOLD = 0.2  # share by which an error may be foretold wrongly
+PHASE_SPAN = 1.0  # rad; what a phase is off is compared with
+LOG_SECONDS, COMMAND_SECONDS = 3.0, 8.0  # of the processor
+MEMORY = 4e9  # bytes
+LINEAR = 1.25  # how much more time per second of driving a long log may take than a short one
+
+Interval = tuple[float, float, float, float]  # value, standard deviation, lower and upper end
+
+
+@dataclass(frozen=True)
+class Score:
+    """One figure: what it is of, over how many logs, and whether it is reached; None where nothing is demanded."""
+
+    set_name: str
+    quantity: str
+    value: float
+    count: int
+    goal: str = ""
+    reached: bool | None = None
+    unit: str = "%"
+
+
+def scores(rows: Sequence[Row]) -> list[Score]:
+    """Return the scores of all sets that have rows."""
+    result = []
+    for name, score_of in SCORES.items():
+        own = [row for row in rows if row.set_name == name]
+        if own:
+            result += score_of(own)
+            failed = [row for row in own if row.error]
+            result.append(_share(name, "failed with an error", failed, own, most=0.0))
+    return result + (timing(rows) if rows else [])
+
+
+def twins(effect: str) -> frozenset[str]:
+    """Return the effects that are the same mathematics as this one."""
+    return next((same - {effect} for same in SAME_MATHEMATICS if effect in same), frozenset())
+
+
+def names(row: Row, rank: int, effect: str) -> bool:
+    """Tell whether the effect named at this rank is this one.
+
+    Of effects that are the same mathematics either name counts, if the others stand beside it.
+    """
+    same = twins(effect) | {effect}
+    name = row.names[rank]
+    return name in same and same - {name} <= set(row.indistinguishable[rank])
+
+
+def may_be(row: Row, rank: int, effect: str) -> bool:
+    """Tell whether the effect named at this rank is this one, or is said not to be told from it."""
+    return row.names[rank] == effect or effect in row.indistinguishable[rank]
+
+
+def right_first(row: Row) -> bool:
+    """Tell whether the first effect named is the hidden one."""
+    return bool(row.names) and names(row, 0, row.case.effects[0])
+
+
+def wrongly_named(row: Row) -> bool:
+    """Tell whether an effect is named that is not hidden, without a hidden one beside it."""
+    return any(not any(may_be(row, rank, effect) for effect in row.case.effects) for rank in range(len(row.names)))
+
+
+def all_named(row: Row) -> bool:
+    """Tell whether all hidden effects are named."""
+    ranks = range(len(row.names))
+    return all(any(names(row, rank, effect) for rank in ranks) for effect in row.case.effects)
+
+
+def flagged(row: Row) -> bool:
+    """Tell whether the diagnosis says that something remains which it cannot explain."""
+    return row.verdict == "unexplained" or row.unexplained
+
+
+def parameters_of(row: Row) -> dict[str, tuple[float, Interval]]:
+    """Return truth and estimate of every parameter of the hidden effects that was estimated, by its name.
+
+    Where the same mathematics goes by another name, the truth is what that name's parameter is then.
+    """
+    result = {}
+    for name, true in row.parameters.items():
+        for other in (name, *twins(name)):
+            if other in row.estimates:
+                result[other] = (true if other == name else 1.0 / (1.0 + true) - 1.0, row.estimates[other])
+                break
+    return result
+
+
+def parameters_right(row: Row) -> bool:
+    """Tell whether all parameters of what is hidden are within 5 % or three standard deviations."""
+    estimated = parameters_of(row)
+    own = {name for effect in row.case.effects for name in TYPICAL[effect]}
+    return len(estimated) >= len(own) and all(_right(row, name, *pair) for name, pair in estimated.items())
+
+
+def covered(row: Row) -> list[bool]:
+    """Tell for each parameter of what is hidden whether its 95 % interval holds the truth."""
+    return [
+        estimate[2] <= estimate[0] - _error(name, true, estimate) <= estimate[3]
+        for name, (true, estimate) in parameters_of(row).items()
+    ]
+
+
+def _right(row: Row, name: str, true: float, estimate: Interval) -> bool:
+    allowed = max(RELATIVE * _span(row, name, true), DEVIATIONS * estimate[1])
+    return abs(_error(name, true, estimate)) <= allowed
+
+
+def _error(name: str, true: float, estimate: Interval) -> float:
+    off = estimate[0] - true
+    return math.remainder(off, 2.0 * math.pi) if name.endswith("_phase") else off
+
+
+def _span(row: Row, name: str, true: float) -> float:
+    """Return what 5 % are of: the size of what is hidden, not of its share along x or of where it is."""
+    if name.startswith("slope"):
+        return math.hypot(row.parameters["slope_x"], row.parameters["slope_y"])
+    if name in ("surface_patch_x", "surface_patch_y"):
+        return row.parameters["surface_patch_radius"]
+    return PHASE_SPAN if name.endswith("_phase") else abs(true)
+
+
+def score_single(rows: Sequence[Row]) -> list[Score]:
+    """Score one effect on the rich drive."""
+    right = [row for row in rows if right_first(row)]
+    return [
+        _share("single", "right name first", right, rows, least=0.995),
+        _share("single", "nothing wrong named", [row for row in rows if not wrongly_named(row)], rows),
+        _share("single", "parameter within 5 % or 3 std", _those(right, parameters_right), right, least=0.95),
+        _coverage("single", right),
+    ]
+
+
+def score_eight(rows: Sequence[Row]) -> list[Score]:
+    """Score one effect on figure-eights."""
+    named, silent = _those(rows, lambda row: bool(row.names)), _those(rows, lambda row: not row.names)
+    in_set = [row for row in named if may_be(row, 0, row.case.effects[0])]
+    return [
+        _share("eight", "where something is named: it, or in the set", in_set, named, least=0.99),
+        _share("eight", "wrongly named", _those(rows, wrongly_named), rows, most=0.01),
+        _share("eight", "where nothing is named: next experiment", _those(silent, _tells_what_next), silent, least=1.0),
+        _share("eight", "right name first", _those(rows, right_first), rows),
+    ]
+
+
+def score_null(rows: Sequence[Row]) -> list[Score]:
+    """Score robots without any effect."""
+    return [
+        _share("null", "something named", _those(rows, lambda row: bool(row.names)), rows, most=0.01),
+        _share("null", "flagged as unexplained", _those(rows, flagged), rows),
+    ]
+
+
+def score_coarse(rows: Sequence[Row]) -> list[Score]:
+    """Score coarse encoders."""
+    fine = _those(rows, lambda row: not row.error and set(row.names) <= {"encoder_quantisation"})
+    worst = _those(rows, lambda row: any("friction" in name or "slip" in name for name in row.names))
+    return [
+        _share("coarse", "called encoder_quantisation or nothing", fine, rows, least=0.95),
+        _share("coarse", "called friction or slip", worst, rows, most=0.0),
+    ]
+
+
+def score_pairs(rows: Sequence[Row]) -> list[Score]:
+    """Score two effects at once."""
+    both = _those(rows, all_named)
+    exactly = _those(both, lambda row: len(row.names) == len(row.case.effects))
+    return [
+        _share("pairs", "both named, nothing else", exactly, rows, least=0.95),
+        _share("pairs", "both named", both, rows),
+        _share("pairs", "parameters within 5 % or 3 std", _those(both, parameters_right), both),
+    ]
+
+
+def score_unknown(rows: Sequence[Row]) -> list[Score]:
+    """Score physics that no effect describes."""
+    alone = _those(rows, lambda row: bool(row.names) and not flagged(row))
+    by_kind = {kind: [row for row in rows if row.case.effects == (kind,)] for kind in UNKNOWN}
+    kinds = [_share("unknown", f"flagged: {kind}", _those(own, flagged), own) for kind, own in by_kind.items() if own]
+    return [
+        _share("unknown", "flagged as unexplained", _those(rows, flagged), rows, least=0.90),
+        _share("unknown", "a wrong name alone", alone, rows, most=0.05),
+        *kinds,
+    ]
+
+
+def score_friction(rows: Sequence[Row]) -> list[Score]:
+    """Score friction by other laws than the catalogue's."""
+    right = _those(rows, right_first)
+    return [
+        _share("friction", "right name first", right, rows),
+        _share("friction", "parameter within 5 % or 3 std", _those(right, parameters_right), right),
+        _coverage("friction", right),
+    ]
+
+
+def score_gain(rows: Sequence[Row]) -> list[Score]:
+    """Score what is foretold of fresh drives."""
+    ratios = np.array([row.path_rmse / row.fresh_path_rmse for row in rows if row.fresh_path_rmse > 0.0])
+    ratios = ratios[np.isfinite(ratios)]
+    near = np.abs(ratios - 1.0) <= FORETOLD
+    share = float(np.mean(near)) if len(ratios) else math.nan
+    middle = float(np.median(ratios)) if len(ratios) else math.nan
+    return [
+        Score("gain", "path error foretold within 20 %", share, len(ratios), ">= 95 %", share >= 0.95),
+        Score("gain", "foretold over measured, median", middle, len(ratios), unit=""),
+    ]
+
+
+def score_length(rows: Sequence[Row]) -> list[Score]:
+    """Score how the time grows with the length of the log."""
+    rate = {
+        repeats: float(np.median(own))
+        for repeats in sorted({row.case.repeats for row in rows})
+        if (own := [row.cpu_seconds / row.case.seconds for row in rows if row.case.repeats == repeats and _timed(row)])
+    }
+    if len(rate) < 2:
+        return []
+    growth = rate[max(rate)] / rate[min(rate)]
+    quantity = f"time per second of driving, {max(rate)} drives over {min(rate)}"
+    return [Score("length", quantity, growth, len(rows), f"<= {LINEAR}", growth <= LINEAR, unit="")]
+
+
+def score_command(rows: Sequence[Row]) -> list[Score]:
+    """Score the whole command."""
+    return _most("command", "processor, report included", [row.cpu_seconds for row in rows], COMMAND_SECONDS, "s")
+
+
+def score_hours(rows: Sequence[Row]) -> list[Score]:
+    """Score a drive of two hours."""
+    ended = _those(rows, lambda row: not row.error)
+    return [
+        _share("hours", "ran to the end", ended, rows, least=1.0),
+        *_most("hours", "memory", [row.memory / 1e9 for row in ended], MEMORY / 1e9, "GB"),
+        *_most("hours", "processor", [row.cpu_seconds for row in ended], math.inf, "s"),
+    ]
+
+
+def timing(rows: Sequence[Row]) -> list[Score]:
+    """Score the time that one log of two minutes takes."""
+    times = [row.cpu_seconds for row in rows if _timed(row) and row.case.repeats == 1 and row.set_name != "command"]
+    if not times:
+        return []
+    middle, worst = float(np.median(times)), float(np.quantile(times, 0.95))
+    return [
+        Score("time", "processor for one log, median", middle, len(times), f"<= {LOG_SECONDS:g} s", None, "s"),
+        Score(
+            "time", "processor for one log, 95 %", worst, len(times), f"<= {LOG_SECONDS:g} s", worst <= LOG_SECONDS, "s"
+        ),
+    ]
+
+
+SCORES: Mapping[str, Callable[[Sequence[Row]], list[Score]]] = {
+    "single": score_single,
+    "eight": score_eight,
+    "null": score_null,
+    "coarse": score_coarse,
+    "pairs": score_pairs,
+    "unknown": score_unknown,
+    "friction": score_friction,
+    "gain": score_gain,
+    "length": score_length,
+    "command": score_command,
+    "hours": score_hours,
+}
+
+
+def _timed(row: Row) -> bool:
+    return math.isfinite(row.cpu_seconds)
+
+
+def _tells_what_next(row: Row) -> bool:
+    return row.verdict == "no_effect" and bool(row.next_experiment)
+
+
+def _those(rows: Iterable[Row], hold: Callable[[Row], bool]) -> list[Row]:
+    return [row for row in rows if hold(row)]
+
+
+def _share(
+    name: str,
+    quantity: str,
+    held: Sequence[Row],
+    of: Sequence[Row],
+    *,
+    least: float | None = None,
+    most: float | None = None,
+) -> Score:
+    """Return a share of rows, and whether it is at least or at most what is demanded."""
+    share = len(held) / len(of) if of else math.nan
+    if least is not None:
+        return Score(name, quantity, share, len(of), f">= {100.0 * least:g} %", share >= least)
+    if most is not None:
+        return Score(name, quantity, share, len(of), f"<= {100.0 * most:g} %", share <= most)
+    return Score(name, quantity, share, len(of))
+
+
+def _coverage(name: str, rows: Sequence[Row]) -> Score:
+    held = [inside for row in rows for inside in covered(row)]
+    share = float(np.mean(held)) if held else math.nan
+    return Score(name, "95 % intervals that hold the truth", share, len(held), "90 to 98 %", 0.90 <= share <= 0.98)
+
+
+def _most(name: str, quantity: str, values: Sequence[float], limit: float, unit: str) -> list[Score]:
+    """Return the largest value, and whether it is within the limit."""
+    known = [value for value in values if math.isfinite(value)]
+    if not known:
+        return []
+    largest = max(known)
+    goal, reached = (f"<= {limit:g} {unit}", largest <= limit) if math.isfinite(limit) else ("", None)
+    return [Score(name, quantity, largest, len(known), goal, reached, unit)]
