@@ -1,0 +1,189 @@
+"""What was found: the verdict, the effects with their evidence and their plots, the runners-up, what to do next."""
+
+import math
+import re
+from collections.abc import Sequence
+from textwrap import dedent
+
+from cmr.calibration.result import Estimate
+from cmr.diagnosis.report.markup import Html, joined, tag
+from cmr.diagnosis.report.numbers import alike, chance, estimate_text, interval_text, likelihood, number, typeset
+from cmr.diagnosis.report.pairs import Pair
+from cmr.diagnosis.report.residual_figures import tell_tale_figure
+from cmr.diagnosis.report.section import bullets, code, codes, paragraph, quiet, section
+from cmr.diagnosis.report.table import table
+from cmr.diagnosis.report.tell_tale import tell_tale
+from cmr.diagnosis.report.terms import regressor, signal_words
+from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, Candidate, Diagnosis, NamedEffect
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.effect import Effect
+
+BADGES = {
+    EFFECTS_FOUND: "effects found",
+    NO_EFFECT: "no effect",
+    UNEXPLAINED: "unexplained",
+    BAD_DATA: "bad data",
+}
+NOTHING_NAMED = {
+    NO_EFFECT: "No effect of the catalogue improves what it was fitted on and what it was not: the paper's model of "
+    "three parameters stands.",
+    UNEXPLAINED: "No effect of the catalogue was named, though the residuals have structure: see What remains "
+    "unexplained.",
+}
+EVIDENCE = (
+    "Evidence: LR is twice the log-likelihood that the effect adds to the model with all other effects named; p is how "
+    "often chance alone would give as much somewhere in the catalogue; held out is the log-likelihood that it adds on "
+    "data it was not fitted on. Values are given \u00b1 one standard deviation."
+)
+# A command in a sentence, and the full stop behind it: between backquotes, or with options of one value at most.
+COMMAND = re.compile(r"(?:`(cmr-[^`]+)`|(cmr-[a-z]+(?: --[a-z][a-z-]*(?:[ =](?!-)[^\s;`]*[^\s;`.,:)])?)+))\.?")
+
+
+def header(diagnosis: Diagnosis) -> Html:
+    """Return the verdict in a sentence, and the numbers that a hurried reader wants."""
+    robot = f" Robot {diagnosis.robot_id}. Diagnosis by CMR."
+    badge = tag("span", BADGES.get(diagnosis.verdict, diagnosis.verdict), class_="badge")
+    head = tag("header", tag("h1", typeset(diagnosis.sentence)), tag("p", badge, robot), class_=diagnosis.verdict)
+    numbers = [tag("div", tag("dt", words), tag("dd", value)) for words, value in _key_numbers(diagnosis)]
+    return joined(head, tag("dl", *numbers, class_="key") if numbers else Html(""))
+
+
+def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """Return path error, gain and amount of data, as far as they are known."""
+    before, after = diagnosis.baseline, diagnosis.extended
+    numbers = []
+    if before and math.isfinite(before.held_out_path_rmse):
+        errors = [before.held_out_path_rmse, *([after.held_out_path_rmse] if diagnosis.effects and after else [])]
+        told = alike(errors) if len(errors) > 1 else [number(errors[0], 3)]
+        numbers.append(("path error on held-out data", " \u2192 ".join(told) + " m"))
+    if diagnosis.effects and diagnosis.gain and math.isfinite(diagnosis.gain.ratio):
+        numbers.append(("gain", f"{number(diagnosis.gain.ratio, 3)} times smaller"))
+    if diagnosis.samples:
+        numbers.append(("measurements compared", f"{diagnosis.samples:,}"))
+    return numbers
+
+
+def named(diagnosis: Diagnosis) -> Html:
+    """Return the table of the effects, or the sentence that there are none, and the notes."""
+    if diagnosis.verdict == BAD_DATA:
+        return section("What else to know", bullets(list(diagnosis.notes)))
+    if not diagnosis.effects:
+        nothing = NOTHING_NAMED.get(diagnosis.verdict, "No effect was named.")
+        return section("What was found", paragraph(nothing), bullets(list(diagnosis.notes)))
+    rows = [_found_row(effect) for effect in diagnosis.effects]
+    headings = ("effect", "what it means", "parameters", "evidence", "these data cannot tell it from")
+    return section("What was found", table(headings, rows), quiet(EVIDENCE), bullets(list(diagnosis.notes)))
+
+
+def _found_row(effect: NamedEffect) -> list[str]:
+    parameters = joined(*(_parameter(name, estimate) for name, estimate in effect.estimates.items()))
+    return [code(effect.name), typeset(effect.cause), parameters, evidence(effect), _rivals(effect)]
+
+
+def _rivals(effect: NamedEffect) -> Html:
+    """Return what explains the data as well, and the manoeuvre that would tell."""
+    entry = CATALOGUE.get(effect.name)
+    told_apart_by = entry.confused_with if entry else {}
+    lines = [
+        joined(code(other), f" (to tell: {told_apart_by[other]})" if other in told_apart_by else "")
+        for other in effect.indistinguishable_from
+    ]
+    return joined(*(tag("div", line) for line in lines)) if lines else joined("no other")
+
+
+def _parameter(name: str, estimate: Estimate) -> Html:
+    unit = DEFINITIONS[name].unit if name in DEFINITIONS else ""
+    return paragraph(
+        code(name), tag("br"), estimate_text(estimate, unit), tag("br"), f"95 %: {interval_text(estimate)}"
+    )
+
+
+def evidence(tried: NamedEffect | Candidate) -> Html:
+    """Return the numbers that speak for an effect."""
+    lines = [f"LR {likelihood(tried.statistic)}", f"p {chance(tried.p_value)}"]
+    if math.isfinite(tried.held_out):
+        lines.append(f"held out {likelihood(tried.held_out)}")
+    return joined(*(paragraph(line) for line in lines))
+
+
+def tell_tales(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
+    """Return for each effect the plot that shows it best, and its equation; a plot that two share comes once."""
+    parts: list[Html] = []
+    drawn: dict[tuple[str, str], str] = {}  # the effect that each pair was drawn for
+    for effect in diagnosis.effects:
+        entry = CATALOGUE.get(effect.name)
+        pair = tell_tale(pairs, entry.shows_in if entry else "")
+        parts.append(tag("h3", code(effect.name), f": {typeset(effect.cause)}"))
+        if entry:
+            parts.append(paragraph(f"It shows in {entry.shows_in}."))
+        if pair is None:
+            parts.append(paragraph("No plot of mean residuals shows it."))
+        elif drawn.setdefault((pair.signal, pair.regressor), effect.name) == effect.name:
+            parts.append(tell_tale_figure(pair, _caption(effect, pair)))
+        else:
+            parts.append(paragraph("The plot for ", code(drawn[pair.signal, pair.regressor]), " shows it best."))
+        if entry:
+            parts += [quiet("Its equation, as the simulation runs it:"), tag("pre", tag("code", equation(entry)))]
+    return section("The tell-tale plots", *parts)
+
+
+def _caption(effect: NamedEffect, pair: Pair) -> str:
+    words = f"{signal_words(pair.signal)} over {regressor(pair.regressor).words}"
+    return (
+        f"{effect.name}: residual of the {words} without the effect (before) and with all effects named (after). "
+        f"{100.0 * min(pair.removed, 1.0):.0f} % of the residual's mean square was such structure and is gone."
+    )
+
+
+def equation(effect: Effect) -> str:
+    """Return an effect's equation: the statements of each stage of the model's step."""
+    stages = effect.equations.items()
+    return "\n\n".join(f"# stage: {stage}\n{dedent(statements).strip()}" for stage, statements in stages)
+
+
+def runners_up(diagnosis: Diagnosis) -> Html:
+    """Return the effects that were tried and not named."""
+    rows = [
+        [code(c.name), likelihood(c.statistic), f"p {chance(c.p_value)}", likelihood(c.held_out), c.why_not]
+        for c in diagnosis.candidates
+    ]
+    if not rows:
+        return Html("")
+    headings = ("effect", "LR", "chance", "held out", "why it was not named")
+    explained = Html("") if diagnosis.effects else quiet(EVIDENCE)
+    return section("What was tried and not named", table(headings, rows, numbers=(1, 2, 3)), explained)
+
+
+def next_steps(diagnosis: Diagnosis) -> Html:
+    """Return what to drive next, with the commands that do it, and how to use the result."""
+    asked = [("", diagnosis.next_experiment), *((effect.name, effect.next_experiment) for effect in diagnosis.effects)]
+    told: dict[str, list[str]] = {}
+    for name, text in asked:
+        if text:
+            told.setdefault(text, []).extend([name] if name else [])
+    steps = [_step(text, tuple(names)) for text, names in told.items()]
+    if not steps and diagnosis.verdict != BAD_DATA:
+        steps = [joined("These data leave nothing open that another drive of this robot would settle.")]
+    if diagnosis.extended:
+        steps.append(
+            joined(
+                "Use the result: ",
+                code(f"robot_{diagnosis.robot_id}.yaml"),
+                " beside this page holds the parameters below; cmr-sim runs it as it is.",
+            )
+        )
+    return section("What to do next", bullets(list(steps)))
+
+
+def _step(text: str, names: tuple[str, ...]) -> Html:
+    concerns = joined("For ", codes(names), ": ") if names else Html("")
+    return joined(concerns, with_commands(text))
+
+
+def with_commands(text: str) -> Html:
+    """Return a text in which commands stand in lines of their own, to be copied."""
+    parts, end = [], 0
+    for match in COMMAND.finditer(text):
+        parts += [text[end : match.start()], tag("pre", tag("code", match[1] or match[2]))]
+        end = match.end()
+    return joined(*parts, text[end:])

@@ -1,0 +1,48 @@
+"""Keys to figures: what which line and mark stands for, beside a sample of it."""
+
+from cmr.diagnosis.report.markup import Html, tag
+from cmr.diagnosis.report.style import AFTER, BEFORE, REAL, REAL_OUTLINE, SCATTER
+
+DASHES = "5 3"
+LINE = "M2 7H38"
+
+
+def keys(*entries: Html) -> Html:
+    """Return a row of entries."""
+    return tag("div", *entries, class_="keys")
+
+
+def real_key() -> Html:
+    """Return the entry of the real path."""
+    return _entry("real robot", _line(REAL_OUTLINE, 5.4), _line(REAL, 4.0))
+
+
+def simulated_key() -> Html:
+    """Return the entry of simulated paths."""
+    return _entry("simulated robot", _line(AFTER, 1.8))
+
+
+def before_key(words: str, *, marked: bool = False) -> Html:
+    """Return the entry of what the paper's model does; `marked` with the mark of a bin's mean."""
+    mark = tag("path", d="M17 4h6v6h-6z", stroke=BEFORE, stroke_width=1.4, fill="white")
+    return _entry(words, _line(BEFORE, 1.8, DASHES), *([mark] if marked else []))
+
+
+def after_key(words: str, *, marked: bool = False) -> Html:
+    """Return the entry of what the extended model does."""
+    mark = tag("circle", cx=20, cy=7, r=3.4, fill=AFTER)
+    return _entry(words, _line(AFTER, 1.8), *([mark] if marked else []))
+
+
+def sample_key(words: str) -> Html:
+    """Return the entry of the scatter of samples."""
+    places = "M5 9h0M12 4h0M19 8h0M27 5h0M34 10h0"
+    return _entry(words, tag("path", d=places, stroke=SCATTER, stroke_width=3.2, stroke_linecap="round"))
+
+
+def _entry(words: str, *drawn: Html) -> Html:
+    return tag("span", tag("svg", *drawn, viewBox="0 0 40 14", aria_hidden="true"), words)
+
+
+def _line(colour: str, width: float, dashes: str | None = None) -> Html:
+    return tag("path", d=LINE, stroke=colour, stroke_width=width, stroke_dasharray=dashes)

@@ -1,0 +1,30 @@
+"""HTML and SVG from pieces of text, in which text from outside cannot become markup."""
+
+import html
+
+VOID = frozenset({"meta", "br", "wbr"})  # elements without content and end
+
+
+class Html(str):
+    """Text that is markup already. Every other text is escaped where it enters an element."""
+
+    __slots__ = ()
+
+
+def joined(*parts: str) -> Html:
+    """Return the parts one after the other, escaped unless they are markup."""
+    return Html("".join(part if isinstance(part, Html) else html.escape(part) for part in parts))
+
+
+def tag(name: str, /, *content: str, **attributes: str | float | None) -> Html:
+    """Return an element with this content and these attributes, all escaped unless markup.
+
+    Attributes are written as Python allows: `class_`, `stroke_width`; None leaves one out.
+    """
+    written = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{html.escape(str(value))}"'
+        for key, value in attributes.items()
+        if value is not None
+    )
+    end = "" if name in VOID else f"{joined(*content)}</{name}>"
+    return Html(f"<{name}{written}>{end}")

@@ -1,0 +1,107 @@
+"""Numbers as a paper prints them: as many digits as are known, a minus that is one, a dash where there is none."""
+
+import math
+import re
+from collections.abc import Sequence
+
+from cmr.calibration.result import Estimate
+
+UNKNOWN = "\u2013"  # a dash, where a number is not known
+SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+MINUS = str.maketrans("-", "\u2212")
+MOST_DECIMALS, LEAST, LARGEST = 6, 1e-4, 1e7  # beyond, powers of ten are written
+SMALLEST_CHANCE = 1e-300  # what is smaller is rounding
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Return a number with this many significant digits."""
+    if value is None or math.isnan(value):
+        return UNKNOWN
+    if value == 0.0 or math.isinf(value):
+        return f"{value:.0f}".replace("inf", "\u221e").replace("-0", "0").translate(MINUS)
+    if not LEAST <= abs(value) < LARGEST:
+        return _power_of_ten(value, digits)
+    exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])  # after rounding: 9.99 may become 10.0
+    return fixed(value, max(digits - 1 - exponent, 0))
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Return a finite number with this many decimals."""
+    return f"{value:,.{decimals}f}".translate(MINUS)
+
+
+def likelihood(value: float) -> str:
+    """Return a difference of log-likelihoods: a tenth of it is nothing."""
+    return fixed(value, 1) if math.isfinite(value) else number(value)
+
+
+def alike(values: Sequence[float], digits: int = 2) -> list[str]:
+    """Return numbers with equally many decimals, so many that the smallest has this many significant digits."""
+    sizes = [abs(value) for value in values if math.isfinite(value) and value]
+    decimals = max(digits - 1 - math.floor(math.log10(min(sizes))), 0) if sizes else 0
+    if decimals > MOST_DECIMALS:
+        return [number(value, digits) for value in values]
+    return [fixed(value, decimals) if math.isfinite(value) else number(value) for value in values]
+
+
+def rounded(value: float, std: float) -> str:
+    """Return a value rounded to two digits of its standard deviation; to four of its own where that is not known."""
+    if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
+        return number(value)
+    decimals = max(1 - math.floor(math.log10(std)), 0)
+    return fixed(value, decimals) if decimals <= MOST_DECIMALS else number(value, 3)
+
+
+def with_sign(value: float, text: str) -> str:
+    """Return the text of a number with a plus before it where the number is above zero."""
+    return f"+{text}" if value > 0.0 else text
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as it is set behind a number; nothing for "-"."""
+    return "" if unit == "-" else typeset(unit)
+
+
+def typeset(text: str) -> str:
+    """Return a text in which exponents, as in rad/s^2, are raised."""
+    return re.sub(r"\^(-?\d+)", lambda match: match[1].translate(SUPERSCRIPTS), text)
+
+
+def given(value: float, unit: str) -> str:
+    """Return a number that is known exactly, or how well it is known is not, with its unit."""
+    text = f"{value:.6g}".translate(MINUS) if LEAST <= abs(value) < LARGEST else number(value)
+    return f"{text} {unit_text(unit)}".rstrip()
+
+
+def estimate_text(estimate: Estimate, unit: str) -> str:
+    """Return value and standard deviation, rounded to two digits of the latter, with unit."""
+    if not _known(estimate):
+        return given(estimate.value, unit)
+    value, std = (rounded(part, estimate.std) for part in (estimate.value, estimate.std))
+    return f"{value} \u00b1 {std} {unit_text(unit)}".rstrip()
+
+
+def interval_text(estimate: Estimate) -> str:
+    """Return the 95 % interval, rounded as the estimate is."""
+    if not _known(estimate):
+        return UNKNOWN
+    low, high = (rounded(end, estimate.std) for end in estimate.interval)
+    return f"{low} to {high}"
+
+
+def chance(p_value: float) -> str:
+    """Return a probability with its sign: "= 0.013", "< 10^-300"."""
+    if math.isnan(p_value):
+        return f"= {UNKNOWN}"
+    if p_value < SMALLEST_CHANCE:
+        return f"< {_power_of_ten(SMALLEST_CHANCE, 1).rpartition(' ')[2]}"
+    return f"= {number(p_value, 2)}"
+
+
+def _known(estimate: Estimate) -> bool:
+    return math.isfinite(estimate.value) and math.isfinite(estimate.std) and estimate.std > 0.0
+
+
+def _power_of_ten(value: float, digits: int) -> str:
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa} \u00d7 10{str(int(exponent)).translate(SUPERSCRIPTS)}".translate(MINUS)

@@ -1,0 +1,55 @@
+"""The whole page: everything a reader needs in one file, in the order of what matters most."""
+
+from pathlib import Path
+
+from cmr.diagnosis.report import found, measured, origin
+from cmr.diagnosis.report.markup import Html, joined, tag
+from cmr.diagnosis.report.pairs import pairs_of
+from cmr.diagnosis.report.style import STYLE
+from cmr.diagnosis.result import BAD_DATA, Diagnosis
+
+# Nothing may be loaded and nothing may run, whatever a name in the data says.
+POLICY = "default-src 'none'; style-src 'unsafe-inline'"
+
+
+def report_of(diagnosis: Diagnosis) -> str:
+    """Return the report as HTML that needs no network, no other file and no script."""
+    title = f"Diagnosis of robot {diagnosis.robot_id}: {found.BADGES.get(diagnosis.verdict, diagnosis.verdict)}"
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag("meta", http_equiv="Content-Security-Policy", content=POLICY),
+        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        tag("title", title),
+        tag("style", Html(STYLE)),
+    )
+    page = tag("html", head, tag("body", found.header(diagnosis), tag("main", _sections(diagnosis))), lang="en")
+    return f"<!DOCTYPE html>\n{page}\n"
+
+
+def write_report(diagnosis: Diagnosis, path: Path) -> None:
+    """Write the report to a file.
+
+    Raises OSError when it cannot be written.
+    """
+    path.write_text(report_of(diagnosis), encoding="utf-8")
+
+
+def _sections(diagnosis: Diagnosis) -> Html:
+    """Return all sections that have something to tell; with bad data, these come first."""
+    pairs = pairs_of(diagnosis.evidence.residuals)
+    data, next_steps = origin.data(diagnosis), found.next_steps(diagnosis)
+    spoilt = diagnosis.verdict == BAD_DATA
+    return joined(
+        *((data, next_steps) if spoilt else ()),
+        found.named(diagnosis),
+        measured.paths(diagnosis),
+        found.tell_tales(diagnosis, pairs),
+        measured.gain(diagnosis),
+        found.runners_up(diagnosis),
+        measured.remains(diagnosis, pairs),
+        *(() if spoilt else (data, next_steps)),
+        measured.parameters(diagnosis),
+        measured.residuals(diagnosis, pairs),
+        origin.provenance(diagnosis),
+    )

@@ -1,0 +1,142 @@
+"""Figures of residuals: large ones of a single pair, and small multiples of all."""
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from cmr.diagnosis.report.binned import TAIL, Bins, thinned
+from cmr.diagnosis.report.keys import DASHES, after_key, before_key, keys, sample_key
+from cmr.diagnosis.report.markup import Html, joined, tag
+from cmr.diagnosis.report.numbers import number, unit_text
+from cmr.diagnosis.report.pairs import Pair
+from cmr.diagnosis.report.style import AFTER, BEFORE, SCATTER
+from cmr.diagnosis.report.svg import Frame, Range, dots, error_bars, line, plot, squares, zero_line
+from cmr.diagnosis.report.terms import regressor, signal_words
+from cmr.recordings.signal import Floats
+
+MANY, FEW = 1500, 220  # samples of a scatter, in a large and in a small plot
+LARGE = {"width": 430.0, "height": 300.0}
+SMALL = {"width": 170.0, "height": 122.0, "text": 10.0, "room_left": 3.7, "room_top": 0.5}
+SEEN = 0.9  # share of the samples that a large plot shows at least; a small one shows fewer
+SEEN_SMALL = 0.6
+
+
+def tell_tale_figure(pair: Pair, caption: str) -> Html:
+    """Return a pair before and after side by side, on the same axes."""
+    limit = _limit([pair.means_before, pair.means_after], pair.before, SEEN)
+    plots = [_large(pair, pair.before, pair.means_before, "before", limit)]
+    plots.append(_large(pair, pair.after, pair.means_after, "after", limit))
+    return _figure(tag("div", *plots, class_="plots"), caption)
+
+
+def remaining_figure(pairs: Sequence[Pair], caption: str) -> Html:
+    """Return what the extended model leaves of a signal, over each of these regressors."""
+    limit = _limit([pair.means_after for pair in pairs], pairs[0].after, SEEN)
+    plots = [
+        _large(pair, pair.after, pair.means_after, f"over {regressor(pair.regressor).words}", limit) for pair in pairs
+    ]
+    return _figure(tag("div", *plots, class_="plots"), caption)
+
+
+def all_residuals(pairs: Iterable[Pair], *, changed: bool) -> Html:
+    """Return small multiples of all pairs, a figure for each signal."""
+    return joined(
+        *(_multiples(signal, list(group), changed) for signal, group in groupby(pairs, key=lambda pair: pair.signal))
+    )
+
+
+def _figure(plots: Html, caption: str) -> Html:
+    means = after_key("mean in a bin, \u00b1 1 standard error", marked=True)
+    return tag("figure", keys(means, sample_key("samples")), plots, tag("figcaption", caption))
+
+
+def _large(pair: Pair, residual: Floats, bins: Bins, title: str, limit: Range) -> Html:
+    frame = Frame(x=_extent(pair.over), y=limit, **LARGE)
+    shown = thinned(len(residual), MANY)
+    return plot(
+        frame,
+        dots(frame, pair.over[shown], residual[shown], SCATTER, 2.2),
+        zero_line(frame),
+        _means_after(frame, bins, 5.5),
+        x_label=regressor(pair.regressor).label,
+        y_label=f"{signal_words(pair.signal)}, real \u2212 model [{unit_text(pair.unit)}]",
+        title=title,
+        alt=_alt(pair, bins, title),
+    )
+
+
+def _multiples(signal: str, pairs: list[Pair], changed: bool) -> Html:
+    """Return one signal's residual over all regressors, on the same vertical axis."""
+    bins = [b for pair in pairs for b in ((pair.means_before, pair.means_after) if changed else (pair.means_before,))]
+    limit = _limit(bins, pairs[0].before, SEEN_SMALL)
+    plots = [_small(pair, limit, changed) for pair in pairs]
+    words = f"{signal_words(signal)}, real minus model [{unit_text(pairs[0].unit)}]"
+    entries = [before_key("mean before", marked=True)] if changed else []
+    entries.append(after_key("mean after" if changed else "mean", marked=True))
+    entries.append(sample_key("samples before" if changed else "samples"))
+    heading = tag("h3", words[0].upper() + words[1:])
+    caption = tag("figcaption", f"Residuals of the {words}, over all regressors.")
+    return joined(heading, tag("figure", keys(*entries), tag("div", *plots, class_="small"), caption))
+
+
+def _small(pair: Pair, limit: Range, changed: bool) -> Html:
+    frame = Frame(x=_extent(pair.over), y=limit, **SMALL)
+    shown = thinned(len(pair.before), FEW)
+    before, after = pair.means_before, pair.means_after
+    return plot(
+        frame,
+        dots(frame, pair.over[shown], pair.before[shown], SCATTER, 1.8),
+        zero_line(frame),
+        _means_before(frame, before) if changed else Html(""),
+        _means_after(frame, after, 3.2),
+        x_label=regressor(pair.regressor).label,
+        alt=_alt(pair, before, "before") + (f" {_alt(pair, after, 'after')}" if changed else ""),
+    )
+
+
+def _means_before(frame: Frame, bins: Bins) -> Html:
+    return joined(
+        line(frame, bins.centre, bins.mean, BEFORE, 1.1, DASHES),
+        error_bars(frame, bins.centre, bins.mean, bins.error, BEFORE),
+        squares(frame, bins.centre, bins.mean, BEFORE, 4.6),
+    )
+
+
+def _means_after(frame: Frame, bins: Bins, size: float) -> Html:
+    return joined(
+        line(frame, bins.centre, bins.mean, AFTER, 1.1),
+        error_bars(frame, bins.centre, bins.mean, bins.error, AFTER),
+        dots(frame, bins.centre, bins.mean, AFTER, size),
+    )
+
+
+def _extent(values: Floats) -> Range:
+    """Return the range of a regressor without its rare ends, with some room."""
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return 0.0, 1.0
+    low, high = (float(end) for end in np.quantile(finite, (TAIL, 1.0 - TAIL)))
+    room = 0.05 * (high - low) or max(0.05 * abs(low), 0.05)
+    return low - room, high + room
+
+
+def _limit(bins: Sequence[Bins], residual: Floats, seen: float) -> Range:
+    """Return a range that holds zero, all means with their errors, and this share of the samples."""
+    finite = residual[np.isfinite(residual)]
+    ends = np.quantile(finite, (0.5 - 0.5 * seen, 0.5 + 0.5 * seen)) if len(finite) else np.zeros(2)
+    known = [np.isfinite(b.mean) for b in bins]
+    tops = [float(np.max((b.mean + b.error)[k], initial=0.0)) for b, k in zip(bins, known, strict=True)]
+    lows = [float(np.min((b.mean - b.error)[k], initial=0.0)) for b, k in zip(bins, known, strict=True)]
+    low, high = min(float(ends[0]), *lows, 0.0), max(float(ends[1]), *tops, 0.0)
+    room = 0.08 * (high - low) or 1.0
+    return low - room, high + room
+
+
+def _alt(pair: Pair, bins: Bins, title: str) -> str:
+    """Return in words how far the means go."""
+    over = f"{signal_words(pair.signal)}, real minus model, over {regressor(pair.regressor).words}"
+    if not np.any(np.isfinite(bins.mean)):
+        return f"{over}, {title}: too few samples for means."
+    low, high = (number(float(end), 2) for end in (np.nanmin(bins.mean), np.nanmax(bins.mean)))
+    return f"{over}, {title}: means between {low} and {high} {unit_text(pair.unit)}."
