@@ -4,7 +4,7 @@ import csv
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -80,14 +80,13 @@ COLUMNS = ("set", *(part.name for part in fields(Case)), *(part.name for part in
 
 
 def append(path: Path, rows: Iterable[Row]) -> None:
-    """Append rows to a CSV file; a file that does not exist yet gets a heading first."""
-    begins = not path.exists() or path.stat().st_size == 0
-    torn = not begins and not path.read_bytes().endswith(b"\n")
+    """Append rows to a CSV file, in place of a line torn by the end of a process; a new file gets a heading first."""
+    there = path.read_bytes() if path.exists() else b""
+    whole = there.rfind(b"\n") + 1
     with path.open("a", newline="", encoding="utf-8") as stream:
-        if torn:
-            stream.write("\n")
+        stream.truncate(whole)
         writer = csv.writer(stream, lineterminator="\n")
-        if begins:
+        if not whole:
             writer.writerow(COLUMNS)
         for row in rows:
             writer.writerow(_cells(row))
@@ -109,16 +108,22 @@ def read(path: Path) -> list[Row]:
 
 
 def _cells(row: Row) -> list[str]:
-    case = {name: json.dumps(value) for name, value in asdict(row.case).items()}
-    further = [json.dumps(getattr(row, part.name)) for part in fields(Row)[2:]]
-    return [json.dumps(row.set_name), *case.values(), *further]
+    case = [getattr(row.case, part.name) for part in fields(Case)]
+    further = [getattr(row, part.name) for part in fields(Row)[2:]]
+    # No line breaks inside texts: a line of the file is a row.
+    texts = (value if isinstance(value, str) else json.dumps(value) for value in (row.set_name, *case, *further))
+    return [" ".join(text.split()) for text in texts]
 
 
 def _row(cells: Mapping[str, str]) -> Row:
-    values = {name: json.loads(cell) for name, cell in cells.items()}
-    case = Case(**{part.name: _frozen(values[part.name]) for part in fields(Case)})
-    further = {part.name: _frozen(values[part.name]) for part in fields(Row)[2:]}
-    return Row(set_name=values["set"], case=case, **further)
+    case = Case(**{part.name: _value(part, cells[part.name]) for part in fields(Case)})
+    further = {part.name: _value(part, cells[part.name]) for part in fields(Row)[2:]}
+    return Row(set_name=cells["set"], case=case, **further)
+
+
+def _value(part: Field[Any], cell: str) -> Any:
+    """Return what a cell says of a field: texts stand as they are, all else as JSON."""
+    return cell if part.type is str else _frozen(json.loads(cell))
 
 
 def _frozen(value: Any) -> Any:

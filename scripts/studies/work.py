@@ -1,0 +1,85 @@
+"""What a study of the diagnosis does with one case of one of its sets."""
+
+import json
+import multiprocessing
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from tests.hidden_effects.cases import Case
+from tests.hidden_effects.diagnosing import diagnosed, foretold, read_and_diagnosed, row_of
+from tests.hidden_effects.hiding import hide_case, truth_of
+from tests.hidden_effects.rows import Row, hidden
+
+COMMAND = Path(sys.prefix) / "bin" / "cmr-diagnose"
+
+
+def row(set_name: str, case: Case) -> Row:
+    """Return the row of a case."""
+    return WORK.get(set_name, diagnosed)(set_name, case)
+
+
+def by_command(set_name: str, case: Case) -> Row:
+    """Return what the whole command makes of a log, and the time of the processor beyond its start."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        return row_of(set_name, case, lambda: {**hidden(hide_case(case, folder / "run.lcm").truth), **_command(folder)})
+
+
+def apart(set_name: str, case: Case) -> Row:
+    """Return the row of a long log: it is written and diagnosed in processes of its own, so that memory can be told."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "run.lcm"
+
+        def findings() -> dict[str, Any]:
+            _in_a_process(hide_case, case, path)
+            return {**hidden(truth_of(case)), **_in_a_process(_with_memory, path)}
+
+        return row_of(set_name, case, findings)
+
+
+WORK: Mapping[str, Callable[[str, Case], Row]] = {"gain": foretold, "command": by_command, "hours": apart}
+
+
+def _command(folder: Path) -> dict[str, Any]:
+    """Run cmr-diagnose on the log in a folder."""
+    start = _processor_time([str(COMMAND), "--version"])
+    seconds = _processor_time([str(COMMAND), str(folder / "run.lcm"), "--out", str(folder / "found")])
+    said = json.loads((folder / "found" / "diagnosis.json").read_text(encoding="utf-8"))
+    named = tuple(effect["name"] for effect in said["effects"])
+    beside = tuple(tuple(effect["indistinguishable_from"]) for effect in said["effects"])
+    return {
+        "verdict": said["verdict"],
+        "names": named,
+        "indistinguishable": beside,
+        "cpu_seconds": seconds - start,
+    }
+
+
+def _processor_time(command: list[str]) -> float:
+    """Run a command and return the time of the processor that it took [s].
+
+    Raises RuntimeError with what it said when it fails.
+    """
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    if ended.returncode:
+        raise RuntimeError(f"{Path(command[0]).name} ended with {ended.returncode}: {ended.stderr.strip()[-300:]}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _in_a_process(function: Callable[..., Any], *arguments: Any) -> Any:
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(function, *arguments).result()
+
+
+def _with_memory(path: Path) -> dict[str, Any]:
+    """Return what is found in a log and how much memory this process has used at most."""
+    findings = read_and_diagnosed(path)
+    return {**findings, "memory": 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}
