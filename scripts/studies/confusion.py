@@ -38,7 +38,7 @@ def write_table(counts: Floats, path: Path) -> None:
             writer.writerow([name, *(int(count) for count in line)])
 
 
-def write_picture(counts: Floats, drive: str, path: Path) -> None:
+def write_picture(counts: Floats, title: str, path: Path) -> None:
     """Write a picture of the counts: the darker, the larger the share of the logs of one effect."""
     figure = Figure(figsize=(14.0, 13.0), dpi=110, layout="constrained")
     axes = figure.subplots()
@@ -48,8 +48,7 @@ def write_picture(counts: Floats, drive: str, path: Path) -> None:
         colour = "white" if shares[line, column] > 0.5 else "black"
         axes.text(column, line, f"{counts[line, column]:.0f}", ha="center", va="center", fontsize=7, color=colour)
     _label(axes)
-    right = np.trace(counts[:, : len(NAMES)]) / max(counts.sum(), 1.0)
-    axes.set_title(f"One hidden effect, {drive}: {right:.1%} of {counts.sum():.0f} logs with the right name first")
+    axes.set_title(title)
     figure.savefig(path)
 
 
