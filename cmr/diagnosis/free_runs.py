@@ -1,0 +1,277 @@
+"""Free runs over short windows: how far the model strays from the robot when nothing corrects it.
+
+Each window begins at the real pose and then runs on commands alone (on measured wheels where there are none). Wheel
+speeds, and what effects remember, run freely from the piece's beginning on: they do not stray.
+
+The window is short on purpose. Disturbances of a real drive make headings wander at random, and errors pile up with
+the 1.5th power of time: over 10 s, two logs of the same robot differ by 20 % and more in what a perfect model
+would get wrong. Over 3 s, with windows that overlap by half, they agree, so that an error measured on one log foretells
+that on the next.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.diagnosis.experiment import Piece
+from cmr.model.catalogue import definition
+from cmr.model.motion import RobotState, roll
+from cmr.model.observer import FOLLOWED, MOTION, RESTART, Gains, Heard, Innovations, observe
+from cmr.model.parameters import RobotParameters
+from cmr.recordings.signal import Floats
+
+WINDOW = 3.0  # s
+OVERLAP = 2  # windows that cover each moment
+COMPLETE = 0.95  # share of a window that its poses must span
+SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
+SMOOTHED = 0.5  # s before and after a moment, whose poses tell the pose at that moment
+WHEELS = ("psi_left", "psi_right")
+SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
+FREE = Gains(0.0, 0.0, 0.0, 0.0)  # nothing is followed
+
+Indices = NDArray[np.int64]
+Values = Mapping[str, float]
+
+
+class Fold(NamedTuple):
+    """Parameters by name of one or more models, found without some spans [s] of a piece: begin and end of each."""
+
+    models: tuple[Values, ...]
+    spans: tuple[tuple[float, float], ...] = ((-np.inf, np.inf),)
+
+
+class Windows(NamedTuple):
+    """When W free runs begin and end [s since the piece's beginning], and the numbers of their first poses, (W,).
+
+    Without poses the numbers are all 0.
+    """
+
+    begin: Floats
+    end: Floats
+    pose: Indices
+
+    def number_of(self, times: Floats) -> Indices:
+        """Return into which of the windows, which do not overlap, each time falls; -1 for none. Shape as `times`."""
+        number = np.searchsorted(self.begin, times, side="left") - 1
+        inside = (number >= 0) & (times <= np.append(self.end, -np.inf)[number])
+        return np.asarray(np.where(inside, number, -1))
+
+
+class Averages(NamedTuple):
+    """Errors averaged over n spans from `begin` to `end` [s] (n,), of C candidates: `error` (n, C)."""
+
+    begin: Floats
+    end: Floats
+    error: Floats
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one model's free runs over W windows of `window` [s].
+
+    `begin` [s since the recording's first sample] and the number of the `recording` have shape (W,); so have, by
+    signal of SIGNALS, the sums of squared errors `squares` (m, rad, rad/s) and how many errors there were, `counts`.
+    """
+
+    window: float
+    begin: Floats
+    recording: Indices
+    squares: Mapping[str, Floats]
+    counts: Mapping[str, Floats]
+
+    def rmse(self, *signals: str) -> float:
+        """Return the root mean square error of these signals together; NaN where none was recorded."""
+        count = sum(float(np.sum(self.counts[name])) for name in signals)
+        return float(np.sqrt(sum(np.sum(self.squares[name]) for name in signals) / count)) if count else np.nan
+
+
+def errors_of(piece: Piece, folds: Sequence[Fold], window: float = WINDOW) -> tuple[Errors, ...]:
+    """Return the errors in one piece of each model, all folds having the same number of them.
+
+    Windows do not reach beyond a fold's span; each is run with the parameters found without it. What is left over at
+    the ends is not used.
+    """
+    heard = piece.heard
+    values = stacked([model for fold in folds for model in fold.models])
+    smooth = smoothed_poses(heard, folds[0].models[0])
+    models = len(folds[0].models)
+    parts: list[list[Errors]] = [[] for _ in range(models)]
+    for phase in range(OVERLAP):
+        windows, fold = _windows(heard, folds, window, phase * window / OVERLAP)
+        if len(windows.begin) == 0:
+            continue
+        told = told_errors(heard, free_run(heard, windows.pose, smooth, values))
+        for model, part in enumerate(parts):
+            part.append(_summed(piece, window, windows, told, fold * models + model))
+    return tuple(joined(part, window) for part in parts)
+
+
+def joined(errors: Iterable[Errors], window: float = WINDOW) -> Errors:
+    """Return the errors of one model over all windows of several, each of `window` [s]."""
+    parts = list(errors)
+    empty = np.empty(0)
+    return Errors(
+        window,
+        np.concatenate([empty, *(part.begin for part in parts)]),
+        np.concatenate([empty.astype(np.int64), *(part.recording for part in parts)]),
+        {name: np.concatenate([empty, *(part.squares[name] for part in parts)]) for name in SIGNALS},
+        {name: np.concatenate([empty, *(part.counts[name] for part in parts)]) for name in SIGNALS},
+    )
+
+
+def stacked(models: Sequence[Values]) -> dict[str, Floats]:
+    """Return the values of all models by name, shape (models,); where one lacks a name, its neutral value."""
+    names = dict.fromkeys(name for model in models for name in model)
+    return {name: np.array([m.get(name, definition(name).neutral) for m in models], np.float64) for name in names}
+
+
+def free_run(heard: Heard, begins: Indices, poses: Floats, values: Mapping[str, Floats]) -> Innovations:
+    """Run freely from a piece's beginning to its end, put to `poses` (P, 3) at the poses with numbers `begins`.
+
+    What the sensors said less what they would have said comes back, at each pose that was measured.
+    """
+    # Twice, because where the tracked point is depends on the heading, which the first time sets.
+    at = np.repeat(begins + 1, 2)[: 2 * len(heard.pose)]
+    source = np.repeat(begins, 2)[: 2 * len(heard.pose)]
+    changed = replace(
+        heard,
+        pose_time=np.insert(heard.pose_time, at, heard.pose_time[source]),
+        pose=np.insert(heard.pose, at, poses[source], axis=0),
+        pose_use=np.insert(heard.pose_use, at, RESTART),
+    )
+    result = observe(changed, values, FREE)
+    measured = np.insert(np.ones(len(heard.pose), np.bool_), at, False)
+    return result._replace(pose=result.pose[measured])
+
+
+def smoothed_poses(heard: Heard, values: Values) -> Floats:
+    """Return the pose at each moment of a measured one, from all measured within SMOOTHED of it, shape (P, 3).
+
+    The motion between them is that of the wheels, as the paper's model with these values has it; in its absence that
+    of a free run. Errors of that motion that grow with time cancel between before and after. Headings are unwrapped.
+    """
+    if len(heard.pose) == 0:
+        return heard.pose
+    moved = _motion(heard, values)
+    theta = np.unwrap(heard.pose[:, 2])
+    first, last = _neighbours(heard)
+    turn = _means((theta - moved[:, 2])[:, None], first, last)[:, 0]
+    middle = _means(np.column_stack([heard.pose[:, :2], moved[:, :2]]), first, last)
+    behind = moved[:, :2] - middle[:, 2:]
+    cosine, sine = np.cos(turn), np.sin(turn)
+    x = middle[:, 0] + cosine * behind[:, 0] - sine * behind[:, 1]
+    y = middle[:, 1] + sine * behind[:, 0] + cosine * behind[:, 1]
+    return np.column_stack([x, y, moved[:, 2] + turn])
+
+
+def _motion(heard: Heard, values: Values) -> Floats:
+    """Return x, y, theta at the times of the poses, from anywhere on, of the wheels or else of a free run, (P, 3)."""
+    if len(heard.wheel) > 1:
+        path = roll(heard.wheel[:, 0], heard.wheel[:, 1], RobotParameters.of(values), RobotState.at_rest())
+        time, columns = heard.wheel_time, [path.x, path.y, path.theta]
+    else:
+        unbroken = replace(heard, pose_use=np.full_like(heard.pose_use, FOLLOWED))
+        motion = observe(unbroken, stacked([values]), FREE).motion
+        time = np.arange(len(motion), dtype=np.float64) * heard.dt
+        columns = [motion[:, MOTION.index(name)] for name in ("x", "y", "theta")]
+    return np.column_stack([np.interp(heard.pose_time, time, column) for column in columns])
+
+
+def _neighbours(heard: Heard) -> tuple[Indices, Indices]:
+    """Return the numbers of the first and the last pose near each, between the same new beginnings; (P,), (P,)."""
+    time = heard.pose_time
+    restarts = np.flatnonzero(heard.pose_use == RESTART)
+    part = np.searchsorted(restarts, np.arange(len(time)), side="right")
+    borders = np.concatenate([[0], restarts, [len(time)]])
+    first = np.maximum(np.searchsorted(time, time - SMOOTHED), borders[part])
+    last = np.minimum(np.searchsorted(time, time + SMOOTHED, side="right"), borders[part + 1]) - 1
+    return first, last
+
+
+def _means(values: Floats, first: Indices, last: Indices) -> Floats:
+    """Return the means of the rows from first to last, both included; shape (n, columns)."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return np.asarray((total[last + 1] - total[first]) / (last + 1 - first)[:, None])
+
+
+def windows_of(heard: Heard, window: float, late: float = 0.0, begin: float = -np.inf, end: float = np.inf) -> Windows:
+    """Return windows end to end, within `begin` and `end` [s], over each stretch in which the path does not break.
+
+    The first begins `late` [s] after its stretch.
+    """
+    if len(heard.pose) == 0:
+        begins = np.arange(max(begin, 0.0) + late, min(end, heard.seconds) - window + heard.dt, window)
+        return Windows(begins, begins + window, np.zeros(len(begins), np.int64))
+    numbers = []
+    time = heard.pose_time
+    for stretch in np.split(np.arange(len(time)), np.flatnonzero(heard.pose_use == RESTART)):
+        inside = stretch[(time[stretch] >= begin) & (time[stretch] <= end)]
+        if len(inside):
+            begins = np.arange(time[inside[0]] + late, time[inside[-1]] - COMPLETE * window, window)
+            numbers.append(inside[np.minimum(np.searchsorted(time[inside], begins - 1e-9), len(inside) - 1)])
+    number = np.unique(np.concatenate([np.empty(0, np.int64), *numbers]))
+    ends = time[number] + window
+    # A pose may be late; then the window before would reach into the next.
+    ends[:-1] = np.minimum(ends[:-1], time[number[1:]])
+    return Windows(time[number], np.minimum(ends, end), number)
+
+
+def _windows(heard: Heard, folds: Sequence[Fold], window: float, late: float) -> tuple[Windows, Indices]:
+    """Return the windows of all folds, and the number of each one's fold (W,)."""
+    spans = [(index, *span) for index, fold in enumerate(folds) for span in fold.spans]
+    parts = [windows_of(heard, window, late, begin, end) for _, begin, end in spans]
+    number = np.concatenate([np.full(len(part.begin), index) for (index, *_), part in zip(spans, parts, strict=True)])
+    begin = np.concatenate([part.begin for part in parts])
+    order = np.argsort(begin, kind="stable")
+    columns = (np.concatenate(column)[order] for column in zip(*parts, strict=True))
+    return Windows(*columns), number[order].astype(np.int64)
+
+
+def told_errors(heard: Heard, innovations: Innovations) -> dict[str, Averages]:
+    """Return the errors by signal of SIGNALS; positions as distances, speeds as means over SPAN, poses as they come."""
+    poses = heard.pose_time, heard.pose_time
+    result = {
+        "position": Averages(*poses, np.hypot(innovations.pose[:, 0], innovations.pose[:, 1])),
+        "heading": Averages(*poses, innovations.pose[:, 2]),
+        "yaw_rate": _binned(heard.gyro_time, innovations.gyro),
+    }
+    for side, name in enumerate(WHEELS):
+        used = heard.wheel_use[:, side] > 0 if len(heard.given) == 0 else np.zeros(len(heard.wheel), np.bool_)
+        result[name] = _rates(heard.wheel_time[used], innovations.wheel[used, side])
+    return result
+
+
+def _binned(time: Floats, error: Floats) -> Averages:
+    """Return means of errors (n, C) over each SPAN in which there are any."""
+    number = np.floor(time / SPAN)
+    first = np.flatnonzero(np.diff(number, prepend=-1.0))
+    if len(first) == 0:
+        return Averages(time, time, error)
+    count = np.diff(np.append(first, len(time)))
+    begin = number[first] * SPAN
+    return Averages(begin, begin + SPAN, np.add.reduceat(error, first) / count[:, None])
+
+
+def _rates(time: Floats, error: Floats) -> Averages:
+    """Return the rates at which errors (n, C) of angles grow, over spans of SPAN or little more."""
+    first = np.flatnonzero(np.diff(np.floor(time / SPAN), prepend=-1.0))
+    begin, end = time[first[:-1]], time[first[1:]]
+    wide = end - begin > 0.5 * SPAN
+    rate = np.diff(error[first], axis=0)[wide] / (end - begin)[wide, None]
+    return Averages(begin[wide], end[wide], rate)
+
+
+def _summed(piece: Piece, window: float, windows: Windows, told: Mapping[str, Averages], lane: Indices) -> Errors:
+    """Return the sums over windows of the errors of that candidate which belongs to each window, `lane` (W,)."""
+    squares: dict[str, Floats] = {}
+    counts: dict[str, Floats] = {}
+    for name, averages in told.items():
+        number = windows.number_of(0.5 * (averages.begin + averages.end))
+        inside = number >= 0
+        error = averages.error[inside, lane[number[inside]]]
+        squares[name] = np.asarray(np.bincount(number[inside], error**2, len(lane)), np.float64)
+        counts[name] = np.bincount(number[inside], minlength=len(lane)).astype(np.float64)
+    return Errors(window, windows.begin + piece.heard.time, np.full(len(lane), piece.recording), squares, counts)
