@@ -27,6 +27,11 @@ class Voltage:
         """The share by which it has fallen; NaN where nobody tells."""
         return 1.0 - self.now / self.start
 
+    @property
+    def steady(self) -> bool:
+        """Whether it is known and has not fallen."""
+        return self.known and self.fall < LEAST_FALL
+
     def __str__(self) -> str:
         return f"the battery shows {self.now:.1f} V, {self.start:.1f} V at the start"
 
@@ -35,15 +40,18 @@ class Voltage:
 class Cause:
     """One cause. `changes` are the changes it makes, by name, with the sign that they must have: 0 for either.
 
-    `title` names it in a few words, `advice` says what to do; both may depend on the sizes of the changes, by name,
-    and on the battery's voltage. `effect` is the effect of the catalogue that models it, empty if none does.
+    `title` names it in a few words, which may depend on the sizes of the changes, by name; `advice` says what to do.
+    `effect` is the effect of the catalogue that models it, empty if none does. `fits` tells whether the battery's
+    voltage allows it; where `tells_voltage`, the sentence says what the battery shows.
     """
 
     key: str
     changes: Mapping[str, int]
-    title: Callable[[Sizes, Voltage], str]
-    advice: Callable[[Sizes, Voltage], str]
+    title: Callable[[Sizes], str]
+    advice: str
     effect: str = ""
+    fits: Callable[[Voltage], bool] = lambda _voltage: True
+    tells_voltage: bool = False
 
     def allows(self, sizes: Sizes) -> bool:
         """Tell whether changes of these sizes, by name, can have this cause and are large enough to matter."""
@@ -55,50 +63,28 @@ class Cause:
     def sentence(self, sizes: Sizes, voltage: Voltage) -> str:
         """Return what is seen, the cause suspected, and what to do."""
         seen = " and ".join(BY_NAME[name].clause(sizes[name]) for name in self.changes)
+        shows = f"; {voltage}" if self.tells_voltage and voltage.known else ""
         effect = f" (effect {self.effect})" if self.effect else ""
-        return f"{seen[0].upper()}{seen[1:]}. Suspected: {self.title(sizes, voltage)}{effect}. " + self.advice(
-            sizes, voltage
-        )
+        return f"{seen[0].upper()}{seen[1:]}{shows}. Suspected: {self.title(sizes)}{effect}. {self.advice}"
 
 
-def _always(text: str) -> Callable[[Sizes, Voltage], str]:
-    return lambda _sizes, _voltage: text
+def _always(text: str) -> Callable[[Sizes], str]:
+    return lambda _sizes: text
 
 
-def _braked(_sizes: Sizes, voltage: Voltage) -> str:
-    if not voltage.known:
-        return "a low battery; no voltage is reported, so it may be a floor or a load that brakes as well"
-    if voltage.fall >= LEAST_FALL:
-        return f"a low battery: {voltage}"
-    return f"warm motors, a heavier load or a floor that brakes, not the battery: {voltage}"
-
-
-def _help_braked(_sizes: Sizes, voltage: Voltage) -> str:
-    if voltage.known and voltage.fall < LEAST_FALL:
-        return "Look what rubs; calibrate again if it stays so."
-    return "Charge the battery."
-
-
-def _lost(side: str) -> Callable[[Sizes, Voltage], str]:
-    return lambda sizes, _voltage: (
-        f"the {side} wheel slips" if sizes[f"{side}_slip"] > 0.0 else f"the {side} wheel's size or encoder has changed"
-    )
-
-
-def _both_lost(sizes: Sizes, _voltage: Voltage) -> str:
-    if sizes["slip"] > 0.8:
-        return "the robot is held fast, against a wall or off the ground, while its wheels turn"
-    return "both wheels slip" if sizes["slip"] > 0.0 else "the wheels' sizes or encoders have changed"
+def _both_slip(sizes: Sizes) -> str:
+    held = sizes["slip"] > 0.8
+    return "the robot is held fast, or off the ground, while its wheels turn" if held else "both wheels slip"
 
 
 def _asymmetric(side: str) -> Cause:
     return Cause(
         f"{side}_motor",
         {f"{side}_speed": 0},
-        lambda sizes, _voltage: (
+        lambda sizes: (
             f"the {side} motor or its gear " + ("is braked or weak" if sizes[f"{side}_speed"] < 0.0 else "runs freer")
         ),
-        _always(f"Look what rubs on the {side} side, and at the motor's connectors; calibrate again if it stays so."),
+        f"Look what rubs on the {side} side, and at the motor's connectors; calibrate again if it stays so.",
         "motor_gain_asymmetry",
     )
 
@@ -106,94 +92,111 @@ def _asymmetric(side: str) -> Cause:
 def _slipping(side: str) -> Cause:
     return Cause(
         f"{side}_slip",
-        {f"{side}_slip": 0},
-        _lost(side),
-        _always(f"Look at the {side} wheel: dust, a loose hub, too little weight on it, a slippery floor."),
+        {f"{side}_slip": 1},
+        _always(f"the {side} wheel slips"),
+        f"Look at the {side} wheel: dust, a loose hub, too little weight on it, a slippery floor.",
     )
 
 
 CAUSES = (
-    Cause("battery", {"speed": -1}, _braked, _help_braked, "battery_drift"),
+    Cause(
+        "battery",
+        {"speed": -1},
+        _always("a low battery"),
+        "Charge the battery; if it is full, look what brakes both sides.",
+        "battery_drift",
+        lambda voltage: not voltage.steady,
+        tells_voltage=True,
+    ),
+    Cause(
+        "braked",
+        {"speed": -1},
+        _always("warm motors, a heavier load or a floor that brakes, not the battery"),
+        "Look what rubs; calibrate again if it stays so.",
+        "motor_heating",
+        lambda voltage: voltage.steady,
+        tells_voltage=True,
+    ),
     Cause(
         "unbraked",
         {"speed": 1},
         _always("a fresher battery, a lighter load or a floor that brakes less"),
-        _always("Calibrate again if it stays so."),
+        "Calibrate again if it stays so.",
         "battery_drift",
     ),
     Cause(
         "floor",
         {"speed": 0, "turning": 0},
         _always("the robot has come onto another floor"),
-        _always("Calibrate on this floor if it stays there."),
+        "Calibrate on this floor if it stays there.",
         "surface_change",
     ),
     Cause(
         "grip",
         {"turning": 0},
         _always("wheels that grip otherwise in turns: another floor, weight that has shifted, or worn tyres"),
-        _always("Calibrate on this floor if it stays there."),
+        "Calibrate on this floor if it stays there.",
         "surface_change",
     ),
     Cause(
         "load",
         {"response": 0},
-        lambda sizes, _voltage: (
+        lambda sizes: (
             "a heavier load (the top speed is the same), or commands that arrive later"
             if sizes["response"] > 0.0
             else "a lighter load (the top speed is the same)"
         ),
-        _always("Look what the robot carries, and at the delay of its commands; calibrate again if it stays so."),
+        "Look what the robot carries, and at the delay of its commands; calibrate again if it stays so.",
         "payload_change",
     ),
     _asymmetric("left"),
     _asymmetric("right"),
     _slipping("left"),
     _slipping("right"),
-    Cause("slip", {"slip": 0}, _both_lost, _always("Look at the robot, its wheels and the floor.")),
+    Cause("slip", {"slip": 1}, _both_slip, "Look at the robot, its wheels and the floor."),
     Cause(
         "skid",
         {"skid": 0},
-        lambda sizes, _voltage: f"a floor that is {'more' if sizes['skid'] > 0.0 else 'less'} slippery sideways",
-        _always("Drive turns more slowly, or calibrate on this floor."),
+        lambda sizes: f"a floor that is {'more' if sizes['skid'] > 0.0 else 'less'} slippery sideways",
+        "Drive turns more slowly, or calibrate on this floor.",
         "lateral_skid",
     ),
     Cause(
         "gyro_offset",
         {"gyro_offset": 0},
         _always("the gyro's zero has moved, the robot has not"),
-        _always("Let the robot stand still until the driver has found the gyro's zero again, and let it warm up."),
+        "Let the robot stand still until the driver has found the gyro's zero again, and let it warm up.",
         "gyro_bias",
     ),
     Cause(
         "gyro_factor",
         {"gyro_factor": 0},
-        lambda sizes, _voltage: (
+        lambda sizes: (
             "the gyro has stopped telling turns"
             if sizes["gyro_factor"] < -0.8
             else "the gyro has changed, not the robot"
         ),
-        _always("Look at how the gyro is mounted and connected."),
+        "Look at how the gyro is mounted and connected.",
         "gyro_scale",
     ),
     Cause(
         "pose_late",
         {"pose_late": 0},
         _always("the localisation is late, or its clock is off; not the robot"),
-        _always("Look at the load of the localisation's computer, and at its clock."),
+        "Look at the load of the localisation's computer, and at its clock.",
         "pose_latency",
     ),
     Cause(
         "pose_way",
         {"pose_way": 0},
         _always("the scale of the localisation, or tyres that are flatter or fuller"),
-        _always("Measure a straight run with a tape: if the poses are right, look at the tyres."),
+        "Measure a straight run with a tape: if the poses are right, look at the tyres.",
         "wheel_radius_scale",
     ),
     Cause(
         "pose_still",
         {"pose_still": 0},
         _always("the localisation is at fault, not the robot"),
-        _always("Look at the localisation: does it still see the robot?"),
+        "Look at the localisation: does it still see the robot?",
     ),
 )

@@ -66,7 +66,7 @@ def _of_wheels(side: str) -> Callable[[float], str]:
 
 def _of_ground(side: str) -> Callable[[float], str]:
     return lambda size: (
-        f"the {side} side goes {per_cent(size)} {'less' if size > 0.0 else 'more'} far than its wheels turn"
+        f"the {side} side goes {per_cent(size)} {'less far' if size > 0.0 else 'further'} than its wheels turn"
     )
 
 
@@ -107,7 +107,7 @@ CHANGES = (
         0.1,
         lambda second: _ground(second, 1.0, 1.0),
         lambda size: (
-            f"the robot goes and turns {per_cent(size)} {'less' if size > 0.0 else 'more'} far than its wheels turn"
+            f"the robot goes and turns {per_cent(size)} {'less far' if size > 0.0 else 'further'} than its wheels turn"
         ),
     ),
     Change(
@@ -156,10 +156,10 @@ CHANGES = (
     ),
     Change(
         "pose_still",
-        0.1,
+        0.5,
         lambda second: _pose(-second.forward, -second.turn),
         lambda size: (
-            f"the poses follow the wheels {per_cent(size)} {'less' if size > 0.0 else 'more'} far than at the start"
+            f"the poses follow the wheels {per_cent(size)} {'less far' if size > 0.0 else 'further'} than at the start"
         ),
     ),
 )

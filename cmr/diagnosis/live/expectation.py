@@ -15,6 +15,8 @@ PASSES = 4  # in which noise and coefficients, each of which follows from the ot
 OUTLYING = 2.5  # standard deviations; what is further off weighs less (Huber)
 LEAST_NOISE = 0.5  # of the measure's scale; less is not believed of so few seconds
 STRONGEST_MEMORY = 0.6  # correlation of one second's noise with the next that is believed
+FURTHER = 1.25  # times; a regressor may be as much larger than ever before
+LIKELY = 4.0  # standard deviations; what is less likely is not learnt: it may be a change
 NOVEL = 0.5  # of the noise: where the expectation is more uncertain, a second is learnt instead of judged
 
 
@@ -30,6 +32,11 @@ class Residual(NamedTuple):
         """Whether the robot moved as it had not yet, so that nothing can be said."""
         return self.doubt > NOVEL * self.noise
 
+    @property
+    def likely(self) -> bool:
+        """Whether it may well be as expected."""
+        return abs(self.value) < LIKELY * math.hypot(self.noise, self.doubt)
+
 
 class Expectation:
     """What is expected of a measure. It is `ready` to judge after the seconds that the measure asks for."""
@@ -40,6 +47,7 @@ class Expectation:
         self._fitted = False
         self._coefficients: Floats = np.zeros(len(measure.prior))
         self._covariance: Floats = np.diag(np.square(measure.prior))
+        self._largest: Floats = np.zeros(len(measure.prior))
         self._noise = 1.0
 
     @property
@@ -50,8 +58,9 @@ class Expectation:
     def learn(self, second: Second) -> None:
         """Learn from a second in which the measure is known."""
         scale = self.measure.scale(second)
-        row = (*self.measure.regressors(second), self.measure.value(second))
-        self._rows.append(np.array(row) / scale)
+        regressors = np.array(self.measure.regressors(second))
+        self._largest = np.maximum(self._largest, np.abs(regressors))
+        self._rows.append(np.append(regressors, self.measure.value(second)) / scale)
         self._fitted = False
 
     def residual(self, second: Second) -> Residual:
@@ -60,7 +69,9 @@ class Expectation:
             self._fit()
         scale = self.measure.scale(second)
         regressors = np.array(self.measure.regressors(second))
-        doubt = math.sqrt(max(float(regressors @ self._covariance @ regressors), 0.0))
+        # The model is straight only as far as it has been seen: beyond, nothing is known but the prior.
+        beyond = np.maximum(np.abs(regressors) - FURTHER * self._largest, 0.0) * self.measure.prior
+        doubt = math.sqrt(max(float(regressors @ self._covariance @ regressors + beyond @ beyond), 0.0))
         expected = float(regressors @ self._coefficients)
         return Residual(self.measure.value(second) - expected, self._noise * scale, doubt)
 

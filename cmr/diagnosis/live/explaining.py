@@ -6,23 +6,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.diagnosis.live.causes import CAUSES, Cause, Sizes
+from cmr.diagnosis.live.causes import CAUSES, Cause, Sizes, Voltage
 from cmr.diagnosis.live.changes import BY_NAME
 from cmr.diagnosis.live.detection import Residuals
+from cmr.diagnosis.live.expectation import Residual
 from cmr.diagnosis.live.second import Second
 from cmr.recordings.signal import Floats
 
 ROUGH = 0.1  # share to which a large shift follows the form of a change
 RIVAL = 3.0  # nats; what fits as well within this is named, too
+MOST_RIVALS = 2
+FEWEST = 3  # seconds that a change must have lasted
 KEPT = 3.0  # nats by which another explanation must be better than the present one
+COINCIDENCE = 3.0  # nats; two causes at once are the less likely
 LEAST_SHARE = 0.5  # of what is seen an explanation must explain
 
 
 class Observed(NamedTuple):
-    """A second, and by how much its measures differ from what was expected at the start."""
+    """A second, and how far its measures are off those of the start, and off what is explained at present."""
 
     second: Second
     residuals: Residuals
+    beyond_present: Residuals
 
 
 class Explanation(NamedTuple):
@@ -46,42 +51,73 @@ class Explanation(NamedTuple):
         return {name: size for _, sizes in self.causes for name, size in sizes.items()}
 
 
-def explain(observed: Sequence[Observed], present: Explanation) -> Explanation:
-    """Return the best explanation of what has been seen since something changed, `present` being the one so far."""
-    residuals = [residual for item in observed for residual in item.residuals.values()]
-    noise = np.array([math.hypot(r.noise, r.doubt, ROUGH * r.value) for r in residuals])
-    seen = np.array([r.value for r in residuals]) / noise
-    columns = {name: _column(name, observed) / noise for name in BY_NAME}
-    fits = [_fit(seen, causes, columns) for causes in _candidates([cause for cause, _ in present.causes])]
-    possible = [(score + KEPT * (fit.names == present.names), fit) for score, fit in filter(None, fits)]
+def explain(observed: Sequence[Observed], present: Explanation, voltage: Voltage) -> Explanation:
+    """Return the best explanation of what has been seen, and since when: until then the `present` one holds.
+
+    `voltage` is what the battery shows.
+    """
+    known = [cause for cause in CAUSES if cause.fits(voltage)]
+    candidates = list(_candidates(known, [cause for cause, _ in present.causes]))
+    spoilt_before = np.cumsum([0.0, *(0.5 * _power(item.beyond_present) for item in observed)])
+    possible: list[tuple[float, Explanation]] = []
+    for onset in range(max(1, len(observed) - FEWEST + 1)):
+        after = _After.of(observed[onset:])
+        for score, fit in filter(None, (after.fit(causes) for causes in candidates)):
+            bonus = KEPT if fit.names == present.names else 0.0
+            possible.append((score + bonus - spoilt_before[onset], fit))
     best_score, best = max(possible, key=lambda fit: fit[0])
-    rivals = [fit.causes[0] for score, fit in possible if len(fit.causes) == 1 and score > best_score - RIVAL]
-    return best._replace(rivals=tuple(rival for rival in rivals if len(best.causes) == 1 and rival not in best.causes))
+    if len(best.causes) != 1:
+        return best
+    near = sorted((fit for fit in possible if fit[0] > best_score - RIVAL), key=lambda fit: -fit[0])
+    others = {fit.names: fit.causes[0] for _, fit in near if len(fit.causes) == 1 and fit.names != best.names}
+    return best._replace(rivals=tuple(others.values())[:MOST_RIVALS])
 
 
-def _fit(seen: Floats, causes: Sequence[Cause], columns: Mapping[str, Floats]) -> tuple[float, Explanation] | None:
-    """Return the log-likelihood of the causes, less what chance would give them, and their sizes; None if absurd."""
-    names = [name for cause in causes for name in cause.changes]
-    design = np.array([columns[name] for name in names]).reshape(len(names), len(seen))
-    values = np.linalg.lstsq(design.T, seen, rcond=None)[0]
-    sizes = dict(zip(names, values.tolist(), strict=True))
-    if not all(cause.allows(sizes) for cause in causes):
-        return None
-    left = seen - values @ design
-    power, unexplained = float(seen @ seen), float(left @ left)
-    complete = unexplained <= max((1.0 - LEAST_SHARE) * power, 2.0 * len(seen))
-    chance = len(names) * (1.0 + 0.5 * math.log(max(len(seen), 1)))
-    found = tuple((cause, {name: sizes[name] for name in cause.changes}) for cause in causes)
-    return -0.5 * unexplained - chance, Explanation(found, (), complete)
+class _After(NamedTuple):
+    """The residuals since the onset of a change, shape (n,), and the shifts by each change, all in units of noise."""
+
+    seen: Floats
+    columns: Mapping[str, Floats]
+
+    @classmethod
+    def of(cls, observed: Sequence[Observed]) -> "_After":
+        residuals = [residual for item in observed for residual in item.residuals.values()]
+        noise = np.array([_noise(residual) for residual in residuals])
+        columns = {name: _column(name, observed) / noise for name in BY_NAME}
+        return cls(np.array([residual.value for residual in residuals]) / noise, columns)
+
+    def fit(self, causes: Sequence[Cause]) -> tuple[float, Explanation] | None:
+        """Return the log-likelihood of causes, less what chance would give them, and their sizes; None if absurd."""
+        names = [name for cause in causes for name in cause.changes]
+        design = np.array([self.columns[name] for name in names]).reshape(len(names), len(self.seen))
+        values = np.linalg.lstsq(design.T, self.seen, rcond=None)[0]
+        sizes = dict(zip(names, values.tolist(), strict=True))
+        if not all(cause.allows(sizes) for cause in causes):
+            return None
+        left = self.seen - values @ design
+        power, unexplained = float(self.seen @ self.seen), float(left @ left)
+        complete = unexplained <= max((1.0 - LEAST_SHARE) * power, 2.0 * len(left))
+        chance = len(names) * (1.0 + 0.5 * math.log(max(len(left), 1))) + COINCIDENCE * max(len(causes) - 1, 0)
+        found = tuple((cause, {name: sizes[name] for name in cause.changes}) for cause in causes)
+        return -0.5 * unexplained - chance, Explanation(found, (), complete)
 
 
-def _candidates(present: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
+def _noise(residual: Residual) -> float:
+    """Return the standard deviation of a residual about the shift that a change makes."""
+    return math.hypot(residual.noise, residual.doubt, ROUGH * residual.value)
+
+
+def _power(residuals: Residuals) -> float:
+    return sum((residual.value / _noise(residual)) ** 2 for residual in residuals.values())
+
+
+def _candidates(known: Sequence[Cause], present: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
     """Yield what may explain everything: nothing, one cause, one of those suspected so far and another."""
     yield ()
-    for cause in CAUSES:
+    for cause in known:
         yield (cause,)
     for old in present:
-        for cause in CAUSES:
+        for cause in known:
             if not old.changes.keys() & cause.changes.keys():
                 yield old, cause
 

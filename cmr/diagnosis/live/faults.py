@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 from cmr.diagnosis.live.causes import Voltage
 from cmr.diagnosis.live.measures import MOVING_SECONDS
-from cmr.diagnosis.live.second import PoseSteps, Second
+from cmr.diagnosis.live.second import FROZEN_WAY, LEAST_ANGLE, PoseSteps, Second
 from cmr.msg import motor_feedback_t
 
-MEANT = 0.08  # duty; a smaller one may be too little to move the wheels
+MEANT = 0.15  # duty; a smaller one may be too little to move the wheels
 STANDING = 0.1  # rad in a second
 SURE_AFTER = 2  # seconds of standing still
 MISSED_AFTER = 3  # seconds without a sensor that was there before
@@ -23,7 +23,7 @@ LOW = 0.1  # share by which the voltage has fallen
 PRESENT_VOLTAGE = 10  # seconds over which the voltage is taken
 
 POSE_MEASURES = frozenset({"forward", "sideways", "heading", "turn_by_pose"})
-WHEEL_MEASURES = frozenset({"drive", "steer"})
+WHEEL_MEASURES = frozenset({"drive", "steer", "turn_by_gyro", "turn_by_pose", "forward", "sideways"})
 CONDITIONS = (
     (motor_feedback_t.STATUS_ESTOP, "the emergency stop is engaged; release it"),
     (motor_feedback_t.STATUS_NOT_ARMED, "the motors are not armed; start cmr-driver again"),
@@ -83,15 +83,21 @@ class Faults:
 
     def _standing_still(self, second: Second) -> Iterator[tuple[str, Suspicion]]:
         for side in (0, 1):
-            way = second.path[side] / float(second.parameters.wheel_radius)
-            stands = abs(second.commanded[side]) > MEANT and way < STANDING
-            self._standing[side] = self._standing[side] + 1 if stands else 0
+            # A driver that passes nothing on leaves the twin standing, too.
+            wanted = second.commanded[side] > MEANT and (
+                second.predicted_path[side] > LEAST_ANGLE or second.applied[side] == 0.0
+            )
+            stands = second.path[side] < STANDING * float(second.parameters.wheel_radius)
+            if not stands:
+                self._standing[side] = 0
+            elif wanted or self._standing[side] >= SURE_AFTER:
+                self._standing[side] += 1
         if any(self._standing):
             self.muted |= WHEEL_MEASURES
         stuck = [seconds >= SURE_AFTER for seconds in self._standing]
         if any(stuck):
             name = "both sides'" if all(stuck) else "the left" if stuck[0] else "the right"
-            duty = max(abs(second.commanded[side]) for side in (0, 1) if stuck[side])
+            duty = max(second.commanded[side] for side in (0, 1) if stuck[side])
             seen = f"{name[0].upper()}{name[1:]} wheels stand still at a commanded duty of {duty:.2f}"
             yield "standing", Suspicion(f"{name} wheels standing still", f"{seen}: {_why_standing(second, stuck)}.")
 
@@ -116,7 +122,7 @@ class Faults:
     def _localisation(self, second: Second) -> Iterator[tuple[str, Suspicion]]:
         if second.pose is None:
             return
-        if second.pose.frozen:
+        if second.pose.same and (second.pose.moved or "frozen" in self.present):
             self.muted |= POSE_MEASURES
             yield (
                 "frozen",
@@ -163,6 +169,17 @@ class Faults:
             yield "battery", Suspicion("low battery", sentence, voltage.fall)
 
 
+def _moves(second: Second, side: int) -> bool:
+    """Tell whether the robot's side moves over the ground by the poses, as far as its wheels should have turned."""
+    if second.pose is None:
+        return False
+    parameters = second.parameters
+    turned = second.pose.turn * float(parameters.base_width) / 2.0
+    ground = second.pose.forward + (turned if side else -turned)
+    wanted = float(parameters.wheel_radius) * second.predicted[side]
+    return abs(ground) > FROZEN_WAY and abs(ground - wanted) < 0.5 * abs(wanted)
+
+
 def _why_standing(second: Second, stuck: list[bool]) -> str:
     """Return why wheels may stand still, and what to do."""
     for bit, reason in CONDITIONS:
@@ -170,7 +187,7 @@ def _why_standing(second: Second, stuck: list[bool]) -> str:
             return reason
     if all(second.applied[side] == 0.0 for side in (0, 1) if stuck[side]):
         return "the driver does not pass the commands on; look at its PROCESS_STATUS"
-    if second.pose is not None and abs(second.pose.forward) + abs(second.pose.turn) > STANDING:
+    if any(_moves(second, side) for side in (0, 1) if stuck[side]):
         return "but the robot moves, so it is the encoder that is at fault; look at its cable"
     return (
         "the motor is off or blocked, or the duty is too small to overcome friction; look at power, cables and wheels"

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cmr.diagnosis.live.second import LEAST_ANGLE, Second
+from cmr.diagnosis.live.second import Second
 
 MOVING_SECONDS, RESTING_SECONDS = 20, 3  # that are learnt from before anything is judged
 
@@ -48,8 +48,8 @@ def _drive(second: Second) -> float:
 
 def _drive_regressors(second: Second) -> Row:
     speed, steer = common(*second.predicted), opposite(*second.predicted)
-    friction = common(*map(_direction, second.predicted))
-    return speed, steer, friction, common(*second.predicted_change), abs(steer) * _direction(speed)
+    friction, drag = common(*second.predicted_direction), common(*second.predicted_square)
+    return speed, steer, friction, drag, common(*second.predicted_change), math.copysign(steer, speed)
 
 
 def _steer(second: Second) -> float:
@@ -57,17 +57,13 @@ def _steer(second: Second) -> float:
 
 
 def _steer_regressors(second: Second) -> Row:
-    friction = opposite(*map(_direction, second.predicted))
-    return opposite(*second.predicted), common(*second.predicted), friction, opposite(*second.predicted_change)
-
-
-def _direction(angle: float) -> float:
-    """Return -1 or 1 as a wheel turned this way [rad], in between for one that hardly did."""
-    return min(max(angle / LEAST_ANGLE, -1.0), 1.0)
+    speed, steer = common(*second.predicted), opposite(*second.predicted)
+    friction, drag = opposite(*second.predicted_direction), opposite(*second.predicted_square)
+    return steer, speed, friction, drag, opposite(*second.predicted_change)
 
 
 def _wheel_scale(second: Second) -> float:
-    return math.hypot(0.02, 0.005 * common(*map(abs, second.predicted)))
+    return math.hypot(0.02, 0.003 * common(*map(abs, second.predicted)))
 
 
 def _turn_by_gyro(second: Second) -> float:
@@ -105,8 +101,8 @@ def _place_scale(second: Second) -> float:
 
 
 MEASURES = (
-    Measure("drive", "rad", _drive, _drive_regressors, (0.2, 0.2, 2.0, 0.3, 0.2), _wheel_scale),
-    Measure("steer", "rad", _steer, _steer_regressors, (0.3, 0.1, 2.0, 0.3), _wheel_scale),
+    Measure("drive", "rad", _drive, _drive_regressors, (0.2, 0.2, 2.0, 0.2, 0.3, 0.2), _wheel_scale),
+    Measure("steer", "rad", _steer, _steer_regressors, (0.3, 0.1, 2.0, 0.2, 0.3), _wheel_scale),
     Measure(
         "turn_by_gyro",
         "rad",

@@ -42,8 +42,10 @@ class RobotWatch:
         self.faults.add(second)
         self._moving_seconds += second.moving
         residuals = self._residuals(second)
-        self._window.append(Observed(second, residuals))
-        since = self._detector.add(second, self._beyond_present(second, residuals))
+        beyond_present = self._beyond_present(second, residuals)
+        if residuals:
+            self._window.append(Observed(second, residuals, beyond_present))
+        since = self._detector.add(second, beyond_present)
         if since is not None and self._since is None:
             self._since, self._decision = since, second.end + CONSIDERED
         if self._since is not None and second.end >= self._decision:
@@ -81,7 +83,7 @@ class RobotWatch:
             residual = expectation.residual(second) if expectation.ready else None
             if residual is not None and not residual.novel:
                 residuals[name] = residual
-            elif calm:
+            elif calm and (residual is None or residual.likely):
                 expectation.learn(second)
         return residuals
 
@@ -96,8 +98,8 @@ class RobotWatch:
 
     def _explain(self, utime: int, since: int) -> None:
         """Find out what has changed since then."""
-        observed = [item for item in self._window if item.second.end >= since and item.residuals]
-        found = explain(observed, self._explanation)
+        observed = [item for item in self._window if item.second.end >= since]
+        found = explain(observed, self._explanation, self.faults.voltage)
         if found.complete:
             self._explanation, self._unexplained = found, None
         else:
@@ -107,12 +109,11 @@ class RobotWatch:
         self._detector.reset()
 
     def _suspicion(self, cause: Cause, sizes: Sizes) -> Suspicion:
-        voltage = self.faults.voltage
-        title, sentence = cause.title(sizes, voltage), cause.sentence(sizes, voltage)
-        others = " or ".join(rival.title(theirs, voltage) for rival, theirs in self._explanation.rivals)
+        sentence = cause.sentence(sizes, self.faults.voltage)
+        others = " or ".join(rival.title(theirs) for rival, theirs in self._explanation.rivals)
         if others:
             sentence += f" So far it may as well be: {others}."
-        return Suspicion(title, sentence, max(map(abs, sizes.values())))
+        return Suspicion(cause.title(sizes), sentence, max(map(abs, sizes.values())))
 
 
 def unexplained(found: Explanation) -> Suspicion:
@@ -142,8 +143,7 @@ class Announcer:
                 news.append(suspicion.sentence)
                 self._said[key] = (utime, suspicion.size)
                 self._open[key] = suspicion.title
-        for key in [key for key in self._open if key not in suspicions]:
-            title = self._open.pop(key)
-            if title:
-                news.append(f"No longer seen: {title}.")
-        return news
+        over = [title for key in self._open if key not in suspicions and (title := self._open[key])]
+        self._open = {key: title for key, title in self._open.items() if key in suspicions}
+        # What has got another explanation is not over.
+        return news or [f"No sign any more of: {title}." for title in over]

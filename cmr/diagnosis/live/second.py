@@ -19,6 +19,7 @@ SECOND = 1_000_000  # us
 AROUND = 500_000  # us before and after the second that are looked at, too
 LONGEST_GAP, LONGEST_POSE_GAP = 0.25, 0.5  # s; over a longer one wheels and gyro, or poses, are not followed
 MIDDLE = 0.15  # s before and after a moment over which the speed at that moment is averaged
+RESTING = 0.5  # rad/s; slower wheels are as good as resting
 LEAST_ANGLE = 0.3  # rad; a wheel that turned less in the second, and should have, counts as resting
 FROZEN_WAY, FROZEN_ANGLE = 0.03, 0.1  # m and rad that wheels must make until equal poses are called frozen
 
@@ -29,7 +30,7 @@ class PoseSteps(NamedTuple):
     """What a second of poses says: displacement ahead and to the left [m], of the heading half-way, and turn [rad].
 
     `jump` [m] and `turn_jump` [rad] are by how much the largest step from one pose to the next exceeds what turning
-    wheels can do in that time. `frozen`: all poses are equal, though the wheels turned.
+    wheels can do in that time. `same`: all poses are equal; `moved`: by the wheels they should not be.
     """
 
     forward: float
@@ -37,25 +38,35 @@ class PoseSteps(NamedTuple):
     turn: float
     jump: float
     turn_jump: float
-    frozen: bool
+    same: bool
+    moved: bool
 
 
 @dataclass(frozen=True)
 class Second:
     """One second of a drive that ends at `end` [us]; pairs are left and right, what was not measured is NaN.
 
-    `turned` and `predicted` [rad] are how far wheels turned and should have, `predicted_change` [rad/s] by how much
-    their speeds should have changed. `forward`, `sideways` [m] and `turn` [rad] are what the wheels' turning makes on
-    the floor, `path` [m] the way of each side's wheels, there and back; `speed_change` [m/s] and `turn_rate_change`
-    [rad/s] are from the beginning to the end. `gyro` [rad] is the turn it tells. `commanded` and `applied` are mean
-    sizes of duties: what was asked for, what the driver says it passed on. `status` are all bits of the feedback.
+    `turned` and `predicted` [rad] are how far wheels turned and should have, `predicted_path` [rad] there and back,
+    too; `predicted_change` [rad/s] by how much their speeds should have changed; `predicted_direction` [-1 to 1] and
+    `predicted_square` [rad] are what dry friction and drag would act on: the means of the speed's sign and, in units of
+    the top speed, of its square.
+
+    `forward`, `sideways` [m] and `turn` [rad] are what the wheels' turning makes on the floor, `path` [m] the way of
+    each side's wheels, there and back; `speed_change` [m/s] and `turn_rate_change` [rad/s] are from the beginning to
+    the end. `gyro` [rad] is the turn that it tells.
+
+    `commanded` and `applied` are mean sizes of duties: what was asked for, and what the driver says it passed on.
+    `status` are all bits of the feedback, `voltage` [V] is the battery's.
     """
 
     end: int
     parameters: RobotParameters
     turned: Pair
     predicted: Pair
+    predicted_path: Pair
     predicted_change: Pair
+    predicted_direction: Pair
+    predicted_square: Pair
     forward: float
     sideways: float
     turn: float
@@ -110,7 +121,10 @@ def observe(hearing: Hearing, twin: Twin, parameters: RobotParameters, begin: in
         parameters=parameters,
         turned=_pair(at_grid[-1] - at_grid[0]),
         predicted=_pair(travel) if known else (math.nan, math.nan),
+        predicted_path=_pair(np.abs(predicted).mean(axis=0)),
         predicted_change=_pair(predicted[-1] - predicted[0]),
+        predicted_direction=_pair(np.clip(predicted / RESTING, -1.0, 1.0).mean(axis=0)),
+        predicted_square=_pair((predicted * np.abs(predicted)).mean(axis=0) * parameters.k1),
         forward=float(ahead.real),
         sideways=float(ahead.imag),
         turn=turn,
@@ -197,7 +211,8 @@ def _pose(hearing: Hearing, begin: int, way: Floats, parameters: RobotParameters
         turn=float(theta1 - theta0),
         jump=float(jumps[inside[1:]].max(initial=0.0)),
         turn_jump=float(turn_jumps[inside[1:]].max(initial=0.0)),
-        frozen=bool(moved and inside.sum() > 2 and np.ptp(rows[inside, 1:], axis=0).max() == 0.0),
+        same=bool(inside.sum() > 2 and np.ptp(rows[inside, 1:], axis=0).max() == 0.0),
+        moved=bool(moved),
     )
 
 
