@@ -31,6 +31,7 @@ def command_line(name: str, folder: Path, url: str) -> list[str]:
         "cmr-driver": ["--port", silent_port()],
         "cmr-emulate": ["--ports", str(folder / "ports")],
         "cmr-demo": ["--out", str(folder / "demo")],
+        "cmr-diagnose": ["--live"],
     }
     return [str(Path(sys.executable).parent / name), "--lcm-url", url, *options.get(name, [])]
 
@@ -58,7 +59,9 @@ def help_of(name: str) -> "subprocess.CompletedProcess[str]":
 
 
 def test_the_commands_of_the_interface_are_there() -> None:
-    assert {"cmr-sim", "cmr-driver", "cmr-calibrate", "cmr-demo", "cmr-emulate", "cmr-import"} <= set(COMMANDS)
+    assert {"cmr-sim", "cmr-driver", "cmr-calibrate", "cmr-demo", "cmr-diagnose", "cmr-emulate", "cmr-import"} <= set(
+        COMMANDS
+    )
     assert all(name.startswith("cmr-") for name in COMMANDS)
 
 

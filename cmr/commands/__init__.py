@@ -47,6 +47,11 @@ def demo() -> int:
     return run("cmr.commands.demo")
 
 
+def diagnose() -> int:
+    """Start cmr-diagnose."""
+    return run("cmr.commands.diagnose")
+
+
 def driver() -> int:
     """Start cmr-driver."""
     return run("robot_driver.main")
