@@ -54,9 +54,7 @@ def _gaps(utime: Times, longest: float) -> list[tuple[int, int]]:
     return [(int(utime[index]), int(utime[index + 1])) for index in at]
 
 
-def _piece(
-    recording: Recording, first: int, last: int, beginning: int, splits: Sequence[int], number: int
-) -> Piece:
+def _piece(recording: Recording, first: int, last: int, beginning: int, splits: Sequence[int], number: int) -> Piece:
     steps = int((last - first) * SECONDS / STEP)
     end = first + int(steps * STEP / SECONDS)
     wheels, gyro, poses = (s.between(first, end) for s in (recording.wheels, recording.gyro, recording.poses))

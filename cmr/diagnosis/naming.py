@@ -91,8 +91,14 @@ def _choose(
     """Return the best effect that holds, with its rivals, and why each of the others is not named."""
     others = []
     chosen: Tried | None = None
-    for tried in ranked:
-        why = why_not(study, tried, inflation) if chosen is None else "explains less than the effect named"
+    for candidate in ranked:
+        tried = candidate
+        why = "explains less than the effect named"
+        if chosen is None:
+            why = why_not(study, tried, inflation)
+            if not why and tried.fit is None:
+                tried = _with_everything(study, current, tried)
+                why = why_not(study, tried, inflation)
         if chosen is None and not why:
             chosen = tried
         else:

@@ -20,6 +20,7 @@ LARGEST_SHARE = 3.0  # of a trial's size that the noise's model may use
 MOST_OF_A_LIMIT = 1.3  # of a trial's size that a limit's score may use
 ROUNDS = 2
 NOTHING = 1e-6  # white errors squared; a trial that changes less says nothing
+SET_ASIDE, FEWEST = 4, 10  # best trials that do not count for the inflation; others that must be left
 MEDIAN_OF_CHI2 = 0.4549  # with one degree of freedom
 
 
@@ -71,7 +72,7 @@ def screen(
         if score.drop > best.get(score.trial.effect, score).drop or score.trial.effect not in best:
             best[score.trial.effect] = score
     ordered = tuple(sorted(best.values(), key=lambda score: -score.drop))
-    return Screening(noise, ordered, _inflation(scores))
+    return Screening(noise, ordered, _inflation(attempts, trial_moves - basis @ along, rest))
 
 
 def noise_of_all(study: Study, errors: Sequence[Errors], free: int, noise: Noise | None) -> Noise:
@@ -116,9 +117,24 @@ def _one_sided(trial: Trial) -> bool:
     return all(parameter.lower == parameter.neutral for parameter in switches)
 
 
-def _inflation(scores: Sequence[Score]) -> float:
-    """Return how much larger than chance the usual score is; of scores of one sign half are zero by chance."""
-    two_sided = [score.drop for score in scores if not score.trial.threshold and not _one_sided(score.trial)]
-    if len(two_sided) < 10:
+def _inflation(attempts: Sequence[Trial], moves: Floats, rest: Floats) -> float:
+    """Return how much larger than chance the usual score is, once the few best trials have explained their share.
+
+    `moves` (n, trials) and `rest` (n,) are free of what the model itself explains. Only trials of both signs count:
+    of the others half are zero by chance.
+    """
+    counted = np.array([not trial.threshold and not _one_sided(trial) for trial in attempts])
+    normal, pulls = moves.T @ moves, moves.T @ rest
+    taken: list[int] = []
+    for _ in range(SET_ASIDE):
+        sizes, free = np.diag(normal), np.diag(normal) > NOTHING
+        drops = np.where(free, pulls**2 / np.where(free, sizes, 1.0), 0.0)
+        best = int(np.argmax(drops))
+        taken.append(best)
+        share = normal[:, best] / max(sizes[best], NOTHING)
+        pulls = pulls - share * pulls[best]
+        normal = normal - np.outer(share, normal[best])
+    free = (np.diag(normal) > NOTHING) & counted
+    if np.count_nonzero(free) < FEWEST:
         return 1.0
-    return max(1.0, float(np.median(two_sided)) / MEDIAN_OF_CHI2)
+    return max(1.0, float(np.median(pulls[free] ** 2 / np.diag(normal)[free])) / MEDIAN_OF_CHI2)

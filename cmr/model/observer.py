@@ -176,7 +176,18 @@ def _source(model: ExtendedModel, history: int) -> str:
     loops = observer_loops.LOOPS
     for place, lines in stages.items():
         loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 20}{line}\n" for line in lines))
-    names = ("X", "Y", "THETA", "PSI_LEFT", "PSI_RIGHT", "ANGLE_LEFT", "ANGLE_RIGHT", "COMMAND_LEFT", "COMMAND_RIGHT", "KEPT_END")
+    names = (
+        "X",
+        "Y",
+        "THETA",
+        "PSI_LEFT",
+        "PSI_RIGHT",
+        "ANGLE_LEFT",
+        "ANGLE_RIGHT",
+        "COMMAND_LEFT",
+        "COMMAND_RIGHT",
+        "KEPT_END",
+    )
     used = ("advance", "prepare", "send", "LANES", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND", "FIRST", "SECOND")
     constants = {
         "HISTORY": history,
