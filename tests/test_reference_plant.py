@@ -9,7 +9,7 @@ import pytest
 from cmr.calibration import calibrate
 from cmr.recordings.signal import Floats
 from tests.reference_plant import NEUTRAL, REALISTIC, TYPICAL, Commands, Noise, drive, packets, recording
-from tests.reference_plant.drives import arrivals, true_motion
+from tests.reference_plant.drives import Pose, arrivals, true_motion, utime
 from tests.reference_plant.manoeuvres import (
     RICH_DRIVE_SECONDS,
     Manoeuvre,
@@ -19,6 +19,7 @@ from tests.reference_plant.manoeuvres import (
     rich_drive,
 )
 from tests.reference_plant.parameters import plant_parameters
+from tests.reference_plant.steering import steered
 
 RATE = NEUTRAL.k1 * NEUTRAL.k2_over_k3  # 1/s, one over the motor's time constant
 SENSORS = ("encoder", "gyro", "pose", "clock")
@@ -183,3 +184,128 @@ def test_the_rich_drive_rests_at_both_ends_and_uses_both_directions_at_every_spe
     for duty in (commands.left, commands.right):
         assert (duty.min(), duty.max()) == pytest.approx((-0.9, 0.9))
     assert not np.any(np.abs(np.concatenate([commands.left, commands.right])) > 1.0)
+
+
+def test_the_motion_under_a_pilots_commands_is_the_one_that_the_pilot_saw() -> None:
+    seen: list[tuple[float, Pose]] = []
+
+    def pilot(time: float, pose: Pose) -> tuple[float, float]:
+        seen.append((time, pose))
+        return 0.3 + 0.1 * math.cos(time), 0.4 - 0.2 * pose[2]
+
+    sizes = {**TYPICAL["command_jitter"], **TYPICAL["command_loss"], "traction_loss": 0.5}
+    noise = Noise(torque=0.3, slip=0.003)
+    commands = steered(pilot, sizes, 20.0, noise, seed=4)
+    driven = drive(commands, sizes, 20.0, noise, seed=4)
+    at_poses = dict(zip(driven.truth.utime.tolist(), driven.truth["x"], strict=True))
+    for time, pose in seen:
+        assert pose[0] == pytest.approx(at_poses[int(utime(np.array([time]))[0])], abs=1e-12)
+
+
+def test_a_pilot_sees_the_robot_where_it_was_a_latency_ago() -> None:
+    seen: list[float] = []
+
+    def pilot(_time: float, pose: Pose) -> tuple[float, float]:
+        seen.append(pose[0])
+        return 0.5, 0.5
+
+    steered(pilot, {"pose_latency": 0.4}, 5.0)
+    late = np.array(seen)
+    seen.clear()
+    steered(pilot, {}, 5.0)
+    assert late[10:] == pytest.approx(np.array(seen)[:-10], abs=1e-9)
+
+
+def test_motors_of_cubic_pull_and_those_that_are_weak_in_reverse_reach_the_speeds_of_their_laws() -> None:
+    cubic = after(6.0, {"cubic_motor": 0.35})
+    expected = [duty * (0.65 + 0.35 * duty**2) / NEUTRAL.k1 for duty in (0.3, 0.5)]
+    assert (cubic["psi_left"], cubic["psi_right"]) == pytest.approx(expected, rel=1e-9)
+    backward = Commands(np.zeros(1), np.array([-0.3]), np.array([0.5]))
+    weak = after(6.0, {"weak_reverse": 0.12}, backward)
+    expected = [-0.3 * 0.88 / NEUTRAL.k1, 0.5 / NEUTRAL.k1]
+    assert (weak["psi_left"], weak["psi_right"]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_motor_that_coasts_slows_down_at_the_share_of_the_rate_that_is_left() -> None:
+    commands = Commands(np.array([0.0, COAST_AFTER]), np.array([0.5, 0.0]), np.array([0.5, 0.0]))
+    free, braked = (after(COAST_AFTER + 0.1, {"coasting": share}, commands) for share in (0.6, 0.0))
+    start = 0.5 / NEUTRAL.k1
+    assert free["psi_left"] == pytest.approx(start * math.exp(-0.4 * RATE * 0.1), rel=1e-4)
+    assert braked["psi_left"] == pytest.approx(start * math.exp(-RATE * 0.1), rel=1e-4)
+
+
+def test_torque_that_ripples_leaves_the_mean_speed_and_swings_four_times_a_turn() -> None:
+    times = every(0.005, 10.0)[1000:]
+    psi = true_motion(CONSTANT, {"torque_ripple": 0.3}, times, step=1e-3)["psi_right"]
+    assert psi.mean() == pytest.approx(0.5 / NEUTRAL.k1, rel=0.02)
+    crossings = np.count_nonzero(np.diff(np.sign(psi - psi.mean())) > 0)
+    assert crossings == pytest.approx(4.0 * psi.mean() / (2.0 * math.pi) * 5.0, abs=1.5)
+
+
+def test_the_wind_blows_a_moving_robot_aside_and_none_that_stands() -> None:
+    straight = Commands(np.zeros(1), np.array([0.3]), np.array([0.3]))
+    wind = {"side_wind": 0.03, "side_wind_direction": 1.2}
+    blown, calm = after(6.0, wind, straight), after(6.0, {}, straight)
+    # It acts once the robot is fast enough, within the first tenths of a second.
+    assert blown["y"] == pytest.approx(0.03 * math.sin(1.2) * 6.0, rel=0.02)
+    assert blown["x"] == pytest.approx(calm["x"], rel=1e-9)
+    assert after(6.0, wind, Commands(np.zeros(1), np.zeros(1), np.zeros(1)))["y"] == 0.0
+
+
+def test_a_caster_pushes_once_for_each_reversal_and_to_either_side_in_turn() -> None:
+    time, duty = every(2.0, 8.0), np.array([0.3, -0.3, 0.3, -0.3, 0.3])
+    headings = true_motion(Commands(time, duty, duty), {"caster_flip": 0.35}, time[1:] + 1.9, step=1e-3)["theta"]
+    # A half sine of half a second and 0.35 rad/s.
+    push = 0.35 * 0.5 * 2.0 / math.pi
+    assert np.abs(headings[:-1]) == pytest.approx([push, 0.0, push], abs=1e-3)
+
+
+def test_a_cambered_floor_turns_the_robot_by_its_place() -> None:
+    straight = Commands(np.zeros(1), np.array([0.3]), np.array([0.3]))
+    states = true_motion(straight, {"floor_camber": 0.25}, np.array([5.0]), start=(0.0, 0.375, 0.0), step=1e-3)
+    # A quarter of a wave from the crest, the floor turns the robot by nearly 0.25 rad in each metre.
+    assert states["theta"][0] / states["x"][0] == pytest.approx(0.25, rel=0.2)
+
+
+def test_a_wheel_that_loses_traction_keeps_its_speed_and_carries_less() -> None:
+    straight = packets(constant(0.3, 0.3), 30.0)
+    lost, held = (drive(straight, {"traction_loss": rate}, 30.0).truth for rate in (0.3, 0.0))
+    assert lost["phi_left"][-1] == pytest.approx(held["phi_left"][-1], rel=1e-9)
+    way = [np.sum(np.hypot(np.diff(truth["x"]), np.diff(truth["y"]))) for truth in (lost, held)]
+    # 0.3 times in a second, for 0.4 s, of 0.15 of the speed; some losses are cut short by the end.
+    assert 0.003 < 1.0 - way[0] / way[1] < 0.03
+
+
+def test_an_encoder_that_misses_counts_does_so_at_speed_only() -> None:
+    slow, fast = (packets(constant(duty, duty), 10.0) for duty in (0.2, 0.9))
+    for commands, missed in ((slow, 0.0), (fast, 0.08)):
+        driven = drive(commands, {"encoder_miscount": 0.08}, 10.0)
+        ticks, turned = driven.recording.wheels["ticks_left"], driven.truth["phi_left"] / (2.0 * math.pi) * 480.0
+        share = 1.0 - (ticks[-1] - ticks[500]) / (turned[-1] - turned[500])
+        assert share == pytest.approx(missed, abs=1e-6)
+
+
+def test_a_gyro_in_a_magnetic_field_errs_with_twice_the_heading_and_a_warped_heading_with_the_place() -> None:
+    commands = packets(constant(0.3, 0.5), 10.0)
+    driven = drive(commands, {"gyro_magnetism": 0.03, "pose_heading_warp": 0.035}, 10.0)
+    error = driven.recording.gyro["yaw_rate"] - driven.truth["w"]
+    assert error == pytest.approx(0.03 * np.sin(2.0 * driven.truth["theta"]), abs=1e-9)
+    poses = driven.recording.poses
+    turned = np.unwrap(poses["theta"]) - driven.truth["theta"][::4]
+    assert turned == pytest.approx(0.035 * np.sin(2.0 * math.pi * poses["x"] / 1.5), abs=1e-9)
+
+
+def test_friction_that_sets_in_smoothly_holds_nothing_and_is_as_large_at_speed() -> None:
+    push = Commands(np.zeros(1), np.array([0.01]), np.array([0.5]))
+    smooth, dry = (after(6.0, {"coulomb_friction": 4.0, "friction_smoothing": size}, push) for size in (0.05, 0.0))
+    assert dry["psi_left"] == 0.0
+    assert 0.0 < smooth["psi_left"] < 0.05
+    assert smooth["psi_right"] == pytest.approx(dry["psi_right"], rel=1e-9)
+
+
+def test_friction_with_a_bump_is_larger_at_low_speed() -> None:
+    sizes = {"coulomb_friction": 4.0, "friction_bump": 0.2, "viscous_friction": 0.4}
+    state = after(8.0, sizes)
+    for psi, duty in ((state["psi_left"], 0.3), (state["psi_right"], 0.5)):
+        friction = 4.0 * (1.0 + 0.2 * math.exp(-psi / 2.0)) + 0.4 * psi
+        assert NEUTRAL.k2_over_k3 * (duty - NEUTRAL.k1 * psi) == pytest.approx(friction, rel=1e-6)
