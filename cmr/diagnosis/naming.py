@@ -15,6 +15,8 @@ from cmr.recordings.signal import Floats
 
 PROMISING = 12  # effects that are fitted after the score test
 FINALISTS = 3  # that are fitted with everything free
+CLOSE = 0.5  # of the best drop: an effect that explains less is no finalist
+LEAST_DROP = 20.0
 LEAST_SCORE = 10.0  # drop of the sum of squares from which a fit is worth while
 THRESHOLD = 30.0  # drop of the sum of squares that one parameter must bring
 PER_PARAMETER = 5.0  # more for each further one
@@ -140,8 +142,9 @@ def _fitted(study: Study, current: Fit, screening: Screening) -> list[Tried]:
         for effect, (values, squares) in zip(effects, quick, strict=True)
     ]
     tried.sort(key=lambda one: -one.drop)
-    finalists = [_with_everything(study, current, one) for one in tried[:FINALISTS]]
-    return sorted([*finalists, *tried[FINALISTS:]], key=lambda one: -one.drop)
+    close = [one for one in tried[:FINALISTS] if one.drop > CLOSE * tried[0].drop and one.drop > LEAST_DROP]
+    finalists = [_with_everything(study, current, one) for one in close]
+    return sorted([*finalists, *tried[len(close) :]], key=lambda one: -one.drop)
 
 
 def start_of(score: Score) -> dict[str, float]:

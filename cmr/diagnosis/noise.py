@@ -23,14 +23,14 @@ SPANS = {
 }
 RIDGE = 1e-6  # of the variance: keeps the model of a signal that never errs solvable
 LEAST_SIZE = 1e-9
-ROUNDS = 4
-FOREIGN = 3  # errors of others: both wheels' and the gyro's, summed up since the pose before
+ROUNDS = 3
+FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose before foretell those of the pose
 PSI_LEFT, PSI_RIGHT = MOTION.index("psi_left"), MOTION.index("psi_right")
 
 
 @dataclass(frozen=True)
 class SignalNoise:
-    """The noise of one signal: `past` (p,) weighs its own last errors, `foreign` (FOREIGN,) those of the others.
+    """The noise of one signal: `past` (p,) weighs its own last errors, `foreign` (3,) those of FOREIGN.
 
     The size of what remains is the root of `size` (3,): a constant, and shares of doubt and of wheel speed squared.
     """
@@ -50,7 +50,8 @@ class Noise:
     def found(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
         """Find the noise from the errors of the first candidate in each piece."""
         names = [name for name in SPANS if any(name in p.times for p in predictors)]
-        return cls({name: _found(name, predictors, errors) for name in names})
+        foreign = [np.stack([f[:, 0] for f in _foreign(p, e)], axis=1) for p, e in zip(predictors, errors, strict=True)]
+        return cls({name: _found(name, predictors, errors, foreign) for name in names})
 
     @classmethod
     def plain(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
@@ -60,15 +61,18 @@ class Noise:
             own = [error.of[name][:, 0] for error in errors if name in error.of]
             if own:
                 size = max(float(np.mean(np.concatenate(own) ** 2)), LEAST_SIZE**2)
-                result[name] = SignalNoise(np.zeros(len(spans)), np.zeros(FOREIGN), np.array([size, 0.0, 0.0]))
+                result[name] = SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), np.array([size, 0.0, 0.0]))
         return cls(result)
 
     def white(self, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
         """Return the errors of a piece made white, (n, C) by signal; the first ones, which have no past, are 0."""
         result = {}
+        foreign = _foreign(predictor, errors)
         for name in predictor.times:
             noise = self.of[name]
-            own = _freed(name, predictor, errors, noise.foreign)
+            own = errors.of[name]
+            if name in POSE_SIGNALS and np.any(noise.foreign):
+                own = own - sum(weight * other for weight, other in zip(noise.foreign, foreign, strict=True))
             result[name] = _whitened(own, noise.past, SPANS[name], 1.0 / self.size(predictor, errors, name))
         return result
 
@@ -81,20 +85,22 @@ class Noise:
         return float(sum(np.sum(np.log(self.size(predictor, errors, name))) for name in predictor.times))
 
 
-def _found(name: str, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> SignalNoise:
+def _found(
+    name: str, predictors: Sequence[Predictor], errors: Sequence[Errors], others: Sequence[Floats]
+) -> SignalNoise:
     """Find one signal's noise: weighted least squares for what is foretold, then its size, a few times."""
     spans = SPANS[name]
     order = sum(spans)
     rows = []
-    for predictor, error in zip(predictors, errors, strict=True):
+    for predictor, error, of_others in zip(predictors, errors, others, strict=True):
         if name not in predictor.times or len(predictor.times[name]) <= 2 * order:
             continue
         own = error.of[name][:, 0]
-        foreign = _foreign(name, predictor, error)[:, :, 0]
+        foreign = of_others if name in POSE_SIGNALS else np.zeros((len(own), len(FOREIGN)))
         rows.append((own, foreign, _sizes(name, predictor, error)))
     if not rows:
-        return SignalNoise(np.zeros(len(spans)), np.zeros(FOREIGN), np.array([1.0, 0.0, 0.0]))
-    foreign_weights = np.zeros(FOREIGN)
+        return SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), np.array([1.0, 0.0, 0.0]))
+    foreign_weights = np.zeros(len(FOREIGN))
     past = np.zeros(len(spans))
     weights = [np.ones(len(own)) for own, _, _ in rows]
     size = np.zeros(3)
@@ -157,27 +163,22 @@ def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
     return np.stack([np.ones(len(speed)), predictor.doubt[name] ** 2, speed], axis=1)
 
 
-def _freed(name: str, predictor: Predictor, errors: Errors, weights: Floats) -> Floats:
-    """Return a signal's errors (n, C) without what the errors of others foretell of them."""
-    if not np.any(weights):
-        return errors.of[name]
-    return errors.of[name] - np.einsum("nfc,f->nc", _foreign(name, predictor, errors), weights)
+def _foreign(predictor: Predictor, errors: Errors) -> list[Floats]:
+    """Return the errors of other signals that foretell those of the pose, (poses, C) each: sums since the pose before."""
+    times = predictor.piece.heard.pose_time
+    candidates = next(iter(errors.of.values())).shape[1]
+    return [_since_before(predictor, errors, other, times, candidates) for other in FOREIGN]
 
 
-def _foreign(name: str, predictor: Predictor, errors: Errors) -> Floats:
-    """Return the errors of other signals that foretell this one, shape (n, FOREIGN, C): sums since the pose before."""
-    count = len(predictor.times[name])
-    candidates = errors.of[name].shape[1]
-    result = np.zeros((count, FOREIGN, candidates))
-    if name not in POSE_SIGNALS:
+def _since_before(predictor: Predictor, errors: Errors, other: str, times: Floats, candidates: int) -> Floats:
+    """Return the sums (n, C) of a signal's errors since the time before; 0 for the first."""
+    result = np.zeros((len(times), candidates))
+    if other not in predictor.times or len(times) < 2:
         return result
-    times = predictor.times[name]
-    for column, other in enumerate(("psi_left", "psi_right", "yaw_rate")):
-        if other not in predictor.times:
-            continue
-        total = np.concatenate([np.zeros((1, candidates)), np.cumsum(errors.of[other], axis=0)])
-        at = total[np.searchsorted(predictor.times[other], times, side="right")]
-        result[1:, column] = np.diff(at, axis=0)
+    at = np.searchsorted(predictor.times[other], times, side="right")
+    last = len(predictor.times[other]) - 1
+    sums = np.add.reduceat(errors.of[other], np.minimum(at, last), axis=0)[:-1]
+    result[1:] = np.where((np.diff(at) > 0)[:, None] & (at[:-1] <= last)[:, None], sums, 0.0)
     return result
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from cmr.diagnosis.experiment import Piece
-from cmr.model.observer import Gains, observe
-from cmr.recordings.signal import Floats, Mask
+from cmr.model.observer import RESTART, Gains, observe
+from cmr.recordings.signal import Floats
 
 SIGNALS = ("psi_left", "psi_right", "yaw_rate", "forward", "sideways", "heading")
 POSE_SIGNALS = SIGNALS[3:]
@@ -35,6 +35,7 @@ class Predictor:
         used = {"psi_left": heard.wheel_use[:, 0] > 0, "psi_right": heard.wheel_use[:, 1] > 0}
         self._wheels_foretold = len(heard.given) == 0
         self._used = used
+        self._restarts = heard.pose_use == RESTART
         self._cosine, self._sine = np.cos(heard.pose[:, 2])[:, None], np.sin(heard.pose[:, 2])[:, None]
 
     @cached_property
@@ -55,12 +56,6 @@ class Predictor:
             for name, times in self.times.items()
         }
 
-    @cached_property
-    def valid(self) -> dict[str, Mask]:
-        """Which errors count, (n,): not those of a pose at which the observer begins anew."""
-        follows = self.piece.heard.pose_use > 0
-        return {n: follows if n in POSE_SIGNALS else np.ones(len(t), np.bool_) for n, t in self.times.items()}
-
     def errors(self, values: Mapping[str, Any], gains: Gains, **luck: Any) -> Errors:
         """Return the prediction errors; `values` by name are numbers or arrays (C,), `luck` is as in `observe`."""
         innovations = observe(self.piece.heard, values, gains, **luck)
@@ -73,9 +68,9 @@ class Predictor:
             "sideways": self._cosine * north - self._sine * east,
             "heading": innovations.pose[:, 2],
         }
-        return Errors(
-            {name: np.where(self.valid[name][:, None], of[name], 0.0) for name in self.times}, innovations.motion
-        )
+        for name in POSE_SIGNALS:
+            of[name][self._restarts] = 0.0  # there was nothing to foretell such a pose from
+        return Errors({name: of[name] for name in self.times}, innovations.motion)
 
     def motion_at(self, motion: Floats, signal: str) -> Floats:
         """Return how the robot moved when each error of a signal arose, shape (n, columns of MOTION)."""

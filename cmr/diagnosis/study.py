@@ -14,8 +14,8 @@ from cmr.recordings.signal import Floats
 
 BLOCK = 1.5  # s; neighbouring blocks belong to different folds
 FOLDS = 5
-MOST_STEPS = 8
-SETTLED = 0.02  # of the sum of squares: a step that promises less is the last
+MOST_STEPS = 7
+SETTLED = 0.1  # of the sum of squares: a step that promises less is the last
 DAMPING = 1e-6
 QUICK_STEPS = 5  # of models fitted side by side
 
