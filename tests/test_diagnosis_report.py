@@ -3,7 +3,6 @@
 import math
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.report import report_of, write_report
-from cmr.diagnosis.report.binned import binned
+from cmr.diagnosis.report.binned import MOST_SAMPLES, binned
 from cmr.diagnosis.report.found import with_commands
 from cmr.diagnosis.report.numbers import chance, estimate_text, interval_text, number
 from cmr.diagnosis.report.pairs import pairs_of
@@ -19,12 +18,7 @@ from cmr.diagnosis.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
 from cmr.diagnosis.report.tell_tale import REGRESSOR_WORDS, SIGNAL_WORDS, tell_tale
 from cmr.diagnosis.report.terms import REGRESSORS, SIGNALS, as_shown, regressor, signal_words
 from cmr.diagnosis.result import (
-    BAD_DATA,
-    EFFECTS_FOUND,
-    NO_EFFECT,
-    UNEXPLAINED,
     VERDICTS,
-    Candidate,
     Diagnosis,
     Evidence,
     Fitted,
@@ -38,234 +32,24 @@ from cmr.model.catalogue import CATALOGUE
 from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
 from cmr.world.figure import REAL_COLOUR, TWIN_COLOUR
-
-OFFSET, ASYMMETRY = 0.144, 0.05  # m; share
-SECONDS, RATE = 60.0, 50.0  # s, Hz
-UNITS = {"psi_left": "rad/s", "psi_right": "rad/s", "yaw_rate": "rad/s", "forward": "m", "sideways": "m"}
-
-
-class Motion:
-    """A drive of figure-eights at changing speed, all arrays of shape (n,)."""
-
-    def __init__(self) -> None:
-        self.time = np.arange(0.0, SECONDS, 1.0 / RATE)
-        self.speed = 0.3 + 0.15 * np.sin(0.23 * self.time)
-        self.yaw_rate = 1.1 * np.sin(0.8 * self.time) * self.speed / 0.3
-        self.theta = np.cumsum(self.yaw_rate) / RATE
-        self.x = np.cumsum(self.speed * np.cos(self.theta)) / RATE
-        self.y = np.cumsum(self.speed * np.sin(self.theta)) / RATE
-
-    @property
-    def regressors(self) -> dict[str, Floats]:
-        left, right = (self.speed + side * 0.08 * self.yaw_rate for side in (-1.0, 1.0))
-        return {
-            "time": self.time,
-            "command_left": left / 0.72,
-            "command_right": right / 0.72,
-            "speed": self.speed,
-            "yaw_rate": self.yaw_rate,
-            "speed_times_yaw_rate": self.speed * self.yaw_rate,
-            "x": self.x,
-            "y": self.y,
-            "heading": self.theta,
-            "wheel_angle_left": np.cumsum(left) / RATE / 0.04,
-            "wheel_angle_right": np.cumsum(right) / RATE / 0.04,
-            "energy": 0.08 * self.time,
-        }
-
-
-MOTION = Motion()
-
-
-def noise(seed: int, size: float) -> Floats:
-    """Noise that lasts some tenths of a second."""
-    white = np.random.default_rng(seed).normal(size=len(MOTION.time) + 20)
-    return size * np.convolve(white, np.ones(21) / math.sqrt(21.0), "valid")
-
-
-def residual(signal: str, seed: int, size: float, structure: Floats | float = 0.0) -> Residual:
-    """The residual of a signal that has this structure before and none after."""
-    after = noise(seed, size)
-    return Residual(
-        signal=signal,
-        unit=UNITS.get(signal, "rad"),
-        before=after + structure,
-        after=after,
-        regressors=MOTION.regressors,
-    )
-
-
-def residuals() -> tuple[Residual, ...]:
-    """What a robot leaves whose tracked point sits ahead of its centre and whose wheels differ."""
-    turned = MOTION.yaw_rate * 1.0  # rad in the second over which errors of the pose grow
-    return (
-        residual("psi_left", 1, 0.2),
-        residual("psi_right", 2, 0.2),
-        residual("yaw_rate", 3, 0.02, 0.5 * ASYMMETRY * MOTION.speed / 0.08),
-        residual("forward", 4, 0.006, OFFSET * (np.cos(turned) - 1.0)),
-        residual("sideways", 5, 0.006, OFFSET * np.sin(turned)),
-        residual("heading", 6, 0.004),
-    )
-
-
-def path(label: str = "run.lcm") -> Path:
-    m = MOTION
-    seen_x, seen_y = m.x + OFFSET * np.cos(m.theta), m.y + OFFSET * np.sin(m.theta)
-    drift = 0.004 * m.time
-    return Path(
-        label=label,
-        time=m.time,
-        x=seen_x,
-        y=seen_y,
-        theta=m.theta,
-        before_x=m.x + OFFSET + drift,
-        before_y=m.y - drift,
-        before_theta=m.theta + 0.01 * m.time,
-        after_x=seen_x + 0.03 * drift,
-        after_y=seen_y - 0.05 * drift,
-        after_theta=m.theta,
-    )
-
-
-BASELINE = Fitted(
-    estimates={
-        "k2_over_k3": Estimate(118.0, 0.8),
-        "k1": Estimate(0.0540, 0.0002),
-        "base_width": Estimate(0.182, 0.0011),
-    },
-    path_rmse=0.104,
-    held_out_path_rmse=0.110,
-)
-EXTENDED = Fitted(
-    estimates={
-        "k2_over_k3": Estimate(117.6, 0.7),
-        "k1": Estimate(0.0541, 0.0002),
-        "base_width": Estimate(0.161, 0.0006),
-        "pose_offset": Estimate(0.1443, 0.0021),
-        "wheel_radius_asymmetry": Estimate(0.0512, 0.0009),
-    },
-    path_rmse=0.035,
-    held_out_path_rmse=0.037,
-)
-EFFECTS = (
-    NamedEffect(
-        name="pose_offset",
-        cause="The tracked point sits 0.144 m ahead of the centre of rotation.",
-        estimates={"pose_offset": EXTENDED.estimates["pose_offset"]},
-        statistic=3110.4,
-        p_value=0.0,
-        held_out=1204.0,
-        shift={"base_width": -0.0205, "k1": 0.00002},
-        indistinguishable_from=("lateral_skid",),
-        next_experiment="Spin on the spot at three rates: `cmr-sim --virtual 10=figure_eight,size=0.2 --parameters .`",
-    ),
-    NamedEffect(
-        name="wheel_radius_asymmetry",
-        cause="The left wheel is the larger one: each is 5.12 % off the mean.",
-        estimates={"wheel_radius_asymmetry": EXTENDED.estimates["wheel_radius_asymmetry"]},
-        statistic=311.0,
-        p_value=2.4e-62,
-        held_out=88.2,
-        shift={"base_width": -0.0005},
-    ),
-)
-CANDIDATES = (
-    Candidate(
-        name="turn_slip",
-        statistic=31.2,
-        p_value=2e-6,
-        held_out=-14.3,
-        why_not="It makes data worse that it was not fitted on.",
-    ),
-    Candidate(name="gyro_bias", statistic=1.3, p_value=1.0, held_out=0.2, why_not="Chance alone would give as much."),
-)
-CHECKS = (
-    Finding("pose_jumps", 2, "The tracker jumps 2 times: the path is cut there and goes on anew."),
-    Finding("gaps", 0, "Gaps in the data: none; the longest is 0.00 s."),
-    Finding("encoder_spikes", 0, "0 absurd encoder readings: set aside."),
-)
-FOUND = Diagnosis(
-    robot_id=0,
-    verdict=EFFECTS_FOUND,
-    sentence="The tracked point sits 0.144 m ahead of the centre of rotation, and the left wheel is 5.1 % larger than "
-    "the mean; with both, the simulated robot strays 3 times less.",
-    baseline=BASELINE,
-    extended=EXTENDED,
-    effects=EFFECTS,
-    candidates=CANDIDATES,
-    gain=Gain(ratio=2.97, interval=(2.61, 3.30), signals={"psi": 1.0, "yaw_rate": 4.2, "pose": 2.97}),
-    checks=CHECKS,
-    notes=("A shifted centre of rotation and a tracked point off centre are the same mathematics.",),
-    parameters={"wheel_radius": 0.04, **{name: e.value for name, e in EXTENDED.estimates.items()}},
-    evidence=Evidence(paths=(path(),), residuals=residuals()),
-    sources=("husky/tile_01.lcm", "husky/tile_02.lcm"),
-    samples=9120,
-)
-UNCHANGED = Evidence(
-    paths=(replace(path(), after_x=path().before_x, after_y=path().before_y, after_theta=path().before_theta),),
-    residuals=tuple(replace(r, before=r.after) for r in residuals()),
-)
-NOTHING = replace(
+from tests.diagnosis_example import (
+    ALL,
+    CANDIDATES,
+    CHECKS,
+    EFFECTS,
     FOUND,
-    verdict=NO_EFFECT,
-    sentence="The paper's model explains these data; no effect of the catalogue shows in them.",
-    extended=BASELINE,
-    effects=(),
-    gain=None,
-    notes=(),
-    next_experiment="Drive big steps and reversals; a figure-eight does not show battery_sag or saturation.",
-    parameters={"wheel_radius": 0.04, **{name: e.value for name, e in BASELINE.estimates.items()}},
-    evidence=UNCHANGED,
-)
-STRANGE = replace(
+    MOTION,
     NOTHING,
-    verdict=UNEXPLAINED,
-    sentence="The yaw rate follows the speed in a way that no effect of the catalogue explains.",
-    unexplained=Unexplained(present=True, signal="yaw_rate", regressors=("speed", "time"), share=0.34),
-    evidence=replace(UNCHANGED, residuals=tuple(replace(r, after=r.before) for r in residuals())),
+    RATE,
+    SPOILT,
+    STRANGE,
+    UNCHANGED,
+    noise,
+    path,
+    residual,
+    residuals,
 )
-SPOILT = Diagnosis(
-    robot_id=3,
-    verdict=BAD_DATA,
-    sentence="The robot never moves in this recording: nothing can be diagnosed.",
-    checks=(Finding("never_moved", 1, "The robot never moves in this recording."), *CHECKS[1:]),
-    next_experiment="Check that the motors are switched on, and record a drive of at least 30 s.",
-    sources=("run.lcm",),
-)
-ALL = {EFFECTS_FOUND: FOUND, NO_EFFECT: NOTHING, UNEXPLAINED: STRANGE, BAD_DATA: SPOILT}
-
-
-class Page(HTMLParser):
-    """What a browser would make of a page: its elements with attributes, and its text in order."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.open: list[str] = []
-        self.texts: list[str] = []  # of the body
-        self.texts_of: dict[str, list[str]] = {}  # by element
-        self.feed(page)
-        self.close()
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attributes)))
-        if tag not in ("meta", "br", "wbr"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if "body" in self.open and data.strip():
-            self.texts.append(data)
-            self.texts_of.setdefault(self.open[-1], []).append(data)
-
-    @property
-    def text(self) -> str:
-        return "".join(self.texts)
-
-    def named(self, name: str) -> list[dict[str, str | None]]:
-        return [attributes for tag, attributes in self.elements if tag == name]
+from tests.html_page import Page
 
 
 @pytest.fixture(scope="module")
@@ -404,6 +188,8 @@ def test_the_gain_is_told_with_its_interval_and_how_far_parameters_moved(found: 
 def test_runners_up_say_why_they_were_not_named(found: Page) -> None:
     assert "It makes data worse that it was not fitted on." in found.text
     assert "\u221214.3" in found.text
+    many = Page(report_of(replace(FOUND, candidates=CANDIDATES * 20)))
+    assert "30 more effects were tried and explain less" in many.text
 
 
 def test_faults_of_the_data_are_sentences_and_clean_checks_are_listed(found: Page) -> None:
@@ -476,13 +262,14 @@ def test_all_signals_are_shown_over_all_regressors(found: Page) -> None:
 def test_a_path_with_gaps_or_astray_is_drawn_around_the_real_one() -> None:
     real = path()
     gappy = np.where((real.time > 20.0) & (real.time < 25.0), math.nan, real.x)
-    astray = replace(real, x=gappy, before_x=real.before_x + 1000.0 * real.time)
+    away = 1000.0 * real.time
+    astray = replace(real, x=gappy, before_x=real.x + away, before_y=real.y - away, after_x=real.x - away)
     page = Page(report_of(replace(FOUND, evidence=Evidence(paths=(astray,)))))
     (line,) = {str(p.get("d")) for p in page.named("path") if p.get("stroke") == REAL and "L" in str(p.get("d"))}
     assert line.count("M") == 2  # one gap
-    places = np.array(re.findall(r"-?[\d.]+", line), float)
+    places = np.array(re.findall(r"-?[\d.]+", line), float).reshape(-1, 2)
     assert places.min() >= 0.0
-    assert np.ptp(places) > 100.0  # of 360 units
+    assert np.ptp(places, axis=0).max() > 100.0  # of some 230 units
 
 
 def test_hours_of_data_still_make_a_page_that_can_be_mailed() -> None:
@@ -494,6 +281,7 @@ def test_hours_of_data_still_make_a_page_that_can_be_mailed() -> None:
     many = tuple(replace(r, before=longer(r.before), after=longer(r.after), regressors=regressors) for r in residuals())
     fields = {name: longer(values) for name, values in vars(path()).items() if name not in ("label", "time")}
     run = Path(label="long.lcm", time=time, **fields)
+    assert all(len(pair.before) == MOST_SAMPLES for pair in pairs_of(many))  # the work does not grow
     page = report_of(replace(FOUND, evidence=Evidence(paths=(run,) * 20, residuals=many)))
     assert len(page) < 3_000_000
     assert "The first 120 s of 14,400 s are drawn." in page
@@ -518,7 +306,16 @@ def test_the_tell_tale_plot_of_an_effect_is_the_one_that_shows_it() -> None:
 def test_where_nothing_changed_no_plot_tells_a_tale() -> None:
     assert choice(NOTHING, CATALOGUE["pose_offset"].shows_in) is None
     page = Page(report_of(replace(FOUND, evidence=UNCHANGED)))
-    assert "No plot of mean residuals shows it." in page.text
+    assert "No plot of mean residuals shows it by itself." in page.text
+
+
+def test_beside_a_stronger_effect_only_the_plot_that_the_words_speak_of_is_drawn() -> None:
+    pairs = pairs_of(FOUND.evidence.residuals)  # full of what pose_offset did, and nothing of a gyro's drift
+    assert tell_tale(pairs, "wheel speeds, as a slow trend")
+    assert tell_tale(pairs, "wheel speeds, as a slow trend", beside_stronger=True) is None
+    beside = tell_tale(pairs, CATALOGUE["wheel_radius_asymmetry"].shows_in, beside_stronger=True)
+    assert beside
+    assert (beside.signal, beside.regressor) == ("yaw_rate", "speed")
 
 
 def test_without_words_on_where_an_effect_shows_the_larger_structure_is_chosen() -> None:
@@ -529,11 +326,11 @@ def test_without_words_on_where_an_effect_shows_the_larger_structure_is_chosen()
 
 
 def test_a_plot_that_two_effects_share_is_drawn_once() -> None:
-    page = Page(report_of(replace(FOUND, effects=(EFFECTS[0], replace(EFFECTS[0], name="an effect of my own")))))
-    only = replace(FOUND, evidence=replace(FOUND.evidence, residuals=residuals()[4:5]), effects=EFFECTS)
-    shared = Page(report_of(only))
-    assert "The plot for pose_offset shows it best." in shared.text
-    assert len(page.named("figure")) > len(shared.named("figure"))
+    alone = replace(FOUND, effects=EFFECTS[:1], evidence=Evidence(residuals=residuals()[4:5]))
+    both = replace(alone, effects=(EFFECTS[0], replace(EFFECTS[0], name="an effect of my own")))
+    page = Page(report_of(both))
+    assert "The plot for pose_offset shows it best." in page.text
+    assert len(page.named("figure")) == len(Page(report_of(alone)).named("figure"))
 
 
 def test_the_choice_listens_for_words_that_the_catalogue_says_and_names_that_residuals_have() -> None:

@@ -1,7 +1,8 @@
 """The report of a diagnosis: one page of HTML that needs nothing beside it, for a screen, a phone and paper.
 
-`page` puts it together from `sections`, `tables`, `figures`, `multiples`; `tell_tale` chooses the plot that shows an
-effect; `binned` looks for structure in residuals; `svg` draws, `markup` escapes, `numbers` and `terms` word things.
+`page` puts it together from `found` (effects and evidence), `measured` (paths, gain, residuals) and `origin` (the data).
+`tell_tale` chooses the plot that shows an effect, among the `pairs` of residual and regressor, by their `binned` means.
+`path_figure`, `residual_figures` and `keys` draw by `svg`; `markup` escapes; `numbers` and `terms` word things.
 """
 
 from cmr.diagnosis.report.page import report_of, write_report

@@ -30,6 +30,7 @@ NOTHING_NAMED = {
     UNEXPLAINED: "No effect of the catalogue was named, though the residuals have structure: see What remains "
     "unexplained.",
 }
+MOST_RUNNERS_UP = 10
 EVIDENCE = (
     "Evidence: LR is twice the log-likelihood that the effect adds to the model with all other effects named; p is how "
     "often chance alone would give as much somewhere in the catalogue; held out is the log-likelihood that it adds on "
@@ -112,12 +113,12 @@ def tell_tales(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
     drawn: dict[tuple[str, str], str] = {}  # the effect that each pair was drawn for
     for effect in diagnosis.effects:
         entry = CATALOGUE.get(effect.name)
-        pair = tell_tale(pairs, entry.shows_in if entry else "")
+        pair = tell_tale(pairs, entry.shows_in if entry else "", beside_stronger=effect is not diagnosis.effects[0])
         parts.append(tag("h3", code(effect.name), f": {typeset(effect.cause)}"))
         if entry:
             parts.append(paragraph(f"It shows in {entry.shows_in}."))
         if pair is None:
-            parts.append(paragraph("No plot of mean residuals shows it."))
+            parts.append(paragraph("No plot of mean residuals shows it by itself."))
         elif drawn.setdefault((pair.signal, pair.regressor), effect.name) == effect.name:
             parts.append(tell_tale_figure(pair, _caption(effect, pair)))
         else:
@@ -130,7 +131,7 @@ def tell_tales(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
 def _caption(effect: NamedEffect, pair: Pair) -> str:
     words = f"{signal_words(pair.signal)} over {regressor(pair.regressor).words}"
     return (
-        f"{effect.name}: residual of the {words} without the effect (before) and with all effects named (after). "
+        f"{effect.name}: residual of the {words} with the paper's model (before) and with all effects named (after). "
         f"{100.0 * min(pair.removed, 1.0):.0f} % of the residual's mean square was such structure and is gone."
     )
 
@@ -145,13 +146,15 @@ def runners_up(diagnosis: Diagnosis) -> Html:
     """Return the effects that were tried and not named."""
     rows = [
         [code(c.name), likelihood(c.statistic), f"p {chance(c.p_value)}", likelihood(c.held_out), c.why_not]
-        for c in diagnosis.candidates
+        for c in diagnosis.candidates[:MOST_RUNNERS_UP]
     ]
     if not rows:
         return Html("")
+    weaker = len(diagnosis.candidates) - len(rows)
+    others = quiet(f"{weaker} more effects were tried and explain less: see diagnosis.json.") if weaker else Html("")
     headings = ("effect", "LR", "chance", "held out", "why it was not named")
     explained = Html("") if diagnosis.effects else quiet(EVIDENCE)
-    return section("What was tried and not named", table(headings, rows, numbers=(1, 2, 3)), explained)
+    return section("What was tried and not named", table(headings, rows, numbers=(1, 2, 3)), others, explained)
 
 
 def next_steps(diagnosis: Diagnosis) -> Html:

@@ -45,32 +45,34 @@ def gain(diagnosis: Diagnosis) -> Html:
     """Return by how much errors shrink, and how far the paper's parameters moved."""
     if not diagnosis.effects or diagnosis.baseline is None or diagnosis.extended is None:
         return Html("")
-    window = f"{diagnosis.evidence.window:g}"
-    intro = (
-        f"Path errors are root mean square distances of free runs over windows of {window} s, each begun at the real "
-        "robot's state. Held-out data were not fitted on; the interval of the ratio is a block bootstrap's."
-    )
     rows = _path_rows(diagnosis.baseline, diagnosis.extended, diagnosis.gain)
     rows += [
         [GAIN_WORDS.get(name, signal_words(name)), "", "", number(ratio, 3), _bar(ratio)]
         for name, ratio in (diagnosis.gain.signals.items() if diagnosis.gain else ())
+        if math.isfinite(ratio)
     ]
-    headings = ("error", "before", "after", "ratio", "after beside before")
-    return section(
-        "The gain", quiet(intro), table(headings, rows, numbers=(1, 2, 3)), _shifts(diagnosis.effects, diagnosis)
+    intro = (
+        "Path errors are root mean square distances of free runs over windows of "
+        f"{diagnosis.evidence.window:g} s, each begun at the real robot's state. Held-out data were not fitted on; the "
+        "interval of the ratio is a block bootstrap's."
     )
+    headings = ("error", "before", "after", "ratio", "after beside before")
+    told = joined(quiet(intro), table(headings, rows, numbers=(1, 2, 3))) if rows else Html("")
+    return section("The gain", told, _shifts(diagnosis.effects, diagnosis))
 
 
 def _path_rows(before: Fitted, after: Fitted, found: Gain | None) -> list[list[str]]:
+    """Return the rows of the path errors that are known."""
     held_out = found.ratio if found else _ratio(before.held_out_path_rmse, after.held_out_path_rmse)
     interval = " ({} to {})".format(*(number(end, 3) for end in found.interval)) if found and _known(found) else ""
     fitted = _ratio(before.path_rmse, after.path_rmse)
     errors = (before.held_out_path_rmse, after.held_out_path_rmse, before.path_rmse, after.path_rmse)
     told = [f"{error} m" for error in alike(errors)]
-    return [
-        ["path, held-out data", *told[:2], f"{number(held_out, 3)}{interval}", _bar(held_out)],
-        ["path, fitted data", *told[2:], number(fitted, 3), _bar(fitted)],
+    rows = [
+        (held_out, ["path, held-out data", *told[:2], f"{number(held_out, 3)}{interval}", _bar(held_out)]),
+        (fitted, ["path, fitted data", *told[2:], number(fitted, 3), _bar(fitted)]),
     ]
+    return [row for ratio, row in rows if math.isfinite(ratio)]
 
 
 def _ratio(before: float, after: float) -> float:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from cmr.diagnosis.report.binned import MOST_SAMPLES, Bins, binned, thinned
-from cmr.diagnosis.report.terms import as_shown
+from cmr.diagnosis.report.terms import as_shown, place
 from cmr.diagnosis.result import Residual
 from cmr.recordings.signal import Floats
 
@@ -53,5 +53,5 @@ def _pairs(residual: Residual) -> list[Pair]:
     before, after = residual.before[chosen], residual.after[chosen]
     return [
         Pair(residual.signal, residual.unit, name, as_shown(name, values[chosen]), before, after)
-        for name, values in residual.regressors.items()
+        for name, values in sorted(residual.regressors.items(), key=lambda item: place(item[0]))
     ]

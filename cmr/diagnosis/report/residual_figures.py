@@ -16,7 +16,7 @@ from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.recordings.signal import Floats
 
 MANY, FEW = 1500, 220  # samples of a scatter, in a large and in a small plot
-LARGE = {"width": 430.0, "height": 300.0}
+LARGE = {"width": 390.0, "height": 275.0}
 SMALL = {"width": 170.0, "height": 122.0, "text": 10.0, "room_left": 3.7, "room_top": 0.5}
 SEEN = 0.9  # share of the samples that a large plot shows at least; a small one shows fewer
 SEEN_SMALL = 0.6

@@ -65,7 +65,7 @@ svg svg { width: auto; height: auto; }
   body { max-width: none; padding: 0; }
   h2 { margin-top: 7mm; }
   h2, h3, h2 + p, h3 + p, thead { break-after: avoid; }
-  figure, tr, pre, .small > svg, .key { break-inside: avoid; }
+  p, figure, tr, pre, .small > svg, .key { break-inside: avoid; }
   .plots { grid-template-columns: repeat(auto-fit, minmax(54mm, 1fr)); }
   .small { grid-template-columns: repeat(4, 1fr); }
   pre { white-space: pre-wrap; }

@@ -41,20 +41,37 @@ REGRESSOR_WORDS = {
     "change sign": (*COMMANDS, "speed"),
     "duty": COMMANDS,
     "load": COMMANDS,
-    "the command": COMMANDS,
-    "starts": COMMANDS,
+    "the command": (*COMMANDS, "command_change"),
+    "change of": ("command_change",),
+    "changes of": ("command_change",),
+    "steps": ("command_change",),
+    "starts": ("command_change", *COMMANDS),
+    "reversals": ("command_change",),
+    "accelerations": ("acceleration", "yaw_acceleration"),
+    "begin and end": ("yaw_acceleration",),
     "left against right": COMMANDS,
 }
 
 
-def tell_tale(pairs: Iterable[Pair], shows_in: str) -> Pair | None:
+def tell_tale(pairs: Iterable[Pair], shows_in: str, *, beside_stronger: bool = False) -> Pair | None:
     """Return the pair that shows an effect best; None where no pair shows it.
 
     That is where the most structure is gone, counted many times where `shows_in`, the catalogue's words on where the
-    effect shows, speak of this signal and of this regressor.
+    effect shows, speak of this signal and of this regressor. `beside_stronger` effects, structure that the words do
+    not speak of may be theirs, and does not count at all.
     """
     shown = [pair for pair in pairs if pair.removed > FAINTEST]
+    if beside_stronger:
+        shown = [pair for pair in shown if _agrees(pair, shows_in)]
     return max(shown, key=lambda pair: pair.removed * fit(pair.signal, pair.regressor, shows_in), default=None)
+
+
+def _agrees(pair: Pair, shows_in: str) -> bool:
+    """Tell whether the words speak of the signal and of the regressor, as far as they speak of any."""
+    return all(
+        _spoken_of(name, words, shows_in) or not any(phrase in shows_in for phrase in words)
+        for name, words in ((pair.signal, SIGNAL_WORDS), (pair.regressor, REGRESSOR_WORDS))
+    )
 
 
 def fit(signal: str, regressor: str, shows_in: str) -> float:

@@ -34,9 +34,12 @@ REGRESSORS = {
     "time": Term("time", "s"),
     "command_left": Term("left command", "duty"),
     "command_right": Term("right command", "duty"),
+    "command_change": Term("change of command", "duty"),
     "speed": Term("speed v", "m/s"),
     "yaw_rate": Term("yaw rate \u03c9", "rad/s"),
     "speed_times_yaw_rate": Term("v times \u03c9", "m/s\u00b2"),
+    "acceleration": Term("acceleration", "m/s\u00b2"),
+    "yaw_acceleration": Term("yaw acceleration", "rad/s\u00b2"),
     "x": Term("place, x", "m"),
     "y": Term("place, y", "m"),
     "heading": Term("heading \u03b8", "rad", TURN),
@@ -54,6 +57,11 @@ def signal_words(name: str) -> str:
 def regressor(name: str) -> Term:
     """Return the term of a regressor; its own name in words where it is not known."""
     return REGRESSORS.get(name, Term(_in_words(name), ""))
+
+
+def place(name: str) -> int:
+    """Return where a regressor stands among all: in the order above, others last."""
+    return list(REGRESSORS).index(name) if name in REGRESSORS else len(REGRESSORS)
 
 
 def as_shown(name: str, values: Floats) -> Floats:
