@@ -15,33 +15,33 @@ from cmr.model.parameters import ParameterDefinition
 USUAL_ACCELERATION, USUAL_RATE, USUAL_WIDTH, USUAL_TURN = 118.0, 118.0 * 0.054, 0.16, 2.0  # rad/s^2, 1/s, m, rad/s
 LIMITS = (0.35, 0.55, 0.75, 1.0, 1.3, 1.8, 2.6)  # multiples of the typical size at which a limit is tried
 THRESHOLDS = (0.4, 1.0, 1.8)
-MOMENTS = 8  # of a drive at which a change is tried
-PLACES = 14  # at which a patch of the floor is tried
+EVERYWHERE = 1e3  # m, radius of a place that holds all others
 RANDOM = ("command_jitter", "command_loss")  # show in the spread, not in the mean
 SENSED = ("encoder_quantisation",)  # read off the encoder's ticks
+SURE = 3.0  # standard deviations
 SMALLEST = 0.15  # of the typical size: less is not worth a name
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is known of a drive before anything is named: the robot's parameters, how long it took, where it went.
-
-    `places` [m], shape (n, 2), are spread over where the robot was; `turning` [rad/s] is a usual yaw rate.
-    """
+    """What is known of a drive before anything is named: the robot's parameters, and a usual yaw rate [rad/s]."""
 
     parameters: Mapping[str, float]
-    seconds: float
-    places: np.typing.NDArray[np.float64]
     turning: float
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An effect with values of its parameters; `threshold` says that half of the effect is not half of its value."""
+    """An effect with values of its parameters; `threshold` says that half of the effect is not half of its value.
+
+    An effect that begins at a moment is tried as if it had begun with the drive, one of a place as if it were
+    everywhere; `local` tells which of the two ("time", "place", or "" for neither) is then to be looked for.
+    """
 
     effect: str
     values: Mapping[str, float]
     threshold: bool
+    local: str = ""
 
 
 def size(parameter: ParameterDefinition, scene: Scene) -> float:
@@ -67,8 +67,10 @@ def trials(scene: Scene, effects: Iterable[Effect] = CATALOGUE.values()) -> list
     for effect in effects:
         if effect.name in RANDOM or effect.name in SENSED:
             continue
-        for places in _elsewhere(effect, scene):
-            result += [Trial(effect.name, values | places, threshold) for values, threshold in _sizes(effect, scene)]
+        local = locality(effect)
+        for others in _others(effect):
+            sizes = _sizes(effect, scene)
+            result += [Trial(effect.name, values | others, threshold, local) for values, threshold in sizes]
     return result
 
 
@@ -94,37 +96,28 @@ def is_limit(parameter: ParameterDefinition) -> bool:
     return parameter.neutral is not None and (math.isinf(parameter.neutral) or parameter.neutral == parameter.upper)
 
 
-def _elsewhere(effect: Effect, scene: Scene) -> list[dict[str, float]]:
-    """Return values of the parameters that say when, where or at which angle."""
-    choices: list[list[dict[str, float]]] = []
-    others = [parameter for parameter in effect.parameters if not parameter.switches]
-    names = {parameter.name for parameter in others}
-    x, y = f"{effect.name}_x", f"{effect.name}_y"
-    if {x, y} <= names:
-        choices.append([{x: float(east), y: float(north)} for east, north in scene.places])
-    for parameter in others:
-        if parameter.name in (x, y):
-            continue
-        if parameter.unit == "s":
-            moments = (np.arange(MOMENTS) + 1.0) / (MOMENTS + 1.0) * scene.seconds
-            choices.append([{parameter.name: float(moment)} for moment in moments])
-        elif parameter.unit == "rad":
-            choices.append([{parameter.name: 0.0}, {parameter.name: math.pi / 2.0}])
-        else:
-            choices.append([{parameter.name: float(parameter.typical or 0.0)}])
-    return [{name: value for part in parts for name, value in part.items()} for parts in product(*choices)]
+def locality(effect: Effect) -> str:
+    """Return whether an effect belongs to a time, to a place, or to neither ("")."""
+    names = {parameter.name for parameter in effect.parameters if not parameter.switches}
+    if {f"{effect.name}_{quantity}" for quantity in ("x", "y", "radius")} <= names:
+        return "place"
+    return "time" if f"{effect.name}_time" in names else ""
 
 
-def spread_out(points: np.typing.NDArray[np.float64], count: int) -> np.typing.NDArray[np.float64]:
-    """Return `count` of the points (n, 2), each as far as possible from those before (farthest-point sampling)."""
-    if len(points) == 0:
-        return np.zeros((0, 2))
-    chosen = [0]
-    distance = np.hypot(*(points - points[0]).T)
-    while len(chosen) < min(count, len(points)):
-        chosen.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, np.hypot(*(points - points[chosen[-1]]).T))
-    return points[chosen]
+def _others(effect: Effect) -> list[dict[str, float]]:
+    """Return values of the parameters that do not switch the effect on: always, everywhere, at two angles."""
+    choices = [[(parameter.name, value) for value in _choices(parameter)] for parameter in effect.parameters]
+    return [dict(one) for one in product(*(choice for choice in choices if choice))]
+
+
+def _choices(parameter: ParameterDefinition) -> list[float]:
+    if parameter.switches:
+        return []
+    if parameter.unit == "rad":
+        return [0.0, math.pi / 2.0]
+    if parameter.name.endswith("_radius"):
+        return [EVERYWHERE]
+    return [0.0] if parameter.unit in ("s", "m") else [float(parameter.typical or 0.0)]
 
 
 def lanes_of(sets: Sequence[Mapping[str, float]]) -> dict[str, object]:
@@ -152,11 +145,10 @@ def step_of(name: str, value: float, scene: Scene) -> float:
     return 0.01 * abs(value) if is_limit(parameter) else 0.05 * usual
 
 
-def worth_naming(values: Mapping[str, float], scene: Scene, names: Sequence[str]) -> bool:
+def worth_naming(values: Mapping[str, float], stds: Mapping[str, float], scene: Scene) -> bool:
     """Tell whether an effect is large enough to matter: some parameter of it a fair share of its typical size."""
-    sizes = [
-        abs(values[name]) >= SMALLEST * size(definition(name), scene)
-        for name in names
-        if definition(name).switches and not is_limit(definition(name))
-    ]
-    return not sizes or any(sizes)
+    switches = [definition(name) for name in values if definition(name).switches]
+    if any(is_limit(parameter) for parameter in switches):
+        return True
+    sizes = {parameter.name: SMALLEST * size(parameter, scene) for parameter in switches}
+    return any(abs(values[name]) > max(least, SURE * stds.get(name, 0.0)) for name, least in sizes.items())

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.diagnosis.baseline import guess_base_width, guess_motor
-from cmr.diagnosis.candidates import PLACES, Scene, spread_out
+from cmr.diagnosis.candidates import Scene
 from cmr.diagnosis.experiment import pieces_of
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Predictor, predictors
@@ -63,17 +63,11 @@ def prepare(recordings: Sequence[Recording], nominal: ParameterFile) -> Ready:
 
 
 def _scene(ready: Sequence[Predictor], values: dict[str, float]) -> Scene:
-    """Return where the robot was and how it turned."""
-    places = np.concatenate([predictor.piece.heard.pose[::10, :2] for predictor in ready])
+    """Return how the robot turned."""
     turning = []
     for predictor in ready:
         motion = predictor.errors(values, USUAL).motion
         rate = np.abs(motion[:, MOTION.index("yaw_rate")])
         turning.append(rate[rate > TURNING])
     fast = np.concatenate(turning)
-    return Scene(
-        parameters=values,
-        seconds=max(predictor.piece.heard.time + predictor.piece.heard.seconds for predictor in ready),
-        places=spread_out(places, PLACES),
-        turning=float(np.sqrt(np.mean(fast**2))) if len(fast) else 1.0,
-    )
+    return Scene(values, float(np.sqrt(np.mean(fast**2))) if len(fast) else 1.0)

@@ -117,7 +117,8 @@ def why_not(study: Study, tried: Tried, inflation: float) -> str:
     if tried.drop < needed(tried.effect) * inflation:
         return "what it explains may be chance"
     names = [parameter.name for parameter in tried.effect.parameters]
-    if not worth_naming({name: tried.values[name] for name in names}, study.scene, names):
+    stds = {name: tried.fit.std(name) for name in names} if tried.fit else {}
+    if not worth_naming({name: tried.values[name] for name in names}, stds, study.scene):
         return "too small to matter"
     if tried.fit is not None and not tried.held_out > 0.0:
         return "does not hold on data that it was not fitted on"

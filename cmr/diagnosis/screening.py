@@ -5,11 +5,12 @@ The noise is taken from what is left when all effects together, and the paramete
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cmr.diagnosis.candidates import Trial, lanes_of, step_of, trials
+from cmr.diagnosis.localising import best_moment, best_place
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors
 from cmr.diagnosis.study import Study, inward
@@ -18,7 +19,6 @@ from cmr.recordings.signal import Floats
 
 LARGEST_SHARE = 3.0  # of a trial's size that the noise's model may use
 MOST_OF_A_LIMIT = 1.3  # of a trial's size that a limit's score may use
-ROUNDS = 2
 NOTHING = 1e-6  # white errors squared; a trial that changes less says nothing
 SET_ASIDE, FEWEST = 4, 10  # best trials that do not count for the inflation; others that must be left
 MEDIAN_OF_CHI2 = 0.4549  # with one degree of freedom
@@ -56,37 +56,66 @@ def screen(
     sets += [{**values, name: values[name] + step} for name, step in zip(names, steps, strict=True)]
     sets += [{**values, **trial.values} for trial in attempts]
     errors = study.errors(lanes_of(sets))
+    rows = study.rows(errors)
+    noise = noise or Noise.plain(study.predictors, errors)
+    noise = noise_of_all(study, errors, len(names), noise)
+    attempts, errors = _localised(study, attempts, errors, len(names), noise, rows)
     noise = noise_of_all(study, errors, len(names), noise)
     white = study.made_white(errors, noise)
-    rest, moved = white[:, 0], white[:, 1:] - white[:, :1]
-    basis, _ = np.linalg.qr(moved[:, : len(names)])
-    rest = rest - basis @ (basis.T @ rest)
-    # Of moves beside the model only what the model cannot do itself counts.
-    trial_moves = moved[:, len(names) :]
-    along = basis.T @ trial_moves
-    sizes = np.einsum("nc,nc->c", trial_moves, trial_moves) - np.einsum("pc,pc->c", along, along)
-    pulls = trial_moves.T @ rest
+    rest, basis, moves = _beside(white, len(names))
+    sizes, pulls = np.einsum("nc,nc->c", moves, moves), moves.T @ rest
     scores = [_score(trial, size, pull) for trial, size, pull in zip(attempts, sizes, pulls, strict=True)]
     best: dict[str, Score] = {}
-    for score in scores:
-        if score.drop > best.get(score.trial.effect, score).drop or score.trial.effect not in best:
-            best[score.trial.effect] = score
-    ordered = tuple(sorted(best.values(), key=lambda score: -score.drop))
-    return Screening(noise, ordered, _inflation(attempts, trial_moves - basis @ along, rest))
+    for score in sorted(scores, key=lambda score: -score.drop):
+        best.setdefault(score.trial.effect, score)
+    return Screening(noise, tuple(best.values()), _inflation(attempts, moves, rest))
 
 
-def noise_of_all(study: Study, errors: Sequence[Errors], free: int, noise: Noise | None) -> Noise:
+def _beside(white: Floats, free: int) -> tuple[Floats, Floats, Floats]:
+    """Return white errors (n,) that the model leaves, what it explains (n, free), and trials' moves (n, c) beside it."""
+    rest, moved = white[:, 0], white[:, 1:] - white[:, :1]
+    basis, _ = np.linalg.qr(moved[:, :free])
+    moves = moved[:, free:]
+    return rest - basis @ (basis.T @ rest), basis, moves - basis @ (basis.T @ moves)
+
+
+def _localised(
+    study: Study, attempts: Sequence[Trial], errors: Sequence[Errors], free: int, noise: Noise, rows: Floats
+) -> tuple[list[Trial], list[Errors]]:
+    """Replace trials that act always or everywhere by those that act from the best moment on, or at the best place."""
+    white = study.made_white(errors, noise)
+    rest, basis, _ = _beside(white, free)
+    several = len({predictor.piece.recording for predictor in study.predictors}) > 1
+    kept, columns, masks = [], [*range(free + 1)], {}
+    for number, trial in enumerate(attempts):
+        column = number + free + 1
+        if trial.local:
+            if several and trial.local == "time":
+                continue
+            move = white[:, column] - white[:, 0]
+            local = (
+                best_moment(move, rest, basis, rows[:, 0])
+                if trial.local == "time"
+                else best_place(move, rest, basis, rows[:, 1:])
+            )
+            if local.drop <= 0.0:
+                continue
+            where = {f"{trial.effect}_{quantity}": value for quantity, value in local.values.items()}
+            trial, masks[len(columns)] = replace(trial, values={**trial.values, **where}), local.inside
+        kept.append(trial)
+        columns.append(column)
+    return kept, study.masked([Errors({n: e[:, columns] for n, e in x.of.items()}, x.motion) for x in errors], masks)
+
+
+def noise_of_all(study: Study, errors: Sequence[Errors], free: int, noise: Noise) -> Noise:
     """Return the noise that is left when the first `free` moves, and all trials, have explained what they can."""
-    noise = noise or Noise.plain(study.predictors, errors)
-    for _ in range(ROUNDS):
-        white = study.made_white(errors, noise)
-        moved = white[:, 1:] - white[:, :1]
-        normal = moved.T @ moved
-        prior = np.full(len(normal), LARGEST_SHARE**-2)
-        prior[:free] = 1e-9 * np.diag(normal)[:free] + 1e-12
-        shares = -np.linalg.solve(normal + np.diag(prior), moved.T @ white[:, 0])
-        noise = Noise.found(study.predictors, [_explained(error, shares) for error in errors])
-    return noise
+    white = study.made_white(errors, noise)
+    moved = white[:, 1:] - white[:, :1]
+    normal = moved.T @ moved
+    prior = np.full(len(normal), LARGEST_SHARE**-2)
+    prior[:free] = 1e-9 * np.diag(normal)[:free] + 1e-12
+    shares = -np.linalg.solve(normal + np.diag(prior), moved.T @ white[:, 0])
+    return Noise.found(study.predictors, [_explained(error, shares) for error in errors])
 
 
 def _explained(errors: Errors, shares: Floats) -> Errors:

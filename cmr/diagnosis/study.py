@@ -9,14 +9,15 @@ from cmr.diagnosis.candidates import Scene, lanes_of, step_of
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors, Predictor
 from cmr.model.catalogue import definition
-from cmr.model.observer import Gains
-from cmr.recordings.signal import Floats
+from cmr.model.observer import MOTION, Gains
+from cmr.recordings.signal import Floats, Mask
 
 BLOCK = 1.5  # s; neighbouring blocks belong to different folds
 FOLDS = 5
 MOST_STEPS = 7
 SETTLED = 0.1  # of the sum of squares: a step that promises less is the last
 DAMPING = 1e-6
+X, Y = MOTION.index("x"), MOTION.index("y")
 QUICK_STEPS = 5  # of models fitted side by side
 
 
@@ -76,6 +77,29 @@ class Study:
             for part in noise.white(predictor, error).values()
         ]
         return np.concatenate(parts)
+
+    def rows(self, errors: Sequence[Errors]) -> Floats:
+        """Return when [s] and where [m] each white error arises, shape (n, 3): time, x, y."""
+        parts = []
+        for predictor, error in zip(self.predictors, errors, strict=True):
+            for name, times in predictor.times.items():
+                motion = predictor.motion_at(error.motion, name)
+                parts.append(np.stack([times + predictor.piece.heard.time, motion[:, X], motion[:, Y]], axis=1))
+        return np.concatenate(parts)
+
+    def masked(self, errors: Sequence[Errors], masks: Mapping[int, Mask]) -> list[Errors]:
+        """Return errors in which some candidates, by column, move only where a mask (n,) over all white errors is true."""
+        result, begin = [], 0
+        for predictor, error in zip(self.predictors, errors, strict=True):
+            of = {name: values.copy() for name, values in error.of.items()}
+            for name, times in predictor.times.items():
+                rows = slice(begin, begin + len(times))
+                begin += len(times)
+                for column, mask in masks.items():
+                    outside = ~mask[rows]
+                    of[name][outside, column] = of[name][outside, 0]
+            result.append(Errors(of, error.motion))
+        return result
 
     def noise(self, values: Mapping[str, float]) -> tuple[Noise, float]:
         """Return the noise that these values leave, and the log-likelihood."""

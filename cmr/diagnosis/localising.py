@@ -1,0 +1,73 @@
+"""When did a change happen, or where is a place that differs? All moments, and all places, are tried at once.
+
+What an effect does that acts always and everywhere is known; one that acts from a moment on, or within a disc, does
+the same there and nothing elsewhere, as its traces in the prediction errors last for a fraction of a second only.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.recordings.signal import Floats, Mask
+
+EDGE = 0.04  # of a drive at either end, where a change would be an outlier
+CELL = 0.1  # m; places are told apart as finely
+RADII = (0.2, 0.3, 0.4, 0.55)  # m
+MOST_CELLS = 1500
+LARGEST_PART = 0.6  # of all that a place may hold: the rest must be elsewhere
+NOTHING = 1e-6
+
+
+@dataclass(frozen=True)
+class Local:
+    """Where an effect explains most: what it drops the sum of squares by, and the values that say when, or where."""
+
+    drop: float
+    values: dict[str, float]
+    inside: Mask
+
+
+def best_moment(move: Floats, rest: Floats, basis: Floats, time: Floats) -> Local:
+    """Return the moment [s] from which on a move (n,) explains most of `rest` (n,).
+
+    `basis` (n, p), orthonormal, is what the model explains itself; `rest` is free of it. `time` (n,) is that of each.
+    """
+    order = np.argsort(-time, kind="stable")
+    pulls, sizes = np.cumsum((move * rest)[order]), np.cumsum((move * move)[order])
+    along = np.cumsum(basis[order] * move[order, None], axis=0)
+    drops = _drops(pulls, sizes, along)
+    since = time[order]
+    first, last = np.min(time), np.max(time)
+    allowed = (since > first + EDGE * (last - first)) & (since < last - EDGE * (last - first))
+    best = int(np.argmax(np.where(allowed, drops, -1.0)))
+    moment = float(since[best])
+    return Local(float(drops[best]) if allowed.any() else 0.0, {"time": moment}, time >= moment)
+
+
+def best_place(move: Floats, rest: Floats, basis: Floats, places: Floats) -> Local:
+    """Return the disc within which a move (n,) explains most of `rest` (n,); `places` [m], (n, 2), are those of each."""
+    cells, inverse = np.unique(np.round(places / CELL).astype(np.int64), axis=0, return_inverse=True)
+    inverse = inverse.reshape(-1)
+    if len(cells) > MOST_CELLS:
+        return Local(0.0, {}, np.zeros(len(move), np.bool_))
+    columns = np.concatenate([[move * rest, move * move], basis.T * move])
+    sums = np.stack([np.bincount(inverse, column, len(cells)) for column in columns])
+    centres = cells * CELL
+    distance = np.hypot(*(centres[:, None] - centres[None]).transpose(2, 0, 1))
+    best = Local(0.0, {}, np.zeros(len(move), np.bool_))
+    for radius in RADII:
+        within = sums @ (distance <= radius).astype(np.float64)
+        drops = _drops(within[0], within[1], within[2:].T)
+        drops[within[1] > LARGEST_PART * sums[1].sum()] = 0.0
+        index = int(np.argmax(drops))
+        if drops[index] > best.drop:
+            inside = np.hypot(*(places - centres[index]).T) <= radius
+            values = {"x": float(centres[index, 0]), "y": float(centres[index, 1]), "radius": radius}
+            best = Local(float(drops[index]), values, inside)
+    return best
+
+
+def _drops(pulls: Floats, sizes: Floats, along: Floats) -> Floats:
+    """Return by how much moves of these pulls (m,), sizes (m,) and shares along the basis (m, p) drop the squares."""
+    free = sizes - np.sum(along**2, axis=1)
+    return np.where(free > NOTHING + 1e-6 * sizes, pulls**2 / np.maximum(free, NOTHING), 0.0)
