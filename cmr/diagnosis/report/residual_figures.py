@@ -24,7 +24,7 @@ SEEN_SMALL = 0.6
 
 def tell_tale_figure(pair: Pair, caption: str) -> Html:
     """Return a pair before and after side by side, on the same axes."""
-    limit = _limit([pair.means_before, pair.means_after], pair.before, SEEN)
+    limit = _limit([pair.means_before, pair.means_after], [pair.before, pair.after], SEEN)
     plots = [_large(pair, pair.before, pair.means_before, "before", limit)]
     plots.append(_large(pair, pair.after, pair.means_after, "after", limit))
     return _figure(tag("div", *plots, class_="plots"), caption)
@@ -32,7 +32,7 @@ def tell_tale_figure(pair: Pair, caption: str) -> Html:
 
 def remaining_figure(pairs: Sequence[Pair], caption: str) -> Html:
     """Return what the extended model leaves of a signal, over each of these regressors."""
-    limit = _limit([pair.means_after for pair in pairs], pairs[0].after, SEEN)
+    limit = _limit([pair.means_after for pair in pairs], [pairs[0].after], SEEN)
     plots = [
         _large(pair, pair.after, pair.means_after, f"over {regressor(pair.regressor).words}", limit) for pair in pairs
     ]
@@ -69,7 +69,7 @@ def _large(pair: Pair, residual: Floats, bins: Bins, title: str, limit: Range) -
 def _multiples(signal: str, pairs: list[Pair], changed: bool) -> Html:
     """Return one signal's residual over all regressors, on the same vertical axis."""
     bins = [b for pair in pairs for b in ((pair.means_before, pair.means_after) if changed else (pair.means_before,))]
-    limit = _limit(bins, pairs[0].before, SEEN_SMALL)
+    limit = _limit(bins, [pairs[0].before], SEEN_SMALL)
     plots = [_small(pair, limit, changed) for pair in pairs]
     words = f"{signal_words(signal)}, real minus model [{unit_text(pairs[0].unit)}]"
     entries = [before_key("mean before", marked=True)] if changed else []
@@ -121,14 +121,15 @@ def _extent(values: Floats) -> Range:
     return low - room, high + room
 
 
-def _limit(bins: Sequence[Bins], residual: Floats, seen: float) -> Range:
-    """Return a range that holds zero, all means with their errors, and this share of the samples."""
-    finite = residual[np.isfinite(residual)]
-    ends = np.quantile(finite, (0.5 - 0.5 * seen, 0.5 + 0.5 * seen)) if len(finite) else np.zeros(2)
+def _limit(bins: Sequence[Bins], residuals: Sequence[Floats], seen: float) -> Range:
+    """Return a range that holds zero, all means with their errors, and this share of each residual's samples."""
+    finite = [residual[np.isfinite(residual)] for residual in residuals]
+    ends = [np.quantile(f, (0.5 - 0.5 * seen, 0.5 + 0.5 * seen)) for f in finite if len(f)]
     known = [np.isfinite(b.mean) for b in bins]
     tops = [float(np.max((b.mean + b.error)[k], initial=0.0)) for b, k in zip(bins, known, strict=True)]
     lows = [float(np.min((b.mean - b.error)[k], initial=0.0)) for b, k in zip(bins, known, strict=True)]
-    low, high = min(float(ends[0]), *lows, 0.0), max(float(ends[1]), *tops, 0.0)
+    low = min([0.0, *lows, *(float(end[0]) for end in ends)])
+    high = max([0.0, *tops, *(float(end[1]) for end in ends)])
     room = 0.08 * (high - low) or 1.0
     return low - room, high + room
 
