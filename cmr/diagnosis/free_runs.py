@@ -18,16 +18,18 @@ from numpy.typing import NDArray
 
 from cmr.diagnosis.experiment import Piece
 from cmr.model.catalogue import definition
-from cmr.model.motion import RobotState, roll
+from cmr.model.motion import RobotState, Trajectory, roll
 from cmr.model.observer import FOLLOWED, MOTION, RESTART, Gains, Heard, Innovations, observe
 from cmr.model.parameters import RobotParameters
+from cmr.model.sensors import pose_seen
 from cmr.recordings.signal import Floats
 
 WINDOW = 3.0  # s
 OVERLAP = 2  # windows that cover each moment
+BLOCK = 4.0 * WINDOW  # s; seven of eight windows lie within such blocks
 COMPLETE = 0.95  # share of a window that its poses must span
 SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
-SMOOTHED = 0.5  # s before and after a moment, whose poses tell the pose at that moment
+SMOOTHED = 0.3  # s before and after a moment, whose poses tell the pose at that moment
 WHEELS = ("psi_left", "psi_right")
 SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
 FREE = Gains(0.0, 0.0, 0.0, 0.0)  # nothing is followed
@@ -46,7 +48,7 @@ class Fold(NamedTuple):
 class Windows(NamedTuple):
     """When W free runs begin and end [s since the piece's beginning], and the numbers of their first poses, (W,).
 
-    Without poses the numbers are all 0.
+    A recording without poses has none of the numbers.
     """
 
     begin: Floats
@@ -88,15 +90,26 @@ class Errors:
         return float(np.sqrt(sum(np.sum(self.squares[name]) for name in signals) / count)) if count else np.nan
 
 
+def alternating_spans(seconds: float, folds: int, block: float = BLOCK) -> list[tuple[tuple[float, float], ...]]:
+    """Return the spans of each fold: blocks of `block` [s] dealt out to the folds in turn, over so many seconds.
+
+    Blocks should be some windows long. A whole quarter left out at once would take a kind of driving out of the fit,
+    and say more about that than about the next log.
+    """
+    begins = [block * number for number in range(int(np.ceil(seconds / block)))]
+    return [tuple((begin, begin + block) for begin in begins[fold::folds]) for fold in range(folds)]
+
+
 def errors_of(piece: Piece, folds: Sequence[Fold], window: float = WINDOW) -> tuple[Errors, ...]:
     """Return the errors in one piece of each model, all folds having the same number of them.
 
+    The last model should be the one that knows most: its sensor effects tell what the real pose is at a beginning.
     Windows do not reach beyond a fold's span; each is run with the parameters found without it. What is left over at
     the ends is not used.
     """
     heard = piece.heard
     values = stacked([model for fold in folds for model in fold.models])
-    smooth = smoothed_poses(heard, folds[0].models[0])
+    smooth = smoothed_poses(heard, folds[0].models[-1])
     models = len(folds[0].models)
     parts: list[list[Errors]] = [[] for _ in range(models)]
     for phase in range(OVERLAP):
@@ -134,8 +147,8 @@ def free_run(heard: Heard, begins: Indices, poses: Floats, values: Mapping[str, 
     What the sensors said less what they would have said comes back, at each pose that was measured.
     """
     # Twice, because where the tracked point is depends on the heading, which the first time sets.
-    at = np.repeat(begins + 1, 2)[: 2 * len(heard.pose)]
-    source = np.repeat(begins, 2)[: 2 * len(heard.pose)]
+    source = np.repeat(begins, 2)
+    at = source + 1
     changed = replace(
         heard,
         pose_time=np.insert(heard.pose_time, at, heard.pose_time[source]),
@@ -150,8 +163,9 @@ def free_run(heard: Heard, begins: Indices, poses: Floats, values: Mapping[str, 
 def smoothed_poses(heard: Heard, values: Values) -> Floats:
     """Return the pose at each moment of a measured one, from all measured within SMOOTHED of it, shape (P, 3).
 
-    The motion between them is that of the wheels, as the paper's model with these values has it; in its absence that
-    of a free run. Errors of that motion that grow with time cancel between before and after. Headings are unwrapped.
+    The motion between them is that of the wheels, or else of a free run, as the pose's sensor sees it with the effects
+    that it has by these values. Errors of that motion that grow with time cancel between before and after. Headings
+    are unwrapped.
     """
     if len(heard.pose) == 0:
         return heard.pose
@@ -168,16 +182,20 @@ def smoothed_poses(heard: Heard, values: Values) -> Floats:
 
 
 def _motion(heard: Heard, values: Values) -> Floats:
-    """Return x, y, theta at the times of the poses, from anywhere on, of the wheels or else of a free run, (P, 3)."""
+    """Return the poses that the sensor would say of the wheels' motion, or else of a free run, shape (P, 3).
+
+    The path begins at the first pose and strays from there.
+    """
+    parameters = RobotParameters.of(values)
     if len(heard.wheel) > 1:
-        path = roll(heard.wheel[:, 0], heard.wheel[:, 1], RobotParameters.of(values), RobotState.at_rest())
-        time, columns = heard.wheel_time, [path.x, path.y, path.theta]
+        start = RobotState.at_rest(*heard.pose[0])
+        time, path = heard.wheel_time, roll(heard.wheel[:, 0], heard.wheel[:, 1], parameters, start)
     else:
         unbroken = replace(heard, pose_use=np.full_like(heard.pose_use, FOLLOWED))
         motion = observe(unbroken, stacked([values]), FREE).motion
         time = np.arange(len(motion), dtype=np.float64) * heard.dt
-        columns = [motion[:, MOTION.index(name)] for name in ("x", "y", "theta")]
-    return np.column_stack([np.interp(heard.pose_time, time, column) for column in columns])
+        path = Trajectory(*(motion[:, MOTION.index(name)] for name in Trajectory._fields))
+    return np.column_stack(pose_seen(time, path, parameters, heard.pose_time))
 
 
 def _neighbours(heard: Heard) -> tuple[Indices, Indices]:
@@ -204,7 +222,7 @@ def windows_of(heard: Heard, window: float, late: float = 0.0, begin: float = -n
     """
     if len(heard.pose) == 0:
         begins = np.arange(max(begin, 0.0) + late, min(end, heard.seconds) - window + heard.dt, window)
-        return Windows(begins, begins + window, np.zeros(len(begins), np.int64))
+        return Windows(begins, begins + window, np.empty(0, np.int64))
     numbers = []
     time = heard.pose_time
     for stretch in np.split(np.arange(len(time)), np.flatnonzero(heard.pose_use == RESTART)):
@@ -224,10 +242,9 @@ def _windows(heard: Heard, folds: Sequence[Fold], window: float, late: float) ->
     spans = [(index, *span) for index, fold in enumerate(folds) for span in fold.spans]
     parts = [windows_of(heard, window, late, begin, end) for _, begin, end in spans]
     number = np.concatenate([np.full(len(part.begin), index) for (index, *_), part in zip(spans, parts, strict=True)])
-    begin = np.concatenate([part.begin for part in parts])
+    begin, end, pose = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(begin, kind="stable")
-    columns = (np.concatenate(column)[order] for column in zip(*parts, strict=True))
-    return Windows(*columns), number[order].astype(np.int64)
+    return Windows(begin[order], end[order], np.sort(pose)), number[order].astype(np.int64)
 
 
 def told_errors(heard: Heard, innovations: Innovations) -> dict[str, Averages]:
