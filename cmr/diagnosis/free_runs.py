@@ -253,7 +253,7 @@ def told_errors(heard: Heard, innovations: Innovations) -> dict[str, Averages]:
     result = {
         "position": Averages(*poses, np.hypot(innovations.pose[:, 0], innovations.pose[:, 1])),
         "heading": Averages(*poses, innovations.pose[:, 2]),
-        "yaw_rate": _binned(heard.gyro_time, innovations.gyro),
+        "yaw_rate": _binned(heard.gyro_time, innovations.gyro, heard.seconds),
     }
     for side, name in enumerate(WHEELS):
         used = heard.wheel_use[:, side] > 0 if len(heard.given) == 0 else np.zeros(len(heard.wheel), np.bool_)
@@ -261,9 +261,11 @@ def told_errors(heard: Heard, innovations: Innovations) -> dict[str, Averages]:
     return result
 
 
-def _binned(time: Floats, error: Floats) -> Averages:
-    """Return means of errors (n, C) over each SPAN in which there are any."""
+def _binned(time: Floats, error: Floats, seconds: float) -> Averages:
+    """Return means of errors (n, C) over each whole SPAN of so many seconds in which there are any."""
     number = np.floor(time / SPAN)
+    whole = (number + 1.0) * SPAN <= seconds
+    number, time, error = number[whole], time[whole], error[whole]
     first = np.flatnonzero(np.diff(number, prepend=-1.0))
     if len(first) == 0:
         return Averages(time, time, error)

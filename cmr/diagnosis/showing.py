@@ -100,10 +100,12 @@ def paths_of(pieces: Sequence[Piece], before: Values, after: Values, labels: Seq
 def _path(piece: Piece, before: Values, after: Values, label: str) -> Path:
     heard = piece.heard
     begins = np.flatnonzero(heard.pose_use == RESTART)
-    error = free_run(heard, begins, smoothed_poses(heard, after), stacked((before, after))).pose
+    smooth = smoothed_poses(heard, after)
     measured = np.column_stack([heard.pose[:, :2], np.unwrap(heard.pose[:, 2])])
+    simulated = measured[:, :, None] - free_run(heard, begins, smooth, stacked((before, after))).pose
+    simulated[begins] = smooth[begins, :, None]
     shown = _spread(len(measured), MOST_POINTS)
-    simulated = (measured[:, :, None] - error)[shown]
+    simulated = simulated[shown]
     return Path(
         label=label,
         time=heard.pose_time[shown] + heard.time,

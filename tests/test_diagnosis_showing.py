@@ -1,0 +1,209 @@
+"""What the paths and residuals that a report shows promise."""
+
+from collections.abc import Mapping
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cmr.diagnosis.experiment import Piece, pieces_of
+from cmr.diagnosis.free_runs import Values
+from cmr.diagnosis.result import Residual
+from cmr.diagnosis.showing import MOST_POINTS, MOST_SAMPLES, paths_of, residuals_of, structure
+from cmr.recordings.recording import Recording
+from tests.reference_plant import NEUTRAL, REALISTIC, SILENT, Noise, packets, recording
+from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, constant, figure_eight, rich_drive
+
+TRUE = {name: getattr(NEUTRAL, name) for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
+SIGNALS = ("psi_left", "psi_right", "yaw_rate", "forward", "sideways", "heading")
+OF_COMMANDS = {"command_left", "command_right", "command_change", "energy"}
+
+
+@cache
+def rich(noise: Noise = REALISTIC, effect: tuple[tuple[str, float], ...] = ()) -> Recording:
+    return recording(packets(rich_drive(), RICH_DRIVE_SECONDS), dict(effect), RICH_DRIVE_SECONDS, noise, 4)
+
+
+def pieces(one: Recording, number: int = 0) -> list[Piece]:
+    return pieces_of(one, (), number)
+
+
+def residuals(one: Recording, before: Values, after: Values) -> dict[str, Residual]:
+    return {residual.signal: residual for residual in residuals_of(pieces(one), before, after)}
+
+
+def with_and_without(effect: Mapping[str, float], noise: Noise = REALISTIC) -> dict[str, Residual]:
+    """The residuals of a robot with an effect, by models without and with it."""
+    return residuals(rich(noise, tuple(effect.items())), TRUE, {**TRUE, **effect})
+
+
+def without(one: Recording, *signals: str) -> Recording:
+    return one.where({name: np.zeros(len(one.signals[name]), np.bool_) for name in signals})
+
+
+def test_the_path_after_is_the_real_one_where_the_model_knows_everything_and_before_it_is_not() -> None:
+    effect = {"turn_asymmetry": 0.03, "pose_offset": 0.05}
+    one = rich(SILENT, tuple(effect.items()))
+    (path,) = paths_of(pieces(one), TRUE, {**TRUE, **effect}, ["drive"])
+    assert path.label == "drive"
+    off_before, off_after = (
+        np.hypot(x - path.x, y - path.y) for x, y in ((path.before_x, path.before_y), (path.after_x, path.after_y))
+    )
+    assert np.max(off_after) < 0.005
+    assert np.max(off_before) > 0.1
+    assert np.max(np.abs(path.after_theta - path.theta)) < 0.01
+    assert path.x == pytest.approx(np.interp(path.time, one.poses.seconds, one.poses["x"]))
+
+
+def test_a_path_is_told_from_the_recordings_first_sample_on_and_by_its_recording() -> None:
+    one = rich()
+    both = [*pieces(one), *pieces(one, 1)]
+    first, second = paths_of(both, TRUE, TRUE, ["a", "b"])
+    assert (first.label, second.label) == ("a", "b")
+    assert first.time[0] == 0.0
+    assert first.time[-1] == pytest.approx(one.poses.seconds[-1], abs=0.05)
+
+
+def test_long_recordings_are_shown_by_as_many_points_as_a_page_can_bear() -> None:
+    seconds = 400.0
+    long = recording(packets(figure_eight(seconds, 16), seconds), {}, seconds, REALISTIC, 1)
+    (path,) = paths_of(pieces(long), TRUE, TRUE, [""])
+    assert len(path.x) == MOST_POINTS
+    for residual in residuals_of(pieces(long), TRUE, TRUE):
+        assert len(residual.before) <= MOST_SAMPLES
+        assert all(len(values) == len(residual.before) for values in residual.regressors.values())
+        assert np.all(np.diff(residual.regressors["time"]) > 0.0)
+
+
+def test_the_bias_of_a_gyro_shows_in_the_yaw_rate_at_its_size_and_is_gone_after() -> None:
+    yaw_rate = with_and_without({"gyro_bias": 0.05})["yaw_rate"]
+    assert np.mean(yaw_rate.before) == pytest.approx(0.05, abs=0.005)
+    assert np.mean(yaw_rate.after) == pytest.approx(0.0, abs=0.005)
+    assert yaw_rate.unit == "rad/s"
+
+
+def test_a_wheel_that_turns_slower_than_simulated_has_a_negative_residual() -> None:
+    still_fast = {**TRUE, "k1": 0.9 * TRUE["k1"]}
+    seconds = 20.0
+    straight = recording(packets(constant(0.5, 0.5), seconds), {}, seconds, REALISTIC, 1)
+    too_fast = residuals(straight, still_fast, TRUE)
+    expected = 0.5 / TRUE["k1"] - 0.5 / still_fast["k1"]
+    assert np.median(too_fast["psi_left"].before) == pytest.approx(expected, rel=0.05)
+    assert np.median(too_fast["psi_right"].after) == pytest.approx(0.0, abs=0.05)
+    # Grown over a second: so much less way than foretold.
+    assert np.median(too_fast["forward"].before) == pytest.approx(0.9 * expected * TRUE["wheel_radius"], rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("effect", "signal", "regressor", "share"),
+    [
+        ({"lateral_skid": 0.06}, "sideways", "speed_times_yaw_rate", 0.5),
+        ({"slope_x": 1.0, "slope_y": -0.6}, "psi_left", "heading", 0.5),
+        ({"quadratic_drag": 0.06}, "psi_right", "command_right", 0.5),
+        ({"battery_drift": 0.3}, "forward", "energy", 0.03),
+        ({"gyro_drift": 0.1}, "yaw_rate", "time", 0.5),
+        ({"gyro_latency": 0.02}, "yaw_rate", "yaw_acceleration", 0.3),
+        ({"pose_latency": 0.1}, "forward", "acceleration", 0.3),
+        ({"command_delay": 0.03}, "psi_left", "command_change", 0.2),
+        ({"turn_asymmetry": 0.1}, "heading", "yaw_rate", 0.5),
+    ],
+)
+def test_an_effect_shows_over_the_regressor_that_it_is_made_of_and_is_gone_after(
+    effect: dict[str, float], signal: str, regressor: str, share: float
+) -> None:
+    residual = with_and_without(effect)[signal]
+    over = residual.regressors[regressor]
+    assert structure(residual.before, over) > share
+    assert structure(residual.after, over) < 0.25 * share
+
+
+def test_noise_alone_shows_no_structure_over_anything() -> None:
+    noisy_sensors = Noise(ticks_per_turn=480.0, gyro=0.02, position=0.02, heading=0.02)
+    for residual in residuals(rich(noisy_sensors), TRUE, TRUE).values():
+        assert np.array_equal(residual.before, residual.after)
+        for name, over in residual.regressors.items():
+            assert structure(residual.before, over) < 0.1, (residual.signal, name)
+
+
+def test_angles_of_wheels_and_headings_are_within_one_turn() -> None:
+    for residual in residuals(rich(), TRUE, TRUE).values():
+        for name in ("wheel_angle_left", "wheel_angle_right"):
+            assert np.all((residual.regressors[name] >= 0.0) & (residual.regressors[name] < 2.0 * np.pi))
+        assert np.all(np.abs(residual.regressors["heading"]) <= np.pi)
+
+
+def test_regressors_of_a_steady_drive_are_what_a_pocket_calculator_says() -> None:
+    seconds, left, right = 20.0, 0.3, 0.5
+    steady = recording(packets(constant(left, right), seconds), {}, seconds, SILENT, 1)
+    regressors = residuals(steady, TRUE, TRUE)["yaw_rate"].regressors
+    late = regressors["time"] > 10.0
+    speed = TRUE["wheel_radius"] * (left + right) / 2.0 / TRUE["k1"]
+    yaw_rate = TRUE["wheel_radius"] * (right - left) / TRUE["k1"] / TRUE["base_width"]
+    load = 0.2 * (left**2 + right**2)  # at a wheel speed of duty / K1
+    for name, expected in (
+        ("speed", speed),
+        ("yaw_rate", yaw_rate),
+        ("speed_times_yaw_rate", speed * yaw_rate),
+        ("command_left", left),
+        ("command_right", right),
+        ("acceleration", 0.0),
+        ("command_change", 0.0),
+    ):
+        assert regressors[name][late] == pytest.approx(expected, rel=1e-4, abs=1e-9)
+    spent = np.polyfit(regressors["time"][late], regressors["energy"][late], 1)[0]
+    assert spent == pytest.approx(load, rel=1e-4)
+
+
+def test_only_what_was_recorded_has_residuals() -> None:
+    one = rich()
+    assert set(residuals(one, TRUE, TRUE)) == set(SIGNALS)
+    assert set(residuals(without(one, "gyro"), TRUE, TRUE)) == set(SIGNALS) - {"yaw_rate"}
+    assert set(residuals(without(one, "poses"), TRUE, TRUE)) == {"psi_left", "psi_right", "yaw_rate"}
+    assert set(residuals(without(one, "wheels"), TRUE, TRUE)) == set(SIGNALS) - {"psi_left", "psi_right"}
+    assert paths_of(pieces(without(one, "poses")), TRUE, TRUE, [""]) == ()
+    assert residuals_of([], TRUE, TRUE) == ()
+
+
+def test_without_commands_nothing_is_shown_over_commands() -> None:
+    shown = residuals(without(rich(), "commands"), TRUE, TRUE)
+    assert set(shown) == {"yaw_rate", "forward", "sideways", "heading"}
+    assert not any(OF_COMMANDS & set(residual.regressors) for residual in shown.values())
+
+
+def test_a_log_of_some_seconds_is_shown_too() -> None:
+    whole = rich()
+    first = int(whole.poses.utime[0])
+    for seconds in (2.1, 2.6, 4.0):
+        short = whole.between(first, first + round(seconds * 1e6))
+        assert len(paths_of(pieces(short), TRUE, TRUE, [""])) == 1
+        assert set(residuals(short, TRUE, TRUE)) == set(SIGNALS)
+
+
+def test_structure_is_the_share_of_the_variance_that_a_function_of_the_regressor_makes() -> None:
+    random = np.random.default_rng(3)
+    over = random.uniform(-1.0, 1.0, 3000)
+    noise = random.standard_normal(3000)
+    function = 2.0 * np.sin(3.0 * over)
+    share = np.var(function) / np.var(function + noise)
+    assert structure(function + noise, over) == pytest.approx(share, abs=0.03)
+    assert structure(noise, over) == pytest.approx(0.0, abs=0.02)
+
+
+def test_structure_sees_a_trend_over_time_but_neither_a_constant_nor_a_single_event() -> None:
+    random = np.random.default_rng(3)
+    time, noise = np.arange(3000.0), random.standard_normal(3000)
+    assert structure(noise + 1e-3 * time, time) == pytest.approx(0.43, abs=0.05)
+    assert structure(noise + 5.0, time) < 0.02
+    assert structure(noise, np.ones(3000)) == 0.0
+    assert structure(noise[:20], time[:20]) == 0.0
+    once = noise + 10.0 * (time == 1500.0)
+    assert structure(once, time) < 0.02
+
+
+def test_structure_passes_over_what_is_not_finite() -> None:
+    random = np.random.default_rng(3)
+    over = random.uniform(-1.0, 1.0, 3000)
+    broken = np.where(np.arange(3000) % 7 == 0, np.nan, over)
+    assert structure(over, over) > 0.98
+    assert structure(broken, over) > 0.98
+    assert structure(over, broken) > 0.98
