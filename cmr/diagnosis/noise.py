@@ -32,12 +32,12 @@ PSI_LEFT, PSI_RIGHT = MOTION.index("psi_left"), MOTION.index("psi_right")
 class SignalNoise:
     """The noise of one signal: `past` (p,) weighs its own last errors, `foreign` (3,) those of FOREIGN.
 
-    The size of what remains is the root of `size` (3,): a constant, and shares of doubt and of wheel speed squared.
+    `sizes` are the standard deviations of what remains, in the signal's unit: one array (n,) for each piece.
     """
 
     past: Floats
     foreign: Floats
-    size: Floats
+    sizes: tuple[Floats, ...]
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,13 @@ class Noise:
         for name, spans in SPANS.items():
             own = [error.of[name][:, 0] for error in errors if name in error.of]
             if own:
-                size = max(float(np.mean(np.concatenate(own) ** 2)), LEAST_SIZE**2)
-                result[name] = SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), np.array([size, 0.0, 0.0]))
+                size = max(float(np.sqrt(np.mean(np.concatenate(own) ** 2))), LEAST_SIZE)
+                sizes = tuple(np.full(len(p.times.get(name, ())), size) for p in predictors)
+                result[name] = SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), sizes)
         return cls(result)
 
-    def white(self, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
-        """Return the errors of a piece made white, (n, C) by signal; the first ones, which have no past, are 0."""
+    def white(self, number: int, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
+        """Return the errors of piece `number` made white, (n, C) by signal; the first, which have no past, are 0."""
         result = {}
         foreign = _foreign(predictor, errors)
         for name in predictor.times:
@@ -73,16 +74,13 @@ class Noise:
             own = errors.of[name]
             if name in POSE_SIGNALS and np.any(noise.foreign):
                 own = own - sum(weight * other for weight, other in zip(noise.foreign, foreign, strict=True))
-            result[name] = _whitened(own, noise.past, SPANS[name], 1.0 / self.size(predictor, errors, name))
+            result[name] = _whitened(own, noise.past, SPANS[name], 1.0 / noise.sizes[number])
         return result
 
-    def size(self, predictor: Predictor, errors: Errors, name: str) -> Floats:
-        """Return the standard deviation of what cannot be foretold of a signal, shape (n,), in its unit."""
-        return np.sqrt(np.maximum(_sizes(name, predictor, errors) @ self.of[name].size, LEAST_SIZE**2))
-
-    def log_size(self, predictor: Predictor, errors: Errors) -> float:
-        """Return the sum of logarithms of the sizes of all errors in a piece."""
-        return float(sum(np.sum(np.log(self.size(predictor, errors, name))) for name in predictor.times))
+    @property
+    def log_size(self) -> float:
+        """Sum of the logarithms of the sizes of all errors."""
+        return float(sum(np.sum(np.log(sizes)) for noise in self.of.values() for sizes in noise.sizes))
 
 
 def _found(
@@ -99,7 +97,8 @@ def _found(
         foreign = of_others if name in POSE_SIGNALS else np.zeros((len(own), len(FOREIGN)))
         rows.append((own, foreign, _sizes(name, predictor, error)))
     if not rows:
-        return SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), np.array([1.0, 0.0, 0.0]))
+        ones = tuple(np.ones(len(p.times.get(name, ()))) for p in predictors)
+        return SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), ones)
     foreign_weights = np.zeros(len(FOREIGN))
     past = np.zeros(len(spans))
     weights = [np.ones(len(own)) for own, _, _ in rows]
@@ -114,7 +113,11 @@ def _found(
         rest = [one[order:] - p @ past for p, one in zip(pasts, freed, strict=True)]
         size = _size_found(np.concatenate(rest), np.concatenate([s[order:] for _, _, s in rows]))
         weights = [1.0 / np.sqrt(np.maximum(s @ size, LEAST_SIZE**2)) for _, _, s in rows]
-    return SignalNoise(past, foreign_weights, size)
+    found = tuple(
+        np.sqrt(np.maximum(_sizes(name, p, e) @ size, LEAST_SIZE**2)) if name in p.times else np.empty(0)
+        for p, e in zip(predictors, errors, strict=True)
+    )
+    return SignalNoise(past, foreign_weights, found)
 
 
 def _least_squares(pairs: Sequence[tuple[Floats, Floats]]) -> Floats:

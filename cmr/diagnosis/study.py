@@ -73,8 +73,8 @@ class Study:
         """Return prediction errors made white, shape (n, C), piece by piece and signal by signal."""
         parts = [
             part
-            for predictor, error in zip(self.predictors, errors, strict=True)
-            for part in noise.white(predictor, error).values()
+            for number, (predictor, error) in enumerate(zip(self.predictors, errors, strict=True))
+            for part in noise.white(number, predictor, error).values()
         ]
         return np.concatenate(parts)
 
@@ -106,8 +106,7 @@ class Study:
         errors = self.errors(values)
         noise = Noise.found(self.predictors, errors)
         rest = self.made_white(errors, noise)
-        sizes = sum(noise.log_size(p, e) for p, e in zip(self.predictors, errors, strict=True))
-        return noise, -0.5 * float(rest[:, 0] @ rest[:, 0]) - sizes
+        return noise, -0.5 * float(rest[:, 0] @ rest[:, 0]) - noise.log_size
 
     def fit(self, values: Mapping[str, float], names: Sequence[str], noise: Noise, renew: int = 1) -> Fit:
         """Fit the free parameters `names` from `values` on (Levenberg-Marquardt).

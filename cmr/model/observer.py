@@ -107,7 +107,7 @@ def observe(
     sensor = np.empty((len(_sensor_parameters()), lanes))
     for row, name in zip(sensor, _sensor_parameters(), strict=True):
         row[:] = _padded(numbers[name] if name in numbers else np.full(count, DEFINITIONS[name].neutral), lanes)
-    scales = _encoder_scales(numbers, count) if len(heard.given) else np.ones((2, count))
+    scales = _encoder_scales(numbers, count)
     gain = np.stack([_padded(np.broadcast_to(row, count), lanes) for row in (*gains, *scales)])
     chosen = np.zeros(lanes, np.int64) if luck is None else _padded(luck, lanes).astype(np.int64)
     result = Innovations(
@@ -142,7 +142,7 @@ def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
 
     known = {name: value for name, value in values.items() if name in _sensor_parameters()}
     known.pop("encoder_quantisation", None)
-    return np.stack([1.0 / np.broadcast_to(encoder_reading(known, side, 1.0), count) for side in SIDES])
+    return np.stack([1.0 / encoder_reading(known, side, np.ones(count)) for side in SIDES])
 
 
 @cache

@@ -116,8 +116,9 @@ def observe(
                     error_right = wheel[next_wheel, 1] - reading_right
                     wheel_error[next_wheel, 0, block * LANES + i] = error_left
                     wheel_error[next_wheel, 1, block * LANES + i] = error_right
-                    error_left = error_left if use_left else 0.0
-                    error_right = error_right if use_right else 0.0
+                    # From here on by how much the wheels, not their encoders, are elsewhere.
+                    error_left = scale_left[i] * error_left if use_left else 0.0
+                    error_right = scale_right[i] * error_right if use_right else 0.0
                     here[ANGLE_LEFT + i] += gain_angle[i] * error_left
                     before_left[i] += gain_angle[i] * error_left
                     here[ANGLE_RIGHT + i] += gain_angle[i] * error_right

@@ -51,7 +51,7 @@ def read_sensors(
 
 def encoder_reading(values: Mapping[str, Any], side: str, angle: Any) -> Any:
     """Return what the encoder of a side ("left", "right") says at a wheel angle [rad]; parameter `values` by name."""
-    return _stage("encoder", side)({**_neutral(), **values, "time": 0.0, "reading": angle})["reading"]
+    return _stage("encoder", side)({**_neutral(), **values, "time": np.zeros(1), "reading": angle})["reading"]
 
 
 def pose_seen(time: Any, motion: Trajectory, parameters: RobotParameters, pose_time: Any) -> tuple[Any, Any, Any]:
