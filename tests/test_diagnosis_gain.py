@@ -192,15 +192,26 @@ def test_few_windows_give_a_ratio_and_no_interval() -> None:
     assert all(math.isnan(end) for end in gain.interval)
 
 
-def test_a_log_shorter_than_a_window_tells_nothing() -> None:
+def test_a_log_much_shorter_than_a_window_tells_nothing() -> None:
     whole = driven("figure-eight")
     first = int(whole.poses.utime[0])
-    (errors,) = errors_with(whole.between(first, first + 2_500_000), TRUE)
+    (errors,) = errors_with(whole.between(first, first + 2_200_000), TRUE, window=5.0)
     assert len(errors.begin) == 0
     assert math.isnan(path_rmse(errors))
     gain = gain_of(errors, errors)
     assert math.isnan(gain.ratio)
     assert gain.signals == {}
+
+
+def test_a_log_in_pieces_a_little_shorter_than_a_window_is_measured_piece_by_piece() -> None:
+    whole = driven("figure-eight")
+    first = int(whole.poses.utime[0])
+    parts = [
+        whole.between(first + begin, first + begin + 2_400_000) for begin in range(5_000_000, 60_000_000, 5_000_000)
+    ]
+    found = [errors_with(part, TRUE)[0] for part in parts]
+    assert [len(errors.begin) for errors in found] == [1] * len(parts)
+    assert path_rmse(joined(found)) < 0.011
 
 
 def without(one: Recording, *signals: str) -> Recording:

@@ -9,7 +9,7 @@ import pytest
 from cmr.diagnosis.experiment import Piece, pieces_of
 from cmr.diagnosis.free_runs import Values
 from cmr.diagnosis.result import Residual
-from cmr.diagnosis.showing import MOST_POINTS, MOST_SAMPLES, paths_of, residuals_of, structure
+from cmr.diagnosis.showing import MOST_PATHS, MOST_POINTS, MOST_SAMPLES, paths_of, residuals_of, structure
 from cmr.recordings.recording import Recording
 from tests.reference_plant import NEUTRAL, REALISTIC, SILENT, Noise, packets, recording
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, constant, figure_eight, rich_drive
@@ -62,6 +62,18 @@ def test_a_path_is_told_from_the_recordings_first_sample_on_and_by_its_recording
     assert (first.label, second.label) == ("a", "b")
     assert first.time[0] == 0.0
     assert first.time[-1] == pytest.approx(one.poses.seconds[-1], abs=0.05)
+
+
+def test_of_a_recording_in_many_pieces_the_longest_paths_are_shown() -> None:
+    one = rich()
+    first = int(one.poses.utime[0])
+    many = [
+        piece
+        for number in range(MOST_PATHS + 5)
+        for piece in pieces(one.between(first, first + (number + 3) * 1_000_000), number)
+    ]
+    shown = paths_of(many, TRUE, TRUE, [str(number) for number in range(len(many))])
+    assert [path.label for path in shown] == [str(number) for number in range(5, MOST_PATHS + 5)]
 
 
 def test_long_recordings_are_shown_by_as_many_points_as_a_page_can_bear() -> None:

@@ -28,6 +28,7 @@ WINDOW = 3.0  # s
 OVERLAP = 2  # windows that cover each moment
 BLOCK = 4.0 * WINDOW  # s; seven of eight windows lie within such blocks
 COMPLETE = 0.95  # share of a window that its poses must span
+LEAST = 0.5  # of a window; a stretch that is shorter tells too little
 SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
 SMOOTHED = 0.3  # s before and after a moment, whose poses tell the pose at that moment
 WHEELS = ("psi_left", "psi_right")
@@ -218,23 +219,34 @@ def _means(values: Floats, first: Indices, last: Indices) -> Floats:
 def windows_of(heard: Heard, window: float, late: float = 0.0, begin: float = -np.inf, end: float = np.inf) -> Windows:
     """Return windows end to end, within `begin` and `end` [s], over each stretch in which the path does not break.
 
-    The first begins `late` [s] after its stretch.
+    The first begins `late` [s] after its stretch. A stretch that is shorter than a window, but not by half, is one.
     """
-    if len(heard.pose) == 0:
-        begins = np.arange(max(begin, 0.0) + late, min(end, heard.seconds) - window + heard.dt, window)
-        return Windows(begins, begins + window, np.empty(0, np.int64))
-    numbers = []
     time = heard.pose_time
+    if len(time) == 0:
+        first, last = max(begin, 0.0), min(end, heard.seconds)
+        begins = _begins(first, last, _length(heard.seconds, window), late)
+        return Windows(begins, np.minimum(begins + window, last), np.empty(0, np.int64))
+    parts = [(np.empty(0, np.int64), np.empty(0))]
     for stretch in np.split(np.arange(len(time)), np.flatnonzero(heard.pose_use == RESTART)):
         inside = stretch[(time[stretch] >= begin) & (time[stretch] <= end)]
         if len(inside):
-            begins = np.arange(time[inside[0]] + late, time[inside[-1]] - COMPLETE * window, window)
-            numbers.append(inside[np.minimum(np.searchsorted(time[inside], begins - 1e-9), len(inside) - 1)])
-    number = np.unique(np.concatenate([np.empty(0, np.int64), *numbers]))
-    ends = time[number] + window
-    # A pose may be late; then the window before would reach into the next.
-    ends[:-1] = np.minimum(ends[:-1], time[number[1:]])
-    return Windows(time[number], np.minimum(ends, end), number)
+            first, last = float(time[inside[0]]), float(time[inside[-1]])
+            length = _length(float(np.ptp(time[stretch])), window)
+            number = np.unique(inside[np.searchsorted(time[inside], _begins(first, last, length, late) - 1e-9)])
+            # A pose may be late; then the window before would reach into the next.
+            parts.append((number, np.minimum(time[number] + window, np.append(time[number[1:]], last)[: len(number)])))
+    number, ends = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Windows(time[number], ends, number)
+
+
+def _length(whole: float, window: float) -> float:
+    """Return how long windows are [s] in a stretch of `whole` [s]."""
+    return whole if LEAST * window <= whole < COMPLETE * window else window
+
+
+def _begins(first: float, last: float, length: float, late: float) -> Floats:
+    """Return when windows of a length [s] begin that lie end to end between two times, or nearly so."""
+    return np.arange(first + late, last - COMPLETE * length, length)
 
 
 def _windows(heard: Heard, folds: Sequence[Fold], window: float, late: float) -> tuple[Windows, Indices]:

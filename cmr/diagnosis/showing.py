@@ -30,6 +30,7 @@ from cmr.model.observer import MOTION, RESTART, Heard, Innovations
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 
+MOST_PATHS = 12
 MOST_POINTS = 2000  # of a path
 MOST_SAMPLES = 3000  # of a residual
 GROWN = 1.0  # s over which errors of the pose grow
@@ -90,11 +91,14 @@ class _Sampled(NamedTuple):
 
 
 def paths_of(pieces: Sequence[Piece], before: Values, after: Values, labels: Sequence[str]) -> tuple[Path, ...]:
-    """Return each piece's path, and its free runs by two models from its start; none of pieces without poses.
+    """Return the paths of the longest MOST_PATHS pieces, and their free runs by two models from the start.
 
-    `labels` are those of the recordings.
+    Pieces without poses have none. `labels` are those of the recordings.
     """
-    return tuple(_path(piece, before, after, labels[piece.recording]) for piece in pieces if len(piece.heard.pose))
+    with_path = [piece for piece in pieces if len(piece.heard.pose)]
+    longest = sorted(piece.heard.seconds for piece in with_path)[-MOST_PATHS:]
+    shown = [piece for piece in with_path if piece.heard.seconds >= longest[0]][:MOST_PATHS]
+    return tuple(_path(piece, before, after, labels[piece.recording]) for piece in shown)
 
 
 def _path(piece: Piece, before: Values, after: Values, label: str) -> Path:
