@@ -1,7 +1,7 @@
 """Recordings on the observer's raster: what was sent, what was heard, and how well each reading is known."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,8 @@ class Piece:
     """A part of a recording without gaps, as the observer takes it.
 
     `wheel_doubt` [rad], shape (W, 2), is the standard deviation that the encoder's ticks leave of each reading;
-    `tick` [rad] their size, 0 where there are none. `first` [us] is the time of the raster's beginning, `recording` the
+    `tick` [rad] their size, 0 where there are none. `packet_time` [s] and `packet_duty`, shapes (n,) and (n, 2), are the
+    commands one by one. `first` [us] is the time of the raster's beginning, `recording` the
     number of the recording that it belongs to.
     """
 
@@ -32,6 +33,14 @@ class Piece:
     tick: float
     first: int
     recording: int
+    packet_time: Floats
+    packet_duty: Floats
+
+    def with_packets_at(self, time: Floats) -> "Piece":
+        """Return the piece with commands that take effect at these times [s], increasing, (n,), instead of at once."""
+        borders = np.arange(len(self.heard.left) + 1) * self.heard.dt
+        left, right = (_mean_held(time, duty, borders) for duty in self.packet_duty.T)
+        return replace(self, heard=replace(self.heard, left=left, right=right))
 
 
 def pieces_of(recording: Recording, splits: Sequence[int], number: int) -> list[Piece]:
@@ -60,6 +69,7 @@ def _piece(recording: Recording, first: int, last: int, beginning: int, splits: 
     wheels, gyro, poses = (s.between(first, end) for s in (recording.wheels, recording.gyro, recording.poses))
     borders = first + np.round(np.arange(steps + 1) * (STEP / SECONDS)).astype(np.int64)
     duty = [_means(recording.duty, side, borders) for side in ("left", "right")]
+    packets = recording.duty.between(first, end)
     angle, use, doubt, tick = _readings(wheels)
     pose = np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
     psi = _start_speeds(wheels, first)
@@ -85,6 +95,8 @@ def _piece(recording: Recording, first: int, last: int, beginning: int, splits: 
         tick,
         first,
         number,
+        (packets.utime - first) * SECONDS,
+        np.stack([packets["left"], packets["right"]], axis=1) if len(packets) else np.empty((0, 2)),
     )
 
 
@@ -92,9 +104,17 @@ def _means(signal: Signal, field: str, borders: Times) -> Floats:
     """Return the mean over each step of what holds until the next is said; 0 before the first."""
     if len(signal) == 0:
         return np.zeros(len(borders) - 1)
-    times = np.concatenate([signal.utime, [max(int(borders[-1]), int(signal.utime[-1])) + 1]])
-    integral = np.concatenate([[0.0], np.cumsum(signal[field] * np.diff(times))])
-    return np.diff(np.interp(borders, times, integral)) / np.diff(borders)
+    start = borders[0]
+    return _mean_held((signal.utime - start) * SECONDS, signal[field], (borders - start) * SECONDS)
+
+
+def _mean_held(time: Floats, values: Floats, borders: Floats) -> Floats:
+    """Return the mean between borders [s] of values that hold from their time [s] to the next; 0 before the first."""
+    if len(time) == 0:
+        return np.zeros(len(borders) - 1)
+    ends = np.append(time, max(borders[-1], time[-1]) + 1.0)
+    integral = np.concatenate([[0.0], np.cumsum(values * np.diff(ends))])
+    return np.asarray(np.diff(np.interp(borders, ends, integral)) / np.diff(borders))
 
 
 def _readings(wheels: Signal) -> tuple[Floats, np.typing.NDArray[np.uint8], Floats, float]:
