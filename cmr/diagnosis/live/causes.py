@@ -3,11 +3,9 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from cmr.diagnosis.live.changes import BY_NAME
+from cmr.diagnosis.live.changes import BY_NAME, Sizes
 
 LEAST_FALL = 0.02  # share by which a battery's voltage has fallen at least if it slows the wheels
-
-Sizes = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ class Cause:
     def allows(self, sizes: Sizes) -> bool:
         """Tell whether changes of these sizes, by name, can have this cause and are large enough to matter."""
         return all(
-            abs(sizes[name]) >= 0.5 * BY_NAME[name].size and sizes[name] * sign >= 0.0
+            0.5 * BY_NAME[name].size <= abs(sizes[name]) <= BY_NAME[name].largest and sizes[name] * sign >= 0.0
             for name, sign in self.changes.items()
         )
 

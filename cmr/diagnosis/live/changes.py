@@ -2,16 +2,19 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from cmr.diagnosis.live.measures import common, opposite
 from cmr.diagnosis.live.second import Second
 
-Shifts = Mapping[str, float]
+Shifts: TypeAlias = Mapping[str, float]  # by measure
+Sizes: TypeAlias = Mapping[str, float]  # by change
 
 
 @dataclass(frozen=True)
 class Change:
-    """One way to change. `size` is what is looked for; half of that is passed over as nothing that matters.
+    """One way to change. `size` is what is looked for; half of that is passed over as nothing that matters, and more
+    than `largest` is not believed.
 
     `shifts` says by how much each measure of a second would shift if the size were 1. `clause` says in words what is
     seen, for a size.
@@ -21,6 +24,7 @@ class Change:
     size: float
     shifts: Callable[[Second], Shifts]
     clause: Callable[[float], str]
+    largest: float = 1.1
 
 
 def per_cent(size: float) -> str:
@@ -74,18 +78,18 @@ CHANGES = (
     Change(
         "speed",
         0.04,
-        lambda second: _wheels(*second.predicted),
+        lambda second: _wheels(*second.wanted.turned),
         lambda size: (
             f"both sides' wheels run {per_cent(size)} {'faster' if size > 0.0 else 'slower'} "
             "for the same commands than at the start"
         ),
     ),
-    Change("left_speed", 0.06, lambda second: _wheels(second.predicted[0], 0.0), _of_wheels("left")),
-    Change("right_speed", 0.06, lambda second: _wheels(0.0, second.predicted[1]), _of_wheels("right")),
+    Change("left_speed", 0.06, lambda second: _wheels(second.wanted.turned[0], 0.0), _of_wheels("left")),
+    Change("right_speed", 0.06, lambda second: _wheels(0.0, second.wanted.turned[1]), _of_wheels("right")),
     Change(
         "response",
-        0.3,
-        lambda second: _wheels(*(-second.time_constant * change for change in second.predicted_change)),
+        0.4,
+        lambda second: _wheels(*(-second.time_constant * change for change in second.wanted.speed_change)),
         lambda size: (
             f"the wheels take {per_cent(size)} {'longer' if size > 0.0 else 'less long'} to follow a change "
             "of the commands than at the start"
@@ -94,7 +98,7 @@ CHANGES = (
     Change(
         "turning",
         0.04,
-        lambda second: _turn(second.turn),
+        lambda second: _turn(second.floor.turn),
         lambda size: (
             f"the robot turns {per_cent(size)} {'more' if size > 0.0 else 'less'} "
             "for the same turning of its wheels than at the start"
@@ -113,7 +117,7 @@ CHANGES = (
     Change(
         "skid",
         0.1,
-        lambda second: {"sideways": -second.forward * second.turn},
+        lambda second: {"sideways": -second.floor.forward * second.floor.turn},
         lambda size: (
             f"the robot moves {abs(size):.2f} m/s {'outwards' if size > 0.0 else 'inwards'} "
             "at 1 m/s and 1 rad/s, more than at the start"
@@ -131,7 +135,7 @@ CHANGES = (
     Change(
         "gyro_factor",
         0.05,
-        lambda second: _gyro(second.turn),
+        lambda second: _gyro(second.floor.turn),
         lambda size: (
             f"the gyro tells {per_cent(size)} {'larger' if size > 0.0 else 'smaller'} turns than at the "
             "start, wheels and poses do not"
@@ -140,7 +144,10 @@ CHANGES = (
     Change(
         "pose_late",
         0.1,
-        lambda second: _pose(-second.speed_change, -second.turn_rate_change),
+        lambda second: {
+            "sideways": second.floor.lag.sideways,
+            **_pose(second.floor.lag.forward, second.floor.lag.turn),
+        },
         lambda size: (
             f"the poses follow the motion {abs(size):.2f} s {'later' if size > 0.0 else 'sooner'} than at the start"
         ),
@@ -148,7 +155,7 @@ CHANGES = (
     Change(
         "pose_way",
         0.05,
-        lambda second: {"forward": second.forward},
+        lambda second: {"forward": second.floor.forward},
         lambda size: (
             f"the poses go {per_cent(size)} {'further' if size > 0.0 else 'less far'} than the wheels "
             "compared with the start; turns agree"
@@ -157,7 +164,7 @@ CHANGES = (
     Change(
         "pose_still",
         0.5,
-        lambda second: _pose(-second.forward, -second.turn),
+        lambda second: _pose(-second.floor.forward, -second.floor.turn),
         lambda size: (
             f"the poses follow the wheels {per_cent(size)} {'less far' if size > 0.0 else 'further'} than at the start"
         ),

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from typing import TypeAlias
 
-from cmr.diagnosis.live.changes import CHANGES, Change
+from cmr.diagnosis.live.changes import CHANGES, Change, Sizes
 from cmr.diagnosis.live.expectation import Residual
 from cmr.diagnosis.live.second import Second
 
@@ -23,7 +23,7 @@ MOST_OF_A_SECOND = THRESHOLD / 3.0  # at least three seconds must speak for a ch
 SURE = 0.25  # of the shift; where the expectation is more uncertain, a measure does not speak for or against it
 
 Residuals: TypeAlias = Mapping[str, Residual]
-Key: TypeAlias = tuple[str, int]
+Key: TypeAlias = tuple[str, bool]
 
 
 class Detector:
@@ -38,11 +38,16 @@ class Detector:
         self._sums.clear()
         self._since.clear()
 
-    def add(self, second: Second, residuals: Residuals) -> int | None:
-        """Add a second; return the time [us] since when something has changed, None as long as it seems not."""
+    def add(self, second: Second, residuals: Residuals, present: Sizes) -> int | None:
+        """Add a second; return the time [us] since when something has changed, None as long as it seems not.
+
+        The residuals are those beyond the changes that are known to be `present`; what these are looked for is that
+        they go away, or come once more.
+        """
         for change in CHANGES:
+            size = max(change.size, abs(present.get(change.name, 0.0)))
             for sign in (1, -1):
-                self._add(change, sign, second, residuals)
+                self._add(change, sign * size, second, residuals)
         alarming = [key for key, value in self._sums.items() if value > THRESHOLD]
         return min((self._since[key] for key in alarming), default=None)
 
@@ -51,10 +56,10 @@ class Detector:
         """How near the nearest sum is to the threshold, 0 to 1 and more."""
         return max(self._sums.values(), default=0.0) / THRESHOLD
 
-    def _add(self, change: Change, sign: int, second: Second, residuals: Residuals) -> None:
-        key = (change.name, sign)
+    def _add(self, change: Change, size: float, second: Second, residuals: Residuals) -> None:
+        key = (change.name, size > 0.0)
         before = self._sums.get(key, 0.0)
-        ratio = log_likelihood_ratio(change, sign * change.size, second, residuals)
+        ratio = log_likelihood_ratio(change, size, second, residuals)
         if before == 0.0:
             self._since[key] = second.end
         self._sums[key] = max(0.0, before + min(ratio, MOST_OF_A_SECOND))

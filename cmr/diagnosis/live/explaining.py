@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.diagnosis.live.causes import CAUSES, Cause, Sizes, Voltage
-from cmr.diagnosis.live.changes import BY_NAME
+from cmr.diagnosis.live.causes import CAUSES, Cause, Voltage
+from cmr.diagnosis.live.changes import BY_NAME, Sizes
 from cmr.diagnosis.live.detection import Residuals
 from cmr.diagnosis.live.expectation import Residual
 from cmr.diagnosis.live.second import Second
@@ -18,7 +18,6 @@ RIVAL = 3.0  # nats; what fits as well within this is named, too
 MOST_RIVALS = 2
 FEWEST = 3  # seconds that a change must have lasted
 KEPT = 3.0  # nats by which another explanation must be better than the present one
-COINCIDENCE = 3.0  # nats; two causes at once are the less likely
 LEAST_SHARE = 0.5  # of what is seen an explanation must explain
 
 
@@ -65,12 +64,12 @@ def explain(observed: Sequence[Observed], present: Explanation, voltage: Voltage
         for score, fit in filter(None, (after.fit(causes) for causes in candidates)):
             bonus = KEPT if fit.names == present.names else 0.0
             possible.append((score + bonus - spoilt_before[onset], fit))
-    best_score, best = max(possible, key=lambda fit: fit[0])
-    if len(best.causes) != 1:
-        return best
-    near = sorted((fit for fit in possible if fit[0] > best_score - RIVAL), key=lambda fit: -fit[0])
-    others = {fit.names: fit.causes[0] for _, fit in near if len(fit.causes) == 1 and fit.names != best.names}
-    return best._replace(rivals=tuple(others.values())[:MOST_RIVALS])
+    by_score = sorted(possible, key=lambda fit: fit[0])
+    # Of each explanation the best onset; the best explanation first.
+    fits = sorted({fit.names: (score, fit) for score, fit in by_score}.values(), key=lambda fit: -fit[0])
+    best_score, best = fits[0]
+    rivals = [fit.causes[0] for score, fit in fits[1:] if score > best_score - RIVAL and len(fit.causes) == 1]
+    return best._replace(rivals=tuple(rivals[:MOST_RIVALS]) if len(best.causes) == 1 else ())
 
 
 class _After(NamedTuple):
@@ -97,7 +96,8 @@ class _After(NamedTuple):
         left = self.seen - values @ design
         power, unexplained = float(self.seen @ self.seen), float(left @ left)
         complete = unexplained <= max((1.0 - LEAST_SHARE) * power, 2.0 * len(left))
-        chance = len(names) * (1.0 + 0.5 * math.log(max(len(left), 1))) + COINCIDENCE * max(len(causes) - 1, 0)
+        # What each size gains by being fitted, and each cause by being the best of all.
+        chance = len(names) * (1.0 + 0.5 * math.log(max(len(left), 1))) + len(causes) * math.log(len(CAUSES))
         found = tuple((cause, {name: sizes[name] for name in cause.changes}) for cause in causes)
         return -0.5 * unexplained - chance, Explanation(found, (), complete)
 

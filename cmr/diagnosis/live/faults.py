@@ -4,11 +4,11 @@ import math
 import statistics
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 from cmr.diagnosis.live.causes import Voltage
 from cmr.diagnosis.live.measures import MOVING_SECONDS
 from cmr.diagnosis.live.second import FROZEN_WAY, LEAST_ANGLE, PoseSteps, Second
+from cmr.diagnosis.live.suspicion import Suspicion
 from cmr.msg import motor_feedback_t
 
 MEANT = 0.15  # duty; a smaller one may be too little to move the wheels
@@ -33,31 +33,19 @@ CONDITIONS = (
 )
 
 
-@dataclass(frozen=True)
-class Suspicion:
-    """What is suspected. `title` names it for when it is over; empty for an event, which is not said to be over.
-
-    `size` tells how far it has come, if it can grow.
-    """
-
-    title: str
-    sentence: str
-    size: float = 0.0
-
-
-@dataclass
 class Faults:
     """The faults of one robot, by key; `muted` are the measures that the last second cannot be judged by."""
 
-    present: dict[str, Suspicion] = field(default_factory=dict)
-    muted: frozenset[str] = frozenset()
-    _seen: dict[str, int] = field(default_factory=dict)
-    _standing: list[int] = field(default_factory=lambda: [0, 0])
-    _missed: dict[str, int] = field(default_factory=dict)
-    _jumps: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
-    _first_voltages: list[float] = field(default_factory=list)
-    _last_voltages: deque[float] = field(default_factory=lambda: deque(maxlen=PRESENT_VOLTAGE))
-    _number: int = 0
+    def __init__(self) -> None:
+        self.present: dict[str, Suspicion] = {}
+        self.muted: frozenset[str] = frozenset()
+        self._number = 0  # of the second
+        self._seen: dict[str, int] = {}  # number of the second in which a fault was seen last
+        self._standing = [0, 0]  # seconds for which the wheels of each side have stood still
+        self._missed: dict[str, int] = {}  # seconds since a sensor was heard
+        self._jumps: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
+        self._first_voltages: list[float] = []
+        self._last_voltages: deque[float] = deque(maxlen=PRESENT_VOLTAGE)
 
     @property
     def voltage(self) -> Voltage:
@@ -85,9 +73,9 @@ class Faults:
         for side in (0, 1):
             # A driver that passes nothing on leaves the twin standing, too.
             wanted = second.commanded[side] > MEANT and (
-                second.predicted_path[side] > LEAST_ANGLE or second.applied[side] == 0.0
+                second.wanted.path[side] > LEAST_ANGLE or second.applied[side] == 0.0
             )
-            stands = second.path[side] < STANDING * float(second.parameters.wheel_radius)
+            stands = second.floor.path[side] < STANDING * float(second.parameters.wheel_radius)
             if not stands:
                 self._standing[side] = 0
             elif wanted or self._standing[side] >= SURE_AFTER:
@@ -133,7 +121,7 @@ class Faults:
                 ),
             )
         jump = self._jump(second.pose)
-        if jump:
+        if jump and "frozen" not in self.present:
             self.muted |= POSE_MEASURES
             if second.resting:
                 why = "the localisation is at fault, or somebody moved the robot"
@@ -176,7 +164,7 @@ def _moves(second: Second, side: int) -> bool:
     parameters = second.parameters
     turned = second.pose.turn * float(parameters.base_width) / 2.0
     ground = second.pose.forward + (turned if side else -turned)
-    wanted = float(parameters.wheel_radius) * second.predicted[side]
+    wanted = float(parameters.wheel_radius) * second.wanted.turned[side]
     return abs(ground) > FROZEN_WAY and abs(ground - wanted) < 0.5 * abs(wanted)
 
 

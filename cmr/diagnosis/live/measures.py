@@ -43,45 +43,46 @@ def opposite(left: float, right: float) -> float:
 
 
 def _drive(second: Second) -> float:
-    return common(*second.turned) - common(*second.predicted)
+    return common(*second.turned) - common(*second.wanted.turned)
 
 
 def _drive_regressors(second: Second) -> Row:
-    speed, steer = common(*second.predicted), opposite(*second.predicted)
-    friction, drag = common(*second.predicted_direction), common(*second.predicted_square)
-    return speed, steer, friction, drag, common(*second.predicted_change), math.copysign(steer, speed)
+    speed, steer = common(*second.wanted.turned), opposite(*second.wanted.turned)
+    friction, drag = common(*second.wanted.direction), common(*second.wanted.square)
+    return speed, steer, friction, drag, common(*second.wanted.speed_change), math.copysign(steer, speed)
 
 
 def _steer(second: Second) -> float:
-    return opposite(*second.turned) - opposite(*second.predicted)
+    return opposite(*second.turned) - opposite(*second.wanted.turned)
 
 
 def _steer_regressors(second: Second) -> Row:
-    speed, steer = common(*second.predicted), opposite(*second.predicted)
-    friction, drag = opposite(*second.predicted_direction), opposite(*second.predicted_square)
-    return steer, speed, friction, drag, opposite(*second.predicted_change)
+    speed, steer = common(*second.wanted.turned), opposite(*second.wanted.turned)
+    friction, drag = opposite(*second.wanted.direction), opposite(*second.wanted.square)
+    return steer, speed, friction, drag, opposite(*second.wanted.speed_change)
 
 
 def _wheel_scale(second: Second) -> float:
-    return math.hypot(0.02, 0.003 * common(*map(abs, second.predicted)))
+    return math.hypot(0.02, 0.003 * common(*map(abs, second.wanted.turned)))
 
 
 def _turn_by_gyro(second: Second) -> float:
-    return second.gyro - second.turn if second.moving else math.nan
+    return second.gyro - second.floor.turn if second.moving else math.nan
 
 
 def _turn_by_pose(second: Second) -> float:
     known = second.pose is not None and second.moving and math.isnan(second.gyro)
-    return second.pose.turn - second.turn if known and second.pose else math.nan
+    return second.pose.turn - second.floor.turn if known and second.pose else math.nan
 
 
 def _turn_regressors(second: Second) -> Row:
-    turn, straight = second.turn, second.forward / second.parameters.base_width
-    return turn, straight, turn * abs(turn), abs(turn), second.turn_rate_change
+    floor = second.floor
+    straight = floor.forward / second.parameters.base_width
+    return floor.turn, straight, floor.turn_square, floor.turn_path, floor.lag.turn
 
 
 def _slip_of_turns(second: Second) -> float:
-    return 0.003 * common(*second.path) / float(second.parameters.base_width)
+    return 0.003 * common(*second.floor.path) / float(second.parameters.base_width)
 
 
 def _heading(second: Second) -> float:
@@ -89,15 +90,15 @@ def _heading(second: Second) -> float:
 
 
 def _forward(second: Second) -> float:
-    return second.pose.forward - second.forward if second.pose and second.moving else math.nan
+    return second.pose.forward - second.floor.forward if second.pose and second.moving else math.nan
 
 
 def _sideways(second: Second) -> float:
-    return second.pose.sideways - second.sideways if second.pose and second.moving else math.nan
+    return second.pose.sideways - second.floor.sideways if second.pose and second.moving else math.nan
 
 
 def _place_scale(second: Second) -> float:
-    return math.hypot(0.006, 0.005 * common(*second.path))
+    return math.hypot(0.006, 0.005 * common(*second.floor.path))
 
 
 MEASURES = (
@@ -123,7 +124,7 @@ MEASURES = (
         "heading",
         "rad",
         _heading,
-        lambda second: (second.gyro, second.turn_rate_change, 1.0),
+        lambda second: (second.gyro, second.floor.lag.turn, 1.0),
         (0.1, 0.3, 0.05),
         lambda _second: 0.006,
     ),
@@ -131,7 +132,7 @@ MEASURES = (
         "forward",
         "m",
         _forward,
-        lambda second: (second.forward, second.speed_change, second.forward * abs(second.turn)),
+        lambda second: (second.floor.forward, second.floor.lag.forward, second.floor.forward * abs(second.floor.turn)),
         (0.2, 0.3, 0.1),
         _place_scale,
     ),
@@ -139,8 +140,13 @@ MEASURES = (
         "sideways",
         "m",
         _sideways,
-        lambda second: (second.forward, second.turn, second.forward * second.turn),
-        (0.1, 0.3, 0.5),
+        lambda second: (
+            second.floor.forward,
+            second.floor.turn,
+            second.floor.forward * second.floor.turn,
+            second.floor.lag.sideways,
+        ),
+        (0.1, 0.3, 0.5, 0.3),
         _place_scale,
     ),
     Measure(

@@ -2,23 +2,21 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping
 
-from cmr.diagnosis.live.causes import Cause, Sizes
-from cmr.diagnosis.live.changes import BY_NAME
+from cmr.diagnosis.live.causes import Cause
+from cmr.diagnosis.live.changes import BY_NAME, Sizes
 from cmr.diagnosis.live.detection import Detector, Residuals
 from cmr.diagnosis.live.expectation import Expectation, Residual
-from cmr.diagnosis.live.explaining import Explanation, Observed, explain
-from cmr.diagnosis.live.faults import Faults, Suspicion
+from cmr.diagnosis.live.explaining import ROUGH, Explanation, Observed, explain
+from cmr.diagnosis.live.faults import Faults
 from cmr.diagnosis.live.measures import MEASURES, MOVING_SECONDS
 from cmr.diagnosis.live.second import Second
+from cmr.diagnosis.live.suspicion import Announcer, Suspicion
 
 WINDOW = 20  # seconds that are explained together, at most
 CONSIDERED = 2_000_000  # us after an alarm until it is explained: the first seconds may look like many things
 CALM = 0.3  # of the threshold; what is new is learnt only if no change is about to show
 UNEXPLAINED_FOR = 20_000_000  # us after which an alarm without a cause is forgotten
-GROWN = 1.5  # times; what has grown by as much is said again
-SAID_AGAIN = 60_000_000  # us; nothing is said more often
 
 
 class RobotWatch:
@@ -45,7 +43,7 @@ class RobotWatch:
         beyond_present = self._beyond_present(second, residuals)
         if residuals:
             self._window.append(Observed(second, residuals, beyond_present))
-        since = self._detector.add(second, beyond_present)
+        since = self._detector.add(second, beyond_present, self._explanation.sizes)
         if since is not None and self._since is None:
             self._since, self._decision = since, second.end + CONSIDERED
         if self._since is not None and second.end >= self._decision:
@@ -93,7 +91,8 @@ class RobotWatch:
         for change, size in self._explanation.sizes.items():
             for name, shift in BY_NAME[change].shifts(second).items():
                 if name in beyond:
-                    beyond[name] = beyond[name]._replace(value=beyond[name].value - size * shift)
+                    value, noise, doubt = beyond[name]
+                    beyond[name] = Residual(value - size * shift, noise, math.hypot(doubt, ROUGH * size * shift))
         return beyond
 
     def _explain(self, utime: int, since: int) -> None:
@@ -125,25 +124,3 @@ def unexplained(found: Explanation) -> Suspicion:
         "Something has changed for which there is no single cause."
         f"{nearest} Keep the log and let cmr-diagnose look at it.",
     )
-
-
-class Announcer:
-    """Says what is suspected once, again when it has grown, and when it is over; each at most once a minute."""
-
-    def __init__(self) -> None:
-        self._said: dict[str, tuple[int, float]] = {}  # when, and of what size, by key
-        self._open: dict[str, str] = {}  # titles of what was said and is not over, by key
-
-    def news(self, utime: int, suspicions: Mapping[str, Suspicion]) -> list[str]:
-        """Return what is to be said at utime."""
-        news = []
-        for key, suspicion in suspicions.items():
-            when, size = self._said.get(key, (utime - SAID_AGAIN, 0.0))
-            if (key not in self._open or suspicion.size > GROWN * size) and utime - when >= SAID_AGAIN:
-                news.append(suspicion.sentence)
-                self._said[key] = (utime, suspicion.size)
-                self._open[key] = suspicion.title
-        over = [title for key in self._open if key not in suspicions and (title := self._open[key])]
-        self._open = {key: title for key, title in self._open.items() if key in suspicions}
-        # What has got another explanation is not over.
-        return news or [f"No sign any more of: {title}." for title in over]

@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from cmr.diagnosis.live.hearing import Hearing
 from cmr.diagnosis.live.twin import EVERY, STEP, Twin
-from cmr.model.body import forward, turn
+from cmr.model.body import turn
 from cmr.model.motion import RobotState, roll
 from cmr.model.motor import decay_rate
 from cmr.model.parameters import RobotParameters
@@ -18,12 +18,16 @@ from cmr.world.commands import COMMAND_LIFETIME
 SECOND = 1_000_000  # us
 AROUND = 500_000  # us before and after the second that are looked at, too
 LONGEST_GAP, LONGEST_POSE_GAP = 0.25, 0.5  # s; over a longer one wheels and gyro, or poses, are not followed
-MIDDLE = 0.15  # s before and after a moment over which the speed at that moment is averaged
+SPAN = 5  # steps of the grid over which turning is followed
+LAG = 0.2  # s by which a second is shifted to see what a lag makes of it
 RESTING = 0.5  # rad/s; slower wheels are as good as resting
 LEAST_ANGLE = 0.3  # rad; a wheel that turned less in the second, and should have, counts as resting
 FROZEN_WAY, FROZEN_ANGLE = 0.03, 0.1  # m and rad that wheels must make until equal poses are called frozen
 
-Pair = tuple[float, float]
+GRID = np.arange(0.0, 1.0 + 0.5 * EVERY * STEP, EVERY * STEP)  # s
+
+Pair: TypeAlias = tuple[float, float]
+UNKNOWN: Pair = (math.nan, math.nan)
 
 
 class PoseSteps(NamedTuple):
@@ -42,37 +46,61 @@ class PoseSteps(NamedTuple):
     moved: bool
 
 
+class Motion(NamedTuple):
+    """Displacement ahead and to the left, seen from the heading half-way, and turn [m, m, rad]; or these per second."""
+
+    forward: float
+    sideways: float
+    turn: float
+
+
+class Wanted(NamedTuple):
+    """What the robot's parameters make of its commands, for left and right wheels.
+
+    `turned` [rad] is how far they should have turned (NaN while the twin is new), `path` [rad] that there and back,
+    `speed_change` [rad/s] the difference from beginning to end. Dry friction acts on `direction` [-1 to 1], the mean of
+    the speed's sign, and drag on `square` [rad], the mean of its square in units of the top speed.
+    """
+
+    turned: Pair
+    path: Pair
+    speed_change: Pair
+    direction: Pair
+    square: Pair
+
+
+class Floor(NamedTuple):
+    """What the turning of the wheels makes on the floor, if they do not slip.
+
+    `forward` and `sideways` [m] are in the direction of the heading half-way, `turn` [rad] counter-clockwise, `path`
+    [m] the ways of left and right wheels, there and back; `turn_path` [rad] is the turn there and back, `turn_square`
+    [rad^2/s] the integral of the yaw rate times its size. `lag` is by how much forward, sideways and turn would differ
+    [m, m, rad per s] for somebody who sees everything later.
+    """
+
+    forward: float
+    sideways: float
+    turn: float
+    path: Pair
+    turn_path: float
+    turn_square: float
+    lag: Motion
+
+
 @dataclass(frozen=True)
 class Second:
     """One second of a drive that ends at `end` [us]; pairs are left and right, what was not measured is NaN.
 
-    `turned` and `predicted` [rad] are how far wheels turned and should have, `predicted_path` [rad] there and back,
-    too; `predicted_change` [rad/s] by how much their speeds should have changed; `predicted_direction` [-1 to 1] and
-    `predicted_square` [rad] are what dry friction and drag would act on: the means of the speed's sign and, in units of
-    the top speed, of its square.
-
-    `forward`, `sideways` [m] and `turn` [rad] are what the wheels' turning makes on the floor, `path` [m] the way of
-    each side's wheels, there and back; `speed_change` [m/s] and `turn_rate_change` [rad/s] are from the beginning to
-    the end. `gyro` [rad] is the turn that it tells.
-
-    `commanded` and `applied` are mean sizes of duties: what was asked for, and what the driver says it passed on.
-    `status` are all bits of the feedback, `voltage` [V] is the battery's.
+    `turned` [rad] is how far wheels turned, `gyro` [rad] the turn that the gyro tells. `commanded` and `applied` are
+    mean sizes of duties: what was asked for, and what the driver says it passed on. `status` are all bits of the
+    feedback, `voltage` [V] is the battery's.
     """
 
     end: int
     parameters: RobotParameters
     turned: Pair
-    predicted: Pair
-    predicted_path: Pair
-    predicted_change: Pair
-    predicted_direction: Pair
-    predicted_square: Pair
-    forward: float
-    sideways: float
-    turn: float
-    path: Pair
-    speed_change: float
-    turn_rate_change: float
+    wanted: Wanted
+    floor: Floor
     commanded: Pair
     applied: Pair
     voltage: float
@@ -83,12 +111,12 @@ class Second:
     @property
     def moving(self) -> bool:
         """Whether any wheel turned, or should have."""
-        return any(math.isfinite(angle) and abs(angle) > LEAST_ANGLE for angle in (*self.turned, *self.predicted))
+        return any(math.isfinite(angle) and abs(angle) > LEAST_ANGLE for angle in (*self.turned, *self.wanted.turned))
 
     @property
     def resting(self) -> bool:
         """Whether all wheels stood still, as they should."""
-        return max(self.path) == 0.0 and not any(self.commanded)
+        return max(self.floor.path) == 0.0 and not any(self.commanded)
 
     @property
     def time_constant(self) -> float:
@@ -102,42 +130,56 @@ def observe(hearing: Hearing, twin: Twin, parameters: RobotParameters, begin: in
     angles = _angles(wheels)
     if angles is None:
         return None
-    grid = np.arange(0.0, 1.0 + 0.5 * EVERY * STEP, EVERY * STEP)
-    at_grid = np.stack([np.interp(grid, wheels[:, 0], angles[:, side]) for side in (0, 1)], axis=1)
-    path = roll(at_grid[:, 0], at_grid[:, 1], parameters, RobotState.at_rest())
-    turn = float(path.theta[-1])
-    ahead = complex(path.x[-1], path.y[-1]) * np.exp(-0.5j * turn)
-    speeds = _speeds(wheels[:, 0], angles, parameters)
+    at_grid, lagged = (_at(grid, wheels[:, 0], angles) for grid in (GRID, GRID - LAG))
     commands = hearing.between("commands", begin - COMMAND_LIFETIME, begin + SECOND, begin)
     applied = wheels[np.isfinite(wheels[:, 3:5]).all(axis=1)][:, [0, 3, 4]]
     asked, passed = in_force(commands, COMMAND_LIFETIME * 1e-6), in_force(applied, math.inf)
-    predicted = twin.drive(passed if len(applied) else asked)
-    known = twin.seconds > 1  # before, it still remembers how it was started
-    travel = EVERY * STEP * (predicted.sum(axis=0) - 0.5 * (predicted[0] + predicted[-1]))
-    way = np.abs(np.diff(at_grid, axis=0)) * parameters.wheel_radius
-    inside = (wheels[:, 0] >= 0.0) & (wheels[:, 0] <= 1.0)
+    wanted = _wanted(twin, passed if len(applied) else asked, parameters)
+    inside = wheels[(wheels[:, 0] >= 0.0) & (wheels[:, 0] <= 1.0)]
     return Second(
         end=begin + SECOND,
         parameters=parameters,
         turned=_pair(at_grid[-1] - at_grid[0]),
-        predicted=_pair(travel) if known else (math.nan, math.nan),
-        predicted_path=_pair(np.abs(predicted).mean(axis=0)),
-        predicted_change=_pair(predicted[-1] - predicted[0]),
-        predicted_direction=_pair(np.clip(predicted / RESTING, -1.0, 1.0).mean(axis=0)),
-        predicted_square=_pair((predicted * np.abs(predicted)).mean(axis=0) * parameters.k1),
-        forward=float(ahead.real),
-        sideways=float(ahead.imag),
-        turn=turn,
-        path=_pair(way.sum(axis=0)),
-        speed_change=float(speeds[1, 0] - speeds[0, 0]),
-        turn_rate_change=float(speeds[1, 1] - speeds[0, 1]),
+        wanted=wanted,
+        floor=_floor(at_grid, lagged, parameters),
         commanded=_pair(np.abs(asked if len(commands) else passed).mean(axis=0)),
-        applied=_pair(np.abs(passed).mean(axis=0)) if len(applied) else (math.nan, math.nan),
-        voltage=float(np.median(wheels[inside, 5])),
-        status=int(np.bitwise_or.reduce(wheels[inside, 6].astype(np.int64))),
+        applied=_pair(np.abs(passed).mean(axis=0)) if len(applied) else UNKNOWN,
+        voltage=float(np.median(inside[:, 5])),
+        status=int(np.bitwise_or.reduce(inside[:, 6].astype(np.int64))),
         gyro=_gyro(hearing, begin),
-        pose=_pose(hearing, begin, way, parameters),
+        pose=_pose(hearing, begin, np.abs(np.diff(at_grid, axis=0)) * parameters.wheel_radius, parameters),
     )
+
+
+def _wanted(twin: Twin, duties: Floats, parameters: RobotParameters) -> Wanted:
+    """Drive the twin for a second and return what its wheels do."""
+    speeds = twin.drive(duties)
+    travel = EVERY * STEP * (speeds.sum(axis=0) - 0.5 * (speeds[0] + speeds[-1]))
+    return Wanted(
+        turned=_pair(travel) if twin.seconds > 1 else UNKNOWN,  # before, it still remembers how it was started
+        path=_pair(np.abs(speeds).mean(axis=0)),
+        speed_change=_pair(speeds[-1] - speeds[0]),
+        direction=_pair(np.clip(speeds / RESTING, -1.0, 1.0).mean(axis=0)),
+        square=_pair((speeds * np.abs(speeds)).mean(axis=0) * parameters.k1),
+    )
+
+
+def _floor(angles: Floats, lagged: Floats, parameters: RobotParameters) -> Floor:
+    """Return what wheel angles [rad], shape (n, 2), make on the floor; `lagged` are those LAG earlier."""
+    now, before = (_rolled(part, parameters) for part in (angles, lagged))
+    way = np.abs(np.diff(angles, axis=0)).sum(axis=0) * parameters.wheel_radius
+    # Over shorter spans the steps of coarse encoders would look like turns.
+    turns = np.diff([turn(left, right, parameters) for left, right in angles[::SPAN]])
+    span = SPAN * EVERY * STEP
+    lag = Motion(*((old - new) / LAG for old, new in zip(before, now, strict=True)))
+    return Floor(*now, _pair(way), float(np.abs(turns).sum()), float((turns * np.abs(turns)).sum() / span), lag)
+
+
+def _rolled(angles: Floats, parameters: RobotParameters) -> Motion:
+    path = roll(angles[:, 0], angles[:, 1], parameters, RobotState.at_rest())
+    turned = float(path.theta[-1])
+    ahead = complex(path.x[-1], path.y[-1]) * np.exp(-0.5j * turned)
+    return Motion(float(ahead.real), float(ahead.imag), turned)
 
 
 def in_force(sent: Floats, lifetime: float) -> Floats:
@@ -171,12 +213,9 @@ def _covers(time: Floats, longest: float) -> bool:
     return bool(np.diff(around).max() <= longest)
 
 
-def _speeds(time: Floats, angles: Floats, parameters: RobotParameters) -> Floats:
-    """Return speed [m/s] and yaw rate [rad/s] at the beginning and at the end of the second, shape (2, 2)."""
-    borders = np.array([-MIDDLE, MIDDLE, 1.0 - MIDDLE, 1.0 + MIDDLE])
-    left, right = (np.interp(borders, time, angles[:, side]) for side in (0, 1))
-    from_start = np.stack([forward(left, right, parameters), turn(left, right, parameters)], axis=1)
-    return np.asarray((from_start[1::2] - from_start[::2]) / (2.0 * MIDDLE))
+def _at(moments: Floats, time: Floats, angles: Floats) -> Floats:
+    """Return both wheels' angles at these moments, shape (n, 2)."""
+    return np.stack([np.interp(moments, time, angles[:, side]) for side in (0, 1)], axis=1)
 
 
 def _gyro(hearing: Hearing, begin: int) -> float:

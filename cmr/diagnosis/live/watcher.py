@@ -100,6 +100,7 @@ class _Robot:
         self._twin: Twin | None = None
         self._watch: RobotWatch | None = None
         self._news: list[str] = []
+        self.look_for_parameters()
 
     def roll(self, utime: int, message: Any) -> None:
         """Take a MOTOR_FEEDBACK_N; its time stamps are the clock of the watch."""

@@ -1,0 +1,530 @@
+"""The live watch: what has changed is said, with its cause, soon after it did; and nothing where nothing has."""
+
+import gc
+import math
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
+from cmr.diagnosis.live import Watcher
+from cmr.diagnosis.live.causes import CAUSES
+from cmr.model.catalogue import CATALOGUE
+from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, pose_xyt_t
+from cmr.parameters.file import ParameterFile, Value
+from cmr.parameters.following import ParameterFollower
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import Floats, Signal
+from scripts.score_real_data import DATA, Importer
+from tests.reference_plant import NEUTRAL, REALISTIC, Drive, drive, packets
+from tests.reference_plant.drives import START_UTIME
+from tests.reference_plant.manoeuvres import Manoeuvre, constant, figure_eight, in_turn, multisine, reversals
+
+TRUE = ParameterFile(
+    0,
+    {
+        "wheel_radius": Value(NEUTRAL.wheel_radius),
+        "k2_over_k3": Value(NEUTRAL.k2_over_k3),
+        "k1": Value(NEUTRAL.k1),
+        "base_width": Value(NEUTRAL.base_width),
+    },
+)
+CHANGE = 45.0  # s after the start, when something changes
+END = 65.0  # s
+LAP = 25.0  # s of a figure-eight
+SEEN_BY = CHANGE + 15.0  # s
+
+Message = tuple[int, str, Any]
+Said = list[tuple[float, str]]  # s since the start, sentence
+
+
+def messages(
+    recording: Recording, robot_id: int = 0, voltage: Callable[[float], float] = lambda _time: math.nan, status: int = 0
+) -> list[Message]:
+    """The messages of a recording in the order of their stamps; `voltage` [V] by time [s], `status` once it changes."""
+    commands, wheels, gyro, poses = (recording.signals[name] for name in ("commands", "wheels", "gyro", "poses"))
+    result = _of(MOTOR_COMMAND, motor_command_t, robot_id, commands, {"left": "left", "right": "right"})
+    names = ("psi_left", "psi_right", "applied_left", "applied_right")
+    for utime, _, message in (
+        rolled := _of(MOTOR_FEEDBACK, motor_feedback_t, robot_id, wheels, dict(zip(names, names, strict=True)))
+    ):
+        message.battery_voltage = voltage(_seconds(utime))
+        message.status = status if _seconds(utime) > CHANGE else 0
+    result += rolled
+    turned = _of(GYRO, gyro_t, robot_id, gyro, {"yaw_rate": "yaw_rate"})
+    for _, _, message in turned:
+        message.valid = 1
+    result += turned + _of(POSE, pose_xyt_t, robot_id, poses, {"x": "x", "y": "y", "theta": "theta"})
+    return sorted(result, key=lambda message: message[0])
+
+
+def _of(stream: Stream, message_type: Any, robot_id: int, signal: Signal, fields: Mapping[str, str]) -> list[Message]:
+    columns = [signal[name].tolist() for name in fields.values()]
+    result: list[Message] = []
+    for utime, *values in zip(signal.utime.tolist(), *columns, strict=True):
+        message = message_type()
+        message.utime, message.robot_id = utime, robot_id
+        for name, value in zip(fields, values, strict=True):
+            setattr(message, name, value)
+        result.append((utime, stream.channel(robot_id), message))
+    return result
+
+
+def _seconds(utime: int) -> float:
+    return (utime - START_UTIME) * 1e-6
+
+
+def follow(file: ParameterFile | None = TRUE) -> Callable[[int], ParameterFollower]:
+    """What makes followers that know a file from the start."""
+
+    def follower(robot_id: int) -> ParameterFollower:
+        result = ParameterFollower(robot_id)
+        if file is not None:
+            announced = replace(file, robot_id=robot_id).announcement(1)
+            result.handle(announced.utime, PARAMETERS.channel(robot_id), announced)
+        return result
+
+    return follower
+
+
+def watch(heard: Iterable[Message], watcher: Watcher | None = None, every: int = 100_000) -> Said:
+    """What a watcher says when it is asked every so many microseconds."""
+    watcher = watcher or Watcher(follow())
+    said: Said = []
+    due = 0
+    for utime, channel, message in heard:
+        watcher.handle(utime, channel, message)
+        if utime >= due:
+            due = utime + every
+            said += [(_seconds(utime), sentence) for sentence in watcher.advance(utime)]
+    return said + [(math.inf, sentence) for sentence in watcher.advance(due)]
+
+
+def eight(seconds: float) -> Manoeuvre:
+    return figure_eight(seconds, round(seconds / LAP))
+
+
+def errands(seconds: float, seed: int) -> Manoeuvre:
+    """Straights, spins, circles, rests and shaking, at random."""
+    random = np.random.default_rng(seed)
+    parts: list[tuple[float, Manoeuvre]] = []
+    while sum(duration for duration, _ in parts) < seconds:
+        duty, sign = float(random.uniform(0.15, 0.8)), float(random.choice([-1.0, 1.0]))
+        kinds = [
+            constant(duty, duty),
+            constant(-0.4 * duty * sign, 0.4 * duty * sign),
+            constant(duty, duty * float(random.uniform(0.4, 1.0))),
+            constant(0.0, 0.0),
+            multisine(1.0, sign, 0.5),
+        ]
+        parts.append((float(random.uniform(1.0, 6.0)), kinds[random.integers(len(kinds))]))
+    return in_turn(parts)
+
+
+def driven(manoeuvre: Manoeuvre, parameters: Mapping[str, float], seconds: float = END, seed: int = 1) -> Drive:
+    return drive(packets(manoeuvre, seconds), parameters, seconds, REALISTIC, seed)
+
+
+@cache
+def undisturbed(seed: int) -> Drive:
+    return driven(eight(END), {}, seed=seed)
+
+
+def edited(recording: Recording, signal: str, **edits: Callable[[Floats, Floats], Floats]) -> Recording:
+    """The recording with fields of a signal replaced; each edit gets times since the change [s] and values."""
+    old = recording.signals[signal]
+    since: Floats = np.asarray((old.utime - START_UTIME) * 1e-6 - CHANGE, np.float64)
+    fields = {name: edits[name](since, values) if name in edits else values for name, values in old.fields.items()}
+    return with_signal(recording, signal, Signal(old.utime, fields))
+
+
+def without(recording: Recording, signal: str, since: float = 0.0) -> Recording:
+    """The recording in which a signal ends at `since` [s]."""
+    old = recording.signals[signal]
+    return with_signal(recording, signal, old.where((old.utime - START_UTIME) * 1e-6 < since))
+
+
+def with_signal(recording: Recording, name: str, signal: Signal) -> Recording:
+    parts: dict[str, Any] = {name: signal}
+    return replace(recording, **parts)
+
+
+def slipping(ride: Drive, left: float, right: float, seconds: float = math.inf, period: float = math.inf) -> Recording:
+    """The recording of a drive whose sides go by these shares less far than the wheels turn, from CHANGE on.
+
+    For `seconds`, and again after every `period` [s].
+    """
+    truth, recording = ride.truth, ride.recording
+    time: Floats = np.asarray((truth.utime - START_UTIME) * 1e-6, np.float64)
+    slips = (time >= CHANGE) & (np.mod(time - CHANGE, period) < seconds)
+    ground = {
+        side: NEUTRAL.wheel_radius * truth[f"psi_{side}"] * np.where(slips, 1.0 - share, 1.0)
+        for side, share in (("left", left), ("right", right))
+    }
+    rate = (ground["right"] - ground["left"]) / NEUTRAL.base_width
+    theta = _integral(rate, time)
+    speed = (ground["left"] + ground["right"]) / 2.0
+    moved = {
+        "x": _integral(speed * np.cos(theta), time),
+        "y": _integral(speed * np.sin(theta), time),
+        "theta": theta,
+        "w": rate,
+    }
+
+    def instead(name: str) -> Callable[[Floats, Floats], Floats]:
+        return lambda since, values: values + np.interp(since + CHANGE, time, moved[name] - truth[name])
+
+    recording = edited(recording, "poses", x=instead("x"), y=instead("y"), theta=instead("theta"))
+    return edited(recording, "gyro", yaw_rate=instead("w"))
+
+
+def _integral(rate: Floats, time: Floats) -> Floats:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+
+
+def held(since: Floats, values: Floats) -> Floats:
+    """Values that stay what they were when it changed."""
+    return np.where(since > 0.0, values[np.searchsorted(since, 0.0)], values)
+
+
+def gone(since: Floats, values: Floats) -> Floats:
+    return np.where(since > 0.0, 0.0, values)
+
+
+def only(said: Said, *words: str, after: float = CHANGE, before: float = SEEN_BY) -> str:
+    """The only sentence said; it has these words, and comes in time."""
+    assert len(said) == 1, said
+    time, sentence = said[0]
+    assert after < time < before, said
+    for word in words:
+        assert word in sentence
+    return sentence
+
+
+def told_per_cent(sentence: str) -> int:
+    """The first size that a sentence tells [%]."""
+    return int(sentence.split(" % ")[0].split()[-1])
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("manoeuvre", [eight(300.0), errands(300.0, 5)], ids=["eight", "errands"])
+def test_twenty_minutes_in_which_nothing_changes_bring_no_sentence(manoeuvre: Manoeuvre, seed: int) -> None:
+    watcher = Watcher(follow())
+    assert watch(messages(driven(manoeuvre, {}, 300.0, seed).recording), watcher) == []
+    assert "as at the start" in watcher.status()
+
+
+def test_three_times_the_noise_brings_no_sentence_either() -> None:
+    noise = replace(REALISTIC, torque=0.9, slip=0.009, gyro=0.015, position=0.015, heading=math.radians(0.9))
+    ride = drive(packets(errands(120.0, 3), 120.0), {}, 120.0, noise, 1)
+    assert watch(messages(ride.recording)) == []
+
+
+@pytest.mark.parametrize("effect", ["coulomb_friction", "lateral_skid", "pose_latency", "turn_slip"])
+def test_what_the_parameters_lack_from_the_start_is_no_change(effect: str) -> None:
+    values = {parameter.name: float(parameter.typical or 0.0) for parameter in CATALOGUE[effect].parameters}
+    assert watch(messages(driven(errands(120.0, 2), values, 120.0).recording)) == []
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_another_floor_is_named(seed: int) -> None:
+    floor = {"surface_change_k1": 0.05, "surface_change_base_width": 0.05, "surface_change_time": CHANGE}
+    said = watch(messages(driven(eight(END), floor, seed=seed).recording))
+    sentence = only(said, "Robot 0: ", "slower", "turns", "less", "another floor (effect surface_change)")
+    assert told_per_cent(sentence) == pytest.approx(4.8, abs=1.5)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_heavier_load_is_named(seed: int) -> None:
+    load = {"payload_change_share": 0.25, "payload_change_time": CHANGE}
+    steps = in_turn([(25.0, reversals(0.5))] * 4)
+    said = watch(messages(driven(steps, load, seed=seed).recording))
+    only(said, "longer to follow", "a heavier load", "effect payload_change")
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_battery_that_runs_down_is_named_with_its_voltage_and_said_again_when_it_has_gone_on(seed: int) -> None:
+    ride = driven(eight(150.0), {"battery_drift": 0.08}, 150.0, seed)
+    said = watch(messages(ride.recording, voltage=lambda time: 12.4 - 0.01 * time))
+    assert all("a low battery (effect battery_drift). Charge" in sentence for _, sentence in said)
+    assert "12.4 V at the start" in said[0][1] or "12.3 V at the start" in said[0][1]
+    assert len(said) == 2
+    assert said[1][0] - said[0][0] >= 60.0
+
+
+def test_slower_wheels_are_not_blamed_on_a_battery_whose_voltage_stays() -> None:
+    ride = driven(eight(END), {"surface_change_k1": 0.08, "surface_change_time": CHANGE})
+    only(watch(messages(ride.recording, voltage=lambda _time: 12.4)), "7 % slower", "not the battery")
+
+
+def test_a_voltage_that_falls_is_enough() -> None:
+    heard = messages(undisturbed(1).recording, voltage=lambda time: 12.4 if time < CHANGE else 10.9)
+    only(watch(heard), "10.9 V, 12.4 V at the start", "Charge it")
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("left", "right", "cause"),
+    [
+        (0.5, 0.0, "the left wheel slips"),
+        (0.0, 0.25, "the right wheel slips"),
+        (0.4, 0.4, "both wheels slip"),
+        (1.0, 1.0, "the robot is held fast"),
+    ],
+)
+def test_slip_is_named_with_its_side_and_size(left: float, right: float, cause: str, seed: int) -> None:
+    said = watch(messages(slipping(undisturbed(seed), left, right)))
+    sentence = only(said, f"Suspected: {cause}")
+    assert told_per_cent(sentence) == pytest.approx(100.0 * max(left, right), abs=4.0)
+
+
+@pytest.mark.parametrize("missing", ["gyro", "poses"])
+def test_a_slipping_wheel_is_seen_without_gyro_and_without_poses(missing: str) -> None:
+    said = watch(messages(without(slipping(undisturbed(1), 0.5, 0.0), missing)))
+    only(said, "Suspected: the left wheel slips")
+
+
+def test_slip_that_ends_is_said_to_be_over_and_the_next_is_seen_again() -> None:
+    watcher = Watcher(follow())
+    ride = driven(eight(175.0), {}, 175.0)
+    said = watch(messages(slipping(ride, 0.5, 0.0, seconds=15.0, period=80.0)), watcher)
+    sentences = [sentence for _, sentence in said]
+    assert ["slips. Look" in sentence for sentence in sentences] == [True, False, True, False]
+    assert sentences[1] == "Robot 0: No longer: the left wheel slips. Everything is as at the start again."
+    assert "as at the start" in watcher.status()
+
+
+def test_a_suspicion_that_comes_and_goes_is_not_said_more_than_once_a_minute() -> None:
+    ride = driven(eight(200.0), {}, 200.0)
+    said = watch(messages(slipping(ride, 0.5, 0.0, seconds=8.0, period=20.0)))
+    times = [time for time, sentence in said if "slips. Look" in sentence]
+    assert 1 <= len(times) <= 3
+    assert all(later - earlier >= 60.0 for earlier, later in pairwise(times))
+    assert len(said) <= 2 * len(times)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_gyro_whose_zero_moves_is_at_fault_and_not_the_robot(seed: int) -> None:
+    recording = edited(undisturbed(seed).recording, "gyro", yaw_rate=lambda since, rate: rate + 0.02 * (since > 0.0))
+    only(watch(messages(recording)), "Robot 0: The gyro", "the gyro's zero has moved, the robot has not")
+
+
+def test_a_gyro_whose_zero_moves_is_seen_at_rest() -> None:
+    still = driven(constant(0.0, 0.0), {})
+    recording = edited(still.recording, "gyro", yaw_rate=lambda since, rate: rate + 0.01 * (since > 0.0))
+    only(watch(messages(recording)), "the gyro reads 0.010 rad/s more".capitalize()[4:], "gyro_bias")
+
+
+def test_a_gyro_that_stops_telling_turns_is_at_fault() -> None:
+    recording = edited(undisturbed(1).recording, "gyro", yaw_rate=gone)
+    only(watch(messages(recording)), "the gyro has stopped telling turns")
+
+
+def test_frozen_poses_are_the_localisations_fault_until_they_move_again() -> None:
+    thaw = 15.0
+
+    def frozen(since: Floats, values: Floats) -> Floats:
+        return np.where(since < thaw, held(since, values), values)
+
+    recording = edited(undisturbed(1).recording, "poses", x=frozen, y=frozen, theta=frozen)
+    said = watch(messages(recording))
+    assert (
+        "The poses stay exactly the same while the wheels turn: the localisation is at fault, not the robot"
+        in said[0][1]
+    )
+    assert all(
+        "robot" not in sentence.replace("Robot 0", "").replace("not the robot", "") or "see" in sentence
+        for _, sentence in said
+    )
+    assert "No longer: frozen poses" in said[-1][1]
+
+
+def test_a_pose_that_jumps_is_the_localisations_fault() -> None:
+    recording = edited(undisturbed(1).recording, "poses", x=lambda since, x: x + 0.4 * (since > 0.0))
+    only(watch(messages(recording)), "The pose jumped by 0.4", "not the robot", before=CHANGE + 4.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_poses_that_come_to_be_stamped_late_are_the_localisations_fault(seed: int) -> None:
+    late = 0.3
+
+    def delayed(since: Floats, values: Floats) -> Floats:
+        return np.where(since > 0.0, np.interp(since - late, since, np.unwrap(values)), values)
+
+    steps = in_turn([(25.0, reversals(0.3))] * 4)
+    recording = driven(steps, {}, seed=seed).recording
+    said = watch(messages(edited(recording, "poses", x=delayed, y=delayed, theta=delayed)))
+    assert any("the localisation is late" in sentence for _, sentence in said)
+    assert all("localisation" in sentence for _, sentence in said)
+
+
+@pytest.mark.parametrize(("signal", "name"), [("poses", "poses"), ("gyro", "gyro readings")])
+def test_a_robot_whose_sensor_ends_is_not_blamed(signal: str, name: str) -> None:
+    said = watch(messages(without(undisturbed(1).recording, signal, since=CHANGE)))
+    only(said, f"no usable {name}", "the sensor or its process has stopped", before=CHANGE + 6.0)
+
+
+def halted(left: bool = True, right: bool = True) -> Recording:
+    """A recording in which wheels stop; the poses rest with their noise when both do."""
+    recording = edited(
+        undisturbed(1).recording,
+        "wheels",
+        **{f"psi_{side}": gone for side, stops in (("left", left), ("right", right)) if stops},
+    )
+    random = np.random.default_rng(1)
+    for name in ("x", "y", "theta"):
+        recording = edited(
+            recording,
+            "poses",
+            **{name: lambda since, v: held(since, v) + (since > 0.0) * random.normal(0.0, 0.003, v.shape)},
+        )
+    return edited(recording, "gyro", yaw_rate=gone)
+
+
+@pytest.mark.parametrize(
+    ("status", "why"),
+    [
+        (0, "the motor is off or blocked"),
+        (motor_feedback_t.STATUS_ESTOP, "the emergency stop is engaged; release it"),
+        (motor_feedback_t.STATUS_NOT_ARMED, "the motors are not armed"),
+    ],
+)
+def test_wheels_that_stand_still_against_their_commands_are_told_with_the_reason_known(status: int, why: str) -> None:
+    only(watch(messages(halted(), status=status)), "Both sides' wheels stand still", why, before=CHANGE + 6.0)
+
+
+def test_one_side_that_stands_still_is_told_apart() -> None:
+    assert "The left wheels stand still" in watch(messages(halted(right=False)))[0][1]
+
+
+def test_encoders_that_stop_are_told_from_wheels_that_stop() -> None:
+    recording = edited(undisturbed(1).recording, "wheels", psi_left=gone, psi_right=gone)
+    only(watch(messages(recording)), "the robot moves, so it is the encoder")
+
+
+def test_new_parameters_are_said_once_and_begin_anew() -> None:
+    k1 = 0.1
+    other = ParameterFile(0, {**TRUE.values, "k1": Value(NEUTRAL.k1 * (1.0 + k1))})
+    ride = driven(eight(175.0), {"surface_change_k1": k1, "surface_change_time": CHANGE}, 175.0)
+    heard = messages(ride.recording)
+    calibrated = START_UTIME + 100_000_000
+    announced = [(calibrated + k * 1_000_000, PARAMETERS.channel(0), other.announcement(2)) for k in range(50)]
+    watcher = Watcher(follow())
+    said = watch(sorted(heard + announced, key=lambda message: message[0]), watcher)
+    assert "slower" in said[0][1]
+    assert [sentence for _, sentence in said[1:]] == ["Robot 0: The parameters are new: the watch begins anew."]
+    assert "as at the start" in watcher.status()
+
+
+def test_a_robot_with_effects_is_watched_by_them() -> None:
+    friction = {"coulomb_friction": 4.0, "surface_change_base_width": 0.08, "surface_change_time": CHANGE}
+    file = ParameterFile(0, {**TRUE.values, "coulomb_friction": Value(4.0)}, ("coulomb_friction",))
+    said = watch(messages(driven(eight(END), friction).recording), Watcher(follow(file)))
+    assert told_per_cent(only(said, "turns", "less")) == pytest.approx(7.4, abs=1.5)
+
+
+def test_a_log_gives_the_same_sentences_at_any_speed_and_with_messages_that_come_late() -> None:
+    heard = messages(slipping(undisturbed(2), 0.5, 0.0, seconds=10.0))
+    expected = [sentence for _, sentence in watch(heard)]
+    assert len(expected) == 2
+    for every in (10_000, 10**9):
+        assert [sentence for _, sentence in watch(heard, every=every)] == expected
+    lateness = {POSE.channel(0): 400_000, GYRO.channel(0): 150_000}
+    late = sorted(heard, key=lambda message: message[0] + lateness.get(message[1], 0))
+    assert [sentence for _, sentence in watch(late)] == expected
+
+
+def test_a_wrong_time_stamp_does_not_end_the_watch() -> None:
+    heard = messages(slipping(undisturbed(1), 0.5, 0.0))
+    wrong = [index for index, message in enumerate(heard) if message[1] == MOTOR_FEEDBACK.channel(0)][3000]
+    heard[wrong] = (heard[wrong][0] + 10**12, *heard[wrong][1:])
+    watcher = Watcher(follow())
+    said = [sentence for utime, channel, message in heard for sentence in handled(watcher, utime, channel, message)]
+    assert len(said) == 1
+    assert "the left wheel slips" in said[0]
+
+
+def handled(watcher: Watcher, utime: int, channel: str, message: Any) -> list[str]:
+    watcher.handle(utime, channel, message)
+    return watcher.advance(utime)
+
+
+def size_of(thing: Any) -> int:
+    """The bytes of everything that hangs on a thing; what all programs share is left out."""
+    seen: set[int] = set()
+    total, found = 0, [thing]
+    while found:
+        item = found.pop()
+        if id(item) in seen or isinstance(item, type | ModuleType | FunctionType):
+            continue
+        seen.add(id(item))
+        total += sys.getsizeof(item)
+        found += gc.get_referents(item)
+    return total
+
+
+def test_memory_does_not_grow_with_time() -> None:
+    watcher, sizes = Watcher(follow()), []
+    rare = [message for message in messages(undisturbed(1).recording) if message[0] % 100_000 == 0]
+    for repetition in range(8):
+        for utime, channel, message in rare:
+            handled(watcher, utime + repetition * round(END * 1e6), channel, message)
+        sizes.append(size_of(watcher))
+    assert sizes[0] > 10_000
+    assert sizes[-1] < sizes[2] + 10_000
+
+
+def test_robots_are_told_apart_and_one_can_be_chosen() -> None:
+    slips, drives = messages(slipping(undisturbed(1), 0.5, 0.0), 3), messages(undisturbed(2).recording, 4)
+    both = sorted(slips + drives, key=lambda message: message[0])
+    only(watch(both), "Robot 3: ")
+    only(watch(both, Watcher(follow(), 3)), "Robot 3: ")
+    watcher = Watcher(follow(), 4)
+    assert watch(both, watcher) == []
+    assert watcher.status().startswith("Robot 4: watching wheels, gyro, poses")
+
+
+def test_without_a_robot_or_its_parameters_it_says_what_it_waits_for() -> None:
+    watcher = Watcher(follow(None))
+    assert watcher.status() == "Waiting for a robot: nothing heard on MOTOR_FEEDBACK_N."
+    heard = messages(undisturbed(1).recording)
+    assert watch(heard[:2000], watcher) == []
+    assert "none are announced on PARAMETERS_0" in watcher.status()
+    assert watcher.problem
+    incomplete = ParameterFile(0, {"wheel_radius": Value(0.04)}).announcement(1)
+    watcher.handle(incomplete.utime, PARAMETERS.channel(0), incomplete)
+    assert "incomplete" in watcher.problem
+    announced = TRUE.announcement(2)
+    watcher.handle(announced.utime, PARAMETERS.channel(0), announced)
+    assert watch(heard[2000:], watcher) == []
+    assert not watcher.problem
+    assert watcher.parameters_sha256 == announced.sha256
+
+
+def test_it_tells_that_it_learns_and_that_a_robot_has_fallen_silent() -> None:
+    watcher = Watcher(follow())
+    heard = messages(undisturbed(1).recording)
+    watch(heard[:3000], watcher)
+    assert "learning how it moves" in watcher.status()
+    watcher.advance(heard[3000][0] + 12_000_000)
+    assert "no feedback of its motors for 12 s" in watcher.status()
+
+
+def test_every_cause_names_an_effect_of_the_catalogue_or_none() -> None:
+    assert {cause.effect for cause in CAUSES} - {""} <= CATALOGUE.keys()
+
+
+def test_the_mbots_drive_of_three_minutes_brings_no_sentence(tmp_path: Path) -> None:
+    if not DATA.is_dir():
+        pytest.skip(f"measured data is not here: {DATA}")
+    recording = Importer(DATA, tmp_path).read("mbot", DATA / "mbot_square/drive_square.log")
+    assert recording.parameters is not None
+    assert watch(messages(recording), Watcher(follow(recording.parameters))) == []
