@@ -85,7 +85,7 @@ def _diagnosis(robot_id: int, ready: Ready, found: Search, sources: tuple[str, .
         checks=ready.checks,
         notes=ready.notes,
         next_experiment=None if effects else experiment_to_show(()),
-        parameters={n: v for n, v in found.final.values.items() if n in PAPER or v != definition(n).neutral},
+        parameters=_parameters(found),
         sources=sources,
         samples=len(found.final.rest),
     )
@@ -94,11 +94,14 @@ def _diagnosis(robot_id: int, ready: Ready, found: Search, sources: tuple[str, .
 def _named(one: Named, found: Search) -> NamedEffect:
     effect = one.tried.effect
     names = [parameter.name for parameter in effect.parameters]
-    rivals = tuple(rival.effect.name for rival in one.rivals)
+    rivals = one.rivals
+    estimates = {
+        n: one.estimates[n] if n in one.estimates else _estimate(found.final, n, found.inflation) for n in names
+    }
     return NamedEffect(
         name=effect.name,
-        cause=effect.sentence({name: found.final.values[name] for name in names}),
-        estimates={name: _estimate(found.final, name, found.inflation) for name in names},
+        cause=effect.sentence({name: estimate.value for name, estimate in estimates.items()}),
+        estimates=estimates,
         statistic=one.tried.drop,
         p_value=p_value(one.tried.drop, len(names), found.inflation),
         held_out=one.tried.held_out,
@@ -106,6 +109,14 @@ def _named(one: Named, found: Search) -> NamedEffect:
         indistinguishable_from=rivals,
         next_experiment=experiment_to_tell_apart(effect.name, rivals) if rivals else None,
     )
+
+
+def _parameters(found: Search) -> dict[str, float]:
+    """Return all values that the extended model runs with."""
+    values = dict(found.final.values)
+    for one in found.named:
+        values.update({name: estimate.value for name, estimate in one.estimates.items()})
+    return {name: value for name, value in values.items() if name in PAPER or value != definition(name).neutral}
 
 
 def _estimates(fit: Fit, found: Search) -> dict[str, Estimate]:

@@ -1,17 +1,17 @@
 """Name effects one after the other: the one that explains most, if it also foretells what it was not fitted on."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cmr.diagnosis.candidates import lanes_of, size, worth_naming
-from cmr.diagnosis.noise import Noise
+from cmr.calibration.result import Estimate
+from cmr.diagnosis.candidates import worth_naming
+from cmr.diagnosis.packets import JITTER, LOSS, Spread, spreads, without_jitter, without_loss
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
-from cmr.recordings.signal import Floats
 
 PROMISING = 12  # effects that are fitted after the score test
 FINALISTS = 3  # that are fitted with everything free
@@ -23,6 +23,11 @@ PER_PARAMETER = 5.0  # more for each further one
 ALIKE = 12.0  # drops that differ by less cannot be told apart,
 ALIKE_SHARE = 0.02  # nor those that differ by less than this share
 MOST_EFFECTS = 6
+LATE = ("command_delay", "electrical_lag", "slew_limit")  # as which jitter shows as long as its spread is not looked at
+MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
+MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
+COARSE = 2.0 * np.pi / 100.0  # rad; encoders with larger ticks are coarse
+READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
 
 @dataclass(frozen=True)
@@ -41,41 +46,61 @@ class Tried:
 
 @dataclass(frozen=True)
 class Named:
-    """An effect accepted, with its rivals: effects that explain the data as well in its place."""
+    """An effect accepted, with its rivals: effects that explain the data as well in its place.
+
+    `estimates` are those of parameters that no fit has, because they act by chance or are read off the data.
+    """
 
     tried: Tried
-    rivals: tuple[Tried, ...]
+    rivals: tuple[str, ...]
     before: Fit
+    estimates: Mapping[str, Estimate] = field(default_factory=dict)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Search:
-    """What the search found: the paper's model fitted, the final fit, the effects in order, and the runners-up."""
+    """What the search found: the paper's model fitted, the final fit, the effects in order, and the runners-up.
 
+    `study` is what the final fit explains: the recordings without what effects of chance did to them.
+    """
+
+    study: Study
     base: Fit
     final: Fit
     named: list[Named]
     others: list[tuple[Tried, str]]
-    inflation: float = 1.0
-    screenings: list[Screening] = field(default_factory=list)
+    inflation: float
 
 
 def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
-    """Name effects until nothing significant is left, then drop what has become redundant."""
+    """Name effects until nothing significant is left, then drop what has become redundant.
+
+    Effects of chance on the commands show in what the others leave; what they explain is taken out of the data, and
+    the search begins anew.
+    """
+    found = _search(study, base, say)
+    chance = _of_chance(found)
+    if chance is not None:
+        named, cleaned = chance
+        say(f"Searching again without {named.tried.effect.name} ...")
+        again = _search(cleaned, cleaned.fit(base.values, base.names, found.final.noise, renew=0), say)
+        found = replace(again, base=base, named=[named, *again.named])
+    coarse = _coarse(study, found)
+    return replace(found, named=[*found.named, coarse]) if coarse else found
+
+
+def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
     current = base
     named: list[Named] = []
     others: list[tuple[Tried, str]] = []
     inflation = 1.0
-    screenings = []
     while len(named) < MOST_EFFECTS:
         taken = [one.tried.effect.name for one in named]
         say(f"Trying {len(CATALOGUE) - len(taken)} effects beside {', '.join(taken) or 'the paper model'} ...")
         screening = screen(study, current.values, current.names, taken, current.noise if named else None)
-        screenings.append(screening)
         current = study.fit(current.values, current.names, screening.noise, renew=0)
         inflation = screening.inflation
         ranked = _fitted(study, current, screening)
-        others = [(tried, "") for tried in ranked]
         chosen, others = _choose(study, current, ranked, inflation)
         if chosen is None:
             break
@@ -84,7 +109,46 @@ def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         current = chosen.tried.fit
         if len(named) > 1:
             named, current = _pruned(study, named, current, inflation)
-    return Search(base, current, named, others, inflation, screenings)
+    return Search(study, base, current, named, others, inflation)
+
+
+def _of_chance(found: Search) -> tuple[Named, Study] | None:
+    """Return jitter or loss of commands, if what the search leaves shows it, and the study without it."""
+    spread = spreads(found.study, found.final)
+    if not spread:
+        return None
+    late = [one for one in found.named if one.tried.effect.name in LATE]
+    jitter, loss = spread[JITTER], spread[LOSS]
+    if late and jitter.drop > MAYBE_CHANCE * found.inflation:
+        value = found.final.values
+        mean = sum(value.get(parameter.name, 0.0) for one in late for parameter in one.tried.effect.parameters)
+        mean = mean if all(one.tried.effect.name in MEANS for one in late) else 0.5 * jitter.value
+        drop = jitter.drop + max(one.tried.drop for one in late)
+        rivals = tuple(one.tried.effect.name for one in late) if jitter.drop < THRESHOLD else ()
+        return _chance(JITTER, jitter, drop, rivals, late[0].before), without_jitter(found.study, jitter, mean)
+    if not late and loss.drop > THRESHOLD * found.inflation:
+        return _chance(LOSS, loss, loss.drop, (), found.final), without_loss(found.study, loss)
+    return None
+
+
+def _chance(name: str, spread: Spread, drop: float, rivals: tuple[str, ...], before: Fit) -> Named:
+    values = {**before.values, name: spread.value}
+    tried = Tried(CATALOGUE[name], drop, values, None, 0.5 * spread.drop)
+    return Named(tried, rivals, before, {name: Estimate(spread.value, spread.std)})
+
+
+def _coarse(study: Study, found: Search) -> Named | None:
+    """Return that the encoders have few ticks, if so: the readings themselves say it."""
+    tick = max(predictor.piece.tick for predictor in study.predictors)
+    if not tick > COARSE:
+        return None
+    name = "encoder_quantisation"
+    value = 2.0 * np.pi / tick
+    readings = sum(int(np.sum(predictor.piece.heard.wheel_use)) for predictor in study.predictors)
+    # Each reading that falls on a tick, where a fine encoder would fall anywhere, is evidence.
+    drop = 2.0 * readings * float(np.log(tick / COARSE) + 1.0)
+    tried = Tried(CATALOGUE[name], drop, {**found.final.values, name: value}, None, 0.5 * drop)
+    return Named(tried, (), found.final, {name: Estimate(value, value * READ_OFF)})
 
 
 def _choose(
@@ -108,7 +172,9 @@ def _choose(
     if chosen is None:
         return None, others
     margin = max(ALIKE * inflation, ALIKE_SHARE * chosen.drop)
-    rivals = tuple(t for t, _ in others if chosen.drop - t.drop < margin and t.drop > needed(t.effect) * inflation)
+    rivals = tuple(
+        t.effect.name for t, _ in others if chosen.drop - t.drop < margin and t.drop > needed(t.effect) * inflation
+    )
     return Named(chosen, rivals, current), others
 
 

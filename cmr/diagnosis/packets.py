@@ -1,0 +1,221 @@
+"""Commands that come late each by another time, or not at all: seen in the spread of what follows a change.
+
+Each command that changes the duty leaves a trace in the wheels' prediction errors if it takes effect late; its size is
+the delay. The delays of all commands are unknowns with a common mean and spread, and what remains is white noise: a
+linear model with random effects (Laird and Ware, Biometrics 38, 1982), whose likelihood needs one banded matrix.
+A fixed delay has no spread; uniform jitter has a spread of its mean over root three; a lost command comes one
+period late.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.diagnosis.noise import SPANS, Noise
+from cmr.diagnosis.prediction import Errors, Predictor
+from cmr.diagnosis.study import Fit, Study
+from cmr.recordings.signal import Floats
+
+REACH = 0.5  # s after which a command's delay has left no trace
+LEAST_CHANGE = 1e-3  # duty
+SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tried
+LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tried
+SIDES = ("psi_left", "psi_right")
+JITTER, LOSS = "command_jitter", "command_loss"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """An effect of chance on the commands: its parameter's value and std, and by how much it drops -2 log-likelihood.
+
+    `delays` [s] are those of each piece's commands, as far as they show; `drop_at` tells the drop at another value.
+    """
+
+    value: float
+    std: float
+    drop: float
+    delays: tuple[Floats, ...]
+    drop_at: Callable[[float], float]
+
+
+@dataclass(frozen=True)
+class _Traces:
+    """What the commands' delays leave: normal matrix in upper banded form (bands, n), right side (n,), first commands."""
+
+    banded: Floats
+    right: Floats
+    splits: tuple[int, ...]
+
+    def likelihood(self, mean: float, variance: float) -> float:
+        """Return twice the log-likelihood of delays of this mean [s] and variance, over that of none."""
+        total = _times(self.banded, np.full(len(self.right), mean))
+        fixed = float(2.0 * self.right @ np.full(len(self.right), mean) - mean * total.sum())
+        if variance <= 0.0:
+            return fixed
+        factor, solved = self._solved(self.right - total, variance)
+        gained = float((self.right - total) @ solved)
+        return fixed + gained - 2.0 * float(np.sum(np.log(factor[-1]))) - len(self.right) * float(np.log(variance))
+
+    def delays(self, mean: float, variance: float) -> Floats:
+        """Return the most likely delay [s] of each command."""
+        return mean + self._solved(self.right - _times(self.banded, np.full(len(self.right), mean)), variance)[1]
+
+    def _solved(self, right: Floats, variance: float) -> tuple[Floats, Floats]:
+        from scipy.linalg import cho_solve_banded, cholesky_banded
+
+        damped = self.banded.copy()
+        damped[-1] += 1.0 / variance
+        factor = cholesky_banded(damped)
+        return factor, cho_solve_banded((factor, False), right)
+
+
+def spreads(study: Study, fit: Fit) -> dict[str, Spread]:
+    """Return what jitter about the mean delay, and loss, would explain beside a fit; {} where it cannot be told."""
+    pieces = [predictor for predictor in study.predictors if len(predictor.piece.packet_time) > 1]
+    if len(pieces) != len(study.predictors) or not any(SIDES[0] in predictor.times for predictor in pieces):
+        return {}
+    traces = _traces(study, fit, study.errors(fit.values))
+    period = period_of(study)
+    laws: dict[str, tuple[Floats, Callable[[float], tuple[float, float]]]] = {
+        JITTER: (SIZES, lambda size: (0.0, size**2 / 12.0)),
+        LOSS: (LOSSES, lambda share: (share * period, share * (1.0 - share) * period**2)),
+    }
+    return {name: _spread(traces, sizes, law) for name, (sizes, law) in laws.items()}
+
+
+def _spread(traces: _Traces, sizes: Floats, law: Callable[[float], tuple[float, float]]) -> Spread:
+    def drop_at(value: float) -> float:
+        return traces.likelihood(*law(value))
+
+    value, drop, std = _peak(drop_at, sizes)
+    delays = np.split(traces.delays(*law(value)), traces.splits[1:-1])
+    return Spread(value, std, drop, tuple(delays), drop_at)
+
+
+def period_of(study: Study) -> float:
+    """Return the usual time [s] from one command to the next."""
+    return float(np.median(np.concatenate([np.diff(p.piece.packet_time) for p in study.predictors])))
+
+
+def without_jitter(study: Study, spread: Spread, mean: float) -> Study:
+    """Return the study with commands that take effect when they seem to have; `mean` [s] is their mean delay."""
+    return _taken(study, [np.maximum(mean + delays, 0.0) for delays in spread.delays])
+
+
+def without_loss(study: Study, spread: Spread) -> Study:
+    """Return the study with the commands that seem lost coming with the next one."""
+    period = period_of(study)
+    return _taken(study, [np.where(delays > 0.5 * period, period, 0.0) for delays in spread.delays])
+
+
+def _taken(study: Study, delays: Sequence[Floats]) -> Study:
+    predictors = []
+    for predictor, late in zip(study.predictors, delays, strict=True):
+        time = predictor.piece.packet_time + late
+        # A command that comes after a newer one is overtaken.
+        predictors.append(Predictor(predictor.piece.with_packets_at(np.minimum.accumulate(time[::-1])[::-1])))
+    return Study(predictors, study.gains, study.scene)
+
+
+def _traces(study: Study, fit: Fit, errors: Sequence[Errors]) -> _Traces:
+    from scipy.sparse import csr_matrix
+
+    blocks, splits = [], [0]
+    for number, (predictor, error) in enumerate(zip(study.predictors, errors, strict=True)):
+        white = fit.noise.white(number, predictor, error)
+        packets = predictor.piece.packet_time
+        changes = np.diff(predictor.piece.packet_duty, axis=0, prepend=predictor.piece.packet_duty[:1])
+        normal = csr_matrix((len(packets), len(packets)))
+        right = np.zeros(len(packets))
+        for side, name in enumerate(SIDES):
+            response = _response(fit, study, fit.noise, name, number, predictor)
+            design = _design(packets, -changes[:, side], predictor.times[name], response)
+            normal = normal + design.T @ design
+            right += design.T @ white[name][:, 0]
+        blocks.append((normal, right))
+        splits.append(splits[-1] + len(packets))
+    bands = max(_bandwidth(normal) for normal, _ in blocks)
+    banded = np.concatenate([_banded(normal, bands) for normal, _ in blocks], axis=1)
+    return _Traces(banded, np.concatenate([right for _, right in blocks]), tuple(splits))
+
+
+def _response(
+    fit: Fit, study: Study, noise: Noise, name: str, number: int, predictor: Predictor
+) -> tuple[float, Floats, Floats]:
+    """Return the period [s] of a wheel's readings, and what one second of one more duty does to its next white errors.
+
+    The third is the size of the errors, shape (n,), by which the second is still to be divided.
+    """
+    period = float(np.median(np.diff(predictor.piece.heard.wheel_time)))
+    count = int(REACH / period)
+    rate = fit.values["k1"] * fit.values["k2_over_k3"]
+    kept = np.exp(-rate * period)
+    # An impulse of duty at time 0: a jump of the speed. The observer, which knows nothing of it, follows the angle.
+    speed, angle, raw = fit.values["k2_over_k3"], 0.0, np.zeros(count)
+    for index in range(1, count):
+        angle += speed * (1.0 - kept) / rate
+        speed *= kept
+        raw[index] = angle
+        speed -= study.gains.psi * angle
+        angle -= study.gains.angle * angle
+    past, spans = noise.of[name].past, SPANS[name]
+    borders = np.concatenate([[0], np.cumsum(spans)])
+    weights = np.concatenate([[1.0], -np.repeat(past, np.diff(borders))])
+    return period, np.convolve(raw, weights)[:count], noise.of[name].sizes[number]
+
+
+def _design(packets: Floats, changes: Floats, times: Floats, response: tuple[float, Floats, Floats]) -> "object":
+    """Return what a second of delay of each command leaves in each white error: sparse, shape (errors, commands)."""
+    from scipy.sparse import csr_matrix
+
+    period, trace, sizes = response
+    count = len(trace)
+    matters = np.flatnonzero(np.abs(changes) > LEAST_CHANGE)
+    first = np.searchsorted(times, packets[matters])
+    rows = first[:, None] + np.arange(count)[None]
+    inside = rows < len(times)
+    rows = np.minimum(rows, len(times) - 1)
+    lag = times[rows] - packets[matters][:, None]
+    inside &= lag < REACH - period
+    values = np.interp(lag, np.arange(count) * period, trace) * changes[matters][:, None] / sizes[rows]
+    columns = np.broadcast_to(matters[:, None], rows.shape)
+    return csr_matrix((values[inside], (rows[inside], columns[inside])), shape=(len(times), len(packets)))
+
+
+def _bandwidth(normal: "object") -> int:
+    matrix = normal.tocoo()
+    return int(np.max(matrix.col - matrix.row, initial=0))
+
+
+def _banded(normal: "object", bands: int) -> Floats:
+    """Return a symmetric sparse matrix in the upper banded form of LAPACK."""
+    size = normal.shape[0]
+    result = np.zeros((bands + 1, size))
+    for offset in range(bands + 1):
+        result[bands - offset, offset:] = normal.diagonal(offset)
+    return result
+
+
+def _times(banded: Floats, vector: Floats) -> Floats:
+    """Return the product of a symmetric matrix in upper banded form with a vector."""
+    bands = len(banded) - 1
+    result = banded[-1] * vector
+    for offset in range(1, bands + 1):
+        row = banded[bands - offset, offset:]
+        result[:-offset] += row * vector[offset:]
+        result[offset:] += row * vector[:-offset]
+    return np.asarray(result)
+
+
+def _peak(function: Callable[[float], float], sizes: Floats) -> tuple[float, float, float]:
+    """Return where a likelihood is largest, how large, and the standard deviation that its curvature tells."""
+    from scipy.optimize import minimize_scalar
+
+    values = [function(float(size)) for size in sizes]
+    best = int(np.argmax(values))
+    low, high = np.log(sizes[max(best - 1, 0)]), np.log(sizes[min(best + 1, len(sizes) - 1)])
+    found = minimize_scalar(lambda x: -function(float(np.exp(x))), bounds=(low, high), method="bounded")
+    value, step = float(np.exp(found.x)), 0.03
+    curvature = (2.0 * -found.fun - function(value * (1 + step)) - function(value * (1 - step))) / (step * value) ** 2
+    return value, float(-found.fun), float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else float("inf")
