@@ -19,7 +19,7 @@ EVERYWHERE = 1e3  # m, radius of a place that holds all others
 RANDOM = ("command_jitter", "command_loss")  # show in the spread, not in the mean
 SENSED = ("encoder_quantisation",)  # read off the encoder's ticks
 SURE = 3.0  # standard deviations
-SMALLEST = 0.15  # of the typical size: less is not worth a name
+SMALLEST = 0.3  # of the typical size: less is not worth a name
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from cmr.recordings.signal import Floats, Mask
 
-EDGE = 0.04  # of a drive at either end, where a change would be an outlier
+EDGE = 0.06  # of what an effect does in all; a change in the first or the last part would be an outlier
 CELL = 0.1  # m; places are told apart as finely
 RADII = (0.2, 0.3, 0.4, 0.55)  # m
 MOST_CELLS = 1500
@@ -37,8 +37,7 @@ def best_moment(move: Floats, rest: Floats, basis: Floats, time: Floats) -> Loca
     along = np.cumsum(basis[order] * move[order, None], axis=0)
     drops = _drops(pulls, sizes, along)
     since = time[order]
-    first, last = np.min(time), np.max(time)
-    allowed = (since > first + EDGE * (last - first)) & (since < last - EDGE * (last - first))
+    allowed = (sizes > EDGE * sizes[-1]) & (sizes < (1.0 - EDGE) * sizes[-1])
     best = int(np.argmax(np.where(allowed, drops, -1.0)))
     moment = float(since[best])
     return Local(float(drops[best]) if allowed.any() else 0.0, {"time": moment}, time >= moment)

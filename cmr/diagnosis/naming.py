@@ -7,7 +7,7 @@ import numpy as np
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import worth_naming
-from cmr.diagnosis.packets import JITTER, LOSS, Spread, spreads, without_jitter, without_loss
+from cmr.diagnosis.packets import JITTER, LOSS, counted_losses, spreads, without_jitter, without_loss
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import CATALOGUE, definition
@@ -27,6 +27,7 @@ LATE = ("command_delay", "electrical_lag", "slew_limit")  # as which jitter show
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
 COARSE = 2.0 * np.pi / 100.0  # rad; encoders with larger ticks are coarse
+DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
 
@@ -114,7 +115,7 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
 
 def _of_chance(found: Search) -> tuple[Named, Study] | None:
     """Return jitter or loss of commands, if what the search leaves shows it, and the study without it."""
-    spread = spreads(found.study, found.final)
+    spread = {} if _tick(found.study) > COARSE else spreads(found.study, found.final)
     if not spread:
         return None
     late = [one for one in found.named if one.tried.effect.name in LATE]
@@ -125,21 +126,23 @@ def _of_chance(found: Search) -> tuple[Named, Study] | None:
         mean = mean if all(one.tried.effect.name in MEANS for one in late) else 0.5 * jitter.value
         drop = jitter.drop + max(one.tried.drop for one in late)
         rivals = tuple(one.tried.effect.name for one in late) if jitter.drop < THRESHOLD else ()
-        return _chance(JITTER, jitter, drop, rivals, late[0].before), without_jitter(found.study, jitter, mean)
+        # The mean of the delays is known better than their spread.
+        largest = Estimate(2.0 * mean, DOUBT_OF_JITTER * mean)
+        return _chance(JITTER, largest, drop, rivals, late[0].before), without_jitter(found.study, jitter, mean)
     if not late and loss.drop > THRESHOLD * found.inflation:
-        return _chance(LOSS, loss, loss.drop, (), found.final), without_loss(found.study, loss)
+        share = Estimate(*counted_losses(found.study, loss))
+        return _chance(LOSS, share, loss.drop, (), found.final), without_loss(found.study, loss)
     return None
 
 
-def _chance(name: str, spread: Spread, drop: float, rivals: tuple[str, ...], before: Fit) -> Named:
-    values = {**before.values, name: spread.value}
-    tried = Tried(CATALOGUE[name], drop, values, None, 0.5 * spread.drop)
-    return Named(tried, rivals, before, {name: Estimate(spread.value, spread.std)})
+def _chance(name: str, estimate: Estimate, drop: float, rivals: tuple[str, ...], before: Fit) -> Named:
+    tried = Tried(CATALOGUE[name], drop, {**before.values, name: estimate.value}, None, 0.5 * drop)
+    return Named(tried, rivals, before, {name: estimate})
 
 
 def _coarse(study: Study, found: Search) -> Named | None:
     """Return that the encoders have few ticks, if so: the readings themselves say it."""
-    tick = max(predictor.piece.tick for predictor in study.predictors)
+    tick = _tick(study)
     if not tick > COARSE:
         return None
     name = "encoder_quantisation"
@@ -149,6 +152,11 @@ def _coarse(study: Study, found: Search) -> Named | None:
     drop = 2.0 * readings * float(np.log(tick / COARSE) + 1.0)
     tried = Tried(CATALOGUE[name], drop, {**found.final.values, name: value}, None, 0.5 * drop)
     return Named(tried, (), found.final, {name: Estimate(value, value * READ_OFF)})
+
+
+def _tick(study: Study) -> float:
+    """Return the size [rad] of an encoder's tick."""
+    return max(predictor.piece.tick for predictor in study.predictors)
 
 
 def _choose(
@@ -183,6 +191,9 @@ def why_not(study: Study, tried: Tried, inflation: float) -> str:
     if tried.drop < needed(tried.effect) * inflation:
         return "what it explains may be chance"
     names = [parameter.name for parameter in tried.effect.parameters]
+    moment = tried.values.get(f"{tried.effect.name}_time")
+    if moment is not None and not study.moving[0] < moment < study.moving[1]:
+        return "would begin where the drive begins or ends"
     stds = {name: tried.fit.std(name) for name in names} if tried.fit else {}
     if not worth_naming({name: tried.values[name] for name in names}, stds, study.scene):
         return "too small to matter"

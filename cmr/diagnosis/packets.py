@@ -17,6 +17,7 @@ from cmr.diagnosis.prediction import Errors, Predictor
 from cmr.diagnosis.study import Fit, Study
 from cmr.recordings.signal import Floats
 
+CLEAR, FEWEST = 0.15, 50  # of a period: commands whose delay is known as well are counted, if they are so many
 REACH = 0.5  # s after which a command's delay has left no trace
 LEAST_CHANGE = 1e-3  # duty
 SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tried
@@ -30,6 +31,7 @@ class Spread:
     """An effect of chance on the commands: its parameter's value and std, and by how much it drops -2 log-likelihood.
 
     `delays` [s] are those of each piece's commands, as far as they show; `drop_at` tells the drop at another value.
+    `doubts` [s] are the standard deviations of all delays if each were alone, infinite where nothing shows it.
     """
 
     value: float
@@ -37,6 +39,7 @@ class Spread:
     drop: float
     delays: tuple[Floats, ...]
     drop_at: Callable[[float], float]
+    doubts: Floats
 
 
 @dataclass(frozen=True)
@@ -89,13 +92,25 @@ def _spread(traces: _Traces, sizes: Floats, law: Callable[[float], tuple[float, 
         return traces.likelihood(*law(value))
 
     value, drop, std = _peak(drop_at, sizes)
-    delays = np.split(traces.delays(*law(value)), traces.splits[1:-1])
-    return Spread(value, std, drop, tuple(delays), drop_at)
+    delays = traces.delays(*law(value))
+    return Spread(value, std, drop, tuple(np.split(delays, traces.splits[1:-1])), drop_at, traces.banded[-1] ** -0.5)
 
 
 def period_of(study: Study) -> float:
     """Return the usual time [s] from one command to the next."""
     return float(np.median(np.concatenate([np.diff(p.piece.packet_time) for p in study.predictors])))
+
+
+def counted_losses(study: Study, spread: Spread) -> tuple[float, float]:
+    """Return the share of commands that were lost among those of which it can be told, and its standard deviation."""
+    period = period_of(study)
+    clear = spread.doubts < CLEAR * period
+    count = int(np.count_nonzero(clear))
+    if count < FEWEST:
+        return spread.value, spread.std
+    lost = int(np.count_nonzero(np.concatenate(spread.delays)[clear] > 0.5 * period))
+    share = (lost + 0.5) / (count + 1.0)
+    return share, float(np.sqrt(share * (1.0 - share) / count))
 
 
 def without_jitter(study: Study, spread: Spread, mean: float) -> Study:

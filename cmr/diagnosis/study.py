@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +19,7 @@ MOST_STEPS = 7
 SETTLED = 0.1  # of the sum of squares: a step that promises less is the last
 DAMPING = 1e-6
 X, Y = MOTION.index("x"), MOTION.index("y")
+EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
 QUICK_STEPS = 5  # of models fitted side by side
 
 
@@ -77,6 +79,18 @@ class Study:
             for part in noise.white(number, predictor, error).values()
         ]
         return np.concatenate(parts)
+
+    @cached_property
+    def moving(self) -> tuple[float, float]:
+        """When the robot has turned its wheels by EDGE, and by all but EDGE, of all that it turns them [s]."""
+        spans = []
+        for predictor in self.predictors:
+            heard = predictor.piece.heard
+            turned = np.cumsum(np.abs(np.diff(heard.wheel, axis=0, prepend=heard.wheel[:1])).sum(axis=1))
+            inside = (turned > EDGE * turned[-1:]) & (turned < (1.0 - EDGE) * turned[-1:])
+            spans.append(heard.time + heard.wheel_time[inside])
+        times = np.concatenate(spans)
+        return (float(times.min()), float(times.max())) if len(times) else (0.0, 0.0)
 
     def rows(self, errors: Sequence[Errors]) -> Floats:
         """Return when [s] and where [m] each white error arises, shape (n, 3): time, x, y."""
