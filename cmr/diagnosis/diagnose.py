@@ -4,7 +4,10 @@ from collections.abc import Callable, Sequence
 
 from cmr.calibration.result import CalibrationError, Estimate
 from cmr.diagnosis.engine import Ready, prepare
-from cmr.diagnosis.naming import Named, Search, needed, search
+from cmr.diagnosis.experiment import Piece, pieces_of
+from cmr.diagnosis.free_runs import WINDOW
+from cmr.diagnosis.measuring import Measured, measure
+from cmr.diagnosis.naming import Named, Search, search
 from cmr.diagnosis.next_experiment import experiment_to_show, experiment_to_tell_apart
 from cmr.diagnosis.result import (
     BAD_DATA,
@@ -12,13 +15,16 @@ from cmr.diagnosis.result import (
     NO_EFFECT,
     Candidate,
     Diagnosis,
+    Evidence,
     Fitted,
     NamedEffect,
 )
+from cmr.diagnosis.showing import paths_of, residuals_of
 from cmr.diagnosis.study import Fit
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS, definition
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.parameters.file import ParameterFile
+from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
 
 
@@ -28,7 +34,7 @@ def diagnose(
     *,
     held_out: Sequence[Recording] = (),
     sources: Sequence[str] = (),
-    progress: Callable[[str], None] = lambda sentence: None,
+    progress: Callable[[str], None] = lambda _sentence: None,
 ) -> Diagnosis:
     """Diagnose one robot from one or more of its recordings.
 
@@ -55,10 +61,22 @@ def diagnose(
             sources=tuple(sources),
         )
     found = search(ready.study, ready.base, progress)
-    return _diagnosis(recordings[0].robot_id, ready, found, tuple(sources))
+    progress("Measuring the gain ...")
+    pieces = [predictor.piece for predictor in ready.study.predictors]
+    chance = {name: estimate.value for one in found.named for name, estimate in one.estimates.items()}
+    measured = measure(found.study, found.base, found.final, chance, pieces, pieces_to_check(held_out))
+    labels = list(sources) or [f"recording {number + 1}" for number in range(len(recordings))]
+    evidence = Evidence(
+        paths=paths_of(pieces, found.base.values, found.final.values, labels),
+        residuals=residuals_of(pieces, found.base.values, found.final.values),
+        window=WINDOW,
+    )
+    return _diagnosis(recordings[0].robot_id, ready, found, measured, evidence, tuple(sources))
 
 
-def _diagnosis(robot_id: int, ready: Ready, found: Search, sources: tuple[str, ...]) -> Diagnosis:
+def _diagnosis(
+    robot_id: int, ready: Ready, found: Search, measured: Measured, evidence: Evidence, sources: tuple[str, ...]
+) -> Diagnosis:
     effects = tuple(_named(one, found) for one in found.named)
     verdict = EFFECTS_FOUND if effects else NO_EFFECT
     return Diagnosis(
@@ -66,11 +84,17 @@ def _diagnosis(robot_id: int, ready: Ready, found: Search, sources: tuple[str, .
         verdict=verdict,
         sentence=_sentence(effects),
         baseline=Fitted(
-            estimates=_estimates(found.base, found), path_rmse=float("nan"), held_out_path_rmse=float("nan")
+            estimates=_estimates(found.base, found),
+            path_rmse=measured.before,
+            held_out_path_rmse=measured.held_out_before,
         ),
         extended=Fitted(
-            estimates=_estimates(found.final, found), path_rmse=float("nan"), held_out_path_rmse=float("nan")
+            estimates=_estimates(found.final, found),
+            path_rmse=measured.after,
+            held_out_path_rmse=measured.held_out_after,
         ),
+        gain=measured.gain,
+        evidence=evidence,
         effects=effects,
         candidates=tuple(
             Candidate(
@@ -89,6 +113,15 @@ def _diagnosis(robot_id: int, ready: Ready, found: Search, sources: tuple[str, .
         sources=sources,
         samples=len(found.final.rest),
     )
+
+
+def pieces_to_check(recordings: Sequence[Recording]) -> list[Piece]:
+    """Return the pieces of recordings on which nothing is fitted."""
+    pieces = []
+    for number, recording in enumerate(recordings):
+        findings = check(recording)
+        pieces += pieces_of(findings.cleaned(recording), [int(split) for split in findings.splits], number)
+    return pieces
 
 
 def _named(one: Named, found: Search) -> NamedEffect:

@@ -1,13 +1,13 @@
 """Name effects one after the other: the one that explains most, if it also foretells what it was not fitted on."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import worth_naming
-from cmr.diagnosis.packets import JITTER, LOSS, counted_losses, spreads, without_jitter, without_loss
+from cmr.diagnosis.packets import JITTER, LOSS, doubt_of_share, spreads, without_jitter, without_loss
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import CATALOGUE, definition
@@ -130,7 +130,7 @@ def _of_chance(found: Search) -> tuple[Named, Study] | None:
         largest = Estimate(2.0 * mean, DOUBT_OF_JITTER * mean)
         return _chance(JITTER, largest, drop, rivals, late[0].before), without_jitter(found.study, jitter, mean)
     if not late and loss.drop > THRESHOLD * found.inflation:
-        share = Estimate(*counted_losses(found.study, loss))
+        share = Estimate(loss.value, doubt_of_share(loss))
         return _chance(LOSS, share, loss.drop, (), found.final), without_loss(found.study, loss)
     return None
 

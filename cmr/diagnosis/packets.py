@@ -17,7 +17,6 @@ from cmr.diagnosis.prediction import Errors, Predictor
 from cmr.diagnosis.study import Fit, Study
 from cmr.recordings.signal import Floats
 
-CLEAR, FEWEST = 0.15, 50  # of a period: commands whose delay is known as well are counted, if they are so many
 REACH = 0.5  # s after which a command's delay has left no trace
 LEAST_CHANGE = 1e-3  # duty
 SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tried
@@ -31,7 +30,7 @@ class Spread:
     """An effect of chance on the commands: its parameter's value and std, and by how much it drops -2 log-likelihood.
 
     `delays` [s] are those of each piece's commands, as far as they show; `drop_at` tells the drop at another value.
-    `doubts` [s] are the standard deviations of all delays if each were alone, infinite where nothing shows it.
+    `weights` (n,) tell how much each command counts.
     """
 
     value: float
@@ -39,7 +38,7 @@ class Spread:
     drop: float
     delays: tuple[Floats, ...]
     drop_at: Callable[[float], float]
-    doubts: Floats
+    weights: Floats
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,8 @@ def _spread(traces: _Traces, sizes: Floats, law: Callable[[float], tuple[float, 
 
     value, drop, std = _peak(drop_at, sizes)
     delays = traces.delays(*law(value))
-    return Spread(value, std, drop, tuple(np.split(delays, traces.splits[1:-1])), drop_at, traces.banded[-1] ** -0.5)
+    weights = _times(traces.banded, np.ones(len(traces.right)))
+    return Spread(value, std, drop, tuple(np.split(delays, traces.splits[1:-1])), drop_at, weights)
 
 
 def period_of(study: Study) -> float:
@@ -101,16 +101,13 @@ def period_of(study: Study) -> float:
     return float(np.median(np.concatenate([np.diff(p.piece.packet_time) for p in study.predictors])))
 
 
-def counted_losses(study: Study, spread: Spread) -> tuple[float, float]:
-    """Return the share of commands that were lost among those of which it can be told, and its standard deviation."""
-    period = period_of(study)
-    clear = spread.doubts < CLEAR * period
-    count = int(np.count_nonzero(clear))
-    if count < FEWEST:
-        return spread.value, spread.std
-    lost = int(np.count_nonzero(np.concatenate(spread.delays)[clear] > 0.5 * period))
-    share = (lost + 0.5) / (count + 1.0)
-    return share, float(np.sqrt(share * (1.0 - share) / count))
+def doubt_of_share(spread: Spread) -> float:
+    """Return the standard deviation of the share of commands lost.
+
+    Commands that change much weigh most; which of them are lost is chance, so their weights tell how sure the share is.
+    """
+    weights = spread.weights / np.sum(spread.weights)
+    return float(np.sqrt(spread.value * (1.0 - spread.value) * np.sum(weights**2)))
 
 
 def without_jitter(study: Study, spread: Spread, mean: float) -> Study:
