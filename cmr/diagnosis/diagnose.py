@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from cmr.calibration.result import CalibrationError, Estimate
 from cmr.diagnosis.engine import Ready, prepare
 from cmr.diagnosis.experiment import Piece, pieces_of
@@ -128,9 +130,7 @@ def _named(one: Named, found: Search) -> NamedEffect:
     effect = one.tried.effect
     names = [parameter.name for parameter in effect.parameters]
     rivals = one.rivals
-    estimates = {
-        n: one.estimates[n] if n in one.estimates else _estimate(found.final, n, found.inflation) for n in names
-    }
+    estimates = {n: one.estimates[n] if n in one.estimates else _estimate(found.final, n, found) for n in names}
     return NamedEffect(
         name=effect.name,
         cause=effect.sentence({name: estimate.value for name, estimate in estimates.items()}),
@@ -153,11 +153,12 @@ def _parameters(found: Search) -> dict[str, float]:
 
 
 def _estimates(fit: Fit, found: Search) -> dict[str, Estimate]:
-    return {name: _estimate(fit, name, found.inflation) for name in fit.names}
+    return {name: _estimate(fit, name, found) for name in fit.names}
 
 
-def _estimate(fit: Fit, name: str, inflation: float) -> Estimate:
-    return Estimate(fit.values[name], fit.std(name) * float(inflation) ** 0.5)
+def _estimate(fit: Fit, name: str, found: Search) -> Estimate:
+    doubt = found.doubts.get(name, 0.0)
+    return Estimate(fit.values[name], float(np.sqrt(found.inflation * fit.std(name) ** 2 + doubt**2)))
 
 
 def p_value(drop: float, parameters: int, inflation: float) -> float:

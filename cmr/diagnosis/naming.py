@@ -8,6 +8,7 @@ import numpy as np
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import worth_naming
 from cmr.diagnosis.packets import JITTER, LOSS, doubt_of_share, spreads, without_jitter, without_loss
+from cmr.diagnosis.polishing import polished
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import CATALOGUE, definition
@@ -62,7 +63,8 @@ class Named:
 class Search:
     """What the search found: the paper's model fitted, the final fit, the effects in order, and the runners-up.
 
-    `study` is what the final fit explains: the recordings without what effects of chance did to them.
+    `study` is what the final fit explains: the recordings without what effects of chance did to them. `doubts` are to
+    be added to the standard deviations of some parameters.
     """
 
     study: Study
@@ -71,6 +73,7 @@ class Search:
     named: list[Named]
     others: list[tuple[Tried, str]]
     inflation: float
+    doubts: Mapping[str, float]
 
 
 def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
@@ -110,7 +113,9 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         current = chosen.tried.fit
         if len(named) > 1:
             named, current = _pruned(study, named, current, inflation)
-    return Search(study, base, current, named, others, inflation)
+    switches = [p.name for one in named for p in one.tried.effect.parameters if p.switches]
+    final, doubts = polished(study, current, switches)
+    return Search(study, base, final, named, others, inflation, doubts)
 
 
 def _of_chance(found: Search) -> tuple[Named, Study] | None:

@@ -17,7 +17,8 @@ BLOCK = 1.5  # s; neighbouring blocks belong to different folds
 FOLDS = 5
 MOST_STEPS = 7
 SETTLED = 0.1  # of the sum of squares: a step that promises less is the last
-DAMPING = 1e-6
+DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tried at once
+LONG_STRIDE = 6.0
 X, Y = MOTION.index("x"), MOTION.index("y")
 EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
 QUICK_STEPS = 5  # of models fitted side by side
@@ -134,21 +135,31 @@ class Study:
         noise, likelihood = self.noise(fit.values)
         return replace(fit, likelihood=likelihood)
 
+    def refitted(self, fit: Fit, values: Mapping[str, float]) -> Fit:
+        """Return a fit of the same parameters with the same noise from other values on."""
+        return self._fitted(values, fit.names, fit.noise)
+
     def _fitted(self, values: Mapping[str, float], names: tuple[str, ...], noise: Noise) -> Fit:
-        damping = DAMPING
+        """Fit by Gauss and Newton: of several shortened and damped steps, tried at once, the best is taken.
+
+        Dry friction makes the sum of squares rough. Where a step fails, slopes over a longer distance may still do.
+        """
+        values, stride = dict(values), 1.0
         rest, slopes = self.linear(values, names, noise)
         for _ in range(MOST_STEPS):
-            normal, right = slopes.T @ slopes, slopes.T @ rest
-            step = -np.linalg.lstsq(normal + damping * np.diag(np.diag(normal)), right, rcond=1e-12)[0]
-            promised = float(-(2.0 * right @ step + step @ normal @ step))
-            if promised < SETTLED:
-                break
-            tried = moved(values, names, step)
-            new_rest, new_slopes = self.linear(tried, names, noise)
-            if new_rest @ new_rest < rest @ rest:
-                values, rest, slopes, damping = tried, new_rest, new_slopes, max(0.1 * damping, DAMPING)
-            else:
-                damping = max(10.0 * damping, 1e-2)
+            tried = [moved(values, names, step) for step in _steps(slopes, rest)]
+            squares = np.sum(self.white(lanes_of(tried), noise) ** 2, axis=0)
+            best = int(np.argmin(squares))
+            drop = float(rest @ rest) - float(squares[best])
+            if drop > 0.0:
+                values = tried[best]
+            if drop < SETTLED:
+                if stride > 1.0:
+                    break
+                stride = LONG_STRIDE
+            rest, slopes = self.linear(values, names, noise, stride)
+        if stride > 1.0:
+            rest, slopes = self.linear(values, names, noise)
         return Fit(values, names, rest, slopes, float("nan"), noise)
 
     def fit_beside(
@@ -185,14 +196,28 @@ class Study:
                 tried[model] = moved(best[model][0], free, pace[model] * steps[model])
         return best
 
-    def linear(self, values: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:
-        """Return white errors (n,) at some values, and their derivatives (n, p) by the parameters `names`."""
-        steps = [inward(name, values[name], step_of(name, values[name], self.scene)) for name in names]
+    def linear(
+        self, values: Mapping[str, float], names: Sequence[str], noise: Noise, stride: float = 1.0
+    ) -> tuple[Floats, Floats]:
+        """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`.
+
+        Slopes are taken over `stride` times the usual distance.
+        """
+        steps = [inward(name, values[name], stride * step_of(name, values[name], self.scene)) for name in names]
         lanes = {name: np.full(1 + len(names), float(value)) for name, value in values.items()}
         for lane, (name, step) in enumerate(zip(names, steps, strict=True)):
             lanes[name][1 + lane] += step
         white = self.white(lanes, noise)
         return white[:, 0], (white[:, 1:] - white[:, :1]) / np.array(steps)
+
+
+def _steps(slopes: Floats, rest: Floats) -> list[Floats]:
+    """Return Gauss-Newton steps, damped more and more, whole and shortened."""
+    normal, right = slopes.T @ slopes, slopes.T @ rest
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / np.outer(scale, scale)
+    whole = [-np.linalg.solve(scaled + damping * np.eye(len(scale)), right / scale) / scale for damping in DAMPINGS]
+    return [share * step for step in whole for share in SHARES]
 
 
 def _step(base: Floats, own: Floats, rest: Floats) -> Floats:

@@ -1,0 +1,81 @@
+"""Make sure of a fit: look for better values farther away, and find out how rough the ground is.
+
+Where wheels stick and slip, a slightly different friction lets a wheel start a little earlier, or not at all: the sum
+of squares is a valley with steps in it. Slopes do not see them; a scan across the valley does. What the steps leave
+open is added to the standard deviations.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cmr.diagnosis.candidates import lanes_of
+from cmr.diagnosis.study import Fit, Study, moved
+from cmr.recordings.signal import Floats
+
+POINTS = 16  # of a scan, in two blocks of the compiled model
+FARTHEST = 0.12  # of the value,
+FEWEST_STDS = 4.0  # or so many standard deviations, if that is more
+ROUGH = 10.0  # scatter of the sum of squares about a parabola from which the ground is rough
+STARTS = 2  # of new fits on rough ground
+NEAR = 0.25  # of the scan's reach: other starts lie farther from one another
+
+
+def polished(study: Study, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[str, float]]:
+    """Return the best fit near a fit, and what roughness adds to the standard deviations of parameters `names`."""
+    doubts = {}
+    for name in names:
+        offsets, squares = scan(study, fit, name)
+        _, scatter = parabola(offsets, squares)
+        if scatter > ROUGH or np.min(squares) < fit.squares:
+            better = min((study.refitted(fit, start) for start in _starts(fit, name, offsets, squares)), key=_squares)
+            fit = min(fit, better, key=_squares)
+            offsets, squares = scan(study, fit, name)
+        doubts[name] = parabola(offsets, squares)[0]
+    return fit, doubts
+
+
+def _squares(fit: Fit) -> float:
+    return fit.squares
+
+
+def scan(study: Study, fit: Fit, name: str) -> tuple[Floats, Floats]:
+    """Return values of a parameter about the fit's, less that one, and the sums of squares there, (POINTS,) each.
+
+    The other parameters follow along the valley.
+    """
+    value, std = fit.values[name], fit.std(name)
+    reach = max(FARTHEST * abs(value), FEWEST_STDS * std)
+    offsets = np.linspace(-reach, reach, POINTS)
+    white = study.white(lanes_of([along(fit, name, offset) for offset in offsets]), fit.noise)
+    return offsets, np.asarray(np.sum(white**2, axis=0))
+
+
+def along(fit: Fit, name: str, offset: float) -> dict[str, float]:
+    """Return the values when one parameter is moved and the others follow, to first order."""
+    covariance = fit.covariance
+    index = fit.names.index(name)
+    return moved(fit.values, fit.names, covariance[:, index] / covariance[index, index] * offset)
+
+
+def parabola(offsets: Floats, squares: Floats) -> tuple[float, float]:
+    """Return the standard deviation of where a parabola through the sums of squares is lowest, and their scatter."""
+    unit = float(np.max(np.abs(offsets)))
+    x = offsets / unit
+    design = np.stack([np.ones(len(x)), x, x**2], axis=1)
+    weights, *_ = np.linalg.lstsq(design, squares, rcond=None)
+    scatter = float(np.sqrt(np.sum((squares - design @ weights) ** 2) / (len(x) - 3)))
+    if weights[2] <= 0.0:
+        return unit, scatter
+    covariance = scatter**2 * np.linalg.inv(design.T @ design)
+    slope = np.array([0.0, -0.5 / weights[2], 0.5 * weights[1] / weights[2] ** 2])
+    return float(unit * np.sqrt(slope @ covariance @ slope)), scatter
+
+
+def _starts(fit: Fit, name: str, offsets: Floats, squares: Floats) -> list[dict[str, float]]:
+    """Return the best values of a scan that lie apart from each other."""
+    chosen: list[float] = []
+    for index in np.argsort(squares):
+        if all(abs(offsets[index] - other) > NEAR * offsets[-1] for other in chosen):
+            chosen.append(float(offsets[index]))
+    return [along(fit, name, offset) for offset in chosen[:STARTS]]
