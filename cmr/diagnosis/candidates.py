@@ -114,7 +114,7 @@ def _choices(parameter: ParameterDefinition) -> list[float]:
     if parameter.switches:
         return []
     if parameter.unit == "rad":
-        return [0.0, math.pi / 2.0]
+        return [0.0, math.pi / 2.0, math.pi, -math.pi / 2.0]
     if parameter.name.endswith("_radius"):
         return [EVERYWHERE]
     return [0.0] if parameter.unit in ("s", "m") else [float(parameter.typical or 0.0)]

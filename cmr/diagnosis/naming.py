@@ -14,9 +14,10 @@ from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
 
-PROMISING = 12  # effects that are fitted after the score test
+PROMISING = 12  # effects that are fitted after the score test,
+PROMISING_SHARE = 0.08  # if they explain this share of what the best explains
 FINALISTS = 3  # that are fitted with everything free
-CLOSE = 0.5  # of the best drop: an effect that explains less is no finalist
+CLOSE = 0.7  # of the best drop: an effect that explains less is no finalist
 LEAST_DROP = 20.0
 LEAST_SCORE = 10.0  # drop of the sum of squares from which a fit is worth while
 THRESHOLD = 30.0  # drop of the sum of squares that one parameter must bring
@@ -113,8 +114,8 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         current = chosen.tried.fit
         if len(named) > 1:
             named, current = _pruned(study, named, current, inflation)
-    switches = [p.name for one in named for p in one.tried.effect.parameters if p.switches]
-    final, doubts = polished(study, current, switches)
+    own = [parameter.name for one in named for parameter in one.tried.effect.parameters]
+    final, doubts = polished(study, current, own)
     return Search(study, base, final, named, others, inflation, doubts)
 
 
@@ -214,7 +215,8 @@ def needed(effect: Effect) -> float:
 
 def _fitted(study: Study, current: Fit, screening: Screening) -> list[Tried]:
     """Fit the promising effects beside the model, the best ones with everything free; best first."""
-    promising = [score for score in screening.scores if score.drop > LEAST_SCORE][:PROMISING]
+    least = max([LEAST_SCORE, *(PROMISING_SHARE * score.drop for score in screening.scores[:1])])
+    promising = [score for score in screening.scores if score.drop > least][:PROMISING]
     if not promising:
         return []
     effects = [CATALOGUE[score.trial.effect] for score in promising]

@@ -11,10 +11,12 @@ import numpy as np
 
 from cmr.diagnosis.candidates import lanes_of
 from cmr.diagnosis.study import Fit, Study, moved
+from cmr.model.catalogue import definition
 from cmr.recordings.signal import Floats
 
 POINTS = 16  # of a scan, in two blocks of the compiled model
 FARTHEST = 0.12  # of the value,
+FARTHEST_OF = {"m": 0.25, "s": 1.0, "rad": 0.4}  # of places, times and angles
 FEWEST_STDS = 4.0  # or so many standard deviations, if that is more
 ROUGH = 10.0  # scatter of the sum of squares about a parabola from which the ground is rough
 STARTS = 2  # of new fits on rough ground
@@ -45,7 +47,9 @@ def scan(study: Study, fit: Fit, name: str) -> tuple[Floats, Floats]:
     The other parameters follow along the valley.
     """
     value, std = fit.values[name], fit.std(name)
-    reach = max(FARTHEST * abs(value), FEWEST_STDS * std)
+    known = definition(name)
+    farthest = FARTHEST * abs(value) if known.switches else FARTHEST_OF.get(known.unit, FARTHEST)
+    reach = max(farthest, FEWEST_STDS * std)
     offsets = np.linspace(-reach, reach, POINTS)
     white = study.white(lanes_of([along(fit, name, offset) for offset in offsets]), fit.noise)
     return offsets, np.asarray(np.sum(white**2, axis=0))

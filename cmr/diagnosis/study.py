@@ -19,6 +19,7 @@ MOST_STEPS = 7
 SETTLED = 0.1  # of the sum of squares: a step that promises less is the last
 DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tried at once
 LONG_STRIDE = 6.0
+LARGE = 4.0  # standard deviations from which an error counts less than its square
 X, Y = MOTION.index("x"), MOTION.index("y")
 EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
 QUICK_STEPS = 5  # of models fitted side by side
@@ -69,8 +70,8 @@ class Study:
         return [predictor.errors(values, self.gains) for predictor in self.predictors]
 
     def white(self, values: Mapping[str, object], noise: Noise) -> Floats:
-        """Return all prediction errors made white, shape (n, C)."""
-        return self.made_white(self.errors(values), noise)
+        """Return all prediction errors made white and tempered, shape (n, C)."""
+        return tempered(self.made_white(self.errors(values), noise))
 
     def made_white(self, errors: Sequence[Errors], noise: Noise) -> Floats:
         """Return prediction errors made white, shape (n, C), piece by piece and signal by signal."""
@@ -103,7 +104,7 @@ class Study:
         return np.concatenate(parts)
 
     def masked(self, errors: Sequence[Errors], masks: Mapping[int, Mask]) -> list[Errors]:
-        """Return errors in which some candidates, by column, move only where a mask (n,) over all white errors is true."""
+        """Return errors in which some candidates, by column, move only where a mask (n,) over all errors is true."""
         result, begin = [], 0
         for predictor, error in zip(self.predictors, errors, strict=True):
             of = {name: values.copy() for name, values in error.of.items()}
@@ -120,7 +121,7 @@ class Study:
         """Return the noise that these values leave, and the log-likelihood."""
         errors = self.errors(values)
         noise = Noise.found(self.predictors, errors)
-        rest = self.made_white(errors, noise)
+        rest = tempered(self.made_white(errors, noise))
         return noise, -0.5 * float(rest[:, 0] @ rest[:, 0]) - noise.log_size
 
     def fit(self, values: Mapping[str, float], names: Sequence[str], noise: Noise, renew: int = 1) -> Fit:
@@ -209,6 +210,18 @@ class Study:
             lanes[name][1 + lane] += step
         white = self.white(lanes, noise)
         return white[:, 0], (white[:, 1:] - white[:, :1]) / np.array(steps)
+
+
+def tempered(white: Floats) -> Floats:
+    """Return white errors whose squares grow like Huber's loss: no single moment decides.
+
+    A wheel that sets off half a step earlier than foretold makes errors of a hundred standard deviations for a moment.
+    """
+    size = np.abs(white)
+    large = size > LARGE
+    if large.any():
+        white = np.where(large, np.sign(white) * np.sqrt(np.maximum(2.0 * LARGE * size - LARGE**2, 0.0)), white)
+    return white
 
 
 def _steps(slopes: Floats, rest: Floats) -> list[Floats]:

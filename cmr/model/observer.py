@@ -188,11 +188,10 @@ def _source(model: ExtendedModel, history: int) -> str:
         "COMMAND_RIGHT",
         "KEPT_END",
     )
-    used = ("advance", "prepare", "send", "LANES", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND", "FIRST", "SECOND")
+    used = ("advance", "prepare", "send", "LANES", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND")
     constants = {
         "HISTORY": history,
         "CHANGED_FIELDS": len(MOTION) - 1,
-        "TO_THE_END": "(1.0 - SECOND) / (SECOND - FIRST)",
         "WHEEL_RADIUS_NUMBER": _sensor_parameters().index("wheel_radius"),
         "BASE_WIDTH_NUMBER": _sensor_parameters().index("base_width"),
     }

@@ -73,8 +73,7 @@ def observe(
                     newest[0, i] = here[X + i] - offset_x[i]
                     newest[1, i] = here[Y + i] - offset_y[i]
                     newest[2, i] = here[THETA + i] - offset_theta[i]
-                    turning = work[YAW_RATE_SECOND + i]
-                    turning += TO_THE_END * (turning - work[YAW_RATE_FIRST + i])
+                    turning = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
                     # What corrections add fades as a wheel's speed does; without it the past is smooth.
                     offset_left[i] *= here[KEPT_END + i]
                     offset_right[i] *= here[KEPT_END + i]
@@ -86,16 +85,19 @@ def observe(
                 for i in range(LANES):
                     before_left[i], before_right[i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
             now = border * dt
-            while next_gyro < len(gyro_time) and gyro_time[next_gyro] <= now:
+            # Yaw rates are means over steps, known in their middles: what begins or ends within a step is then told
+            # half before and half behind.
+            while next_gyro < len(gyro_time) and gyro_time[next_gyro] + 0.5 * dt <= now:
                 stamp = gyro_time[next_gyro]
                 for i in range(lanes):
                     time = stamp
                     moment = stamp
     GYRO_NUMBERS
     GYRO_TIME
-                    position = min(max(border + (moment - now) / dt, border - (HISTORY - 2.0), 0.0), border * 1.0)
+                    position = border + (moment - now) / dt + 0.5
+                    position = min(max(position, border - (HISTORY - 2.0), 1.0), max(border * 1.0, 1.0))
                     first = int(position)
-                    first = first - 1 if first == border and border > 0 else first
+                    first = first - 1 if first == border and border > 1 else first
                     share = position - first
                     one, other = past[first % HISTORY, 3, i], past[(first + 1) % HISTORY, 3, i]
                     reading = one + share * (other - one) + offset_yaw_rate[i] if border > 0 else 0.0
@@ -160,6 +162,10 @@ def observe(
                     here[Y + i] += followed * error_y
                     here[THETA + i] += turned * error_theta
                 next_pose += 1
+            if border == len(left):
+                for sample in range(next_gyro, len(gyro_time)):
+                    for i in range(lanes):
+                        gyro_error[sample, block * LANES + i] = 0.0
             if block == 0:
                 for field in range(CHANGED_FIELDS):
                     motion[border, field] = here[field * LANES]
