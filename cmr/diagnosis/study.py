@@ -174,7 +174,7 @@ class Study:
         tried = [{**base.values, **start} for start in starts]
         best = [(values, np.inf) for values in tried]
         pace = np.ones(len(tried))
-        steps: list[Floats] = [np.zeros(0)] * len(tried)
+        steps = [np.zeros(len(base.names) + len(own)) for own in names]
         for _ in range(QUICK_STEPS):
             sets, places = [], []
             for values, own in zip(tried, names, strict=True):
