@@ -25,9 +25,12 @@ from cmr.diagnosis.showing import paths_of, residuals_of
 from cmr.diagnosis.study import Fit
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS, definition
 from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
+
+MOST_UNSEEN = 4  # effects named in one recommendation
 
 
 def diagnose(
@@ -53,7 +56,7 @@ def diagnose(
         )
     progress("Checking the data ...")
     ready = prepare(recordings, nominal)
-    if ready.refused:
+    if ready.study is None or ready.base is None:
         return Diagnosis(
             robot_id=recordings[0].robot_id,
             verdict=BAD_DATA,
@@ -79,7 +82,7 @@ def diagnose(
 def _diagnosis(
     robot_id: int, ready: Ready, found: Search, measured: Measured, evidence: Evidence, sources: tuple[str, ...]
 ) -> Diagnosis:
-    effects = tuple(_named(one, found) for one in found.named)
+    effects = tuple(_named(one, found, robot_id) for one in found.named)
     verdict = EFFECTS_FOUND if effects else NO_EFFECT
     return Diagnosis(
         robot_id=robot_id,
@@ -101,8 +104,8 @@ def _diagnosis(
         candidates=tuple(
             Candidate(
                 name=tried.effect.name,
-                statistic=tried.drop,
-                p_value=p_value(tried.drop, len(tried.effect.parameters), found.inflation),
+                statistic=max(tried.drop, 0.0),
+                p_value=p_value(max(tried.drop, 0.0), len(tried.effect.parameters), found.inflation),
                 held_out=tried.held_out,
                 why_not=why,
             )
@@ -110,7 +113,7 @@ def _diagnosis(
         ),
         checks=ready.checks,
         notes=ready.notes,
-        next_experiment=None if effects else experiment_to_show(()),
+        next_experiment=_next(robot_id, effects, found),
         parameters=_parameters(found),
         sources=sources,
         samples=len(found.final.rest),
@@ -126,8 +129,9 @@ def pieces_to_check(recordings: Sequence[Recording]) -> list[Piece]:
     return pieces
 
 
-def _named(one: Named, found: Search) -> NamedEffect:
+def _named(one: Named, found: Search, robot_id: int) -> NamedEffect:
     effect = one.tried.effect
+    robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     names = [parameter.name for parameter in effect.parameters]
     rivals = one.rivals
     estimates = {n: one.estimates[n] if n in one.estimates else _estimate(found.final, n, found) for n in names}
@@ -140,8 +144,16 @@ def _named(one: Named, found: Search) -> NamedEffect:
         held_out=one.tried.held_out,
         shift={n: found.final.values[n] - one.before.values[n] for n in found.base.names},
         indistinguishable_from=rivals,
-        next_experiment=experiment_to_tell_apart(effect.name, rivals) if rivals else None,
+        next_experiment=experiment_to_tell_apart(effect.name, rivals, robot_id=robot_id, robot=robot),
     )
+
+
+def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search) -> str | None:
+    """Return what to drive so that effects show of which these drives say nothing; None if all would have shown."""
+    if any(effect.next_experiment for effect in effects) or not found.unseen:
+        return None
+    robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
+    return experiment_to_show(found.unseen[:MOST_UNSEEN], robot_id=robot_id, robot=robot)
 
 
 def _parameters(found: Search) -> dict[str, float]:

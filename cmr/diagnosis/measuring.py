@@ -10,7 +10,6 @@ from cmr.diagnosis.free_runs import BLOCK, Errors, Fold, alternating_spans, erro
 from cmr.diagnosis.gain import gain_of, path_rmse
 from cmr.diagnosis.result import Gain
 from cmr.diagnosis.study import Fit, Study, moved
-from cmr.recordings.signal import Floats
 
 FOLDS = 4
 JITTER = "command_jitter"
@@ -83,7 +82,7 @@ def _row_folds(study: Study) -> np.typing.NDArray[np.int64]:
 def without(fit: Fit, left_out: np.typing.NDArray[np.bool_]) -> dict[str, float]:
     """Return the values that a fit would have without some white errors (n,), to first order."""
     slopes, rest = fit.slopes[~left_out], fit.rest[~left_out]
-    step: Floats = -np.linalg.lstsq(slopes.T @ slopes, slopes.T @ rest, rcond=1e-10)[0]
+    step = np.asarray(-np.linalg.lstsq(slopes.T @ slopes, slopes.T @ rest, rcond=1e-10)[0], np.float64)
     return moved(fit.values, fit.names, step)
 
 

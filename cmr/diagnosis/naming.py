@@ -65,7 +65,7 @@ class Search:
     """What the search found: the paper's model fitted, the final fit, the effects in order, and the runners-up.
 
     `study` is what the final fit explains: the recordings without what effects of chance did to them. `doubts` are to
-    be added to the standard deviations of some parameters.
+    be added to the standard deviations of some parameters. `unseen` are effects that would not show in these drives.
     """
 
     study: Study
@@ -75,6 +75,7 @@ class Search:
     others: list[tuple[Tried, str]]
     inflation: float
     doubts: Mapping[str, float]
+    unseen: tuple[str, ...]
 
 
 def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
@@ -116,7 +117,14 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
             named, current = _pruned(study, named, current, inflation)
     own = [parameter.name for one in named for parameter in one.tried.effect.parameters]
     final, doubts = polished(study, current, own)
-    return Search(study, base, final, named, others, inflation, doubts)
+    return Search(study, base, final, named, others, inflation, doubts, _unseen(screening))
+
+
+def _unseen(screening: Screening) -> tuple[str, ...]:
+    """Return effects whose typical size these drives would not show."""
+    return tuple(
+        name for name, trace in screening.traces.items() if trace < needed(CATALOGUE[name]) * screening.inflation
+    )
 
 
 def _of_chance(found: Search) -> tuple[Named, Study] | None:
@@ -173,7 +181,7 @@ def _choose(
     chosen: Tried | None = None
     for candidate in ranked:
         tried = candidate
-        why = "explains less than the effect named"
+        why = "It explains less than the effect named."
         if chosen is None:
             why = why_not(study, tried, inflation)
             if not why and tried.fit is None:
@@ -195,16 +203,16 @@ def _choose(
 def why_not(study: Study, tried: Tried, inflation: float) -> str:
     """Return why an effect is not named, empty if nothing speaks against it."""
     if tried.drop < needed(tried.effect) * inflation:
-        return "what it explains may be chance"
+        return "What it explains may be chance."
     names = [parameter.name for parameter in tried.effect.parameters]
     moment = tried.values.get(f"{tried.effect.name}_time")
     if moment is not None and not study.moving[0] < moment < study.moving[1]:
-        return "would begin where the drive begins or ends"
+        return "It would begin where the drive begins or ends."
     stds = {name: tried.fit.std(name) for name in names} if tried.fit else {}
     if not worth_naming({name: tried.values[name] for name in names}, stds, study.scene):
-        return "too small to matter"
+        return "It is too small to matter."
     if tried.fit is not None and not tried.held_out > 0.0:
-        return "does not hold on data that it was not fitted on"
+        return "It does not hold on data that it was not fitted on."
     return ""
 
 

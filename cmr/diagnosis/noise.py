@@ -7,6 +7,7 @@ the ticks of the encoder leave open.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -134,8 +135,7 @@ def _past(values: Floats, spans: Sequence[int]) -> Floats:
     order, count = sum(spans), len(values)
     begins = np.concatenate([[0], np.cumsum(spans)])
     columns = [
-        total[order - first : count - first] - total[order - last : count - last]
-        for first, last in zip(begins[:-1], begins[1:], strict=True)
+        total[order - first : count - first] - total[order - last : count - last] for first, last in pairwise(begins)
     ]
     return np.stack(columns, axis=1)
 
@@ -167,7 +167,7 @@ def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
 
 
 def _foreign(predictor: Predictor, errors: Errors) -> list[Floats]:
-    """Return the errors of other signals that foretell those of the pose, (poses, C) each: sums since the pose before."""
+    """Return what foretells the errors of poses, (poses, C) each: sums of others' errors since the pose before."""
     times = predictor.piece.heard.pose_time
     candidates = next(iter(errors.of.values())).shape[1]
     return [_since_before(predictor, errors, other, times, candidates) for other in FOREIGN]

@@ -9,6 +9,7 @@ period late.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class _Traces:
-    """What the commands' delays leave: normal matrix in upper banded form (bands, n), right side (n,), first commands."""
+    """What delays leave: normal matrix in upper banded form (bands, n), right side (n,), first command of each piece."""
 
     banded: Floats
     right: Floats
@@ -177,7 +178,7 @@ def _response(
     return period, np.convolve(raw, weights)[:count], noise.of[name].sizes[number]
 
 
-def _design(packets: Floats, changes: Floats, times: Floats, response: tuple[float, Floats, Floats]) -> "object":
+def _design(packets: Floats, changes: Floats, times: Floats, response: tuple[float, Floats, Floats]) -> Any:
     """Return what a second of delay of each command leaves in each white error: sparse, shape (errors, commands)."""
     from scipy.sparse import csr_matrix
 
@@ -195,12 +196,12 @@ def _design(packets: Floats, changes: Floats, times: Floats, response: tuple[flo
     return csr_matrix((values[inside], (rows[inside], columns[inside])), shape=(len(times), len(packets)))
 
 
-def _bandwidth(normal: "object") -> int:
+def _bandwidth(normal: Any) -> int:
     matrix = normal.tocoo()
     return int(np.max(matrix.col - matrix.row, initial=0))
 
 
-def _banded(normal: "object", bands: int) -> Floats:
+def _banded(normal: Any, bands: int) -> Floats:
     """Return a symmetric sparse matrix in the upper banded form of LAPACK."""
     size = normal.shape[0]
     result = np.zeros((bands + 1, size))

@@ -39,11 +39,13 @@ class Screening:
 
     `inflation` is how much larger the scores of effects that explain nothing are than chance would have them, at
     least 1: it stands for whatever is not quite as assumed (genomic control; Devlin and Roeder, Biometrics 55, 1999).
+    `traces` tells by effect how much of its typical size would show: the sum of squared white errors that it makes.
     """
 
     noise: Noise
     scores: tuple[Score, ...]
     inflation: float
+    traces: Mapping[str, float]
 
 
 def screen(
@@ -62,17 +64,20 @@ def screen(
     attempts, errors = _localised(study, attempts, errors, len(names), noise, rows)
     noise = noise_of_all(study, errors, len(names), noise)
     white = study.made_white(errors, noise)
-    rest, basis, moves = _beside(white, len(names))
+    rest, _, moves = _beside(white, len(names))
     sizes, pulls = np.einsum("nc,nc->c", moves, moves), moves.T @ rest
     scores = [_score(trial, size, pull) for trial, size, pull in zip(attempts, sizes, pulls, strict=True)]
     best: dict[str, Score] = {}
     for score in sorted(scores, key=lambda score: -score.drop):
         best.setdefault(score.trial.effect, score)
-    return Screening(noise, tuple(best.values()), _inflation(attempts, moves, rest))
+    traces: dict[str, float] = {}
+    for trial, size in zip(attempts, sizes, strict=True):
+        traces[trial.effect] = max(float(size), traces.get(trial.effect, 0.0))
+    return Screening(noise, tuple(best.values()), _inflation(attempts, moves, rest), traces)
 
 
 def _beside(white: Floats, free: int) -> tuple[Floats, Floats, Floats]:
-    """Return white errors (n,) that the model leaves, what it explains (n, free), and trials' moves (n, c) beside it."""
+    """Return the white errors (n,) that are left, what the model explains (n, free), and trials' moves (n, c) beside."""
     rest, moved = white[:, 0], white[:, 1:] - white[:, :1]
     basis, _ = np.linalg.qr(moved[:, :free])
     moves = moved[:, free:]
@@ -114,7 +119,7 @@ def noise_of_all(study: Study, errors: Sequence[Errors], free: int, noise: Noise
     normal = moved.T @ moved
     prior = np.full(len(normal), LARGEST_SHARE**-2)
     prior[:free] = 1e-9 * np.diag(normal)[:free] + 1e-12
-    shares = -np.linalg.solve(normal + np.diag(prior), moved.T @ white[:, 0])
+    shares = np.asarray(-np.linalg.solve(normal + np.diag(prior), moved.T @ white[:, 0]), np.float64)
     return Noise.found(study.predictors, [_explained(error, shares) for error in errors])
 
 

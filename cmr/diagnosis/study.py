@@ -176,7 +176,8 @@ class Study:
         pace = np.ones(len(tried))
         steps = [np.zeros(len(base.names) + len(own)) for own in names]
         for _ in range(QUICK_STEPS):
-            sets, places = [], []
+            sets: list[Mapping[str, float]] = []
+            places = []
             for values, own in zip(tried, names, strict=True):
                 places.append(len(sets))
                 moves = [inward(name, values[name], step_of(name, values[name], self.scene)) for name in own]
