@@ -99,5 +99,6 @@ def _memory(residuals: Floats) -> float:
     """Return by how much the variance of a sum of residuals exceeds that of independent ones: 1 or more."""
     power = float(residuals @ residuals)
     correlation = float(residuals[1:] @ residuals[:-1]) / power if power > 0.0 else 0.0
+    correlation += (1.0 + 3.0 * correlation) / len(residuals)  # what is too little in a short series (Kendall 1954)
     correlation = min(max(correlation, 0.0), STRONGEST_MEMORY)
     return (1.0 + correlation) / (1.0 - correlation)

@@ -99,7 +99,7 @@ class RobotWatch:
         """Find out what has changed since then."""
         observed = [item for item in self._window if item.second.end >= since]
         found = explain(observed, self._explanation, self.faults.voltage)
-        if found.complete:
+        if found.complete or found.names == self._explanation.names:
             self._explanation, self._unexplained = found, None
         else:
             self._unexplained = unexplained(found)
@@ -117,10 +117,9 @@ class RobotWatch:
 
 def unexplained(found: Explanation) -> Suspicion:
     """Return the suspicion that something has changed which no cause explains well."""
-    clauses = [BY_NAME[name].clause(size) for name, size in found.sizes.items()]
-    nearest = f" Nearest to it: {' and '.join(clauses)}." if clauses else ""
+    nearest = " and ".join(BY_NAME[name].clause(size) for name, size in found.sizes.items())
     return Suspicion(
         "the unexplained change",
-        "Something has changed for which there is no single cause."
-        f"{nearest} Keep the log and let cmr-diagnose look at it.",
+        "Something has changed that no known cause explains. "
+        f"Nearest to it: {nearest or 'nothing'}. Keep the log and let cmr-diagnose look at it.",
     )
