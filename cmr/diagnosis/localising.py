@@ -44,7 +44,7 @@ def best_moment(move: Floats, rest: Floats, basis: Floats, time: Floats) -> Loca
 
 
 def best_place(move: Floats, rest: Floats, basis: Floats, places: Floats) -> Local:
-    """Return the disc within which a move (n,) explains most of `rest` (n,); `places` (n, 2) are where each arises [m]."""
+    """Return the disc within which a move (n,) explains most of `rest` (n,); `places` (n, 2) [m] are those of each."""
     cells, inverse = np.unique(np.round(places / CELL).astype(np.int64), axis=0, return_inverse=True)
     inverse = inverse.reshape(-1)
     if len(cells) > MOST_CELLS:

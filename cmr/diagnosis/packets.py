@@ -44,7 +44,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class _Traces:
-    """What delays leave: normal matrix in upper banded form (bands, n), right side (n,), first command of each piece."""
+    """What delays leave: normal matrix, upper banded (bands, n), right side (n,), first command of each piece."""
 
     banded: Floats
     right: Floats

@@ -77,7 +77,7 @@ def screen(
 
 
 def _beside(white: Floats, free: int) -> tuple[Floats, Floats, Floats]:
-    """Return the white errors (n,) that are left, what the model explains (n, free), and trials' moves (n, c) beside."""
+    """Return the white errors (n,) left, what the model explains (n, free), and trials' moves (n, c) beside it."""
     rest, moved = white[:, 0], white[:, 1:] - white[:, :1]
     basis, _ = np.linalg.qr(moved[:, :free])
     moves = moved[:, free:]

@@ -195,7 +195,10 @@ class Study:
                     steps[model] = _step(base.slopes, slopes, rest)
                 else:
                     pace[model] *= 0.3
-                tried[model] = moved(best[model][0], free, pace[model] * steps[model])
+                if np.isfinite(best[model][1]):
+                    tried[model] = moved(best[model][0], free, pace[model] * steps[model])
+                else:
+                    tried[model] = _nearer_to_neutral(tried[model], own)
         return best
 
     def linear(
@@ -211,6 +214,15 @@ class Study:
             lanes[name][1 + lane] += step
         white = self.white(lanes, noise)
         return white[:, 0], (white[:, 1:] - white[:, :1]) / np.array(steps)
+
+
+def _nearer_to_neutral(values: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+    """Return the values with the effect of parameters `names` made smaller: what it began with made no sense."""
+    result = dict(values)
+    for known in (definition(name) for name in names):
+        if known.switches and known.neutral is not None and np.isfinite(known.neutral):
+            result[known.name] = known.neutral + 0.3 * (values[known.name] - known.neutral)
+    return result
 
 
 def tempered(white: Floats) -> Floats:
