@@ -1,10 +1,12 @@
 """Find out what the paper's model gets wrong about a robot, and why."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from cmr.calibration.result import CalibrationError, Estimate
+from cmr.diagnosis.data import refusal, with_clocks_set
 from cmr.diagnosis.engine import Ready, prepare
 from cmr.diagnosis.experiment import Piece, pieces_of
 from cmr.diagnosis.free_runs import WINDOW
@@ -55,19 +57,26 @@ def diagnose(
             "by --parameters."
         )
     progress("Checking the data ...")
-    ready = prepare(recordings, nominal)
-    if ready.study is None or ready.base is None:
+    recordings, findings, clocks = zip(*(with_clocks_set(recording) for recording in recordings), strict=True)
+    notes = tuple(dict.fromkeys(note for note in clocks if note))
+    refused = refusal(recordings, findings)
+    ready = (
+        Ready(None, None, tuple(f for one in findings for f in one.all)) if refused else prepare(recordings, nominal)
+    )
+    study, base = ready.study, ready.base
+    if study is None or base is None:
         return Diagnosis(
             robot_id=recordings[0].robot_id,
             verdict=BAD_DATA,
-            sentence=ready.refused,
+            sentence=refused or ready.refused,
             checks=ready.checks,
-            notes=ready.notes,
+            notes=(*notes, *ready.notes),
             sources=tuple(sources),
         )
-    found = search(ready.study, ready.base, progress)
+    ready = replace(ready, notes=(*notes, *ready.notes))
+    found = search(study, base, progress)
     progress("Measuring the gain ...")
-    pieces = [predictor.piece for predictor in ready.study.predictors]
+    pieces = [predictor.piece for predictor in study.predictors]
     chance = {name: estimate.value for one in found.named for name, estimate in one.estimates.items()}
     measured = measure(found.study, found.base, found.final, chance, pieces, pieces_to_check(held_out))
     labels = list(sources) or [f"recording {number + 1}" for number in range(len(recordings))]
