@@ -72,10 +72,10 @@ class Effect:
 
 
 class _Size(float):
-    """A number that prints its size, or one of two words by its sign."""
+    """A number that prints its size, with a plus in the format also its sign, or one of two words by its sign."""
 
     def __format__(self, specification: str) -> str:
         positive, slash, negative = specification.partition("/")
         if slash:
             return negative if self < 0.0 else positive
-        return format(abs(float(self)), specification)
+        return format(float(self) if specification.startswith("+") else abs(float(self)), specification)

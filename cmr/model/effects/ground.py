@@ -137,7 +137,8 @@ SURFACE_CHANGE = Effect(
 SURFACE_PATCH = Effect(
     name="surface_patch",
     group=GROUP,
-    cause="Around ({surface_patch_x}, {surface_patch_y}) the floor is another within {surface_patch_radius:.2f} m: "
+    cause="Around ({surface_patch_x:+.2f} m, {surface_patch_y:+.2f} m) the floor is another within "
+    "{surface_patch_radius:.2f} m: "
     "{surface_patch_friction:.1f} rad/s^2 of friction, base width {surface_patch_base_width:.1%} "
     "{surface_patch_base_width:larger/smaller}.",
     equations={
