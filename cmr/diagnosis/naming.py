@@ -13,6 +13,7 @@ from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
+from cmr.model.parameters import DEFINITIONS as PAPER
 
 PROMISING = 12  # effects that are fitted after the score test,
 PROMISING_SHARE = 0.08  # if they explain this share of what the best explains
@@ -27,6 +28,7 @@ ALIKE_SHARE = 0.02  # nor those that differ by less than this share
 MOST_EFFECTS = 5
 LATE = ("command_delay", "electrical_lag", "slew_limit")  # as which jitter shows as long as its spread is not looked at
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
+ABSURD = 3.0  # factor by which a parameter of the paper may not change when an effect comes in
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
 COARSE = 2.0 * np.pi / 100.0  # rad; encoders with larger ticks are coarse
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
@@ -183,10 +185,10 @@ def _choose(
         tried = candidate
         why = "It explains less than the effect named."
         if chosen is None:
-            why = why_not(study, tried, inflation)
+            why = why_not(study, current, tried, inflation)
             if not why and tried.fit is None:
                 tried = _with_everything(study, current, tried)
-                why = why_not(study, tried, inflation)
+                why = why_not(study, current, tried, inflation)
         if chosen is None and not why:
             chosen = tried
         else:
@@ -200,7 +202,7 @@ def _choose(
     return Named(chosen, rivals, current), others
 
 
-def why_not(study: Study, tried: Tried, inflation: float) -> str:
+def why_not(study: Study, before: Fit, tried: Tried, inflation: float) -> str:
     """Return why an effect is not named, empty if nothing speaks against it."""
     if tried.drop < needed(tried.effect) * inflation:
         return "What it explains may be chance."
@@ -211,6 +213,10 @@ def why_not(study: Study, tried: Tried, inflation: float) -> str:
     stds = {name: tried.fit.std(name) for name in names} if tried.fit else {}
     if not worth_naming({name: tried.values[name] for name in names}, stds, study.scene):
         return "It is too small to matter."
+    if any(
+        not 1.0 / ABSURD < tried.values[name] / before.values[name] < ABSURD for name in before.names if name in PAPER
+    ):
+        return "It would need absurd values of the paper's parameters."
     if tried.fit is not None and not tried.held_out > 0.0:
         return "It does not hold on data that it was not fitted on."
     return ""

@@ -20,7 +20,8 @@ from cmr.recordings.signal import Floats
 LARGEST_SHARE = 3.0  # of a trial's size that the noise's model may use
 MOST_OF_A_LIMIT = 1.3  # of a trial's size that a limit's score may use
 NOTHING = 1e-6  # white errors squared; a trial that changes less says nothing
-SET_ASIDE, FEWEST = 4, 10  # best trials that do not count for the inflation; others that must be left
+SET_ASIDE, FEWEST = 6, 10  # best trials that do not count for the inflation; others that must be left
+LEFT = 0.1  # of a trial's size that must be its own to count
 MEDIAN_OF_CHI2 = 0.4549  # with one degree of freedom
 
 
@@ -73,7 +74,7 @@ def screen(
     traces: dict[str, float] = {}
     for trial, size in zip(attempts, sizes, strict=True):
         traces[trial.effect] = max(float(size), traces.get(trial.effect, 0.0))
-    return Screening(noise, tuple(best.values()), _inflation(attempts, moves, rest), traces)
+    return Screening(noise, tuple(best.values()), _inflation(moves, rest), traces)
 
 
 def _beside(white: Floats, free: int) -> tuple[Floats, Floats, Floats]:
@@ -151,24 +152,21 @@ def _one_sided(trial: Trial) -> bool:
     return all(parameter.lower == parameter.neutral for parameter in switches)
 
 
-def _inflation(attempts: Sequence[Trial], moves: Floats, rest: Floats) -> float:
+def _inflation(moves: Floats, rest: Floats) -> float:
     """Return how much larger than chance the usual score is, once the few best trials have explained their share.
 
-    `moves` (n, trials) and `rest` (n,) are free of what the model itself explains. Only trials of both signs count:
-    of the others half are zero by chance.
+    `moves` (n, trials) and `rest` (n,) are free of what the model itself explains.
     """
-    counted = np.array([not trial.threshold and not _one_sided(trial) for trial in attempts])
     normal, pulls = moves.T @ moves, moves.T @ rest
-    taken: list[int] = []
+    before = np.diag(normal).copy()
     for _ in range(SET_ASIDE):
         sizes, free = np.diag(normal), np.diag(normal) > NOTHING
         drops = np.where(free, pulls**2 / np.where(free, sizes, 1.0), 0.0)
         best = int(np.argmax(drops))
-        taken.append(best)
         share = normal[:, best] / max(sizes[best], NOTHING)
         pulls = pulls - share * pulls[best]
         normal = normal - np.outer(share, normal[best])
-    free = (np.diag(normal) > NOTHING) & counted
+    free = np.diag(normal) > np.maximum(NOTHING, LEFT * before)
     if np.count_nonzero(free) < FEWEST:
         return 1.0
     return max(1.0, float(np.median(pulls[free] ** 2 / np.diag(normal)[free])) / MEDIAN_OF_CHI2)
