@@ -1,0 +1,87 @@
+"""What remains of the prediction errors that no effect of the catalogue explains.
+
+Disturbances of all that can be disturbed, going with all that they may go with, are tried at once beside the final
+model. A term counts only if it also foretells what it was not fitted on, throughout the drive. What goes with nothing
+shows in bursts of errors.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.diagnosis.naming import COARSE
+from cmr.diagnosis.result import Unexplained
+from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.unexplained_bursts import Bursts, bursts
+from cmr.diagnosis.unexplained_scores import Score, remainder, scores
+
+LEAST_STEADY = 60.0  # drop of the sum of squares that no few moments explain,
+LEAST_SPREAD = 36.0  # or a smaller one on which all parts of the drive agree
+AGREED = 1e-5  # how often chance alone makes all parts of the drive agree as well
+HOLDS = 0.5  # of the drop must hold on data that it was not fitted on
+LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is exactly as the catalogue says
+BURSTS, BURST_SHARE = 3, 0.1  # fewest bursts, and least share that they have in all of a signal's squared errors
+BURSTS_LEFT_BY_EFFECTS = 0.2  # of what the effects named explain may remain in bursts
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remaining:
+    """What remains: the finding, and what it rests on.
+
+    `statistic` is the drop of the sum of squared white errors on left-out data by the term found, or the excess of the
+    bursts, `threshold` what it had to exceed. `scores` are those of all terms, the best first.
+    """
+
+    unexplained: Unexplained
+    statistic: float
+    threshold: float
+    scores: tuple[Score, ...]
+    bursts: tuple[Bursts, ...]
+
+
+def remaining(study: Study, fit: Fit, base: Fit) -> Remaining:
+    """Return what structure remains beside the final fit; `base` is that of the paper's model."""
+    errors = study.errors(fit.values)
+    rest = remainder(study, fit, errors)
+    explained = max(0.0, float(np.sum(study.white(base.values, fit.noise) ** 2)) - fit.squares)
+    tried = sorted(scores(study, fit, errors, rest), key=lambda score: -score.held_out)
+    loud = bursts(rest)
+    least = LEFT_BY_EFFECTS * explained
+    coarse = max(predictor.piece.tick for predictor in study.predictors) > COARSE
+    # Coarse encoders make errors of their own, which go with speed.
+    structure = [] if coarse else [score for score in tried if holds(score, spread_of(tried), least)]
+    sudden = [] if coarse else [one for one in loud if bursts_count(one, explained)]
+    if structure:
+        best = structure[0]
+        finding = Unexplained(present=True, signal=best.signal, regressors=best.term.regressors, share=best.share)
+        statistic, threshold = best.held_out, max(LEAST_SPREAD, least)
+    elif sudden:
+        share = sudden[0].excess / sudden[0].whole
+        finding = Unexplained(present=True, signal=sudden[0].signal, regressors=("time",), share=share)
+        statistic, threshold = sudden[0].excess, max(BURST_SHARE * sudden[0].whole, BURSTS_LEFT_BY_EFFECTS * explained)
+    else:
+        finding = Unexplained()
+        statistic, threshold = tried[0].held_out if tried else 0.0, max(LEAST_SPREAD, least)
+    return Remaining(
+        unexplained=finding, statistic=statistic, threshold=threshold, scores=tuple(tried), bursts=tuple(loud)
+    )
+
+
+def spread_of(tried: Sequence[Score]) -> float:
+    """Return how much larger than chance the usual term's drop is, at least 1."""
+    return max(1.0, float(np.median([score.drop / score.freedom for score in tried if score.freedom] or [1.0])))
+
+
+def holds(score: Score, spread: float, least: float) -> bool:
+    """Tell whether a term explains something beyond doubt, and at least so much."""
+    if score.held_out < max(HOLDS * score.drop, least):
+        return False
+    if min(score.steady, score.held_out) > LEAST_STEADY:
+        return True
+    return score.held_out > LEAST_SPREAD and score.chance(spread) < AGREED
+
+
+def bursts_count(one: Bursts, explained: float) -> bool:
+    """Tell whether bursts are more than what effects that explain so much may leave."""
+    return one.number >= BURSTS and one.excess > max(BURST_SHARE * one.whole, BURSTS_LEFT_BY_EFFECTS * explained)

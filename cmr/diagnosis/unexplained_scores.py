@@ -1,0 +1,290 @@
+"""How much of the prediction errors each term would explain beside a fitted model, and how sure that is.
+
+Three numbers that err in different ways judge a term: the drop of the sum of squares, which believes the noise to be as
+found; the same judged by how the blocks of time agree, which believes nothing of the noise but needs many blocks; and
+the drop on folds that the term was not fitted on.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from cmr.diagnosis.noise import Noise
+from cmr.diagnosis.prediction import SIGNALS, Errors, Predictor
+from cmr.diagnosis.study import BLOCK, LARGE, Fit, Study
+from cmr.diagnosis.unexplained_terms import Column, Drive, Term, drives_of, terms_for
+from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
+from cmr.model.observer import MOTION
+from cmr.recordings.signal import Floats, Mask
+
+MOST_NUMBERS = 4_000_000  # white errors times columns that are held at once
+FEWEST_COLUMNS, MOST_COLUMNS = 12, 64
+OWN = 0.03  # share of a disturbance's traces that the model must not be able to imitate
+ALIKE = 1e-2  # of the largest: directions of a term that hardly differ from its others do not count
+NOTHING = 1e-6
+FEW_BLOCKS = 3
+JERKY = 2.0  # standard deviations by which a yaw rate may jump between two steps
+AVERAGED = 0.5  # s; single errors are mostly noise
+DROP_PER_COEFFICIENT, LEAST_DROP = 1.0, 12.0  # a term that drops less may be chance, whatever else speaks for it
+
+Indices = np.typing.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a term explains.
+
+    `drop` is that of the sum of squared white errors, `freedom` the number of its free coefficients. These are found
+    only for a term that may explain something: `agreement`, the drop judged by how the `blocks` of time agree;
+    `steady`, the drop without the few blocks that speak most for the term; `held_out`, the drop on folds left out;
+    the `signal` that has most of it, and the `share` of that signal's variance that is foretold on folds left out.
+    """
+
+    term: Term
+    drop: float
+    freedom: int
+    agreement: float = 0.0
+    blocks: int = 0
+    steady: float = 0.0
+    held_out: float = 0.0
+    signal: str = ""
+    share: float = 0.0
+
+    def chance(self, spread: float) -> float:
+        """Return how often chance does as well: the worse of both judgements of the drop.
+
+        `spread` is how much larger than assumed the drops of terms that explain nothing are.
+        """
+        from scipy.stats import chi2, f
+
+        if self.blocks <= self.freedom:
+            return 1.0
+        left = max(self.blocks - self.agreement, 1e-9 * self.blocks)
+        ratio = self.agreement / self.freedom / (left / (self.blocks - self.freedom))
+        by_blocks = f.sf(ratio, self.freedom, self.blocks - self.freedom)
+        return float(max(by_blocks, chi2.sf(self.drop / spread, self.freedom)))
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What a fit leaves, white error by white error (n,).
+
+    `loud` are the errors, 0 where large ones are no wonder; `white` the same with large ones cut off, so that no single
+    moment decides, and freed of what the model's parameters do (`basis` (n, p), orthonormal). `signal` is the number of
+    the signal, `time` [s] the moment in its `recording`, `fold` that of the study.
+    """
+
+    loud: Floats
+    white: Floats
+    basis: Floats
+    signal: Indices
+    time: Floats
+    recording: Indices
+    fold: Indices
+
+    def blocks(self, seconds: float) -> Indices:
+        """Return the number of the block of time in which each error arose."""
+        return np.asarray(np.floor(self.time / seconds).astype(np.int64) + 10**9 * self.recording, np.int64)
+
+
+def remainder(study: Study, fit: Fit, errors: Sequence[Errors]) -> Remainder:
+    """Return what a fit leaves; `errors` are those at its values."""
+    basis = np.linalg.qr(fit.slopes)[0]
+    signals, times, recordings, jerks = [], [], [], []
+    for number, (predictor, error) in enumerate(zip(study.predictors, errors, strict=True)):
+        for name, moments in predictor.times.items():
+            signals.append(np.full(len(moments), SIGNALS.index(name)))
+            times.append(moments + predictor.piece.heard.time)
+            recordings.append(np.full(len(moments), predictor.piece.recording))
+            sizes = fit.noise.of[name].sizes[number]
+            jerks.append(_jerky(predictor, error.motion, fit.values, sizes) if name == "yaw_rate" else sizes < 0.0)
+    loud = np.where(np.concatenate(jerks), 0.0, study.made_white(errors, fit.noise)[:, 0])
+    calm = np.clip(loud, -LARGE, LARGE)
+    return Remainder(
+        loud=loud,
+        white=calm - basis @ (basis.T @ calm),
+        basis=basis,
+        signal=np.concatenate(signals),
+        time=np.concatenate(times),
+        recording=np.concatenate(recordings),
+        fold=study.folds,
+    )
+
+
+def _jerky(predictor: Predictor, motion: Floats, values: Mapping[str, float], sizes: Floats) -> Mask:
+    """Tell which of the gyro's readings (n,) fall together with a jump of the acceleration.
+
+    Within a step the model knows the mean yaw rate only, so such readings err by more than their noise.
+    """
+    difference = motion[:, MOTION.index("psi_right")] - motion[:, MOTION.index("psi_left")]
+    jumps = np.abs(np.diff(difference, n=2, prepend=difference[:1], append=difference[-1:]))
+    jumps = np.maximum(jumps, np.maximum(np.roll(jumps, 1), np.roll(jumps, -1)))
+    at = np.minimum(np.round(predictor.times["yaw_rate"] / predictor.piece.heard.dt).astype(np.int64), len(jumps) - 1)
+    return np.asarray(jumps[at] * values["wheel_radius"] / values["base_width"] > JERKY * sizes)
+
+
+def scores(study: Study, fit: Fit, errors: Sequence[Errors], rest: Remainder) -> list[Score]:
+    """Return the scores of all terms, beside a fit that leaves `rest`."""
+    drives = drives_of(study.predictors, errors)
+    foretold = all(len(predictor.piece.heard.given) == 0 for predictor in study.predictors)
+    result = []
+    terms = terms_for(drives, foretold)
+    for signals in dict.fromkeys(SEEN_IN.values()):
+        some = [term for term in terms if SEEN_IN[term.disturbed] == signals]
+        rows = _rows(rest, signals)
+        views = [only(predictor, signals) for predictor in study.predictors]
+        for chunk in _chunks(some, drives, len(rows.order)):
+            errors_of = [
+                traces(view, error.motion, fit.values, study.gains, _stacked([one[number] for _, one in chunk]))
+                for number, (view, error) in enumerate(zip(views, errors, strict=True))
+            ]
+            moves = _made_white(views, errors_of, fit.noise)
+            result += _scored([term for term, _ in chunk], [len(one[0]) for _, one in chunk], moves, rows)
+    return result
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """White errors of some signals, and how they are put in `order` of their folds and, within, of their blocks.
+
+    In that order are `signal` and `window`, the number of a short span of time; blocks begin at `begins`, and `folds`
+    are slices by number.
+    """
+
+    white: Floats
+    basis: Floats
+    order: Indices
+    signal: Indices
+    window: Indices
+    begins: Indices
+    fold_of_block: Indices
+    folds: Mapping[int, slice]
+
+
+def _rows(rest: Remainder, signals: Sequence[str]) -> _Rows:
+    inside = np.flatnonzero(np.isin(rest.signal, [SIGNALS.index(name) for name in signals]))
+    order = np.lexsort((rest.time[inside], rest.fold[inside]))
+    there = inside[order]
+    block, fold = rest.blocks(BLOCK)[there], rest.fold[there]
+    begins = np.flatnonzero(np.diff(block, prepend=-1))
+    borders = [*np.flatnonzero(np.diff(fold, prepend=-1)), len(fold)]
+    folds = {int(fold[first]): slice(int(first), int(last)) for first, last in pairwise(borders)}
+    return _Rows(
+        white=rest.white[inside],
+        basis=rest.basis[inside],
+        order=order,
+        signal=rest.signal[there],
+        window=rest.blocks(AVERAGED)[there],
+        begins=begins,
+        fold_of_block=fold[begins],
+        folds=folds,
+    )
+
+
+def _chunks(
+    terms: Sequence[Term], drives: Sequence[Drive], rows: int
+) -> Iterator[list[tuple[Term, list[list[Column]]]]]:
+    """Yield terms with their columns in each drive, as many at once as memory allows."""
+    most = int(np.clip(MOST_NUMBERS / max(rows, 1), FEWEST_COLUMNS, MOST_COLUMNS))
+    chunk: list[tuple[Term, list[list[Column]]]] = []
+    count = 0
+    for term in terms:
+        columns = [term.columns(drive) for drive in drives]
+        if chunk and count + len(columns[0]) > most:
+            yield chunk
+            chunk, count = [], 0
+        chunk.append((term, columns))
+        count += len(columns[0])
+    if chunk:
+        yield chunk
+
+
+def _stacked(columns: Sequence[Sequence[Column]]) -> Disturbances:
+    """Return the columns of several terms in one drive side by side."""
+    every = [column for of_term in columns for column in of_term]
+    shares = np.zeros((len(DISTURBED), len(every)))
+    for index, (acts, _) in enumerate(every):
+        for name, share in acts.items():
+            shares[DISTURBED.index(name), index] = share
+    return Disturbances(np.stack([course for _, course in every], axis=1), shares)
+
+
+def _made_white(views: Sequence[Predictor], errors: Sequence[Errors], noise: Noise) -> Floats:
+    parts = [
+        part
+        for number, (view, error) in enumerate(zip(views, errors, strict=True))
+        for part in noise.white(number, view, error).values()
+    ]
+    return np.concatenate(parts)
+
+
+def _scored(terms: Sequence[Term], counts: Sequence[int], moves: Floats, rows: _Rows) -> list[Score]:
+    """Return the scores of terms whose white traces (n, columns) are `moves`, side by side."""
+    along = rows.basis.T @ moves
+    last = np.cumsum(counts)
+    return [
+        _score(term, moves[:, first:end], along[:, first:end], rows)
+        for term, first, end in zip(terms, last - counts, last, strict=True)
+    ]
+
+
+def _score(term: Term, moves: Floats, along: Floats, rows: _Rows) -> Score:
+    """Return the score of a term with these traces (n, k), of which the model can imitate `along` (p, k)."""
+    normal = moves.T @ moves
+    before, imitated = np.diag(normal), np.einsum("pk,pk->k", along, along)
+    own = np.flatnonzero((before - imitated > OWN * before) & (before > NOTHING))
+    if not len(own):
+        return Score(term, 0.0, 0)
+    size = np.sqrt(before - imitated)[own]
+    free = (normal - along.T @ along)[np.ix_(own, own)] / np.outer(size, size)
+    values, vectors = np.linalg.eigh(free)
+    kept = values > ALIKE * values[-1]
+    mixing = np.zeros((len(before), np.count_nonzero(kept)))
+    mixing[own] = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    pull = (rows.white @ moves) @ mixing
+    drop = float(pull @ pull)
+    if drop < DROP_PER_COEFFICIENT * len(pull) + LEAST_DROP:
+        return Score(term, drop, len(pull))
+    return _judged(term, pull, moves @ mixing - rows.basis @ (along @ mixing), rows)
+
+
+def _judged(term: Term, pull: Floats, moves: Floats, rows: _Rows) -> Score:
+    """Return the score of a term with orthonormal traces (n, k), free of what the model does, which pull like this."""
+    moves, white = moves[rows.order], rows.white[rows.order]
+    of_blocks = np.add.reduceat(moves * white[:, None], rows.begins, axis=0)
+    steady = pull - of_blocks[np.argsort(of_blocks @ pull)[-FEW_BLOCKS:]].sum(axis=0)
+    foretold = _foretold(moves, of_blocks, rows)
+    drops = np.bincount(rows.signal, (2.0 * white - foretold) * foretold, len(SIGNALS))
+    best = int(np.argmax(drops))
+    return Score(
+        term,
+        drop=float(pull @ pull),
+        freedom=len(pull),
+        agreement=float(pull @ np.linalg.lstsq(of_blocks.T @ of_blocks, pull, rcond=1e-10)[0]),
+        blocks=len(rows.begins),
+        steady=float(steady @ steady),
+        held_out=float(drops.sum()),
+        signal=SIGNALS[best],
+        share=_share(white, foretold, rows, best),
+    )
+
+
+def _foretold(moves: Floats, of_blocks: Floats, rows: _Rows) -> Floats:
+    """Return what each fold's white errors (n,) are foretold by the others; `moves` (n, k) are orthonormal over all."""
+    pull, whole = of_blocks.sum(axis=0), np.eye(moves.shape[1])
+    result = np.empty(len(moves))
+    for fold, inside in rows.folds.items():
+        normal = moves[inside].T @ moves[inside]
+        elsewhere = pull - of_blocks[rows.fold_of_block == fold].sum(axis=0)
+        result[inside] = moves[inside] @ np.linalg.lstsq(whole - normal, elsewhere, rcond=1e-6)[0]
+    return result
+
+
+def _share(white: Floats, foretold: Floats, rows: _Rows, signal: int) -> float:
+    """Return the foretold share of the variance of a signal's white errors, averaged over AVERAGED."""
+    of_signal = rows.signal == signal
+    windows = np.unique(rows.window[of_signal], return_inverse=True)[1]
+    whole, left = (np.bincount(windows, errors[of_signal]) for errors in (white, white - foretold))
+    return max(0.0, 1.0 - float(left @ left) / max(float(whole @ whole), NOTHING))

@@ -1,0 +1,299 @@
+"""What an unknown disturbance may go with: products of command, motion, place and time, for all that can be disturbed.
+
+They are built from the simulated motion, never from a sensor's own sample, whose noise would look like structure.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from cmr.diagnosis.prediction import Errors, Predictor
+from cmr.model.observer import MOTION
+from cmr.recordings.signal import Floats
+
+SPACING, FEWEST, MOST = 0.4, 3, 9  # m between the knots of what depends on the place; how many knots
+MOMENTS = 9  # knots of what depends on time
+RIPPLES = (1, 2, 3, 4, 6, 8)  # in a turn of a wheel
+STILL = 0.03  # of the top speed; well above it a robot moves
+FRICTION = (0.02, 0.1)  # of the top speed; where friction may set in
+IDLE = 0.01  # duty
+REVERSED = 0.02  # of the top speed, beyond which a direction counts
+SINCE_REVERSAL = ((0.0, 0.15), (0.15, 0.3), (0.3, 0.5), (0.5, 1.0))  # s
+SPEEDS = 5  # knots of what an encoder may miss at speed
+NOTHING = 1e-6  # rad/s; m; s
+
+Column = tuple[Mapping[str, float], Floats]
+WHEELS = ("left", "right")
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How a robot moved in one piece, in the middle of each step, all of shape (T,).
+
+    `duty`, `psi` and `angle` are those of left and right. Speeds are shares of the top ones that were driven, places
+    are in [m], and `dt` [s] is the step.
+    """
+
+    time: Floats
+    x: Floats
+    y: Floats
+    theta: Floats
+    speed: Floats
+    yaw_rate: Floats
+    duty: tuple[Floats, Floats]
+    psi: tuple[Floats, Floats]
+    angle: tuple[Floats, Floats]
+    dt: float
+
+    @classmethod
+    def of(cls, predictor: Predictor, motion: Floats, top: float) -> "Drive":
+        """Return the drive of a piece in which the robot moved like this; `top` [rad/s] is its top wheel speed."""
+        heard = predictor.piece.heard
+        column = dict(zip(MOTION, (0.5 * (motion[1:] + motion[:-1])).T, strict=True))
+        psi = column["psi_left"] / top, column["psi_right"] / top
+        return cls(
+            time=heard.time + heard.dt * np.arange(len(heard.left), dtype=np.float64),
+            x=column["x"],
+            y=column["y"],
+            theta=column["theta"],
+            speed=0.5 * (psi[0] + psi[1]),
+            yaw_rate=0.5 * (psi[1] - psi[0]),
+            duty=(heard.left, heard.right),
+            psi=psi,
+            angle=(column["angle_left"], column["angle_right"]),
+            dt=heard.dt,
+        )
+
+
+def drives_of(predictors: Sequence[Predictor], errors: Sequence[Errors]) -> list[Drive]:
+    """Return how the robot moved in all pieces."""
+    wheels = [MOTION.index("psi_left"), MOTION.index("psi_right")]
+    top = max(float(np.max(np.abs(error.motion[:, wheels]))) for error in errors)
+    return [Drive.of(p, e.motion, max(top, NOTHING)) for p, e in zip(predictors, errors, strict=True)]
+
+
+@dataclass(frozen=True)
+class Term:
+    """Disturbances that go with the same regressors.
+
+    `columns` tells for a drive how far each acts on what, and how it goes with time, (T,). `disturbed` is one of what
+    they act on.
+    """
+
+    disturbed: str
+    regressors: tuple[str, ...]
+    columns: Callable[[Drive], list[Column]]
+
+
+@dataclass(frozen=True)
+class Knots:
+    """Knots over which places [m] and times [s] are spread."""
+
+    x: Floats
+    y: Floats
+    time: Floats
+
+    @classmethod
+    def over(cls, drives: Sequence[Drive]) -> "Knots":
+        """Return knots over all that the drives reached."""
+        x, y = (_spaced(*_reach(drives, name)) for name in ("x", "y"))
+        return cls(x, y, np.linspace(*_reach(drives, "time"), MOMENTS))
+
+
+def terms_for(drives: Sequence[Drive], foretold: bool) -> list[Term]:
+    """Return all terms for a robot that drove like this; those of the wheels only if their motion is `foretold`."""
+    knots = Knots.over(drives)
+    longest = max(drives, key=lambda drive: len(drive.time))
+    terms = [term for name in ("yaw_rate", "forward", "sideways") for term in _of_motion(name, knots)]
+    terms += [term for name in ("gyro", "heading", "east", "north") for term in _of_reading(name, knots)]
+    return [*_of_wheels(longest), *_of_both_wheels(knots), *_of_encoders(longest), *terms] if foretold else terms
+
+
+def _of_wheels(longest: Drive) -> list[Term]:
+    """Return disturbances of each wheel's acceleration that go with its own command, speed and angle."""
+    commands = ("command_left", "command_right")
+    terms = [
+        _each(("left", "right"), commands, lambda u, _: [np.abs(u), u * u, u * np.abs(u), u**3]),
+        _each(("left", "right"), ("speed",), _of_speed),
+        _each(("left", "right"), (*commands, "speed"), lambda u, p: [u * p, np.abs(u) * p, u * np.abs(p)]),
+        _each(("left", "right"), (*commands, "speed"), lambda u, p: [p * (np.abs(u) < IDLE)]),
+        Term("left", ("time_since_reversal",), _after_a_wheels_reversal),
+    ]
+    return terms + [Term("left", ANGLES, partial(_with_angle, longest, ("left", "right"), k)) for k in RIPPLES]
+
+
+def _of_encoders(longest: Drive) -> list[Term]:
+    """Return disturbances of what each encoder counts."""
+    names = ("left_encoder", "right_encoder")
+    knots = np.linspace(0.0, 1.0, SPEEDS)
+    return [
+        _each(names, ("speed",), lambda _, p: [p * p, p**3, *(p * hat for hat in _hats(np.abs(p), knots)[1:])]),
+        *(Term(names[0], ANGLES, partial(_with_angle, longest, names, k)) for k in RIPPLES[:2]),
+    ]
+
+
+def _of_both_wheels(knots: Knots) -> list[Term]:
+    """Return disturbances that push both wheels on, or turn them against each other."""
+    terms = []
+    for name, sides in (("forward", {"left": 1.0, "right": 1.0}), ("turning", {"left": -1.0, "right": 1.0})):
+        terms += [
+            *_with_heading(sides, lambda d: np.ones(len(d.theta)), ("heading",)),
+            _one(sides, ("time", "speed"), lambda d: [d.speed * hat for hat in _hats(d.time, knots.time)]),
+            _one(sides, ("speed_times_yaw_rate",), lambda d: [*_products(d), *_squares(d.yaw_rate)]),
+        ]
+        if name == "forward":
+            terms += [
+                *_with_heading(sides, lambda d: _moving(d.speed), ("heading", "speed")),
+                _one(sides, ("x",), lambda d: [_moving(d.speed) * hat for hat in _hats(d.x, knots.x)]),
+                _one(sides, ("y",), lambda d: [_moving(d.speed) * hat for hat in _hats(d.y, knots.y)]),
+            ]
+    return terms
+
+
+def _of_motion(name: str, knots: Knots) -> list[Term]:
+    """Return disturbances of one speed of the body."""
+    one = {name: 1.0}
+    return [
+        _one(one, ("speed",), lambda d: [abs(d.speed), d.speed**2, d.speed * abs(d.speed), _moving(d.speed)]),
+        _one(one, ("yaw_rate",), _of_turning),
+        _one(one, ("speed_times_yaw_rate",), _products),
+        *_with_heading(one, lambda d: _moving(abs(d.speed) + abs(d.yaw_rate)), ("heading",)),
+        *_with_heading(one, lambda d: d.speed, ("heading", "speed")),
+        _one(one, ("x",), lambda d: [d.speed * hat for hat in _hats(d.x, knots.x)]),
+        _one(one, ("y",), lambda d: [d.speed * hat for hat in _hats(d.y, knots.y)]),
+        _one(one, ("time", "speed"), lambda d: [d.speed * hat for hat in _hats(d.time, knots.time)]),
+        _one(one, ("time", "yaw_rate"), lambda d: [d.yaw_rate * hat for hat in _hats(d.time, knots.time)]),
+        _one(one, ("time_since_reversal",), _after_reversal),
+    ]
+
+
+def _of_reading(name: str, knots: Knots) -> list[Term]:
+    """Return disturbances of one reading of a sensor alone."""
+    one = {name: 1.0}
+    terms = [
+        *_with_heading(one, lambda d: np.ones(len(d.theta)), ("heading",)),
+        _one(one, ("x",), lambda d: _hats(d.x, knots.x)),
+        _one(one, ("y",), lambda d: _hats(d.y, knots.y)),
+        _one(one, ("time",), lambda d: _hats(d.time, knots.time)),
+    ]
+    if name in ("gyro", "heading"):
+        terms += [
+            _one(one, ("speed",), lambda d: [d.speed, abs(d.speed), d.speed * abs(d.speed)]),
+            _one(one, ("yaw_rate",), _of_turning),
+            _one(one, ("speed_times_yaw_rate",), _products),
+        ]
+    return terms
+
+
+ANGLES = ("wheel_angle_left", "wheel_angle_right")
+
+
+def _one(sides: Mapping[str, float], regressors: tuple[str, ...], shapes: Callable[[Drive], list[Floats]]) -> Term:
+    return Term(next(iter(sides)), regressors, lambda drive: [(sides, shape) for shape in shapes(drive)])
+
+
+def _each(names: tuple[str, str], regressors: tuple[str, ...], of: Callable[[Floats, Floats], list[Floats]]) -> Term:
+    """Return a term with columns of each wheel, which go with its command and speed."""
+
+    def columns(drive: Drive) -> list[Column]:
+        pairs = zip(names, drive.duty, drive.psi, strict=True)
+        return [({name: 1.0}, shape) for name, duty, psi in pairs for shape in of(duty, psi)]
+
+    return Term(names[0], regressors, columns)
+
+
+def _of_speed(_: Floats, psi: Floats) -> list[Floats]:
+    size = np.abs(psi)
+    return [np.ones(len(psi)), size, psi * size, psi**2, psi**3, *(np.tanh(psi / slow) for slow in FRICTION)]
+
+
+def _of_turning(drive: Drive) -> list[Floats]:
+    turning, size = drive.yaw_rate, np.abs(drive.yaw_rate)
+    return [size, turning * size, turning**2, turning**3]
+
+
+def _squares(values: Floats) -> list[Floats]:
+    return [values**2, values * np.abs(values)]
+
+
+def _products(drive: Drive) -> list[Floats]:
+    speed, turning = drive.speed, drive.yaw_rate
+    return [speed * turning, np.abs(speed) * turning, speed * np.abs(turning)]
+
+
+def _moving(speed: Floats) -> Floats:
+    return np.asarray(np.tanh(speed / STILL))
+
+
+def _with_heading(
+    sides: Mapping[str, float], size: Callable[[Drive], Floats], regressors: tuple[str, ...]
+) -> list[Term]:
+    """Return terms of a size that goes with the direction in the world, and with twice the heading."""
+
+    def waves(times: float, drive: Drive) -> list[Floats]:
+        return [size(drive) * np.cos(times * drive.theta), size(drive) * np.sin(times * drive.theta)]
+
+    return [_one(sides, regressors, partial(waves, times)) for times in (1.0, 2.0)]
+
+
+def _with_angle(longest: Drive, names: tuple[str, str], ripples: int, drive: Drive) -> list[Column]:
+    """Return what rises and falls so often in a turn of a wheel, by itself and with what drives the wheel.
+
+    Only the longest drive counts: each counts a wheel's angle from anew.
+    """
+    columns: list[Column] = []
+    for name, angle, duty, psi in zip(names, drive.angle, drive.duty, drive.psi, strict=True):
+        acts = {name: 1.0}
+        for wave in (np.cos(ripples * angle), np.sin(ripples * angle)):
+            counted = wave if drive is longest else np.zeros(len(wave))
+            courses = [counted, duty * counted] if name in WHEELS else [psi * counted]
+            columns += [(acts, course) for course in courses]
+    return columns
+
+
+def _after_reversal(drive: Drive) -> list[Floats]:
+    """Return spans of time after the robot reversed: by themselves, with its direction, and to each side in turn."""
+    since, number, direction = _reversals(drive.speed, drive.dt)
+    spans = [((since >= begin) & (since < end)).astype(np.float64) for begin, end in SINCE_REVERSAL]
+    return [span * sense for sense in (1.0, direction, 1.0 - 2.0 * (number % 2)) for span in spans]
+
+
+def _after_a_wheels_reversal(drive: Drive) -> list[Column]:
+    columns: list[Column] = []
+    for name, psi in zip(WHEELS, drive.psi, strict=True):
+        since, _, direction = _reversals(psi, drive.dt)
+        for begin, end in SINCE_REVERSAL:
+            columns.append(({name: 1.0}, direction * ((since >= begin) & (since < end))))
+    return columns
+
+
+def _reversals(speed: Floats, dt: float) -> tuple[Floats, Floats, Floats]:
+    """Return how long ago the speed last changed its sign [s], how often it has, and its sign; each (T,)."""
+    index = np.arange(len(speed))
+    latest = np.maximum.accumulate(np.where(np.abs(speed) > REVERSED, index, -1))
+    direction = np.where(latest >= 0, np.sign(speed[np.maximum(latest, 0)]), 0.0)
+    before = np.concatenate([direction[:1], direction[:-1]])
+    reversed_now = (direction != before) & (before != 0.0)
+    last = np.maximum.accumulate(np.where(reversed_now, index, -len(index) * 1000))
+    return (
+        np.asarray((index - last) * dt, np.float64),
+        np.cumsum(reversed_now).astype(np.float64),
+        np.asarray(direction, np.float64),
+    )
+
+
+def _reach(drives: Sequence[Drive], name: str) -> tuple[float, float]:
+    low = min(float(np.min(getattr(drive, name))) for drive in drives)
+    return low, max(low + NOTHING, max(float(np.max(getattr(drive, name))) for drive in drives))
+
+
+def _spaced(low: float, high: float) -> Floats:
+    return np.linspace(low, high, int(np.clip(np.ceil((high - low) / SPACING) + 1.0, FEWEST, MOST)))
+
+
+def _hats(values: Floats, knots: Floats) -> list[Floats]:
+    """Return how much each knot counts for each value: linear between neighbouring knots."""
+    width = knots[1] - knots[0]
+    return [np.maximum(0.0, 1.0 - np.abs(values - knot) / width) for knot in knots]
