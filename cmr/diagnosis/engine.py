@@ -20,6 +20,8 @@ from cmr.recordings.recording import Recording
 MOTOR = ("k2_over_k3", "k1", "base_width")
 ROLLING = ("wheel_radius", "base_width")
 USUAL = Gains(0.2, 1.0, 0.15, 0.15)
+OF_COARSE_ENCODERS = Gains(0.05, 0.05, 0.15, 0.15)  # whose ticks say little of the speed
+COARSE = 2.0 * np.pi / 100.0  # rad; ticks that are larger are coarse
 TURNING = 0.05  # rad/s above which a robot turns
 
 
@@ -56,7 +58,8 @@ def prepare(recordings: Sequence[Recording], nominal: ParameterFile) -> Ready:
     else:
         values |= {"k2_over_k3": 1.0, "k1": 1.0}
     scene = _scene(ready, values)
-    study = Study(ready, USUAL, scene)
+    coarse = max(piece.tick for piece in pieces) > COARSE
+    study = Study(ready, OF_COARSE_ENCODERS if coarse else USUAL, scene)
     base = study.fit(values, names, Noise.plain(ready, study.errors(values)), renew=0)
     study.scene = replace(scene, parameters=base.values)
     return Ready(study, base, checks, tuple(f.sentence for f in checks if f.found))

@@ -7,6 +7,7 @@ import numpy as np
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import worth_naming
+from cmr.diagnosis.engine import COARSE
 from cmr.diagnosis.packets import JITTER, LOSS, doubt_of_share, spreads, without_jitter, without_loss
 from cmr.diagnosis.polishing import polished
 from cmr.diagnosis.screening import Score, Screening, screen
@@ -30,7 +31,6 @@ LATE = ("command_delay", "electrical_lag", "slew_limit")  # as which jitter show
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
 ABSURD = 3.0  # factor by which a parameter of the paper may not change when an effect comes in
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
-COARSE = 2.0 * np.pi / 100.0  # rad; encoders with larger ticks are coarse
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
