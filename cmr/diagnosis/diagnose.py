@@ -17,14 +17,17 @@ from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
     NO_EFFECT,
+    UNEXPLAINED,
     Candidate,
     Diagnosis,
     Evidence,
     Fitted,
     NamedEffect,
+    Unexplained,
 )
 from cmr.diagnosis.showing import paths_of, residuals_of
 from cmr.diagnosis.study import Fit
+from cmr.diagnosis.unexplained import remaining
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS, definition
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
@@ -75,6 +78,8 @@ def diagnose(
         )
     ready = replace(ready, notes=(*notes, *ready.notes))
     found = search(study, base, progress)
+    progress("Looking at what remains ...")
+    unexplained = remaining(found.study, found.final, found.base).unexplained
     progress("Measuring the gain ...")
     pieces = [predictor.piece for predictor in study.predictors]
     chance = {name: estimate.value for one in found.named for name, estimate in one.estimates.items()}
@@ -85,18 +90,25 @@ def diagnose(
         residuals=residuals_of(pieces, found.base.values, found.final.values),
         window=WINDOW,
     )
-    return _diagnosis(recordings[0].robot_id, ready, found, measured, evidence, tuple(sources))
+    return _diagnosis(recordings[0].robot_id, ready, found, unexplained, measured, evidence, tuple(sources))
 
 
 def _diagnosis(
-    robot_id: int, ready: Ready, found: Search, measured: Measured, evidence: Evidence, sources: tuple[str, ...]
+    robot_id: int,
+    ready: Ready,
+    found: Search,
+    unexplained: Unexplained,
+    measured: Measured,
+    evidence: Evidence,
+    sources: tuple[str, ...],
 ) -> Diagnosis:
     effects = tuple(_named(one, found, robot_id) for one in found.named)
-    verdict = EFFECTS_FOUND if effects else NO_EFFECT
+    verdict = EFFECTS_FOUND if effects else UNEXPLAINED if unexplained.present else NO_EFFECT
     return Diagnosis(
         robot_id=robot_id,
         verdict=verdict,
-        sentence=_sentence(effects),
+        sentence=_sentence(effects, unexplained),
+        unexplained=unexplained,
         baseline=Fitted(
             estimates=_estimates(found.base, found),
             path_rmse=measured.before,
@@ -189,7 +201,11 @@ def p_value(drop: float, parameters: int, inflation: float) -> float:
     return float(min(1.0, len(DEFINITIONS) * chi2.sf(drop / inflation, parameters)))
 
 
-def _sentence(effects: Sequence[NamedEffect]) -> str:
-    if not effects:
-        return f"Nothing in the data speaks for any of the {len(CATALOGUE)} effects: the paper's model is enough."
-    return " ".join(effect.cause for effect in effects)
+def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained) -> str:
+    found = " ".join(effect.cause for effect in effects)
+    if unexplained.present:
+        goes_with = " and ".join(name.replace("_", " ") for name in unexplained.regressors)
+        signal = str(unexplained.signal).replace("_", " ")
+        rest = f"{'More' if effects else 'Something'} remains that no effect of the catalogue explains: errors of the "
+        return f"{found} {rest}{signal} that go with {goes_with}.".strip()
+    return found or f"Nothing in the data speaks for any of the {len(CATALOGUE)} effects: the paper's model is enough."

@@ -32,6 +32,7 @@ MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [
 ABSURD = 3.0  # factor by which a parameter of the paper may not change when an effect comes in
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
+COARSE_INFLATION = 10.0  # ticks of coarse encoders make errors that go with the speed
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
 
@@ -107,7 +108,7 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         say(f"Trying {len(CATALOGUE) - len(taken)} effects beside {', '.join(taken) or 'the paper model'} ...")
         screening = screen(study, current.values, current.names, taken, current.noise if named else None)
         current = study.fit(current.values, current.names, screening.noise, renew=0)
-        inflation = screening.inflation
+        inflation = max(screening.inflation, COARSE_INFLATION if _tick(study) > COARSE else 1.0)
         ranked = _fitted(study, current, screening)
         chosen, others = _choose(study, current, ranked, inflation)
         if chosen is None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.diagnosis.naming import COARSE
+from cmr.diagnosis.engine import COARSE
 from cmr.diagnosis.result import Unexplained
 from cmr.diagnosis.study import Fit, Study
 from cmr.diagnosis.unexplained_bursts import Bursts, bursts

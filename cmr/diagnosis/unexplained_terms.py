@@ -13,8 +13,8 @@ from cmr.diagnosis.prediction import Errors, Predictor
 from cmr.model.observer import MOTION
 from cmr.recordings.signal import Floats
 
-SPACING, FEWEST, MOST = 0.4, 3, 9  # m between the knots of what depends on the place; how many knots
-MOMENTS = 9  # knots of what depends on time
+SPACING, FEWEST, MOST = 0.4, 3, 8  # m between the knots of what depends on the place; how many knots
+MOMENTS = 7  # knots of what depends on time
 RIPPLES = (1, 2, 3, 4, 6, 8)  # in a turn of a wheel
 STILL = 0.03  # of the top speed; well above it a robot moves
 FRICTION = (0.02, 0.1)  # of the top speed; where friction may set in
@@ -130,7 +130,6 @@ def _of_encoders(longest: Drive) -> list[Term]:
     knots = np.linspace(0.0, 1.0, SPEEDS)
     return [
         _each(names, ("speed",), lambda _, p: [p * p, p**3, *(p * hat for hat in _hats(np.abs(p), knots)[1:])]),
-        *(Term(names[0], ANGLES, partial(_with_angle, longest, names, k)) for k in RIPPLES[:2]),
     ]
 
 
