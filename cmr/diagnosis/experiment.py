@@ -23,9 +23,9 @@ class Piece:
     """A part of a recording without gaps, as the observer takes it.
 
     `wheel_doubt` [rad], shape (W, 2), is the standard deviation that the encoder's ticks leave of each reading;
-    `tick` [rad] their size, 0 where there are none. `packet_time` [s] and `packet_duty`, shapes (n,) and (n, 2), are the
-    commands one by one. `first` [us] is the time of the raster's beginning, `recording` the
-    number of the recording that it belongs to.
+    `tick` [rad] their size, 0 where there are none. `packet_time` [s] and `packet_duty`, shapes (n,) and (n, 2), are
+    the commands one by one. `first` [us] is the time of the raster's beginning, `recording` the number of the recording
+    that it belongs to.
     """
 
     heard: Heard
@@ -38,7 +38,7 @@ class Piece:
 
     def with_packets_at(self, time: Floats) -> "Piece":
         """Return the piece with commands that take effect at these times [s], increasing, (n,), instead of at once."""
-        borders = np.arange(len(self.heard.left) + 1) * self.heard.dt
+        borders = np.asarray(np.arange(len(self.heard.left) + 1) * self.heard.dt, np.float64)
         left, right = (_mean_held(time, duty, borders) for duty in self.packet_duty.T)
         return replace(self, heard=replace(self.heard, left=left, right=right))
 
@@ -79,13 +79,13 @@ def _piece(recording: Recording, first: int, last: int, beginning: int, splits: 
             dt=STEP,
             left=duty[0],
             right=duty[1],
-            start=(*(float(value) for value in begins), *psi),
-            wheel_time=(wheels.utime - first) * SECONDS,
+            start=(float(begins[0]), float(begins[1]), float(begins[2]), *psi),
+            wheel_time=_seconds(wheels, first),
             wheel=angle,
             wheel_use=use,
-            gyro_time=(gyro.utime - first) * SECONDS,
+            gyro_time=_seconds(gyro, first),
             gyro=np.ascontiguousarray(gyro["yaw_rate"]),
-            pose_time=(poses.utime - first) * SECONDS,
+            pose_time=_seconds(poses, first),
             pose=np.ascontiguousarray(pose),
             pose_use=_pose_use(poses.utime, splits),
             given=_given(recording.wheels, borders) if len(recording.duty) == 0 else np.empty((0, 2)),
@@ -95,9 +95,14 @@ def _piece(recording: Recording, first: int, last: int, beginning: int, splits: 
         tick,
         first,
         number,
-        (packets.utime - first) * SECONDS,
+        _seconds(packets, first),
         np.stack([packets["left"], packets["right"]], axis=1) if len(packets) else np.empty((0, 2)),
     )
+
+
+def _seconds(signal: Signal, first: int) -> Floats:
+    """Return the time of each sample since `first` [us], in seconds."""
+    return np.asarray((signal.utime - first) * SECONDS, np.float64)
 
 
 def _means(signal: Signal, field: str, borders: Times) -> Floats:
