@@ -37,8 +37,8 @@ class Heard:
 
     `left`, `right` [duty], shape (T,), are the commands of each step. Where there were none, `given` [rad/s], shape
     (T, 2), are the measured wheel speeds that the robot rolled with; else it is empty. `wheel` [rad], shape (W, 2), are
-    the encoders' angles at `wheel_time` [s], `wheel_use` whether each is believed; `gyro` [rad/s] and `pose` [m, m, rad],
-    shape (P, 3), likewise; `pose_use` is FOLLOWED or RESTART. `start` is x, y, theta, psi_left, psi_right at time 0,
+    the encoders' angles at `wheel_time` [s], `wheel_use` whether each is believed; `gyro` [rad/s], and `pose`
+    [m, m, rad] of shape (P, 3), likewise; `pose_use` is FOLLOWED or RESTART. `start` is x, y, theta, psi_left, psi_right at time 0,
     which is `time` [s] after the drive began. All times ascend and lie within the raster.
     """
 

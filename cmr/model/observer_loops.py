@@ -78,7 +78,9 @@ def observe(
                     offset_left[i] *= here[KEPT_END + i]
                     offset_right[i] *= here[KEPT_END + i]
                     offset_yaw_rate[i] = (
-                        (offset_right[i] - offset_left[i]) * numbers[WHEEL_RADIUS_NUMBER, i] / numbers[BASE_WIDTH_NUMBER, i]
+                        (offset_right[i] - offset_left[i])
+                        * numbers[WHEEL_RADIUS_NUMBER, i]
+                        / numbers[BASE_WIDTH_NUMBER, i]
                     )
                     newest[3, i] = turning - offset_yaw_rate[i]
             else:
