@@ -13,6 +13,7 @@ from cmr.model.parameters import ParameterDefinition
 
 # The robot that typical sizes stand for; those of others are scaled by dimension.
 USUAL_ACCELERATION, USUAL_RATE, USUAL_WIDTH, USUAL_TURN = 118.0, 118.0 * 0.054, 0.16, 2.0  # rad/s^2, 1/s, m, rad/s
+USUAL_EXTENT = 1.0  # m
 LIMITS = (0.35, 0.55, 0.75, 1.0, 1.3, 1.8, 2.6)  # multiples of the typical size at which a limit is tried
 THRESHOLDS = (0.4, 1.0, 1.8)
 EVERYWHERE = 1e3  # m, radius of a place that holds all others
@@ -24,10 +25,15 @@ SMALLEST = 0.3  # of the typical size: less is not worth a name
 
 @dataclass(frozen=True)
 class Scene:
-    """What is known of a drive before anything is named: the robot's parameters, and a usual yaw rate [rad/s]."""
+    """What is known of a drive before anything is named.
+
+    These are the robot's parameters, a usual yaw rate `turning` [rad/s], and how far from the origin of the poses it
+    usually was, `extent` [m].
+    """
 
     parameters: Mapping[str, float]
     turning: float
+    extent: float = USUAL_EXTENT
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,7 @@ def size(parameter: ParameterDefinition, scene: Scene) -> float:
         "1/rad": acceleration / USUAL_ACCELERATION / (top * USUAL_RATE / USUAL_ACCELERATION) ** 2,
         "s/rad": USUAL_TURN / scene.turning,
         "duty/s": rate / USUAL_RATE,
+        "1/m^2": min(1.0, (USUAL_EXTENT / max(scene.extent, 1e-6)) ** 2),
     }
     factor = factors.get(parameter.unit, 1.0)
     if parameter.unit == "m" and parameter.switches:

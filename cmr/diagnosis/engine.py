@@ -8,6 +8,8 @@ import numpy as np
 from cmr.diagnosis.baseline import guess_base_width, guess_motor
 from cmr.diagnosis.candidates import Scene
 from cmr.diagnosis.experiment import pieces_of
+from cmr.diagnosis.gains import COARSE as COARSE
+from cmr.diagnosis.gains import choose_gains
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Predictor, predictors
 from cmr.diagnosis.study import Fit, Study
@@ -19,10 +21,8 @@ from cmr.recordings.recording import Recording
 
 MOTOR = ("k2_over_k3", "k1", "base_width")
 ROLLING = ("wheel_radius", "base_width")
-USUAL = Gains(0.2, 1.0, 0.15, 0.15)
-OF_COARSE_ENCODERS = Gains(0.05, 0.05, 0.15, 0.15)  # whose ticks say little of the speed
-COARSE = 2.0 * np.pi / 100.0  # rad; ticks that are larger are coarse
 TURNING = 0.05  # rad/s above which a robot turns
+X, Y = MOTION.index("x"), MOTION.index("y")
 
 
 @dataclass(frozen=True)
@@ -57,20 +57,22 @@ def prepare(recordings: Sequence[Recording], nominal: ParameterFile) -> Ready:
         values |= guess_motor(ready, values)
     else:
         values |= {"k2_over_k3": 1.0, "k1": 1.0}
-    scene = _scene(ready, values)
-    coarse = max(piece.tick for piece in pieces) > COARSE
-    study = Study(ready, OF_COARSE_ENCODERS if coarse else USUAL, scene)
+    gains = choose_gains(ready, values)
+    scene = _scene(ready, values, gains)
+    study = Study(ready, gains, scene)
     base = study.fit(values, names, Noise.plain(ready, study.errors(values)), renew=0)
     study.scene = replace(scene, parameters=base.values)
     return Ready(study, base, checks, tuple(f.sentence for f in checks if f.found))
 
 
-def _scene(ready: Sequence[Predictor], values: dict[str, float]) -> Scene:
-    """Return how the robot turned."""
-    turning = []
-    for predictor in ready:
-        motion = predictor.errors(values, USUAL).motion
-        rate = np.abs(motion[:, MOTION.index("yaw_rate")])
-        turning.append(rate[rate > TURNING])
-    fast = np.concatenate(turning)
-    return Scene(values, float(np.sqrt(np.mean(fast**2))) if len(fast) else 1.0)
+def _scene(ready: Sequence[Predictor], values: dict[str, float], gains: Gains) -> Scene:
+    """Return how fast the robot turned, and how far it went."""
+    motions = [predictor.errors(values, gains).motion for predictor in ready]
+    rates = [np.abs(motion[:, MOTION.index("yaw_rate")]) for motion in motions]
+    fast = np.concatenate([rate[rate > TURNING] for rate in rates])
+    squares = np.concatenate([motion[:, X] ** 2 + motion[:, Y] ** 2 for motion in motions])
+    return Scene(
+        values,
+        turning=float(np.sqrt(np.mean(fast**2))) if len(fast) else 1.0,
+        extent=float(np.sqrt(np.mean(squares))),
+    )

@@ -13,8 +13,10 @@ from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 STEP = 0.01  # s of the raster
 LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is foretold
 LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
-SHORTEST_PIECE = 2.0  # s
+SHORTEST_PIECE = 1.0  # s
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
+SIDES = ("left", "right")
+NO_STEP = 1e-9  # rad; what angles differ by from rounding alone
 UNIFORM = 12.0**-0.5  # standard deviation of what is spread evenly over 1
 
 
@@ -51,8 +53,9 @@ def pieces_of(recording: Recording, splits: Sequence[int], number: int) -> list[
     breaks = sorted(gap for signal in sources for gap in _gaps(signal.utime, LONGEST_SILENCE))
     borders = [first, *(time for gap in breaks for time in gap), last]
     spans = zip(borders[::2], borders[1::2], strict=True)
+    tick = _tick(recording.wheels)
     return [
-        _piece(recording, begin, end, first, splits, number)
+        _piece(recording, begin, end, first, splits, number, tick)
         for begin, end in spans
         if (end - begin) * SECONDS >= SHORTEST_PIECE
     ]
@@ -63,14 +66,35 @@ def _gaps(utime: Times, longest: float) -> list[tuple[int, int]]:
     return [(int(utime[index]), int(utime[index + 1])) for index in at]
 
 
-def _piece(recording: Recording, first: int, last: int, beginning: int, splits: Sequence[int], number: int) -> Piece:
+def _tick(wheels: Signal) -> float:
+    """Return the size [rad] of the encoders' ticks: of the finer one, 0 where there are no readings."""
+    if len(wheels) == 0:
+        return 0.0
+    sizes = [_tick_of(angle, wheels[f"ticks_{side}"]) for side, angle in zip(SIDES, wheel_angles(wheels), strict=True)]
+    return min((size for size in sizes if size > 0.0), default=0.0)
+
+
+def _tick_of(angles: Floats, counts: Floats) -> float:
+    """Return what an encoder's count goes up by at once, in radians; where it was not recorded, the smallest step."""
+    turned, counted = np.diff(angles), np.diff(counts)
+    moved = (np.abs(turned) > NO_STEP) & (counted != 0.0) & np.isfinite(counted)
+    if moved.any():
+        at_once = np.gcd.reduce(np.abs(counted[moved]).astype(np.int64))
+        return float(np.median(np.abs(turned[moved] / counted[moved])) * at_once)
+    steps = np.abs(turned[np.abs(turned) > NO_STEP])
+    return float(np.min(steps)) if len(steps) else 0.0
+
+
+def _piece(
+    recording: Recording, first: int, last: int, beginning: int, splits: Sequence[int], number: int, tick: float
+) -> Piece:
     steps = int((last - first) * SECONDS / STEP)
     end = first + int(steps * STEP / SECONDS)
     wheels, gyro, poses = (s.between(first, end) for s in (recording.wheels, recording.gyro, recording.poses))
     borders = first + np.round(np.arange(steps + 1) * (STEP / SECONDS)).astype(np.int64)
     duty = [_means(recording.duty, side, borders) for side in ("left", "right")]
     packets = recording.duty.between(first, end)
-    angle, use, doubt, tick = _readings(wheels)
+    angle, use, doubt = _readings(wheels, tick)
     pose = np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
     psi = _start_speeds(wheels, first)
     begins = pose[0] if len(pose) else np.zeros(3)
@@ -109,8 +133,8 @@ def _means(signal: Signal, field: str, borders: Times) -> Floats:
     """Return the mean over each step of what holds until the next is said; 0 before the first."""
     if len(signal) == 0:
         return np.zeros(len(borders) - 1)
-    start = borders[0]
-    return _mean_held((signal.utime - start) * SECONDS, signal[field], (borders - start) * SECONDS)
+    start = int(borders[0])
+    return _mean_held(_seconds(signal, start), signal[field], np.asarray((borders - start) * SECONDS, np.float64))
 
 
 def _mean_held(time: Floats, values: Floats, borders: Floats) -> Floats:
@@ -122,27 +146,25 @@ def _mean_held(time: Floats, values: Floats, borders: Floats) -> Floats:
     return np.asarray(np.diff(np.interp(borders, ends, integral)) / np.diff(borders))
 
 
-def _readings(wheels: Signal) -> tuple[Floats, np.typing.NDArray[np.uint8], Floats, float]:
-    """Return each reading's angle [rad], whether it tells something, and its doubt [rad], (W, 2); and the tick [rad].
+def _readings(wheels: Signal, tick: float) -> tuple[Floats, np.typing.NDArray[np.uint8], Floats]:
+    """Return each reading's angle [rad], whether it tells something, and its doubt [rad], (W, 2).
 
     An encoder that has just moved on has passed the edge of a tick since the reading before. One that says again what
     it said tells nothing new, but for a wheel that rests: somewhere within the tick.
     """
     if len(wheels) == 0:
-        return np.empty((0, 2)), np.empty((0, 2), np.uint8), np.empty((0, 2)), 0.0
+        return np.empty((0, 2)), np.empty((0, 2), np.uint8), np.empty((0, 2))
     angles = np.stack(wheel_angles(wheels), axis=1)
     steps = np.diff(angles, axis=0, prepend=angles[:1])
-    sizes = np.abs(steps[np.abs(steps) > 1e-9])
-    tick = float(sizes.min()) if len(sizes) else 0.0
     seconds = (wheels.utime - wheels.utime[0]) * SECONDS
     columns = [_side(angle, step, tick, seconds) for angle, step in zip(angles.T, steps.T, strict=True)]
     reading, use, doubt = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
     # The observer's wheels begin at angle 0, and it sees the first reading.
-    return reading - reading[:1], use, doubt, tick
+    return reading - reading[:1], use, doubt
 
 
 def _side(angle: Floats, steps: Floats, tick: float, seconds: Floats) -> tuple[Floats, Mask, Floats]:
-    moved = np.abs(steps) > 1e-9
+    moved = np.abs(steps) > NO_STEP
     index = np.arange(len(angle))
     before = np.maximum.accumulate(np.where(moved, index, 0))
     since = index - np.concatenate([[0], before[:-1]])  # readings since the last edge

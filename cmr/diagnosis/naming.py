@@ -7,7 +7,7 @@ import numpy as np
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import worth_naming
-from cmr.diagnosis.engine import COARSE
+from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.packets import JITTER, LOSS, doubt_of_share, spreads, without_jitter, without_loss
 from cmr.diagnosis.polishing import polished
 from cmr.diagnosis.screening import Score, Screening, screen
@@ -109,6 +109,7 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         screening = screen(study, current.values, current.names, taken, current.noise if named else None)
         current = study.fit(current.values, current.names, screening.noise, renew=0)
         inflation = max(screening.inflation, COARSE_INFLATION if _tick(study) > COARSE else 1.0)
+        inflation = inflation if study.by_moments else 1.0
         ranked = _fitted(study, current, screening)
         chosen, others = _choose(study, current, ranked, inflation)
         if chosen is None:
@@ -132,7 +133,8 @@ def _unseen(screening: Screening) -> tuple[str, ...]:
 
 def _of_chance(found: Search) -> tuple[Named, Study] | None:
     """Return jitter or loss of commands, if what the search leaves shows it, and the study without it."""
-    spread = {} if _tick(found.study) > COARSE else spreads(found.study, found.final)
+    told = found.study.by_moments and _tick(found.study) <= COARSE
+    spread = spreads(found.study, found.final) if told else {}
     if not spread:
         return None
     late = [one for one in found.named if one.tried.effect.name in LATE]

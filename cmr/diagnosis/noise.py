@@ -22,6 +22,7 @@ SPANS = {
     **dict.fromkeys(("psi_left", "psi_right", "yaw_rate"), (1, 1, 1, 1, 2, 4, 8, 16, 32)),
     **dict.fromkeys(POSE_SIGNALS, (1, 1, 1, 1, 4, 8)),
 }
+LARGEST_PAST = 1.0 / 6.0  # of the usual piece: what is foretold from the past begins after so much of it
 RIDGE = 1e-6  # of the variance: keeps the model of a signal that never errs solvable
 LEAST_SIZE = 1e-9
 ROUNDS = 3
@@ -31,7 +32,7 @@ PSI_LEFT, PSI_RIGHT = MOTION.index("psi_left"), MOTION.index("psi_right")
 
 @dataclass(frozen=True)
 class SignalNoise:
-    """The noise of one signal: `past` (p,) weighs its own last errors, `foreign` (3,) those of FOREIGN.
+    """The noise of one signal: `past` (p,) weighs its own last errors, span by span, `foreign` (3,) those of FOREIGN.
 
     `sizes` are the standard deviations of what remains, in the signal's unit: one array (n,) for each piece.
     """
@@ -39,6 +40,10 @@ class SignalNoise:
     past: Floats
     foreign: Floats
     sizes: tuple[Floats, ...]
+
+    def spans(self, name: str) -> tuple[int, ...]:
+        """Return the spans [samples] of the past that are weighed, newest first; `name` is the signal's."""
+        return SPANS[name][: len(self.past)]
 
 
 @dataclass(frozen=True)
@@ -58,8 +63,9 @@ class Noise:
     def plain(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
         """Return white noise of the size of all errors: what is known before anything is."""
         result = {}
-        for name, spans in SPANS.items():
+        for name in SPANS:
             own = [error.of[name][:, 0] for error in errors if name in error.of]
+            spans = _spans(name, [len(one) for one in own])
             if own:
                 size = max(float(np.sqrt(np.mean(np.concatenate(own) ** 2))), LEAST_SIZE)
                 sizes = tuple(np.full(len(p.times.get(name, ())), size) for p in predictors)
@@ -75,7 +81,7 @@ class Noise:
             own = errors.of[name]
             if name in POSE_SIGNALS and np.any(noise.foreign):
                 own = own - sum(weight * other for weight, other in zip(noise.foreign, foreign, strict=True))
-            result[name] = _whitened(own, noise.past, SPANS[name], 1.0 / noise.sizes[number])
+            result[name] = _whitened(own, noise.past, noise.spans(name), 1.0 / noise.sizes[number])
         return result
 
     @property
@@ -88,7 +94,7 @@ def _found(
     name: str, predictors: Sequence[Predictor], errors: Sequence[Errors], others: Sequence[Floats]
 ) -> SignalNoise:
     """Find one signal's noise: weighted least squares for what is foretold, then its size, a few times."""
-    spans = SPANS[name]
+    spans = _spans(name, [len(predictor.times.get(name, ())) for predictor in predictors])
     order = sum(spans)
     rows = []
     for predictor, error, of_others in zip(predictors, errors, others, strict=True):
@@ -121,6 +127,26 @@ def _found(
     return SignalNoise(past, foreign_weights, found)
 
 
+def foretold(name: str, errors: Sequence[Floats]) -> Floats:
+    """Return what is left of a signal's errors, one array (n,) a piece, when their past has foretold what it can."""
+    spans = _spans(name, [len(one) for one in errors])
+    order = sum(spans)
+    pairs = [(_past(one, spans), one[order:]) for one in errors if len(one) > 2 * order]
+    if not pairs:
+        return np.empty(0)
+    past = _least_squares(pairs)
+    return np.concatenate([b - a @ past for a, b in pairs])
+
+
+def _spans(name: str, lengths: Sequence[int]) -> tuple[int, ...]:
+    """Return the spans of the past that pieces of usual length have room for: half of all errors are in longer ones."""
+    if not any(lengths):
+        return ()
+    ordered = np.sort(lengths)
+    usual = ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))]
+    return SPANS[name][: np.searchsorted(np.cumsum(SPANS[name]), LARGEST_PAST * usual, side="right")]
+
+
 def _least_squares(pairs: Sequence[tuple[Floats, Floats]]) -> Floats:
     """Return the weights with which the columns of a explain b, over all pairs (a, b)."""
     normal = sum(a.T @ a for a, _ in pairs)
@@ -137,7 +163,7 @@ def _past(values: Floats, spans: Sequence[int]) -> Floats:
     columns = [
         total[order - first : count - first] - total[order - last : count - last] for first, last in pairwise(begins)
     ]
-    return np.stack(columns, axis=1)
+    return np.stack(columns, axis=1) if columns else np.empty((count, 0))
 
 
 def _size_found(rest: Floats, sizes: Floats) -> Floats:

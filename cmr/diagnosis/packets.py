@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cmr.diagnosis.noise import SPANS, Noise
+from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors, Predictor
 from cmr.diagnosis.study import Fit, Study
 from cmr.recordings.signal import Floats
@@ -172,7 +172,7 @@ def _response(
         raw[index] = angle
         speed -= study.gains.psi * angle
         angle -= study.gains.angle * angle
-    past, spans = noise.of[name].past, SPANS[name]
+    past, spans = noise.of[name].past, noise.of[name].spans(name)
     borders = np.concatenate([[0], np.cumsum(spans)])
     weights = np.concatenate([[1.0], -np.repeat(past, np.diff(borders))])
     return period, np.convolve(raw, weights)[:count], noise.of[name].sizes[number]

@@ -121,7 +121,7 @@ def noise_of_all(study: Study, errors: Sequence[Errors], free: int, noise: Noise
     prior = np.full(len(normal), LARGEST_SHARE**-2)
     prior[:free] = 1e-9 * np.diag(normal)[:free] + 1e-12
     shares = np.asarray(-np.linalg.solve(normal + np.diag(prior), moved.T @ white[:, 0]), np.float64)
-    return Noise.found(study.predictors, [_explained(error, shares) for error in errors])
+    return study.found([_explained(error, shares) for error in errors])
 
 
 def _explained(errors: Errors, shares: Floats) -> Errors:

@@ -57,7 +57,12 @@ class Fit:
 
 
 class Study:
-    """Recordings to be explained, and what is known of their noise."""
+    """Recordings to be explained, and what is known of their noise.
+
+    `by_moments` tells that errors are those of each moment, made white by their past.
+    """
+
+    by_moments = True
 
     def __init__(self, predictors: Sequence[Predictor], gains: Gains, scene: Scene) -> None:
         self.predictors = tuple(predictors)
@@ -117,10 +122,14 @@ class Study:
             result.append(Errors(of, error.motion))
         return result
 
+    def found(self, errors: Sequence[Errors]) -> Noise:
+        """Return the noise that the errors of the first candidate in each piece show."""
+        return Noise.found(self.predictors, errors)
+
     def noise(self, values: Mapping[str, float]) -> tuple[Noise, float]:
         """Return the noise that these values leave, and the log-likelihood."""
         errors = self.errors(values)
-        noise = Noise.found(self.predictors, errors)
+        noise = self.found(errors)
         rest = tempered(self.made_white(errors, noise))
         return noise, -0.5 * float(rest[:, 0] @ rest[:, 0]) - noise.log_size
 
