@@ -11,7 +11,7 @@ from cmr.diagnosis.engine import Ready, prepare
 from cmr.diagnosis.experiment import Piece, pieces_of
 from cmr.diagnosis.free_runs import WINDOW
 from cmr.diagnosis.measuring import Measured, measure
-from cmr.diagnosis.naming import Named, Search, search
+from cmr.diagnosis.naming import Named, Search, search, with_small_effects
 from cmr.diagnosis.next_experiment import experiment_to_show, experiment_to_tell_apart
 from cmr.diagnosis.result import (
     BAD_DATA,
@@ -79,7 +79,7 @@ def diagnose(
     ready = replace(ready, notes=(*notes, *ready.notes))
     found = search(study, base, progress)
     progress("Looking at what remains ...")
-    unexplained = remaining(found.study, found.final, found.base).unexplained
+    unexplained = remaining(found.study, with_small_effects(found), found.base).unexplained
     progress("Measuring the gain ...")
     pieces = [predictor.piece for predictor in study.predictors]
     chance = {name: estimate.value for one in found.named for name, estimate in one.estimates.items()}

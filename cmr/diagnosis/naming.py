@@ -32,6 +32,9 @@ MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [
 ABSURD = 3.0  # factor by which a parameter of the paper may not change when an effect comes in
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
+SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
+TOO_SMALL = "It is too small to matter."
+MOST_SMALL = 3  # such effects that are fitted to see what remains
 COARSE_INFLATION = 10.0  # ticks of coarse encoders make errors that go with the speed
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
@@ -148,7 +151,7 @@ def _of_chance(found: Search) -> tuple[Named, Study] | None:
         # The mean of the delays is known better than their spread.
         largest = Estimate(2.0 * mean, DOUBT_OF_JITTER * mean)
         return _chance(JITTER, largest, drop, rivals, late[0].before), without_jitter(found.study, jitter, mean)
-    if not late and loss.drop > THRESHOLD * found.inflation:
+    if not late and loss.drop > SURE_LOSS * found.inflation:
         share = Estimate(loss.value, doubt_of_share(loss))
         return _chance(LOSS, share, loss.drop, (), found.final), without_loss(found.study, loss)
     return None
@@ -157,6 +160,19 @@ def _of_chance(found: Search) -> tuple[Named, Study] | None:
 def _chance(name: str, estimate: Estimate, drop: float, rivals: tuple[str, ...], before: Fit) -> Named:
     tried = Tried(CATALOGUE[name], drop, {**before.values, name: estimate.value}, None, 0.5 * drop)
     return Named(tried, rivals, before, {name: estimate})
+
+
+def with_small_effects(found: Search) -> Fit:
+    """Return the final fit with the effects beside it that are there but too small to be named.
+
+    What they explain is not unexplained.
+    """
+    small = [tried for tried, why in found.others if why == TOO_SMALL][:MOST_SMALL]
+    if not small:
+        return found.final
+    own = [parameter.name for tried in small for parameter in tried.effect.parameters]
+    values = {**found.final.values, **{n: t.values[n] for t in small for n in (p.name for p in t.effect.parameters)}}
+    return found.study.fit(values, (*found.final.names, *own), found.final.noise, renew=0)
 
 
 def _coarse(study: Study, found: Search) -> Named | None:
@@ -215,7 +231,7 @@ def why_not(study: Study, before: Fit, tried: Tried, inflation: float) -> str:
         return "It would begin where the drive begins or ends."
     stds = {name: tried.fit.std(name) for name in names} if tried.fit else {}
     if not worth_naming({name: tried.values[name] for name in names}, stds, study.scene):
-        return "It is too small to matter."
+        return TOO_SMALL
     if any(
         not 1.0 / ABSURD < tried.values[name] / before.values[name] < ABSURD for name in before.names if name in PAPER
     ):
