@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cmr.diagnosis.candidates import lanes_of
 from cmr.diagnosis.engine import COARSE
 from cmr.diagnosis.result import Unexplained
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Fit, Study, tempered
 from cmr.diagnosis.unexplained_bursts import Bursts, bursts
 from cmr.diagnosis.unexplained_scores import Score, remainder, scores
 
@@ -42,29 +43,21 @@ class Remaining:
 
 def remaining(study: Study, fit: Fit, base: Fit) -> Remaining:
     """Return what structure remains beside the final fit; `base` is that of the paper's model."""
-    errors = study.errors(fit.values)
+    errors = study.errors(lanes_of([fit.values, base.values]))
+    squares = np.sum(tempered(study.made_white(errors, fit.noise)) ** 2, axis=0)
+    explained = max(0.0, float(squares[1] - squares[0]))
     rest = remainder(study, fit, errors)
-    explained = max(0.0, float(np.sum(study.white(base.values, fit.noise) ** 2)) - fit.squares)
     tried = sorted(scores(study, fit, errors, rest), key=lambda score: -score.held_out)
     loud = bursts(rest)
-    least = LEFT_BY_EFFECTS * explained
-    coarse = max(predictor.piece.tick for predictor in study.predictors) > COARSE
+    spread, least = spread_of(tried), LEFT_BY_EFFECTS * explained
+    found = [_structure(score, max(LEAST_SPREAD, least)) for score in tried if holds(score, spread, least)][:1]
+    found += [_bursts(one, explained) for one in loud if bursts_count(one, explained)][:1]
     # Coarse encoders make errors of their own, which go with speed.
-    structure = [] if coarse else [score for score in tried if holds(score, spread_of(tried), least)]
-    sudden = [] if coarse else [one for one in loud if bursts_count(one, explained)]
-    if structure:
-        best = structure[0]
-        finding = Unexplained(present=True, signal=best.signal, regressors=best.term.regressors, share=best.share)
-        statistic, threshold = best.held_out, max(LEAST_SPREAD, least)
-    elif sudden:
-        share = sudden[0].excess / sudden[0].whole
-        finding = Unexplained(present=True, signal=sudden[0].signal, regressors=("time",), share=share)
-        statistic, threshold = sudden[0].excess, max(BURST_SHARE * sudden[0].whole, BURSTS_LEFT_BY_EFFECTS * explained)
-    else:
-        finding = Unexplained()
-        statistic, threshold = tried[0].held_out if tried else 0.0, max(LEAST_SPREAD, least)
+    if not found or max(predictor.piece.tick for predictor in study.predictors) > COARSE:
+        found = [(Unexplained(), tried[0].held_out if tried else 0.0, max(LEAST_SPREAD, least))]
+    unexplained, statistic, threshold = max(found, key=lambda one: one[0].share)
     return Remaining(
-        unexplained=finding, statistic=statistic, threshold=threshold, scores=tuple(tried), bursts=tuple(loud)
+        unexplained=unexplained, statistic=statistic, threshold=threshold, scores=tuple(tried), bursts=tuple(loud)
     )
 
 
@@ -84,4 +77,19 @@ def holds(score: Score, spread: float, least: float) -> bool:
 
 def bursts_count(one: Bursts, explained: float) -> bool:
     """Tell whether bursts are more than what effects that explain so much may leave."""
-    return one.number >= BURSTS and one.excess > max(BURST_SHARE * one.whole, BURSTS_LEFT_BY_EFFECTS * explained)
+    return one.number >= BURSTS and one.excess > least_excess(one, explained)
+
+
+def least_excess(one: Bursts, explained: float) -> float:
+    """Return what the excess of bursts must exceed beside effects that explain so much."""
+    return max(BURST_SHARE * one.whole, BURSTS_LEFT_BY_EFFECTS * explained)
+
+
+def _structure(score: Score, threshold: float) -> tuple[Unexplained, float, float]:
+    words = Unexplained(present=True, signal=score.signal, regressors=score.term.regressors, share=score.share)
+    return words, score.held_out, threshold
+
+
+def _bursts(one: Bursts, explained: float) -> tuple[Unexplained, float, float]:
+    words = Unexplained(present=True, signal=one.signal, regressors=("time",), share=one.excess / one.whole)
+    return words, one.excess, least_excess(one, explained)
