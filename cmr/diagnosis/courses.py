@@ -16,7 +16,7 @@ from cmr.diagnosis.gains import WHEELS, interval_of
 from cmr.diagnosis.noise import FOREIGN, LEAST_SIZE, SPANS, Noise, SignalNoise
 from cmr.diagnosis.prediction import Errors, Predictor
 from cmr.diagnosis.study import Study
-from cmr.model.observer import Gains
+from cmr.model.observer import Gains, Observer
 from cmr.recordings.signal import Floats
 
 MEMORY = 0.1  # s after which the angle of a wheel that runs freely has come to its encoder's: what counts is its speed
@@ -35,14 +35,8 @@ class CourseStudy(Study):
 
     def errors(self, values: Mapping[str, object]) -> list[Errors]:
         """Return the errors of wheels that run freely, and of gyro and pose beside wheels as they were measured."""
-        return [self._errors(predictor, values) for predictor in self.predictors]
-
-    def _errors(self, predictor: Predictor, values: Mapping[str, object]) -> Errors:
-        errors = predictor.errors(values, self.gains)
-        if not any(name in errors.of for name in WHEELS):
-            return errors
-        free = predictor.errors(values, self._free).of
-        return Errors({name: free[name] if name in WHEELS else own for name, own in errors.of.items()}, errors.motion)
+        following, free = Observer(values, self.gains), Observer(values, self._free)
+        return [_of_both(predictor, following, free) for predictor in self.predictors]
 
     def found(self, errors: Sequence[Errors]) -> Noise:
         """Return the noise that the errors of the first candidate in each piece show: how large, and how lasting."""
@@ -56,6 +50,14 @@ class CourseStudy(Study):
         size *= np.sqrt(lasting(own))
         sizes = tuple(np.full(len(predictor.times.get(name, ())), size) for predictor in self.predictors)
         return SignalNoise(np.zeros(0), np.zeros(len(FOREIGN)), sizes)
+
+
+def _of_both(predictor: Predictor, following: Observer, free: Observer) -> Errors:
+    errors = predictor.errors_of(following)
+    if not any(name in errors.of for name in WHEELS):
+        return errors
+    wheels = predictor.errors_of(free).of
+    return Errors({name: wheels[name] if name in WHEELS else own for name, own in errors.of.items()}, errors.motion)
 
 
 def lasting(errors: Sequence[Floats]) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cmr.diagnosis.experiment import Piece
-from cmr.model.observer import RESTART, Gains, observe
+from cmr.model.observer import RESTART, Gains, Observer
 from cmr.recordings.signal import Floats
 
 SIGNALS = ("psi_left", "psi_right", "yaw_rate", "forward", "sideways", "heading")
@@ -58,7 +58,11 @@ class Predictor:
 
     def errors(self, values: Mapping[str, Any], gains: Gains, **luck: Any) -> Errors:
         """Return the prediction errors; `values` by name are numbers or arrays (C,), `luck` is as in `observe`."""
-        innovations = observe(self.piece.heard, values, gains, **luck)
+        return self.errors_of(Observer(values, gains), **luck)
+
+    def errors_of(self, observer: Observer, **luck: Any) -> Errors:
+        """Return the prediction errors of an observer's candidates; `luck` is as in `observe`."""
+        innovations = observer.observe(self.piece.heard, **luck)
         east, north = innovations.pose[:, 0], innovations.pose[:, 1]
         of = {
             "psi_left": innovations.wheel[self._used["psi_left"], 0],

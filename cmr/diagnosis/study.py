@@ -1,7 +1,7 @@
 """Fit models with effects to recordings by their prediction errors."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +10,7 @@ from cmr.diagnosis.candidates import Scene, lanes_of, step_of
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors, Predictor
 from cmr.model.catalogue import definition
-from cmr.model.observer import MOTION, Gains
+from cmr.model.observer import MOTION, Gains, Observer
 from cmr.recordings.signal import Floats, Mask
 
 BLOCK = 1.5  # s; neighbouring blocks belong to different folds
@@ -29,15 +29,13 @@ QUICK_STEPS = 5  # of models fitted side by side
 class Fit:
     """A model fitted: values of all parameters by name, of which `names` (p) are free.
 
-    `rest` (n,) are the white prediction errors, `slopes` (n, p) their derivatives, `likelihood` the logarithm with the
-    noise level found for this fit, up to a constant.
+    `rest` (n,) are the white prediction errors, `slopes` (n, p) their derivatives.
     """
 
     values: Mapping[str, float]
     names: tuple[str, ...]
     rest: Floats
     slopes: Floats
-    likelihood: float
     noise: Noise
 
     @property
@@ -72,7 +70,8 @@ class Study:
 
     def errors(self, values: Mapping[str, object]) -> list[Errors]:
         """Return the prediction errors in each piece; `values` are numbers or arrays (C,)."""
-        return [predictor.errors(values, self.gains) for predictor in self.predictors]
+        observer = Observer(values, self.gains)
+        return [predictor.errors_of(observer) for predictor in self.predictors]
 
     def white(self, values: Mapping[str, object], noise: Noise) -> Floats:
         """Return all prediction errors made white and tempered, shape (n, C)."""
@@ -126,13 +125,6 @@ class Study:
         """Return the noise that the errors of the first candidate in each piece show."""
         return Noise.found(self.predictors, errors)
 
-    def noise(self, values: Mapping[str, float]) -> tuple[Noise, float]:
-        """Return the noise that these values leave, and the log-likelihood."""
-        errors = self.errors(values)
-        noise = self.found(errors)
-        rest = tempered(self.made_white(errors, noise))
-        return noise, -0.5 * float(rest[:, 0] @ rest[:, 0]) - noise.log_size
-
     def fit(self, values: Mapping[str, float], names: Sequence[str], noise: Noise, renew: int = 1) -> Fit:
         """Fit the free parameters `names` from `values` on (Levenberg-Marquardt).
 
@@ -140,10 +132,8 @@ class Study:
         """
         fit = self._fitted(dict(values), tuple(names), noise)
         for _ in range(renew):
-            noise, _ = self.noise(fit.values)
-            fit = self._fitted(fit.values, tuple(names), noise)
-        noise, likelihood = self.noise(fit.values)
-        return replace(fit, likelihood=likelihood)
+            fit = self._fitted(fit.values, tuple(names), self.found(self.errors(fit.values)))
+        return fit
 
     def refitted(self, fit: Fit, values: Mapping[str, float]) -> Fit:
         """Return a fit of the same parameters with the same noise from other values on."""
@@ -170,7 +160,7 @@ class Study:
             rest, slopes = self.linear(values, names, noise, stride)
         if stride > 1.0:
             rest, slopes = self.linear(values, names, noise)
-        return Fit(values, names, rest, slopes, float("nan"), noise)
+        return Fit(values, names, rest, slopes, noise)
 
     def fit_beside(
         self, base: Fit, starts: Sequence[Mapping[str, float]], names: Sequence[Sequence[str]]

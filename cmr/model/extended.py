@@ -53,17 +53,7 @@ class ExtendedModel:
 
     def robots(self, values: Mapping[str, Floats], start: Sequence[Floats] | Floats, time: float) -> "Blocks":
         """Return robots that begin with these values, by name, and at these states: x, y, theta and both psi."""
-        count = len(start[0])
-        rows = np.zeros((-(-count // LANES), len(self.row), LANES))
-        lanes = np.arange(rows.shape[0] * LANES)
-        filled = np.minimum(lanes, count - 1)  # lanes that are left over repeat the last robot
-        for name, definition in self.definitions.items():
-            numbers = values[name][filled] if name in values else np.full(len(lanes), definition.neutral, dtype=float)
-            rows[:, self.row[name]] = numbers.reshape(-1, LANES)
-        for name, numbers in zip((*START, "time"), (*start, np.full(count, time)), strict=True):
-            rows[:, self.row[name]] = numbers[filled].reshape(-1, LANES)
-        self.module.start(rows.reshape(-1), count)
-        return Blocks(self, rows)
+        return Candidates(self, values, len(start[0])).begun(start, time)
 
     def _differs(
         self, definitions: Sequence[ParameterDefinition], values: Mapping[str, Any], shape: tuple[int, ...]
@@ -75,18 +65,42 @@ class ExtendedModel:
         return result
 
 
+class Candidates:
+    """Robots with these values, by name, that have not begun: they may begin at many states."""
+
+    def __init__(self, model: ExtendedModel, values: Mapping[str, Floats], count: int) -> None:
+        self.model = model
+        self._count = count
+        lanes = np.arange(-(-count // LANES) * LANES)
+        self._filled = np.minimum(lanes, count - 1)  # lanes that are left over repeat the last robot
+        self._rows = np.zeros((len(lanes) // LANES, len(model.row), LANES))
+        for name, definition in model.definitions.items():
+            given = values[name][self._filled].reshape(-1, LANES) if name in values else definition.neutral
+            self._rows[:, model.row[name]] = given
+        own = model.module.OWN // LANES
+        differ = np.any(self._rows != self._rows[:1, :, :1], axis=(0, 2))
+        self._places = own + np.flatnonzero(differ[own:])
+
+    def begun(self, start: Sequence[Floats] | Floats, time: float) -> "Blocks":
+        """Return the robots at these states: x, y, theta and both psi, each (count,)."""
+        rows = self._rows.copy()
+        for name, numbers in zip(START, start, strict=True):
+            rows[:, self.model.row[name]] = np.asarray(numbers)[self._filled].reshape(-1, LANES)
+        rows[:, self.model.row["time"]] = time
+        self.model.module.start(rows.reshape(-1), self._count)
+        return Blocks(self.model, rows, self._places)
+
+
 class Blocks:
     """Robots as the compiled functions take them.
 
     Robots stand in blocks of LANES. A block has rows of its own for what changes, and for parameters that differ from
-    robot to robot; what all robots share stands once, in `work`, where a block is computed. That halves what has to
-    come from memory.
+    robot to robot, at `places`; what all robots share stands once, in `work`, where a block is computed. That halves
+    what has to come from memory.
     """
 
-    def __init__(self, model: ExtendedModel, rows: Floats) -> None:
+    def __init__(self, model: ExtendedModel, rows: Floats, places: NDArray[np.int64]) -> None:
         own = model.module.OWN // LANES
-        differ = np.any(rows != rows[:1, :, :1], axis=(0, 2))
-        places = own + np.flatnonzero(differ[own:])
         self._row = model.row
         self._flat = np.concatenate([rows[:, :own], rows[:, places]], axis=1).reshape(-1)
         self.rows = self._flat.reshape(len(rows), own + len(places), LANES)

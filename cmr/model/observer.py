@@ -10,7 +10,7 @@ have said. Many candidate parameters are observed at once, one to a lane.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cmr.model import observer_loops
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.compose import CHANGED, LANES
-from cmr.model.extended import ExtendedModel, composed_module, extended_model
+from cmr.model.extended import Candidates, ExtendedModel, composed_module, extended_model
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.statements import SIDES, Statements
 
@@ -38,8 +38,8 @@ class Heard:
     `left`, `right` [duty], shape (T,), are the commands of each step. Where there were none, `given` [rad/s], shape
     (T, 2), are the measured wheel speeds that the robot rolled with; else it is empty. `wheel` [rad], shape (W, 2), are
     the encoders' angles at `wheel_time` [s], `wheel_use` whether each is believed; `gyro` [rad/s], and `pose`
-    [m, m, rad] of shape (P, 3), likewise; `pose_use` is FOLLOWED or RESTART. `start` is x, y, theta, psi_left, psi_right at time 0,
-    which is `time` [s] after the drive began. All times ascend and lie within the raster.
+    [m, m, rad] of shape (P, 3), likewise; `pose_use` is FOLLOWED or RESTART. `start` is x, y, theta, psi_left,
+    psi_right at time 0, which is `time` [s] after the drive began. All times ascend and lie within the raster.
     """
 
     dt: float
@@ -92,41 +92,62 @@ def observe(
     `values` maps names of parameters, the paper's and those of effects, to numbers or arrays (C,). `seed` and `luck`
     (C,) fix random numbers. Raises KeyError for a name that no parameter has.
     """
-    model = extended_model()
-    count = max(int(np.size(value)) for value in (*values.values(), *gains))
-    lanes = -(-count // LANES) * LANES
-    numbers = {name: np.broadcast_to(np.asarray(value, np.float64), count) for name, value in values.items()}
-    unknown = sorted(set(numbers) - set(DEFINITIONS))
-    if unknown:
-        raise KeyError(f"unknown parameters {', '.join(unknown)}")
-    if len(heard.given):
-        numbers.update({name: np.full(count, value) for name, value in DEAD_MOTOR.items()})
-    start = [np.full(count, value) for value in heard.start]
-    blocks = model.robots({n: v for n, v in numbers.items() if n in model.definitions}, start, heard.time)
-    ring = model.packets_under_way(numbers, np.full(len(heard.left), heard.dt))
-    sensor = np.empty((len(_sensor_parameters()), lanes))
-    for row, name in zip(sensor, _sensor_parameters(), strict=True):
-        row[:] = _padded(numbers[name] if name in numbers else np.full(count, DEFINITIONS[name].neutral), lanes)
-    scales = _encoder_scales(numbers, count)
-    gain = np.stack([_padded(np.broadcast_to(row, count), lanes) for row in (*gains, *scales)])
-    chosen = np.zeros(lanes, np.int64) if luck is None else _padded(luck, lanes).astype(np.int64)
-    result = Innovations(
-        np.empty((len(heard.wheel_time), 2, count)),
-        np.empty((len(heard.gyro_time), count)),
-        np.empty((len(heard.pose_time), 3, count)),
-        np.empty((len(heard.left) + 1, len(MOTION))),
-    )
-    _module(heard.dt).observe(
-        *blocks.arguments, count, heard.left, heard.right, heard.dt, ring, seed, chosen, heard.given, sensor, gain,
-        heard.wheel_time, heard.wheel, heard.wheel_use, heard.gyro_time, heard.gyro,
-        heard.pose_time, heard.pose, heard.pose_use, *result,
-    )  # fmt: skip
-    return result
+    return Observer(values, gains).observe(heard, seed=seed, luck=luck)
 
 
-def _padded(values: Any, lanes: int) -> Floats:
-    """Return one value a lane; lanes that are left over repeat the last."""
-    return np.asarray(np.pad(values, (0, lanes - len(values)), mode="edge"), np.float64)
+class Observer:
+    """C candidates and their gains, made ready to observe many drives; arguments are those of `observe`."""
+
+    def __init__(self, values: Mapping[str, Any], gains: Gains) -> None:
+        self._count = max(int(np.size(value)) for value in (*values.values(), *gains))
+        unknown = sorted(set(values) - set(DEFINITIONS))
+        if unknown:
+            raise KeyError(f"unknown parameters {', '.join(unknown)}")
+        self._values = {name: self._each(value) for name, value in values.items()}
+        lanes = np.minimum(np.arange(-(-self._count // LANES) * LANES), self._count - 1)  # leftovers repeat the last
+        self._lanes = lanes
+        neutral = {name: np.full(self._count, DEFINITIONS[name].neutral or 0.0) for name in _sensor_parameters()}
+        self._sensor = np.stack([(neutral | self._values)[name][lanes] for name in neutral])
+        scales = _encoder_scales(self._values, self._count)
+        self._gains = np.stack([self._each(row)[lanes] for row in (*gains, *scales)])
+
+    def observe(self, heard: Heard, *, seed: int = 0, luck: NDArray[np.int64] | None = None) -> Innovations:
+        """Observe a drive; see `observe`."""
+        count = self._count
+        start = [np.full(count, value) for value in heard.start]
+        blocks = self._rolling.begun(start, heard.time) if len(heard.given) else self._driven.begun(start, heard.time)
+        ring = extended_model().packets_under_way(self._values, np.full(len(heard.left), heard.dt))
+        chosen = np.zeros(len(self._lanes), np.int64) if luck is None else np.asarray(luck, np.int64)[self._lanes]
+        result = Innovations(
+            np.empty((len(heard.wheel_time), 2, count)),
+            np.empty((len(heard.gyro_time), count)),
+            np.empty((len(heard.pose_time), 3, count)),
+            np.empty((len(heard.left) + 1, len(MOTION))),
+        )
+        _module(heard.dt).observe(
+            *blocks.arguments, count, heard.left, heard.right, heard.dt, ring, seed, chosen, heard.given,
+            self._sensor, self._gains, heard.wheel_time, heard.wheel, heard.wheel_use, heard.gyro_time, heard.gyro,
+            heard.pose_time, heard.pose, heard.pose_use, *result,
+        )  # fmt: skip
+        return result
+
+    @cached_property
+    def _driven(self) -> Candidates:
+        """The candidates, driven by their commands."""
+        return self._candidates(self._values)
+
+    @cached_property
+    def _rolling(self) -> Candidates:
+        """The candidates, whose wheels are turned at given speeds."""
+        return self._candidates(self._values | {name: self._each(value) for name, value in DEAD_MOTOR.items()})
+
+    def _candidates(self, values: Mapping[str, Floats]) -> Candidates:
+        model = extended_model()
+        return Candidates(model, {n: v for n, v in values.items() if n in model.definitions}, self._count)
+
+    def _each(self, value: Any) -> Floats:
+        """Return a number, or one for each candidate, as an array (C,)."""
+        return np.broadcast_to(np.asarray(value, np.float64), self._count)
 
 
 @cache
