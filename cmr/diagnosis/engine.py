@@ -62,7 +62,7 @@ def prepare(recordings: Sequence[Recording], nominal: ParameterFile) -> Ready:
     study = Study(ready, gains, scene)
     base = study.fit(values, names, Noise.plain(ready, study.errors(values)), renew=0)
     study.scene = replace(scene, parameters=base.values)
-    return Ready(study, base, checks, tuple(f.sentence for f in checks if f.found))
+    return Ready(study, base, checks)
 
 
 def _scene(ready: Sequence[Predictor], values: dict[str, float], gains: Gains) -> Scene:
