@@ -22,6 +22,7 @@ LEAST_SPREAD = 36.0  # or a smaller one on which all parts of the drive agree
 AGREED = 1e-5  # how often chance alone makes all parts of the drive agree as well
 HOLDS = 0.5  # of the drop must hold on data that it was not fitted on
 LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is exactly as the catalogue says
+WHEELS = ("psi_left", "psi_right")
 BURSTS, BURST_SHARE = 3, 0.1  # fewest bursts, and least share that they have in all of a signal's squared errors
 BURSTS_LEFT_BY_EFFECTS = 0.2  # of what the effects named explain may remain in bursts
 
@@ -51,7 +52,9 @@ def remaining(study: Study, fit: Fit, base: Fit) -> Remaining:
     loud = bursts(rest)
     spread, least = spread_of(tried), LEFT_BY_EFFECTS * explained
     found = [_structure(score, max(LEAST_SPREAD, least)) for score in tried if holds(score, spread, least)][:1]
-    found += [_bursts(one, explained) for one in loud if bursts_count(one, explained)][:1]
+    # Stamps that a busy host sets late make bursts in the wheels alone; a robot that jerks shows elsewhere, too.
+    sudden = [one for one in loud if one.signal not in WHEELS and bursts_count(one, explained)]
+    found += [_bursts(one, explained) for one in sudden][:1]
     # Coarse encoders make errors of their own, which go with speed.
     if not found or max(predictor.piece.tick for predictor in study.predictors) > COARSE:
         found = [(Unexplained(), tried[0].held_out if tried else 0.0, max(LEAST_SPREAD, least))]
