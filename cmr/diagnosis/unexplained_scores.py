@@ -90,7 +90,7 @@ class Remainder:
 
 
 def remainder(study: Study, fit: Fit, errors: Sequence[Errors]) -> Remainder:
-    """Return what a fit leaves; `errors` are those at its values."""
+    """Return what a fit leaves; the first column of `errors` are those at its values."""
     basis = np.linalg.qr(fit.slopes)[0]
     signals, times, recordings, jerks = [], [], [], []
     for number, (predictor, error) in enumerate(zip(study.predictors, errors, strict=True)):
@@ -127,13 +127,15 @@ def _jerky(predictor: Predictor, motion: Floats, values: Mapping[str, float], si
 
 def scores(study: Study, fit: Fit, errors: Sequence[Errors], rest: Remainder) -> list[Score]:
     """Return the scores of all terms, beside a fit that leaves `rest`."""
-    drives = drives_of(study.predictors, errors)
+    drives = drives_of(study.predictors, errors, fit.values["k1"])
     foretold = all(len(predictor.piece.heard.given) == 0 for predictor in study.predictors)
     result = []
     terms = terms_for(drives, foretold)
     for signals in dict.fromkeys(SEEN_IN.values()):
         some = [term for term in terms if SEEN_IN[term.disturbed] == signals]
         rows = _rows(rest, signals)
+        if not len(rows.order):
+            continue
         views = [only(predictor, signals) for predictor in study.predictors]
         for chunk in _chunks(some, drives, len(rows.order)):
             errors_of = [

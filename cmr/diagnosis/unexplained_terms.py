@@ -13,12 +13,13 @@ from cmr.diagnosis.prediction import Errors, Predictor
 from cmr.model.observer import MOTION
 from cmr.recordings.signal import Floats
 
-SPACING, FEWEST, MOST = 0.4, 3, 8  # m between the knots of what depends on the place; how many knots
+SPACING, FEWEST, MOST = 0.4, 3, 10  # m between the knots of what depends on the place; how many knots
 MOMENTS = 7  # knots of what depends on time
 RIPPLES = (1, 2, 3, 4, 6, 8)  # in a turn of a wheel
 STILL = 0.03  # of the top speed; well above it a robot moves
 FRICTION = (0.02, 0.1)  # of the top speed; where friction may set in
 IDLE = 0.01  # duty
+MEMORIES = (0.1, 1.0)  # s for which a command may be remembered
 REVERSED = 0.02  # of the top speed, beyond which a direction counts
 SINCE_REVERSAL = ((0.0, 0.15), (0.15, 0.3), (0.3, 0.5), (0.5, 1.0))  # s
 SPEEDS = 5  # knots of what an encoder may miss at speed
@@ -32,8 +33,8 @@ WHEELS = ("left", "right")
 class Drive:
     """How a robot moved in one piece, in the middle of each step, all of shape (T,).
 
-    `duty`, `psi` and `angle` are those of left and right. Speeds are shares of the top ones that were driven, places
-    are in [m], and `dt` [s] is the step.
+    `duty`, `effort` (the duty that is left to accelerate), `psi` and `angle` are those of left and right. Speeds are
+    shares of the top ones that were driven, places are in [m], and `dt` [s] is the step.
     """
 
     time: Floats
@@ -43,12 +44,13 @@ class Drive:
     speed: Floats
     yaw_rate: Floats
     duty: tuple[Floats, Floats]
+    effort: tuple[Floats, Floats]
     psi: tuple[Floats, Floats]
     angle: tuple[Floats, Floats]
     dt: float
 
     @classmethod
-    def of(cls, predictor: Predictor, motion: Floats, top: float) -> "Drive":
+    def of(cls, predictor: Predictor, motion: Floats, top: float, k1: float) -> "Drive":
         """Return the drive of a piece in which the robot moved like this; `top` [rad/s] is its top wheel speed."""
         heard = predictor.piece.heard
         column = dict(zip(MOTION, (0.5 * (motion[1:] + motion[:-1])).T, strict=True))
@@ -61,17 +63,18 @@ class Drive:
             speed=0.5 * (psi[0] + psi[1]),
             yaw_rate=0.5 * (psi[1] - psi[0]),
             duty=(heard.left, heard.right),
+            effort=(heard.left - k1 * column["psi_left"], heard.right - k1 * column["psi_right"]),
             psi=psi,
             angle=(column["angle_left"], column["angle_right"]),
             dt=heard.dt,
         )
 
 
-def drives_of(predictors: Sequence[Predictor], errors: Sequence[Errors]) -> list[Drive]:
-    """Return how the robot moved in all pieces."""
+def drives_of(predictors: Sequence[Predictor], errors: Sequence[Errors], k1: float) -> list[Drive]:
+    """Return how the robot, whose back-EMF is `k1` [s/rad], moved in all pieces."""
     wheels = [MOTION.index("psi_left"), MOTION.index("psi_right")]
     top = max(float(np.max(np.abs(error.motion[:, wheels]))) for error in errors)
-    return [Drive.of(p, e.motion, max(top, NOTHING)) for p, e in zip(predictors, errors, strict=True)]
+    return [Drive.of(p, e.motion, max(top, NOTHING), k1) for p, e in zip(predictors, errors, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -108,29 +111,31 @@ def terms_for(drives: Sequence[Drive], foretold: bool) -> list[Term]:
     longest = max(drives, key=lambda drive: len(drive.time))
     terms = [term for name in ("yaw_rate", "forward", "sideways") for term in _of_motion(name, knots)]
     terms += [term for name in ("gyro", "heading", "east", "north") for term in _of_reading(name, knots)]
-    return [*_of_wheels(longest), *_of_both_wheels(knots), *_of_encoders(longest), *terms] if foretold else terms
+    return [*_of_wheels(longest), *_of_both_wheels(knots), *_of_encoders(), *terms] if foretold else terms
 
 
 def _of_wheels(longest: Drive) -> list[Term]:
     """Return disturbances of each wheel's acceleration that go with its own command, speed and angle."""
     commands = ("command_left", "command_right")
     terms = [
-        _each(("left", "right"), commands, lambda u, _: [np.abs(u), u * u, u * np.abs(u), u**3]),
-        _each(("left", "right"), ("speed",), _of_speed),
-        _each(("left", "right"), (*commands, "speed"), lambda u, p: [u * p, np.abs(u) * p, u * np.abs(p)]),
-        _each(("left", "right"), (*commands, "speed"), lambda u, p: [p * (np.abs(u) < IDLE)]),
+        _each(WHEELS, commands, lambda u, _: [np.abs(u), u * u, u * np.abs(u), u**3]),
+        _each(WHEELS, ("speed",), _of_speed),
+        _each(WHEELS, (*commands, "speed"), lambda u, p: [u * p, np.abs(u) * p, u * np.abs(p)]),
+        _each(WHEELS, (*commands, "speed"), lambda u, p: [p * (np.abs(u) < IDLE)]),
+        Term("left", ("command_change",), _after_a_change),
         Term("left", ("time_since_reversal",), _after_a_wheels_reversal),
     ]
-    return terms + [Term("left", ANGLES, partial(_with_angle, longest, ("left", "right"), k)) for k in RIPPLES]
+    return terms + [Term("left", ANGLES, partial(_with_angle, longest, number)) for number in RIPPLES]
 
 
-def _of_encoders(longest: Drive) -> list[Term]:
+def _of_encoders() -> list[Term]:
     """Return disturbances of what each encoder counts."""
-    names = ("left_encoder", "right_encoder")
     knots = np.linspace(0.0, 1.0, SPEEDS)
-    return [
-        _each(names, ("speed",), lambda _, p: [p * p, p**3, *(p * hat for hat in _hats(np.abs(p), knots)[1:])]),
-    ]
+
+    def missed(_: Floats, psi: Floats) -> list[Floats]:
+        return [psi * psi, psi**3, *(psi * hat for hat in _hats(np.abs(psi), knots)[1:])]
+
+    return [_each(("left_encoder", "right_encoder"), ("speed",), missed)]
 
 
 def _of_both_wheels(knots: Knots) -> list[Term]:
@@ -158,6 +163,7 @@ def _of_motion(name: str, knots: Knots) -> list[Term]:
         _one(one, ("speed",), lambda d: [abs(d.speed), d.speed**2, d.speed * abs(d.speed), _moving(d.speed)]),
         _one(one, ("yaw_rate",), _of_turning),
         _one(one, ("speed_times_yaw_rate",), _products),
+        _one(one, ("acceleration",), _of_acceleration),
         *_with_heading(one, lambda d: _moving(abs(d.speed) + abs(d.yaw_rate)), ("heading",)),
         *_with_heading(one, lambda d: d.speed, ("heading", "speed")),
         _one(one, ("x",), lambda d: [d.speed * hat for hat in _hats(d.x, knots.x)]),
@@ -182,6 +188,7 @@ def _of_reading(name: str, knots: Knots) -> list[Term]:
             _one(one, ("speed",), lambda d: [d.speed, abs(d.speed), d.speed * abs(d.speed)]),
             _one(one, ("yaw_rate",), _of_turning),
             _one(one, ("speed_times_yaw_rate",), _products),
+            _one(one, ("acceleration",), _of_acceleration),
         ]
     return terms
 
@@ -213,6 +220,11 @@ def _of_turning(drive: Drive) -> list[Floats]:
     return [size, turning * size, turning**2, turning**3]
 
 
+def _of_acceleration(drive: Drive) -> list[Floats]:
+    forward, turning = 0.5 * (drive.effort[0] + drive.effort[1]), 0.5 * (drive.effort[1] - drive.effort[0])
+    return [forward, np.abs(forward), forward * np.abs(forward), turning, turning * np.abs(turning)]
+
+
 def _squares(values: Floats) -> list[Floats]:
     return [values**2, values * np.abs(values)]
 
@@ -237,18 +249,29 @@ def _with_heading(
     return [_one(sides, regressors, partial(waves, times)) for times in (1.0, 2.0)]
 
 
-def _with_angle(longest: Drive, names: tuple[str, str], ripples: int, drive: Drive) -> list[Column]:
+def _with_angle(longest: Drive, ripples: int, drive: Drive) -> list[Column]:
     """Return what rises and falls so often in a turn of a wheel, by itself and with what drives the wheel.
 
     Only the longest drive counts: each counts a wheel's angle from anew.
     """
     columns: list[Column] = []
-    for name, angle, duty, psi in zip(names, drive.angle, drive.duty, drive.psi, strict=True):
-        acts = {name: 1.0}
+    for name, angle, duty in zip(WHEELS, drive.angle, drive.duty, strict=True):
         for wave in (np.cos(ripples * angle), np.sin(ripples * angle)):
             counted = wave if drive is longest else np.zeros(len(wave))
-            courses = [counted, duty * counted] if name in WHEELS else [psi * counted]
-            columns += [(acts, course) for course in courses]
+            columns += [({name: 1.0}, counted), ({name: 1.0}, duty * counted)]
+    return columns
+
+
+def _after_a_change(drive: Drive) -> list[Column]:
+    """Return by how much each wheel's command is ahead of what it was on average for some time before."""
+    from scipy.signal import lfilter
+
+    columns: list[Column] = []
+    for name, duty in zip(WHEELS, drive.duty, strict=True):
+        for memory in MEMORIES:
+            kept = np.exp(-drive.dt / memory)
+            ahead = duty - lfilter([1.0 - kept], [1.0, -kept], duty)
+            columns += [({name: 1.0}, ahead), ({name: 1.0}, np.abs(ahead))]
     return columns
 
 
