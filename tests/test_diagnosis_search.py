@@ -1,0 +1,96 @@
+"""The parts of the search for effects: moments, places, roughness, noise and doubtful data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cmr.diagnosis.data import refusal, with_clocks_set
+from cmr.diagnosis.diagnose import diagnose
+from cmr.diagnosis.localising import best_moment, best_place
+from cmr.diagnosis.polishing import parabola
+from cmr.diagnosis.study import LARGE, tempered
+from cmr.recordings.checks import check
+from tests.hidden_effects import hidden_recording
+
+COUNT = 4000
+
+
+def test_the_moment_of_a_change_is_found() -> None:
+    """An effect that sets in at 70 s of 120 s is found there, to a second, in noise as large as it."""
+    random = np.random.default_rng(1)
+    time = np.linspace(0.0, 120.0, COUNT)
+    move = random.standard_normal(COUNT)
+    rest = -0.5 * move * (time > 70.0) + random.standard_normal(COUNT)
+    found = best_moment(move, rest, np.zeros((COUNT, 0)), time)
+    assert found.values["time"] == pytest.approx(70.0, abs=1.0)
+    assert np.array_equal(found.inside, time >= found.values["time"])
+
+
+def test_the_place_of_a_patch_is_found() -> None:
+    """An effect within 0.4 m of a point is found there, to 10 cm."""
+    random = np.random.default_rng(2)
+    places = random.uniform(-1.5, 1.5, (COUNT, 2))
+    move = random.standard_normal(COUNT)
+    inside = np.hypot(places[:, 0] - 1.0, places[:, 1] + 0.5) < 0.4
+    rest = -2.0 * move * inside + random.standard_normal(COUNT)
+    found = best_place(move, rest, np.zeros((COUNT, 0)), places)
+    assert found.values["x"] == pytest.approx(1.0, abs=0.1)
+    assert found.values["y"] == pytest.approx(-0.5, abs=0.1)
+    assert found.values["radius"] == pytest.approx(0.4, abs=0.11)
+
+
+def test_what_the_model_can_do_itself_is_no_evidence() -> None:
+    """A move along the model's own slopes explains nothing more, wherever it acts throughout."""
+    random = np.random.default_rng(3)
+    move = random.standard_normal(COUNT)
+    basis = (move / np.linalg.norm(move))[:, None]
+    rest = random.standard_normal(COUNT)
+    rest -= basis[:, 0] * (basis[:, 0] @ rest)
+    found = best_moment(move, rest, basis, np.linspace(0.0, 100.0, COUNT))
+    # The largest of many scores of chance, each chi-squared with one degree of freedom, stays below 30.
+    assert found.drop < 30.0
+
+
+def test_steps_in_the_valley_widen_the_interval() -> None:
+    """On smooth ground a scan adds nothing to the standard deviation; steps add more the higher they are."""
+    offsets = np.linspace(-1.0, 1.0, 16)
+    smooth = 100.0 * offsets**2
+    steps = 50.0 * (offsets > 0.2)
+    assert parabola(offsets, smooth)[0] < 1e-6
+    small, large = parabola(offsets, smooth + steps)[0], parabola(offsets, smooth + 3.0 * steps)[0]
+    assert 0.0 < small < large
+
+
+def test_large_errors_are_tempered_and_small_ones_kept() -> None:
+    """Below the limit errors stay as they are; above, their squares grow in proportion to the error."""
+    errors = np.array([0.5, -LARGE, 10.0 * LARGE, -100.0 * LARGE])
+    squares = tempered(errors) ** 2
+    assert np.allclose(squares[:2], errors[:2] ** 2)
+    assert np.allclose(squares[2:], 2.0 * LARGE * np.abs(errors[2:]) - LARGE**2)
+
+
+def test_a_clock_that_is_far_off_is_set_and_said() -> None:
+    """Poses stamped 2 s late are moved back to within 50 ms, with a sentence."""
+    recording = hidden_recording(manoeuvre="rich", seed=1).recording
+    late = replace(recording, poses=replace(recording.poses, utime=recording.poses.utime + 2_000_000))
+    mended, _, note = with_clocks_set(late)
+    assert "behind" in note
+    assert abs(int(mended.poses.utime[0]) - int(recording.poses.utime[0])) < 50_000
+
+
+def test_a_mirrored_reference_is_refused_not_explained() -> None:
+    """Poses with y to the right are told as such: bad data, no effect, no parameters."""
+    recording = hidden_recording(manoeuvre="rich", seed=1).recording
+    fields = {**recording.poses.fields, "y": -recording.poses["y"], "theta": -recording.poses["theta"]}
+    found = diagnose(replace(recording, poses=replace(recording.poses, fields=fields)))
+    assert found.verdict == "bad_data"
+    assert "mirrored" in found.sentence
+    assert found.extended is None
+
+
+def test_data_without_wheels_are_refused() -> None:
+    """The sentence says which sensor is missing."""
+    recording = hidden_recording(manoeuvre="rich", seed=1).recording
+    blind = replace(recording, wheels=recording.wheels.between(0, 1))
+    assert "MOTOR_FEEDBACK_N" in refusal([blind], [check(blind)])

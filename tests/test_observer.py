@@ -1,0 +1,109 @@
+"""The observer foretells what sensors say, and is drawn towards them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cmr.model.motion import RobotState, drive
+from cmr.model.observer import MOTION, RESTART, Gains, Heard, observe
+from cmr.model.parameters import RobotParameters
+
+ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
+FREE = Gains(0.0, 0.0, 0.0, 0.0)
+FOLLOWING = Gains(0.2, 1.0, 0.15, 0.15)
+STEPS, STEP = 1500, 0.01
+
+
+def heard(**parameters: float) -> Heard:
+    """Return what a robot with these parameters beside the paper's is told and says, without any noise."""
+    time = np.arange(STEPS) * STEP
+    left, right = 0.4 + 0.2 * np.sin(time), 0.4 - 0.2 * np.sin(0.7 * time)
+    borders = np.asarray(np.arange(1, STEPS) * STEP, np.float64)
+    at_poses = np.ascontiguousarray(borders[::4])
+    silent = Heard(
+        dt=STEP,
+        left=left,
+        right=right,
+        start=(0.0, 0.0, 0.0, 0.0, 0.0),
+        wheel_time=borders,
+        wheel=np.zeros((STEPS - 1, 2)),
+        wheel_use=np.ones((STEPS - 1, 2), np.uint8),
+        gyro_time=borders,
+        gyro=np.zeros(STEPS - 1),
+        pose_time=at_poses,
+        pose=np.zeros((len(at_poses), 3)),
+        pose_use=np.ones(len(at_poses), np.uint8),
+    )
+    said = observe(silent, {**ROBOT, **parameters}, FREE)
+    # Headings are told within half a turn; those of this drive stay there.
+    wheel, gyro, pose = (np.ascontiguousarray(-error[..., 0]) for error in said[:3])
+    return replace(silent, wheel=wheel, gyro=gyro, pose=pose)
+
+
+def test_without_gains_the_observer_drives_as_the_simulation_does() -> None:
+    """Motions of observer and simulation are the same to the last bit, effects included."""
+    parameters = {**ROBOT, "coulomb_friction": 4.0, "turn_slip": 0.03}
+    what = heard()
+    moved = observe(what, parameters, FREE).motion
+    free = drive(what.left, what.right, np.full(STEPS, STEP), RobotParameters.of(parameters), RobotState.at_rest())
+    for name in ("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"):
+        assert np.array_equal(moved[:, MOTION.index(name)], getattr(free, name)), name
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [{}, {"pose_offset": 0.05}, {"pose_latency": 0.04}, {"gyro_latency": 0.02}, {"encoder_scale": 0.02}],
+    ids=lambda effect: "".join(effect) or "none",
+)
+def test_the_true_parameters_leave_no_prediction_error(effect: dict[str, float]) -> None:
+    """With what is true, corrections find nothing to correct: errors are rounding."""
+    said = observe(heard(**effect), {**ROBOT, **effect}, FOLLOWING)
+    assert np.max(np.abs(said.wheel)) < 1e-9
+    assert np.max(np.abs(said.gyro)) < 1e-9
+    # The first pose may be told from before the drive began.
+    assert np.max(np.abs(said.pose[5:])) < 1e-9
+
+
+def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:
+    """A gyro's bias is an error of its size in the gyro, and none in wheels and poses."""
+    said = observe(heard(gyro_bias=0.01), ROBOT, FOLLOWING)
+    assert np.allclose(said.gyro, 0.01, atol=1e-9)
+    assert np.max(np.abs(said.wheel)) < 1e-9
+    assert np.max(np.abs(said.pose)) < 1e-9
+
+
+def test_errors_do_not_pile_up() -> None:
+    """With a base width 3 % off, free headings stray further and further; foretold ones stay near."""
+    wrong = {**ROBOT, "base_width": 0.165}
+    what = heard()
+    free, foretold = (np.abs(observe(what, wrong, gains).pose[:, 2, 0]) for gains in (FREE, FOLLOWING))
+    assert np.max(free) > 5.0 * np.max(foretold)
+
+
+def test_a_restart_forgets_where_the_robot_was_believed_to_be() -> None:
+    """After a pose that restarts it, the observer foretells the jumped path as well as the path before."""
+    what = heard()
+    jump = len(what.pose_time) // 2
+    pose, use = what.pose.copy(), what.pose_use.copy()
+    pose[jump:, 0] += 1.0
+    use[jump] = RESTART
+    said = observe(replace(what, pose=pose, pose_use=use), ROBOT, FOLLOWING)
+    assert abs(said.pose[jump, 0, 0]) == pytest.approx(1.0)
+    assert np.max(np.abs(said.pose[jump + 1 :])) < 1e-9
+
+
+def test_candidates_are_observed_side_by_side_as_one_by_one() -> None:
+    """A candidate's errors do not depend on the others."""
+    what = heard()
+    widths = np.array([0.155, 0.16, 0.17])
+    together = observe(what, {**ROBOT, "base_width": widths}, FOLLOWING)
+    for lane, width in enumerate(widths):
+        alone = observe(what, {**ROBOT, "base_width": width}, FOLLOWING)
+        assert np.array_equal(together.pose[:, :, lane], alone.pose[:, :, 0])
+
+
+def test_an_unknown_parameter_is_named() -> None:
+    """A misspelt name is an error that shows it."""
+    with pytest.raises(KeyError, match="base_with"):
+        observe(heard(), {**ROBOT, "base_with": 0.16}, FREE)
