@@ -32,6 +32,7 @@ MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [
 ABSURD = 3.0  # factor by which a parameter of the paper may not change when an effect comes in
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
+LEFT_BY_LATE = 0.003  # of what a fixed delay explains may be left in the spread
 SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
 TOO_SMALL = "It is too small to matter."
 MOST_SMALL = 3  # such effects that are fitted to see what remains
@@ -142,11 +143,12 @@ def _of_chance(found: Search) -> tuple[Named, Study] | None:
         return None
     late = [one for one in found.named if one.tried.effect.name in LATE]
     jitter, loss = spread[JITTER], spread[LOSS]
-    if late and jitter.drop > MAYBE_CHANCE * found.inflation:
+    of_late = max((one.tried.drop for one in late), default=0.0)
+    if late and jitter.drop > max(MAYBE_CHANCE * found.inflation, LEFT_BY_LATE * of_late):
         value = found.final.values
         mean = sum(value.get(parameter.name, 0.0) for one in late for parameter in one.tried.effect.parameters)
         mean = mean if all(one.tried.effect.name in MEANS for one in late) else 0.5 * jitter.value
-        drop = jitter.drop + max(one.tried.drop for one in late)
+        drop = jitter.drop + of_late
         rivals = tuple(one.tried.effect.name for one in late) if jitter.drop < THRESHOLD else ()
         # The mean of the delays is known better than their spread.
         largest = Estimate(2.0 * mean, DOUBT_OF_JITTER * mean)

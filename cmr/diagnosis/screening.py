@@ -18,6 +18,7 @@ from cmr.model.catalogue import CATALOGUE, definition
 from cmr.recordings.signal import Floats
 
 LARGEST_SHARE = 3.0  # of a trial's size that the noise's model may use
+MOST_AT_ONCE = 1.5  # of a trial's size with which a fit of several parameters begins
 MOST_OF_A_LIMIT = 1.3  # of a trial's size that a limit's score may use
 NOTHING = 1e-6  # white errors squared; a trial that changes less says nothing
 SET_ASIDE, FEWEST = 6, 10  # best trials that do not count for the inflation; others that must be left
@@ -71,10 +72,26 @@ def screen(
     best: dict[str, Score] = {}
     for score in sorted(scores, key=lambda score: -score.drop):
         best.setdefault(score.trial.effect, score)
+    best = {name: _together(score, scores) for name, score in best.items()}
     traces: dict[str, float] = {}
     for trial, size in zip(attempts, sizes, strict=True):
         traces[trial.effect] = max(float(size), traces.get(trial.effect, 0.0))
     return Screening(noise, tuple(best.values()), _inflation(moves, rest), traces)
+
+
+def _together(best: Score, scores: Sequence[Score]) -> Score:
+    """Return the best score of an effect of a time or place with all its parameters at once, as far as each scores."""
+    if not best.trial.local:
+        return best
+    values = dict(best.trial.values)
+    for score in scores:
+        if score.trial.effect == best.trial.effect:
+            for name, value in score.trial.values.items():
+                known = definition(name)
+                if known.switches and value != known.neutral:
+                    share = float(np.clip(score.share, -MOST_AT_ONCE, MOST_AT_ONCE))
+                    values[name] = float(np.clip(value * share, known.lower, known.upper))
+    return Score(replace(best.trial, values=values), best.drop, 1.0)
 
 
 def _beside(white: Floats, free: int) -> tuple[Floats, Floats, Floats]:
