@@ -20,6 +20,7 @@ from cmr.diagnosis.unexplained_scores import Score, remainder, scores
 LEAST_STEADY = 60.0  # drop of the sum of squares that no few moments explain,
 LEAST_SPREAD = 36.0  # or a smaller one on which all parts of the drive agree
 AGREED = 1e-5  # how often chance alone makes all parts of the drive agree as well
+PER_COEFFICIENT = 3.0  # drop that one more coefficient must bring for a term to be the better one
 HOLDS = 0.5  # of the drop must hold on data that it was not fitted on
 LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is exactly as the catalogue says
 WHEELS = ("psi_left", "psi_right")
@@ -48,7 +49,7 @@ def remaining(study: Study, fit: Fit, base: Fit) -> Remaining:
     squares = np.sum(tempered(study.made_white(errors, fit.noise)) ** 2, axis=0)
     explained = max(0.0, float(squares[1] - squares[0]))
     rest = remainder(study, fit, errors)
-    tried = sorted(scores(study, fit, errors, rest), key=lambda score: -score.held_out)
+    tried = sorted(scores(study, fit, errors, rest), key=lambda score: PER_COEFFICIENT * score.freedom - score.held_out)
     loud = bursts(rest)
     spread, least = spread_of(tried), LEFT_BY_EFFECTS * explained
     found = [_structure(score, max(LEAST_SPREAD, least)) for score in tried if holds(score, spread, least)][:1]

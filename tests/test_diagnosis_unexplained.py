@@ -1,0 +1,251 @@
+"""What no effect describes is found in what a model leaves, and nothing is found where nothing is."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cmr.diagnosis.engine import prepare
+from cmr.diagnosis.experiment import pieces_of
+from cmr.diagnosis.noise import Noise
+from cmr.diagnosis.prediction import SIGNALS, Predictor
+from cmr.diagnosis.report.terms import REGRESSORS
+from cmr.diagnosis.unexplained import BURSTS, Remaining, bursts_count, holds, remaining, spread_of
+from cmr.diagnosis.unexplained_bursts import bursts
+from cmr.diagnosis.unexplained_scores import Remainder, Score
+from cmr.diagnosis.unexplained_terms import Term, drives_of, terms_for
+from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
+from cmr.model.observer import MOTION, Gains
+from cmr.parameters.file import ParameterFile
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import Floats
+from tests.hidden_effects import hidden_recording
+from tests.reference_plant import NEUTRAL, packets, recording
+from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
+
+ROBOT = {name: getattr(NEUTRAL, name) for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
+GAINS = Gains(0.2, 1.0, 0.15, 0.15)
+SEED = 3
+RESTING = 2.0  # s before which the robot has not set off
+
+
+@cache
+def left_by(*hidden: str, modelled: tuple[str, ...] = (), noise: str = "realistic") -> Remaining:
+    """What remains of a rich drive beside a model that has these effects as they are."""
+    case = hidden_recording(*hidden, seed=SEED, noise=noise)
+    known = {name: case.truth.parameters[name] for name in modelled}
+    return remaining_of([case.recording], case.recording.parameters, known)
+
+
+def remaining_of(
+    recordings: list[Recording], nominal: ParameterFile | None, known: Mapping[str, float] | None = None
+) -> Remaining:
+    """What remains beside the paper's model and what is `known`, all fitted."""
+    known = known or {}
+    assert nominal is not None
+    ready = prepare(recordings, nominal)
+    study, base = ready.study, ready.base
+    assert study is not None
+    assert base is not None
+    values = {**base.values, **known}
+    noise = Noise.found(study.predictors, study.errors(values))
+    return remaining(study, study.fit(values, (*base.names, *known), noise), base)
+
+
+@cache
+def silent() -> Recording:
+    return recording(packets(rich_drive(), RICH_DRIVE_SECONDS), {}, RICH_DRIVE_SECONDS)
+
+
+@cache
+def predictor() -> Predictor:
+    (piece,) = pieces_of(silent(), (), 0)
+    return Predictor(piece)
+
+
+@pytest.mark.parametrize("hidden", [(), ("quadratic_drag",)])
+def test_nothing_remains_of_a_robot_whose_model_knows_everything(hidden: tuple[str, ...]) -> None:
+    left = left_by(*hidden, modelled=hidden)
+    assert not left.unexplained.present, left.unexplained
+    assert left.statistic < left.threshold
+
+
+@pytest.mark.parametrize(
+    ("hidden", "signals", "regressor"),
+    [
+        ("quadratic_drag", {"psi_left", "psi_right"}, "speed"),
+        ("torque_ripple", {"psi_left", "psi_right", "yaw_rate"}, "wheel_angle_left"),
+        ("side_wind", {"sideways"}, "heading"),
+        ("caster_flip", {"yaw_rate"}, "time"),
+    ],
+)
+def test_what_the_model_does_not_know_is_told_with_its_signal_and_what_it_goes_with(
+    hidden: str, signals: set[str], regressor: str
+) -> None:
+    left = left_by(hidden)
+    assert left.unexplained.present
+    assert left.statistic > left.threshold
+    assert left.unexplained.signal in signals
+    assert regressor in left.unexplained.regressors
+    assert 0.1 < left.unexplained.share < 1.0
+
+
+def test_coarse_encoders_are_not_taken_for_unknown_physics() -> None:
+    assert not left_by(noise="coarse").unexplained.present
+
+
+def motion() -> dict[str, Floats]:
+    """How the robot moves in the middle of each step."""
+    columns = predictor().errors(ROBOT, GAINS).motion
+    result = dict(zip(MOTION, (0.5 * (columns[1:] + columns[:-1])).T, strict=True))
+    result["speed"] = 0.5 * ROBOT["wheel_radius"] * (result["psi_left"] + result["psi_right"])
+    return result
+
+
+def of(*columns: tuple[str, Floats]) -> Disturbances:
+    """Disturbances of one thing each, by name."""
+    shares = np.zeros((len(DISTURBED), len(columns)))
+    for index, (name, _) in enumerate(columns):
+        shares[DISTURBED.index(name), index] = 1.0
+    return Disturbances(np.stack([course for _, course in columns], axis=1), shares)
+
+
+def as_disturbances(effect: str) -> Disturbances:
+    """What an effect of size 1 does, as its equation says it."""
+    m = motion()
+    drag = {side: -m[f"psi_{side}"] * np.abs(m[f"psi_{side}"]) for side in ("left", "right")}
+    return {
+        "slope_x": of(("left", -np.cos(m["theta"])), ("right", -np.cos(m["theta"]))),
+        "quadratic_drag": of(*drag.items()),
+        "lateral_skid": of(("sideways", -m["speed"] * m["yaw_rate"])),
+        "wheel_radius_scale": of(("forward", m["speed"]), ("yaw_rate", m["yaw_rate"])),
+        "encoder_scale": of(("left_encoder", m["psi_left"]), ("right_encoder", m["psi_right"])),
+        "gyro_scale": of(("gyro", m["yaw_rate"])),
+        "pose_offset": of(("east", np.cos(m["theta"])), ("north", np.sin(m["theta"]))),
+    }[effect]
+
+
+@pytest.mark.parametrize(
+    "effect",
+    ["slope_x", "quadratic_drag", "lateral_skid", "wheel_radius_scale", "encoder_scale", "gyro_scale", "pose_offset"],
+)
+def test_a_disturbance_leaves_the_traces_of_the_effect_that_does_the_same(effect: str) -> None:
+    size = 1e-4
+    without = predictor().errors(ROBOT, GAINS)
+    beside = predictor().errors({**ROBOT, effect: size}, GAINS)
+    left = traces(predictor(), without.motion, ROBOT, GAINS, as_disturbances(effect))
+    for signal in SIGNALS:
+        real = (without.of[signal] - beside.of[signal])[:, 0] / size
+        off = left.of[signal].sum(axis=1) - real
+        assert np.linalg.norm(off) <= 0.1 * np.linalg.norm(real), signal
+
+
+def test_of_some_signals_alone_the_traces_are_the_same() -> None:
+    without = predictor().errors(ROBOT, GAINS)
+    one = as_disturbances("lateral_skid")
+    some = traces(only(predictor(), ("forward", "sideways")), without.motion, ROBOT, GAINS, one)
+    every = traces(predictor(), without.motion, ROBOT, GAINS, one)
+    assert set(some.of) == {"forward", "sideways"}
+    for signal in some.of:
+        assert np.array_equal(some.of[signal], every.of[signal])
+    assert not any(np.any(every.of[signal]) for signal in set(SIGNALS) - set(some.of))
+
+
+def test_dry_friction_holds_a_resting_wheel_against_a_disturbance() -> None:
+    values = {**ROBOT, "coulomb_friction": 4.0}
+    without = predictor().errors(values, GAINS)
+    rest = predictor().times["psi_left"] < RESTING
+    push = of(("left", np.ones(len(without.motion) - 1)))
+    held, pushed = (traces(predictor(), without.motion, robot, GAINS, push) for robot in (values, ROBOT))
+    assert not np.any(held.of["psi_left"][rest])
+    assert np.all(pushed.of["psi_left"][rest] > 0.0)
+
+
+def terms() -> list[Term]:
+    return terms_for(drives_of([predictor()], [predictor().errors(ROBOT, GAINS)], ROBOT["k1"]), foretold=True)
+
+
+def test_reports_know_the_names_of_what_terms_go_with() -> None:
+    names = {name for term in terms() for name in term.regressors}
+    assert names - set(REGRESSORS) == {"time_since_reversal"}
+    assert {term.disturbed for term in terms()} <= set(SEEN_IN)
+
+
+def test_columns_of_a_term_are_finite_and_as_many_in_every_drive() -> None:
+    (drive,) = drives_of([predictor()], [predictor().errors(ROBOT, GAINS)], ROBOT["k1"])
+    still = replace(drive, **{name: 0.0 * getattr(drive, name) for name in ("speed", "yaw_rate", "x", "y", "theta")})
+    for term in terms_for([drive, still], foretold=True):
+        columns = term.columns(drive)
+        assert len(columns) == len(term.columns(still))
+        assert all(np.all(np.isfinite(course)) and course.shape == drive.time.shape for _, course in columns)
+
+
+def score(drop: float, **fields: float) -> Score:
+    return Score(terms()[0], **{"drop": drop, "freedom": 4, "blocks": 80, **fields})  # type: ignore[arg-type]
+
+
+def test_a_term_counts_that_explains_much_throughout_the_drive() -> None:
+    assert holds(score(500.0, held_out=450.0, steady=300.0), 1.0, 0.0)
+
+
+def test_a_small_term_counts_only_where_all_parts_of_the_drive_agree() -> None:
+    assert holds(score(60.0, held_out=50.0, steady=40.0, agreement=45.0), 1.0, 0.0)
+    assert not holds(score(60.0, held_out=50.0, steady=40.0, agreement=15.0), 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "least"),
+    [
+        ({"held_out": 100.0, "steady": 300.0}, 0.0),  # it foretells little
+        ({"held_out": 450.0, "steady": 20.0}, 0.0),  # a few moments make all of it
+        ({"held_out": 450.0, "steady": 300.0}, 460.0),  # effects that explain much may leave as much
+    ],
+)
+def test_a_term_does_not_count_for_its_drop_alone(fields: dict[str, float], least: float) -> None:
+    assert not holds(score(500.0, **fields), 1.0, least)
+
+
+def test_drops_of_terms_that_explain_nothing_tell_how_far_the_noise_is_off() -> None:
+    assert spread_of([score(12.0) for _ in range(9)]) == pytest.approx(3.0)
+    assert spread_of([score(2.0) for _ in range(9)]) == 1.0
+    assert spread_of([]) == 1.0
+
+
+def white_noise(seconds: float = 60.0, rate: float = 100.0) -> Remainder:
+    count = int(seconds * rate)
+    noise = np.random.default_rng(1).standard_normal(count)
+    number = np.full(count, SIGNALS.index("yaw_rate"))
+    zeros = np.zeros(count, np.int64)
+    return Remainder(noise, noise, np.zeros((count, 1)), number, np.arange(count) / rate, zeros, zeros)
+
+
+def test_noise_has_no_bursts_and_a_few_loud_moments_are_counted_as_such() -> None:
+    noise = white_noise()
+    (calm,) = bursts(noise)
+    assert (calm.number, calm.excess) == (0, 0.0)
+    at = np.isin((noise.time / 0.5).astype(int), (10, 50, 90))
+    (loud,) = bursts(replace(noise, loud=np.where(at, 10.0 * noise.loud, noise.loud)))
+    assert loud.number == 3
+    assert bursts_count(loud, explained=0.0)
+    assert not bursts_count(loud, explained=10.0 * loud.excess)
+    assert not bursts_count(replace(loud, number=BURSTS - 1), explained=0.0)
+
+
+@pytest.mark.parametrize("missing", ["commands", "gyro", "poses"])
+def test_what_was_not_recorded_is_done_without(missing: str) -> None:
+    one = hidden_recording(seed=SEED).recording
+    without = one.where({missing: np.zeros(len(one.signals[missing]), np.bool_)})
+    left = remaining_of([without], one.parameters)
+    assert not left.unexplained.present, left.unexplained
+    disturbed = {score.term.disturbed for score in left.scores}
+    assert ("left" in disturbed) == (missing != "commands")
+    assert ("east" in disturbed) == (missing != "poses")
+
+
+def test_what_remains_of_two_recordings_holds_from_one_to_the_other() -> None:
+    cases = [hidden_recording("gyro_magnetism", seed=SEED, run=run) for run in (0, 1)]
+    left = remaining_of([case.recording for case in cases], cases[0].recording.parameters)
+    assert left.unexplained.present
+    assert (left.unexplained.signal, left.unexplained.regressors) == ("yaw_rate", ("heading",))
