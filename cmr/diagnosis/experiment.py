@@ -78,7 +78,7 @@ def _tick_of(angles: Floats, counts: Floats) -> float:
     """Return what an encoder's count goes up by at once, in radians; where it was not recorded, the smallest step."""
     turned, counted = np.diff(angles), np.diff(counts)
     moved = (np.abs(turned) > NO_STEP) & (counted != 0.0) & np.isfinite(counted)
-    if moved.any():
+    if moved.any() and np.all(counted[moved] == np.round(counted[moved])):
         at_once = np.gcd.reduce(np.abs(counted[moved]).astype(np.int64))
         return float(np.median(np.abs(turned[moved] / counted[moved])) * at_once)
     steps = np.abs(turned[np.abs(turned) > NO_STEP])
