@@ -22,7 +22,7 @@ def test_the_moment_of_a_change_is_found() -> None:
     time = np.linspace(0.0, 120.0, COUNT)
     move = random.standard_normal(COUNT)
     rest = -0.5 * move * (time > 70.0) + random.standard_normal(COUNT)
-    found = best_moment(move, rest, np.zeros((COUNT, 0)), time)
+    found = best_moment(move[:, None], rest, np.zeros((COUNT, 0)), time)
     assert found.values["time"] == pytest.approx(70.0, abs=1.0)
     assert np.array_equal(found.inside, time >= found.values["time"])
 
@@ -47,7 +47,7 @@ def test_what_the_model_can_do_itself_is_no_evidence() -> None:
     basis = (move / np.linalg.norm(move))[:, None]
     rest = random.standard_normal(COUNT)
     rest -= basis[:, 0] * (basis[:, 0] @ rest)
-    found = best_moment(move, rest, basis, np.linspace(0.0, 100.0, COUNT))
+    found = best_moment(move[:, None], rest, basis, np.linspace(0.0, 100.0, COUNT))
     # The largest of many scores of chance, each chi-squared with one degree of freedom, stays below 30.
     assert found.drop < 30.0
 

@@ -27,17 +27,20 @@ class Local:
     inside: Mask
 
 
-def best_moment(move: Floats, rest: Floats, basis: Floats, time: Floats) -> Local:
-    """Return the moment [s] from which on a move (n,) explains most of `rest` (n,).
+def best_moment(moves: Floats, rest: Floats, basis: Floats, time: Floats) -> Local:
+    """Return the moment [s] from which on some moves (n, m) together explain most of `rest` (n,).
 
     `basis` (n, p), orthonormal, is what the model explains itself; `rest` is free of it. `time` (n,) is that of each.
+    What several moves explain is added up, as if they had nothing in common.
     """
     order = np.argsort(-time, kind="stable")
-    pulls, sizes = np.cumsum((move * rest)[order]), np.cumsum((move * move)[order])
-    along = np.cumsum(basis[order] * move[order, None], axis=0)
-    drops = _drops(pulls, sizes, along)
     since = time[order]
-    allowed = (sizes > EDGE * sizes[-1]) & (sizes < (1.0 - EDGE) * sizes[-1])
+    drops, allowed = np.zeros(len(time)), np.ones(len(time), np.bool_)
+    for move in moves.T:
+        pulls, sizes = np.cumsum((move * rest)[order]), np.cumsum((move * move)[order])
+        along = np.cumsum(basis[order] * move[order, None], axis=0)
+        drops += _drops(pulls, sizes, along)
+        allowed &= (sizes > EDGE * sizes[-1]) & (sizes < (1.0 - EDGE) * sizes[-1])
     best = int(np.argmax(np.where(allowed, drops, -1.0)))
     moment = float(since[best])
     return Local(float(drops[best]) if allowed.any() else 0.0, {"time": moment}, time >= moment)

@@ -115,11 +115,11 @@ def _localised(
         if trial.local:
             if several and trial.local == "time":
                 continue
-            move = white[:, column] - white[:, 0]
+            alike = [free + 1 + other for other, one in enumerate(attempts) if one.effect == trial.effect]
             local = (
-                best_moment(move, rest, basis, rows[:, 0])
+                best_moment(white[:, alike] - white[:, :1], rest, basis, rows[:, 0])
                 if trial.local == "time"
-                else best_place(move, rest, basis, rows[:, 1:])
+                else best_place(white[:, column] - white[:, 0], rest, basis, rows[:, 1:])
             )
             if local.drop <= 0.0:
                 continue
