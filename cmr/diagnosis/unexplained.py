@@ -18,8 +18,8 @@ from cmr.diagnosis.unexplained_bursts import Bursts, bursts
 from cmr.diagnosis.unexplained_scores import Score, remainder, scores
 
 LEAST_STEADY = 60.0  # drop of the sum of squares that no few moments explain,
-LEAST_SPREAD = 36.0  # or a smaller one on which all parts of the drive agree
-AGREED = 1e-5  # how often chance alone makes all parts of the drive agree as well
+LEAST_SPREAD = 40.0  # or a smaller one on which all parts of the drive agree
+AGREED = 5e-5  # how often chance alone makes all parts of the drive agree as well
 PER_COEFFICIENT = 3.0  # drop that one more coefficient must bring for a term to be the better one
 HOLDS = 0.5  # of the drop must hold on data that it was not fitted on
 LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is exactly as the catalogue says

@@ -47,6 +47,7 @@ SEEN_IN: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("forward", "sideways", "east", "north"), ("forward", "sideways")),
 }
 PSI_LEFT, PSI_RIGHT, THETA = (MOTION.index(name) for name in ("psi_left", "psi_right", "theta"))
+OF_WHEELS = [DISTURBED.index(name) for name in ("left", "right", "left_encoder", "right_encoder")]
 HOLDING = ("coulomb_friction", "static_friction", "surface_patch_friction")
 
 
@@ -80,9 +81,10 @@ def traces(
     result = [np.zeros((n, count)) for n in (*rows, *[len(heard.pose_time)] * 3)]
     slowing = max(values["k1"] * values["k2_over_k3"], 1e-9)
     holds = float(any(values.get(name, 0.0) > 0.0 for name in HOLDING))
+    rolling = float(np.any(disturbances.shares[OF_WHEELS]))
     follow_traces(
         np.ascontiguousarray(disturbances.courses), np.ascontiguousarray(disturbances.shares), motion,
-        np.array([heard.dt, slowing, values["wheel_radius"], values["base_width"], holds, *gains]),
+        np.array([heard.dt, slowing, values["wheel_radius"], values["base_width"], holds, rolling, *gains]),
         heard.wheel_time[: len(use)], np.ascontiguousarray(use), heard.gyro_time[:readings],
         heard.pose_time, np.ascontiguousarray(heard.pose[:, 2]), heard.pose_use, *result,
     )  # fmt: skip
@@ -98,45 +100,55 @@ def follow_traces(  # type: ignore[no-untyped-def]
     courses, shares, motion, numbers, wheel_time, wheel_use, gyro_time, pose_time, pose_theta, pose_use,
     left_error, right_error, gyro_error, forward_error, sideways_error, heading_error,
 ):  # fmt: skip
-    """Observe disturbances, one to a lane; `numbers` are dt, rate of slowing down, radius, width, holds, and gains."""
+    """Observe disturbances, one to a lane.
+
+    `numbers` are dt, the rate at which wheels slow down, radius, width, whether friction holds a wheel that rests,
+    whether any wheel is disturbed at all, and the gains.
+    """
     steps, lanes = courses.shape
-    dt, slowing, radius, width, holds = numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]
-    gain_angle, gain_psi, gain_position, gain_theta = numbers[5], numbers[6], numbers[7], numbers[8]
+    dt, slowing, radius, width, holds, rolling = (
+        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5],
+    )  # fmt: skip
+    gain_angle, gain_psi, gain_position, gain_theta = numbers[6], numbers[7], numbers[8], numbers[9]
     kept = exp(-slowing * dt)
     coasted = (1.0 - kept) / slowing
     driven = (dt - coasted) / slowing
-    state = np.zeros((11, lanes))
+    state = np.zeros((13, lanes))
     psi_left, psi_right, angle_left, angle_right, before_left, before_right = (
         state[0], state[1], state[2], state[3], state[4], state[5],
     )  # fmt: skip
     x, y, theta, turning, turned_before = state[6], state[7], state[8], state[9], state[10]
+    rolled_left, rolled_right = state[11], state[12]
     wheel, gyro, pose, left, right = 0, 0, 0, 0, 0
     for step in range(steps):
         course = courses[step]
         # Dry friction holds a wheel that rests.
-        free_left = 0.0 if holds > 0.0 and motion[step, PSI_LEFT] == 0.0 and motion[step + 1, PSI_LEFT] == 0.0 else 1.0
-        free_right = (
-            0.0 if holds > 0.0 and motion[step, PSI_RIGHT] == 0.0 and motion[step + 1, PSI_RIGHT] == 0.0 else 1.0
-        )
+        rests_left = motion[step, PSI_LEFT] == 0.0 and motion[step + 1, PSI_LEFT] == 0.0
+        rests_right = motion[step, PSI_RIGHT] == 0.0 and motion[step + 1, PSI_RIGHT] == 0.0
+        free_left = 0.0 if holds > 0.0 and rests_left else 1.0
+        free_right = 0.0 if holds > 0.0 and rests_right else 1.0
         cosine, sine = cos(motion[step, THETA]), sin(motion[step, THETA])
         ahead = 0.5 * radius * dt * (motion[step + 1, PSI_LEFT] + motion[step + 1, PSI_RIGHT])
+        if rolling > 0.0:
+            for i in range(lanes):
+                before_left[i], before_right[i] = angle_left[i], angle_right[i]
+                push_left, push_right = shares[0, i] * course[i] * free_left, shares[1, i] * course[i] * free_right
+                rolled_left[i] = free_left * coasted * psi_left[i] + driven * push_left
+                rolled_right[i] = free_right * coasted * psi_right[i] + driven * push_right
+                psi_left[i] = free_left * kept * psi_left[i] + coasted * push_left
+                psi_right[i] = free_right * kept * psi_right[i] + coasted * push_right
+                # What an encoder miscounts is as if the wheel were elsewhere; the body does not follow it.
+                angle_left[i] += rolled_left[i] + shares[5, i] * course[i] * dt
+                angle_right[i] += rolled_right[i] + shares[6, i] * course[i] * dt
         for i in range(lanes):
-            before_left[i], before_right[i], turned_before[i] = angle_left[i], angle_right[i], turning[i]
-            push_left, push_right = shares[0, i] * course[i] * free_left, shares[1, i] * course[i] * free_right
-            rolled_left = free_left * coasted * psi_left[i] + driven * push_left
-            rolled_right = free_right * coasted * psi_right[i] + driven * push_right
-            psi_left[i] = free_left * kept * psi_left[i] + coasted * push_left
-            psi_right[i] = free_right * kept * psi_right[i] + coasted * push_right
-            turn = (rolled_right - rolled_left) * radius / width + shares[2, i] * course[i] * dt
+            turn = (rolled_right[i] - rolled_left[i]) * radius / width + shares[2, i] * course[i] * dt
+            turned_before[i] = turning[i]
             turning[i] = turn / dt
-            on = 0.5 * radius * (rolled_left + rolled_right) + shares[3, i] * course[i] * dt
+            on = 0.5 * radius * (rolled_left[i] + rolled_right[i]) + shares[3, i] * course[i] * dt
             aside = shares[4, i] * course[i] * dt + ahead * (theta[i] + 0.5 * turn)
             x[i] += on * cosine - aside * sine
             y[i] += on * sine + aside * cosine
             theta[i] += turn
-            # What an encoder miscounts is as if the wheel were elsewhere; the body does not follow it.
-            angle_left[i] += rolled_left + shares[5, i] * course[i] * dt
-            angle_right[i] += rolled_right + shares[6, i] * course[i] * dt
         now = (step + 1) * dt
         # Yaw rates are means over steps, known in their middles.
         while gyro < len(gyro_time) and gyro_time[gyro] + 0.5 * dt <= now:
