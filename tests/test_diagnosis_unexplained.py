@@ -12,7 +12,7 @@ from cmr.diagnosis.experiment import pieces_of
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import SIGNALS, Predictor
 from cmr.diagnosis.report.terms import REGRESSORS
-from cmr.diagnosis.unexplained import BURSTS, Remaining, bursts_count, holds, remaining, spread_of
+from cmr.diagnosis.unexplained import BURSTS, LEAST, Remaining, bursts_count, holds, remaining, spread_of
 from cmr.diagnosis.unexplained_bursts import bursts
 from cmr.diagnosis.unexplained_scores import Remainder, Score
 from cmr.diagnosis.unexplained_terms import Term, drives_of, terms_for
@@ -187,19 +187,19 @@ def score(drop: float, **fields: float) -> Score:
 
 
 def test_a_term_counts_that_explains_much_throughout_the_drive() -> None:
-    assert holds(score(500.0, held_out=450.0, steady=300.0), 1.0, 0.0)
+    assert holds(score(500.0, held_out=450.0, steady=300.0), 1.0, LEAST)
 
 
 def test_a_small_term_counts_only_where_all_parts_of_the_drive_agree() -> None:
-    assert holds(score(60.0, held_out=50.0, steady=40.0, agreement=45.0), 1.0, 0.0)
-    assert not holds(score(60.0, held_out=50.0, steady=40.0, agreement=15.0), 1.0, 0.0)
+    assert holds(score(60.0, held_out=50.0, steady=40.0, agreement=45.0), 1.0, LEAST)
+    assert not holds(score(60.0, held_out=50.0, steady=40.0, agreement=15.0), 1.0, LEAST)
 
 
 @pytest.mark.parametrize(
     ("fields", "least"),
     [
-        ({"held_out": 100.0, "steady": 300.0}, 0.0),  # it foretells little
-        ({"held_out": 450.0, "steady": 20.0}, 0.0),  # a few moments make all of it
+        ({"held_out": 100.0, "steady": 300.0}, LEAST),  # it foretells little
+        ({"held_out": 450.0, "steady": 20.0}, LEAST),  # a few moments make all of it
         ({"held_out": 450.0, "steady": 300.0}, 460.0),  # effects that explain much may leave as much
     ],
 )

@@ -17,9 +17,9 @@ from cmr.diagnosis.study import Fit, Study, tempered
 from cmr.diagnosis.unexplained_bursts import Bursts, bursts
 from cmr.diagnosis.unexplained_scores import Score, remainder, scores
 
-LEAST_STEADY = 60.0  # drop of the sum of squares that no few moments explain,
-LEAST_SPREAD = 40.0  # or a smaller one on which all parts of the drive agree
-AGREED = 5e-5  # how often chance alone makes all parts of the drive agree as well
+LEAST, LEAST_SHARE = 40.0, 1e-3  # drop of the sum of squares, and share of it, from which a term is worth a word
+SURELY = 1.5  # as much, without the few moments that speak most for the term, is beyond doubt,
+AGREED = 5e-5  # or less, on which all parts of the drive agree as chance does so often
 PER_COEFFICIENT = 3.0  # drop that one more coefficient must bring for a term to be the better one
 HOLDS = 0.5  # of the drop must hold on data that it was not fitted on
 LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is exactly as the catalogue says
@@ -51,14 +51,14 @@ def remaining(study: Study, fit: Fit, base: Fit) -> Remaining:
     rest = remainder(study, fit, errors)
     tried = sorted(scores(study, fit, errors, rest), key=lambda score: PER_COEFFICIENT * score.freedom - score.held_out)
     loud = bursts(rest)
-    spread, least = spread_of(tried), LEFT_BY_EFFECTS * explained
-    found = [_structure(score, max(LEAST_SPREAD, least)) for score in tried if holds(score, spread, least)][:1]
+    spread, least = spread_of(tried), max(LEAST, LEAST_SHARE * len(rest.white), LEFT_BY_EFFECTS * explained)
+    found = [_structure(score, least) for score in tried if holds(score, spread, least)][:1]
     # Stamps that a busy host sets late make bursts in the wheels alone; a robot that jerks shows elsewhere, too.
     sudden = [one for one in loud if one.signal not in WHEELS and bursts_count(one, explained)]
     found += [_bursts(one, explained) for one in sudden][:1]
     # Coarse encoders make errors of their own, which go with speed.
     if not found or max(predictor.piece.tick for predictor in study.predictors) > COARSE:
-        found = [(Unexplained(), tried[0].held_out if tried else 0.0, max(LEAST_SPREAD, least))]
+        found = [(Unexplained(), tried[0].held_out if tried else 0.0, least)]
     unexplained, statistic, threshold = max(found, key=lambda one: one[0].share)
     return Remaining(
         unexplained=unexplained, statistic=statistic, threshold=threshold, scores=tuple(tried), bursts=tuple(loud)
@@ -74,9 +74,7 @@ def holds(score: Score, spread: float, least: float) -> bool:
     """Tell whether a term explains something beyond doubt, and at least so much."""
     if score.held_out < max(HOLDS * score.drop, least):
         return False
-    if min(score.steady, score.held_out) > LEAST_STEADY:
-        return True
-    return score.held_out > LEAST_SPREAD and score.chance(spread) < AGREED
+    return min(score.steady, score.held_out) > SURELY * least or score.chance(spread) < AGREED
 
 
 def bursts_count(one: Bursts, explained: float) -> bool:

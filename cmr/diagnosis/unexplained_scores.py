@@ -57,14 +57,14 @@ class Score:
 
         `spread` is how much larger than assumed the drops of terms that explain nothing are.
         """
-        from scipy.stats import chi2, f
+        from scipy.special import chdtrc, fdtrc
 
         if self.blocks <= self.freedom:
             return 1.0
         left = max(self.blocks - self.agreement, 1e-9 * self.blocks)
         ratio = self.agreement / self.freedom / (left / (self.blocks - self.freedom))
-        by_blocks = f.sf(ratio, self.freedom, self.blocks - self.freedom)
-        return float(max(by_blocks, chi2.sf(self.drop / spread, self.freedom)))
+        by_blocks = fdtrc(self.freedom, self.blocks - self.freedom, ratio)
+        return float(max(by_blocks, chdtrc(self.freedom, self.drop / spread)))
 
 
 @dataclass(frozen=True)

@@ -263,14 +263,14 @@ def _with_angle(longest: Drive, ripples: int, drive: Drive) -> list[Column]:
 
 
 def _after_a_change(drive: Drive) -> list[Column]:
-    """Return by how much each wheel's command is ahead of what it was on average for some time before."""
-    from scipy.signal import lfilter
-
+    """Return by how much each wheel's command is ahead of its mean over some time before."""
     columns: list[Column] = []
     for name, duty in zip(WHEELS, drive.duty, strict=True):
+        sums = np.concatenate([[0.0], np.cumsum(duty)])
+        index = np.arange(len(duty))
         for memory in MEMORIES:
-            kept = np.exp(-drive.dt / memory)
-            ahead = duty - lfilter([1.0 - kept], [1.0, -kept], duty)
+            first = np.maximum(index + 1 - round(memory / drive.dt), 0)
+            ahead = duty - (sums[1:] - sums[first]) / (index + 1 - first)
             columns += [({name: 1.0}, ahead), ({name: 1.0}, np.abs(ahead))]
     return columns
 
