@@ -61,10 +61,11 @@ def screen(
     sets += [{**values, **trial.values} for trial in attempts]
     errors = study.errors(lanes_of(sets))
     rows = study.rows(errors)
-    noise = noise or Noise.plain(study.predictors, errors)
-    noise = noise_of_all(study, errors, len(names), noise)
-    attempts, errors = _localised(study, attempts, errors, len(names), noise, rows)
-    noise = noise_of_all(study, errors, len(names), noise)
+    if noise is None:
+        plain = Noise.plain(study.predictors, errors)
+        noise = noise_of_all(study, errors, study.made_white(errors, plain), len(names))
+    attempts, errors, white = _localised(study, attempts, errors, len(names), noise, rows)
+    noise = noise_of_all(study, errors, white, len(names))
     white = study.made_white(errors, noise)
     rest, _, moves = _beside(white, len(names))
     sizes, pulls = np.einsum("nc,nc->c", moves, moves), moves.T @ rest
@@ -104,8 +105,11 @@ def _beside(white: Floats, free: int) -> tuple[Floats, Floats, Floats]:
 
 def _localised(
     study: Study, attempts: Sequence[Trial], errors: Sequence[Errors], free: int, noise: Noise, rows: Floats
-) -> tuple[list[Trial], list[Errors]]:
-    """Replace trials that act always or everywhere by those that act from the best moment on, or at the best place."""
+) -> tuple[list[Trial], list[Errors], Floats]:
+    """Replace trials that act always or everywhere by those that act from the best moment on, or at the best place.
+
+    Returns the trials, their errors, and these made white with the noise.
+    """
     white = study.made_white(errors, noise)
     rest, basis, _ = _beside(white, free)
     several = len({predictor.piece.recording for predictor in study.predictors}) > 1
@@ -127,12 +131,24 @@ def _localised(
             trial, masks[len(columns)] = replace(trial, values={**trial.values, **where}), local.inside
         kept.append(trial)
         columns.append(column)
-    return kept, study.masked([Errors({n: e[:, columns] for n, e in x.of.items()}, x.motion) for x in errors], masks)
+    errors, white = study.masked(chosen(errors, columns), masks), white[:, columns]
+    if masks:
+        white[:, [*masks]] = study.made_white(chosen(errors, [*masks]), noise)
+    return kept, errors, white
 
 
-def noise_of_all(study: Study, errors: Sequence[Errors], free: int, noise: Noise) -> Noise:
-    """Return the noise that is left when the first `free` moves, and all trials, have explained what they can."""
-    white = study.made_white(errors, noise)
+def chosen(errors: Sequence[Errors], columns: Sequence[int]) -> list[Errors]:
+    """Return the errors of some candidates."""
+    return [
+        Errors({name: np.take(every, columns, axis=1) for name, every in one.of.items()}, one.motion) for one in errors
+    ]
+
+
+def noise_of_all(study: Study, errors: Sequence[Errors], white: Floats, free: int) -> Noise:
+    """Return the noise that is left when the first `free` moves, and all trials, have explained what they can.
+
+    `white` (n, 1 + moves) are the errors made white with the noise as far as it is known.
+    """
     moved = white[:, 1:] - white[:, :1]
     normal = moved.T @ moved
     prior = np.full(len(normal), LARGEST_SHARE**-2)

@@ -16,13 +16,16 @@ from cmr.recordings.signal import Floats, Mask
 BLOCK = 1.5  # s; neighbouring blocks belong to different folds
 FOLDS = 5
 MOST_STEPS = 7
-SETTLED = 0.1  # of the sum of squares: a step that promises less is the last
+SETTLED = 0.1  # of the sum of squares: a step that promises less is not taken
+KEPT = 0.5  # of what a step promises must come
 DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tried at once
 LONG_STRIDE = 6.0
 LARGE = 4.0  # standard deviations from which an error counts less than its square
 X, Y = MOTION.index("x"), MOTION.index("y")
 EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
-QUICK_STEPS = 5  # of models fitted side by side
+QUICK_STEPS = 5  # of models fitted side by side,
+PROMISED_BESIDE = 1.0  # each as long as its next step promises as much
+FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best one's drop below which it may do no more
 
 
 @dataclass(frozen=True)
@@ -140,19 +143,24 @@ class Study:
         return self._fitted(values, fit.names, fit.noise)
 
     def _fitted(self, values: Mapping[str, float], names: tuple[str, ...], noise: Noise) -> Fit:
-        """Fit by Gauss and Newton: of several shortened and damped steps, tried at once, the best is taken.
+        """Fit by Gauss and Newton; where a step does not keep its promise, the best of many shorter ones is taken.
 
-        Dry friction makes the sum of squares rough. Where a step fails, slopes over a longer distance may still do.
+        Dry friction makes the sum of squares rough. Where all steps fail, slopes over a longer distance may still do.
         """
         values, stride = dict(values), 1.0
         rest, slopes = self.linear(values, names, noise)
         for _ in range(MOST_STEPS):
-            tried = [moved(values, names, step) for step in _steps(slopes, rest)]
-            squares = np.sum(self.white(lanes_of(tried), noise) ** 2, axis=0)
-            best = int(np.argmin(squares))
-            drop = float(rest @ rest) - float(squares[best])
-            if drop > 0.0:
-                values = tried[best]
+            step = _newton_steps(slopes, rest, DAMPINGS[:1])[0]
+            promised = float(rest @ rest) - float(np.sum((rest + slopes @ step) ** 2))
+            if promised < SETTLED:
+                break
+            whole = moved(values, names, step)
+            there = self.linear(whole, names, noise, stride)
+            if float(rest @ rest) - float(there[0] @ there[0]) > KEPT * promised:
+                values, (rest, slopes) = whole, there
+                continue
+            shorter, drop = self._best_step(values, names, noise, rest, slopes)
+            values = shorter if drop > 0.0 else values
             if drop < SETTLED:
                 if stride > 1.0:
                     break
@@ -162,6 +170,16 @@ class Study:
             rest, slopes = self.linear(values, names, noise)
         return Fit(values, names, rest, slopes, noise)
 
+    def _best_step(
+        self, values: Mapping[str, float], names: Sequence[str], noise: Noise, rest: Floats, slopes: Floats
+    ) -> tuple[dict[str, float], float]:
+        """Return the best values of many shortened and damped steps, and by how much they drop the sum of squares."""
+        steps = [share * step for step in _newton_steps(slopes, rest, DAMPINGS) for share in SHARES]
+        tried = [moved(values, names, step) for step in steps]
+        squares = np.sum(self.white(lanes_of(tried), noise) ** 2, axis=0)
+        best = int(np.argmin(squares))
+        return tried[best], float(rest @ rest) - float(squares[best])
+
     def fit_beside(
         self, base: Fit, starts: Sequence[Mapping[str, float]], names: Sequence[Sequence[str]]
     ) -> list[tuple[dict[str, float], float]]:
@@ -170,35 +188,27 @@ class Study:
         `starts` are the values that each model's own parameters begin with. What the base's parameters do is taken
         from its fit. Returns each model's values and its sum of squared white errors.
         """
-        tried = [{**base.values, **start} for start in starts]
-        best = [(values, np.inf) for values in tried]
-        pace = np.ones(len(tried))
-        steps = [np.zeros(len(base.names) + len(own)) for own in names]
+        courses = [
+            _Course({**base.values, **start}, (*base.names, *own), tuple(own))
+            for start, own in zip(starts, names, strict=True)
+        ]
         for _ in range(QUICK_STEPS):
-            sets: list[Mapping[str, float]] = []
-            places = []
-            for values, own in zip(tried, names, strict=True):
-                places.append(len(sets))
-                moves = [inward(name, values[name], step_of(name, values[name], self.scene)) for name in own]
-                sets += [values, *({**values, n: values[n] + move} for n, move in zip(own, moves, strict=True))]
+            leader = min(course.squares for course in courses)
+            open_ones = [course for course in courses if course.open(base.squares, leader)]
+            if not open_ones:
+                break
+            moves = [self._moves(course.tried, course.own) for course in open_ones]
+            sets = [one for course, of in zip(open_ones, moves, strict=True) for one in course.lanes(of)]
             white = self.white(lanes_of(sets), base.noise)
-            for model, (place, own) in enumerate(zip(places, names, strict=True)):
-                rest = white[:, place]
-                squares = float(rest @ rest)
-                free = (*base.names, *own)
-                if squares < best[model][1]:
-                    values = tried[model]
-                    best[model], pace[model] = (values, squares), 1.0
-                    moves = [inward(n, values[n], step_of(n, values[n], self.scene)) for n in own]
-                    slopes = (white[:, place + 1 : place + 1 + len(own)] - rest[:, None]) / np.array(moves)
-                    steps[model] = _step(base.slopes, slopes, rest)
-                else:
-                    pace[model] *= 0.3
-                if np.isfinite(best[model][1]):
-                    tried[model] = moved(best[model][0], free, pace[model] * steps[model])
-                else:
-                    tried[model] = _nearer_to_neutral(tried[model], own)
-        return best
+            parts = np.split(white, np.cumsum([1 + len(course.own) for course in open_ones])[:-1], axis=1)
+            for course, of, part in zip(open_ones, moves, parts, strict=True):
+                course.go_on(part[:, 0], (part[:, 1:] - part[:, :1]) / of, base.slopes)
+        return [(course.best, course.squares) for course in courses]
+
+    def _moves(self, values: Mapping[str, float], names: Sequence[str], stride: float = 1.0) -> Floats:
+        """Return by how much each parameter (p,) is moved to see what it does, times `stride`."""
+        usual = [(name, values[name], step_of(name, values[name], self.scene)) for name in names]
+        return np.array([inward(name, value, stride * step) for name, value, step in usual])
 
     def linear(
         self, values: Mapping[str, float], names: Sequence[str], noise: Noise, stride: float = 1.0
@@ -207,12 +217,49 @@ class Study:
 
         Slopes are taken over `stride` times the usual distance.
         """
-        steps = [inward(name, values[name], stride * step_of(name, values[name], self.scene)) for name in names]
-        lanes = {name: np.full(1 + len(names), float(value)) for name, value in values.items()}
-        for lane, (name, step) in enumerate(zip(names, steps, strict=True)):
-            lanes[name][1 + lane] += step
-        white = self.white(lanes, noise)
-        return white[:, 0], (white[:, 1:] - white[:, :1]) / np.array(steps)
+        moves = self._moves(values, names, stride)
+        white = self.white(lanes_of([values, *one_by_one(values, names, moves)]), noise)
+        return white[:, 0], (white[:, 1:] - white[:, :1]) / moves
+
+
+def one_by_one(values: Mapping[str, float], names: Sequence[str], moves: Floats) -> list[dict[str, float]]:
+    """Return the values with one parameter moved in each."""
+    return [{**values, name: values[name] + move} for name, move in zip(names, moves, strict=True)]
+
+
+class _Course:
+    """How one of several models, fitted side by side, comes on; `own` are its parameters beside those of the base."""
+
+    def __init__(self, start: dict[str, float], free: Sequence[str], own: Sequence[str]) -> None:
+        self.free, self.own = free, own
+        self.tried = self.best = start
+        self.squares = self.promised = np.inf
+        self._step, self._pace, self._rounds = np.zeros(len(free)), 1.0, 0
+
+    def open(self, base: float, leader: float) -> bool:
+        """Tell whether more steps may matter; `base` and `leader` are the sums of squares without it and at best."""
+        late = self._rounds >= FAIR_ROUNDS and base - self.squares + self.promised < FAR_BEHIND * (base - leader)
+        return self.promised > PROMISED_BESIDE and not late
+
+    def lanes(self, moves: Floats) -> list[dict[str, float]]:
+        """Return the values to be tried next, and those with each own parameter moved."""
+        return [self.tried, *one_by_one(self.tried, self.own, moves)]
+
+    def go_on(self, rest: Floats, slopes: Floats, base: Floats) -> None:
+        """Go a step on from white errors (n,), slopes (n, p) of the own parameters, and those of the base."""
+        self._rounds += 1
+        squares = float(rest @ rest)
+        if squares < self.squares:
+            self.best, self.squares, self._pace = self.tried, squares, 1.0
+            every = np.concatenate([base, slopes], axis=1)
+            self._step = _newton_steps(every, rest, DAMPINGS[:1])[0]
+            self.promised = squares - float(np.sum((rest + every @ self._step) ** 2))
+        else:
+            self._pace *= 0.3
+        if np.isfinite(self.squares):
+            self.tried = moved(self.best, self.free, self._pace * self._step)
+        else:
+            self.tried = _nearer_to_neutral(self.tried, self.own)
 
 
 def _nearer_to_neutral(values: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
@@ -229,29 +276,19 @@ def tempered(white: Floats) -> Floats:
 
     A wheel that sets off half a step earlier than foretold makes errors of a hundred standard deviations for a moment.
     """
-    size = np.abs(white)
-    large = size > LARGE
-    if large.any():
-        white = np.where(large, np.sign(white) * np.sqrt(np.maximum(2.0 * LARGE * size - LARGE**2, 0.0)), white)
-    return white
+    large = np.abs(white) > LARGE
+    size = white[large]
+    result = white.copy()
+    result[large] = np.sign(size) * np.sqrt(2.0 * LARGE * np.abs(size) - LARGE**2)
+    return result
 
 
-def _steps(slopes: Floats, rest: Floats) -> list[Floats]:
-    """Return Gauss-Newton steps, damped more and more, whole and shortened."""
+def _newton_steps(slopes: Floats, rest: Floats, dampings: Sequence[float]) -> list[Floats]:
+    """Return Gauss-Newton steps with these dampings (Levenberg and Marquardt)."""
     normal, right = slopes.T @ slopes, slopes.T @ rest
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / np.outer(scale, scale)
-    whole = [-np.linalg.solve(scaled + damping * np.eye(len(scale)), right / scale) / scale for damping in DAMPINGS]
-    return [share * step for step in whole for share in SHARES]
-
-
-def _step(base: Floats, own: Floats, rest: Floats) -> Floats:
-    """Return the Gauss-Newton step of all parameters, whose slopes are those of the base and their own."""
-    slopes = np.concatenate([base, own], axis=1)
-    normal = slopes.T @ slopes
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    damped = normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-    return np.asarray(-np.linalg.solve(damped, slopes.T @ rest / scale) / scale)
+    return [-np.linalg.solve(scaled + damping * np.eye(len(scale)), right / scale) / scale for damping in dampings]
 
 
 def inward(name: str, value: float, step: float) -> float:
