@@ -265,6 +265,7 @@ def test_live_says_what_it_waits_for_and_what_is_new(url: str, tmp_path: Path) -
         listener.until("Robot 0: its parameters are missing")
         listener.until("Robot 0: learning how it moves", NOMINAL)
         listener.until("The parameters are new", replace(NOMINAL, provenance={"method": "by hand"}))
+        assert listener.heard == "Robot 0: The parameters are new: the watch begins anew."
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)
         assert process.returncode == 130

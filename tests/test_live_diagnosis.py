@@ -113,6 +113,18 @@ def test_slower_wheels_are_not_blamed_on_a_battery_whose_voltage_stays() -> None
     only(watch(messages(ride.recording, voltage=lambda _time: 12.4)), "7 % slower", "not the battery")
 
 
+def test_what_has_been_said_stays_visible_once_and_is_not_news_again() -> None:
+    falling = messages(undisturbed(1).recording, voltage=lambda time: 12.4 - 0.15 * max(time - CHANGE, 0.0))
+    watcher, said, shown = Watcher(follow()), [], [""]
+    for message in falling:
+        said += handled(watcher, *message)
+        shown += [watcher.status()] if watcher.status() != shown[-1] else []
+    assert len(said) == 1
+    assert "Charge it" in said[0]
+    assert shown[-1] == said[0] == watcher.alarms
+    assert [text for text in shown if "Charge it" in text] == said
+
+
 def test_a_voltage_that_falls_is_enough() -> None:
     heard = messages(undisturbed(1).recording, voltage=lambda time: 12.4 if time < CHANGE else 10.9)
     only(watch(heard), "10.9 V, 12.4 V at the start", "Charge it")

@@ -25,7 +25,6 @@ from cmr.recordings.recording import RecordingError
 BAR = 24  # characters
 WATCHED = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 WATCH_RATE = 20.0  # Hz
-HELD = 10_000_000  # us for which a sentence stays on PROCESS_STATUS
 LIVE = "live.txt"
 
 
@@ -183,17 +182,15 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
         options.robot,
         loader.ready,
     )
-    said: list[tuple[int, str]] = []
     with Process("cmr-diagnose", options.lcm_url) as process:
         for stream in WATCHED:
             process.subscribe(stream, options.robot, every=True)
         for utime in process.loop(rate_hz=WATCH_RATE):
             process.dispatch(watcher.handle)
             news = watcher.advance(utime)
-            said = [(at, sentence) for at, sentence in said if utime - at < HELD] + [(utime, new) for new in news]
             problem = watcher.problem or loader.message
             process.state = process_status_t.DEGRADED if problem else process_status_t.RUNNING
-            process.message = " ".join([*(sentence for _at, sentence in said), problem or watcher.status()])
+            process.message = f"{problem} {watcher.alarms}".strip() if problem else watcher.status()
             process.parameters_sha256 = watcher.parameters_sha256
             if news:
                 process.publish_status()

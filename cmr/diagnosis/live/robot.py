@@ -20,7 +20,7 @@ UNEXPLAINED_FOR = 20_000_000  # us after which an alarm without a cause is forgo
 
 
 class RobotWatch:
-    """The watch of one robot, from its parameters on; feed it seconds by `add`, read `news` and `status`."""
+    """The watch of one robot, from its parameters on; feed it seconds by `add`, which says what is new."""
 
     def __init__(self) -> None:
         self.faults = Faults()
@@ -61,11 +61,13 @@ class RobotWatch:
             found[cause.key] = self._suspicion(cause, sizes)
         return found
 
-    def status(self) -> str:
-        """Return, for a person, what is suspected or what is being done."""
-        suspicions = self.suspicions()
-        if suspicions:
-            return " ".join(suspicion.sentence for suspicion in suspicions.values())
+    @property
+    def suspected(self) -> list[str]:
+        """What is suspected at present, in the sentences in which it was said."""
+        return list(self._announcer.present.values())
+
+    def activity(self) -> str:
+        """Return, for a person, what is being done while nothing is suspected."""
         if self._moving_seconds < MOVING_SECONDS:
             return f"learning how it moves: {self._moving_seconds} of {MOVING_SECONDS} s in motion."
         signals = ["wheels", *(name for name in ("gyro", "poses") if self.faults.hears(name))]

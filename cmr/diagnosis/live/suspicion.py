@@ -20,9 +20,14 @@ class Suspicion:
 
 
 class Announcer:
-    """Says what is suspected once, again when it has grown, and when it is over; each at most once a minute."""
+    """Says what is suspected once, again when it has grown, and when it is over; each at most once a minute.
+
+    `present` are the sentences on what is suspected, by key: as they were said last, not with the newest numbers, so
+    that what has been said does not look like news.
+    """
 
     def __init__(self) -> None:
+        self.present: dict[str, str] = {}
         self._said: dict[str, tuple[int, float]] = {}  # when, and of what size, by key
         self._open: dict[str, str] = {}  # titles of what was said and is not over, by key
 
@@ -35,8 +40,10 @@ class Announcer:
                 news.append(suspicion.sentence)
                 self._said[key] = (utime, suspicion.size)
                 self._open[key] = suspicion.title
+                self.present[key] = suspicion.sentence
         over = [title for key in self._open if key not in suspicions and (title := self._open[key])]
         self._open = {key: title for key, title in self._open.items() if key in suspicions}
+        self.present = {key: self.present.get(key, suspicion.sentence) for key, suspicion in suspicions.items()}
         # What has got another explanation is not over.
         if news or not over:
             return news

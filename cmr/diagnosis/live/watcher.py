@@ -19,6 +19,7 @@ from cmr.parameters.following import ParameterFollower
 LATEST = 1_000_000  # us by which messages may be late
 LONGEST_GAP = 3_000_000  # us without feedback, or in which its clock goes back, after which it is another drive
 SILENT = 3_000_000  # us
+LINGERING = 10_000_000  # us for which what was said stays visible though it is no state, such as the end of a suspicion
 
 COLUMNS = {MOTOR_COMMAND: "commands", MOTOR_FEEDBACK: "wheels", GYRO: "gyro", POSE: "poses"}
 
@@ -59,7 +60,7 @@ class Watcher:
         self._now = utime
         for robot in self._robots.values():
             robot.look_for_parameters()
-        return [sentence for robot_id in sorted(self._robots) for sentence in self._robots[robot_id].tell()]
+        return [sentence for robot_id in sorted(self._robots) for sentence in self._robots[robot_id].tell(utime)]
 
     @property
     def problem(self) -> str:
@@ -71,8 +72,14 @@ class Watcher:
         """The parameter files in use, as in process_status_t."""
         return ",".join(robot.follower.sha256 for _, robot in sorted(self._robots.items()) if robot.follower.sha256)
 
+    @property
+    def alarms(self) -> str:
+        """What is suspected, or has just been said; empty if nothing is. It only changes when there is news."""
+        alarms = [(robot.robot_id, robot.alarm(self._now)) for _, robot in sorted(self._robots.items())]
+        return " ".join(f"Robot {robot_id}: {alarm}" for robot_id, alarm in alarms if alarm)
+
     def status(self) -> str:
-        """Return one line: what is suspected at present, or what is being watched."""
+        """Return one line: what is suspected at present or has just been said, or what is being watched."""
         lines = [robot.status(self._now) for _, robot in sorted(self._robots.items()) if robot.heard]
         who = "a robot" if self._robot_id is None else f"robot {self._robot_id}"
         channel = f"{MOTOR_FEEDBACK.name}_{'N' if self._robot_id is None else self._robot_id}"
@@ -100,6 +107,8 @@ class _Robot:
         self._twin: Twin | None = None
         self._watch: RobotWatch | None = None
         self._news: list[str] = []
+        self._said: list[str] = []  # at last
+        self._said_at = 0  # us
         self.look_for_parameters()
 
     def roll(self, utime: int, message: Any) -> None:
@@ -146,10 +155,18 @@ class _Robot:
         self._sha256, self._parameters = self.follower.sha256, parameters
         self._watch, self._twin = RobotWatch(), None
 
-    def tell(self) -> list[str]:
+    def tell(self, utime: int) -> list[str]:
         """Return what is to be said since the last call."""
         news, self._news = self._news, []
-        return news
+        if news:
+            self._said, self._said_at = news, utime
+        return [f"Robot {self.robot_id}: {sentence}" for sentence in news]
+
+    def alarm(self, utime: int) -> str:
+        """Return what is suspected, each sentence once, and for a while what was said last; empty if there is none."""
+        suspected = self._watch.suspected if self._watch else []
+        recent = self._said if utime - self._said_at < LINGERING else []
+        return " ".join(dict.fromkeys([*recent, *suspected]))
 
     def status(self, utime: int) -> str:
         """Return what is suspected, or what is being done."""
@@ -157,7 +174,7 @@ class _Robot:
             return self.problem or f"Robot {self.robot_id}: its model is being loaded."
         if utime - self.heard > SILENT:
             return f"Robot {self.robot_id}: no feedback of its motors for {(utime - self.heard) * 1e-6:.0f} s."
-        return f"Robot {self.robot_id}: {self._watch.status()}"
+        return f"Robot {self.robot_id}: {self.alarm(utime) or self._watch.activity()}"
 
     @property
     def problem(self) -> str:
@@ -191,4 +208,4 @@ class _Robot:
         return Twin(parameters, float(newest[0, 1]), float(newest[0, 2]))
 
     def _say(self, sentence: str) -> None:
-        self._news.append(f"Robot {self.robot_id}: {sentence}")
+        self._news.append(sentence)
