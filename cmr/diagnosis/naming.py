@@ -8,13 +8,14 @@ import numpy as np
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import worth_naming
 from cmr.diagnosis.gains import COARSE
-from cmr.diagnosis.packets import JITTER, LOSS, doubt_of_share, spreads, without_jitter, without_loss
+from cmr.diagnosis.packets import JITTER, LOSS, Spread, doubt_of_share, spreads, without_jitter, without_loss
 from cmr.diagnosis.polishing import polished
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.parameters import ParameterDefinition
 
 PROMISING = 12  # effects that are fitted after the score test,
 PROMISING_SHARE = 0.08  # if they explain this share of what the best explains
@@ -24,12 +25,14 @@ LEAST_DROP = 20.0
 LEAST_SCORE = 10.0  # drop of the sum of squares from which a fit is worth while
 THRESHOLD = 30.0  # drop of the sum of squares that one parameter must bring
 PER_PARAMETER = 5.0  # more for each further one
+PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each further parameter must explain to be better
 ALIKE = 12.0  # drops that differ by less cannot be told apart,
 ALIKE_SHARE = 0.02  # nor those that differ by less than this share
 MOST_EFFECTS = 5
 LATE = ("command_delay", "electrical_lag", "slew_limit")  # as which jitter shows as long as its spread is not looked at
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
-ABSURD = 3.0  # factor by which a parameter of the paper may not change when an effect comes in
+ABSURD = 4.0  # factor by which a parameter of the paper may not change when an effect comes in
+AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
 LEFT_BY_LATE = 0.003  # of what a fixed delay explains may be left in the spread
@@ -52,6 +55,11 @@ class Tried:
     values: Mapping[str, float]
     fit: Fit | None = None
     held_out: float = float("nan")
+
+    @property
+    def evidence(self) -> float:
+        """The drop less what further parameters explain by chance (Schwarz, Annals of Statistics 6, 1978)."""
+        return self.drop - PER_FURTHER * (len(self.effect.parameters) - 1)
 
 
 @dataclass(frozen=True)
@@ -92,8 +100,12 @@ def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
     the search begins anew.
     """
     found = _search(study, base, say)
-    chance = _of_chance(found)
-    if chance is not None:
+    told = study.by_moments and _tick(study) <= COARSE
+    spread = spreads(study, found.final) if told else {}
+    chance = _of_chance(found, spread) if spread else None
+    if chance is None:
+        found = replace(found, named=[_perhaps_jitter(one, found, spread) for one in found.named])
+    else:
         named, cleaned = chance
         say(f"Searching again without {named.tried.effect.name} ...")
         again = _search(cleaned, cleaned.fit(base.values, base.names, found.final.noise, renew=0), say)
@@ -135,12 +147,17 @@ def _unseen(screening: Screening) -> tuple[str, ...]:
     )
 
 
-def _of_chance(found: Search) -> tuple[Named, Study] | None:
+def _perhaps_jitter(one: Named, found: Search, spread: Mapping[str, Spread]) -> Named:
+    """Return a delay with jitter among its rivals, unless the spread of what follows commands speaks against it."""
+    if not spread or one.tried.effect.name not in MEANS:
+        return one
+    mean = sum(found.final.values[parameter.name] for parameter in one.tried.effect.parameters)
+    excluded = spread[JITTER].drop_at(2.0 * mean) < -ALIKE * found.inflation
+    return one if excluded else replace(one, rivals=(*one.rivals, JITTER))
+
+
+def _of_chance(found: Search, spread: Mapping[str, Spread]) -> tuple[Named, Study] | None:
     """Return jitter or loss of commands, if what the search leaves shows it, and the study without it."""
-    told = found.study.by_moments and _tick(found.study) <= COARSE
-    spread = spreads(found.study, found.final) if told else {}
-    if not spread:
-        return None
     late = [one for one in found.named if one.tried.effect.name in LATE]
     jitter, loss = spread[JITTER], spread[LOSS]
     of_late = max((one.tried.drop for one in late), default=0.0)
@@ -234,13 +251,20 @@ def why_not(study: Study, before: Fit, tried: Tried, inflation: float) -> str:
     stds = {name: tried.fit.std(name) for name in names} if tried.fit else {}
     if not worth_naming({name: tried.values[name] for name in names}, stds, study.scene):
         return TOO_SMALL
-    if any(
-        not 1.0 / ABSURD < tried.values[name] / before.values[name] < ABSURD for name in before.names if name in PAPER
-    ):
+    paper = [name for name in before.names if name in PAPER]
+    if any(not 1.0 / ABSURD < tried.values[name] / before.values[name] < ABSURD for name in paper):
         return "It would need absurd values of the paper's parameters."
+    if any(at_its_end(definition(name), tried.values[name]) for name in names):
+        return "It would need absurd values of its own parameters."
     if tried.fit is not None and not tried.held_out > 0.0:
         return "It does not hold on data that it was not fitted on."
     return ""
+
+
+def at_its_end(parameter: ParameterDefinition, value: float) -> bool:
+    """Tell whether a value is as far from neutral as the parameter allows."""
+    bounds = [bound for bound in (parameter.lower, parameter.upper) if bound != parameter.neutral]
+    return parameter.switches and any(abs(value - bound) <= AT_ITS_END * abs(bound) for bound in bounds)
 
 
 def needed(effect: Effect) -> float:
@@ -261,10 +285,10 @@ def _fitted(study: Study, current: Fit, screening: Screening) -> list[Tried]:
         Tried(effect, current.squares - squares, values)
         for effect, (values, squares) in zip(effects, quick, strict=True)
     ]
-    tried.sort(key=lambda one: -one.drop)
+    tried.sort(key=lambda one: -one.evidence)
     close = [one for one in tried[:FINALISTS] if one.drop > CLOSE * tried[0].drop and one.drop > LEAST_DROP]
     finalists = [_with_everything(study, current, one) for one in close]
-    return sorted([*finalists, *tried[len(close) :]], key=lambda one: -one.drop)
+    return sorted([*finalists, *tried[len(close) :]], key=lambda one: -one.evidence)
 
 
 def start_of(score: Score) -> dict[str, float]:
