@@ -13,7 +13,7 @@ from cmr.diagnosis.report import report_of, write_report
 from cmr.diagnosis.report.binned import MOST_SAMPLES, binned
 from cmr.diagnosis.report.found import with_commands
 from cmr.diagnosis.report.numbers import chance, estimate_text, interval_text, number
-from cmr.diagnosis.report.pairs import pairs_of
+from cmr.diagnosis.report.pairs import pairs_of, pairs_without
 from cmr.diagnosis.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
 from cmr.diagnosis.report.tell_tale import REGRESSOR_WORDS, SIGNAL_WORDS, tell_tale
 from cmr.diagnosis.report.terms import REGRESSORS, SIGNALS, as_shown, regressor, signal_words
@@ -278,12 +278,21 @@ def test_hours_of_data_still_make_a_page_that_can_be_mailed() -> None:
 
     time = np.arange(240 * len(MOTION.time)) / RATE
     regressors = {name: longer(values) for name, values in MOTION.regressors.items()} | {"time": time}
-    many = tuple(replace(r, before=longer(r.before), after=longer(r.after), regressors=regressors) for r in residuals())
+    many = tuple(
+        replace(
+            r,
+            before=longer(r.before),
+            after=longer(r.after),
+            regressors=regressors,
+            without={name: longer(values) for name, values in r.without.items()},
+        )
+        for r in residuals()
+    )
     fields = {name: longer(values) for name, values in vars(path()).items() if name not in ("label", "time")}
     run = Path(label="long.lcm", time=time, **fields)
     assert all(len(pair.before) == MOST_SAMPLES for pair in pairs_of(many))  # the work does not grow
     page = report_of(replace(FOUND, evidence=Evidence(paths=(run,) * 20, residuals=many)))
-    assert len(page) < 3_000_000
+    assert len(page) < 2_000_000
     assert "The first 120 s of 14,400 s are drawn." in page
     assert "The first 4 of 20 recordings are drawn." in page
 
@@ -309,13 +318,23 @@ def test_where_nothing_changed_no_plot_tells_a_tale() -> None:
     assert "No plot of mean residuals shows it by itself." in page.text
 
 
-def test_beside_a_stronger_effect_only_the_plot_that_the_words_speak_of_is_drawn() -> None:
-    pairs = pairs_of(FOUND.evidence.residuals)  # full of what pose_offset did, and nothing of a gyro's drift
-    assert tell_tale(pairs, "wheel speeds, as a slow trend")
-    assert tell_tale(pairs, "wheel speeds, as a slow trend", beside_stronger=True) is None
-    beside = tell_tale(pairs, CATALOGUE["wheel_radius_asymmetry"].shows_in, beside_stronger=True)
-    assert beside
-    assert (beside.signal, beside.regressor) == ("yaw_rate", "speed")
+def test_each_effect_has_a_plot_of_its_own_without_and_with_it(found: Page) -> None:
+    pairs = [tell_tale(pairs_without(residuals(), e.name), CATALOGUE[e.name].shows_in) for e in EFFECTS]
+    assert [(p.signal, p.regressor) for p in pairs if p] == [("sideways", "yaw_rate"), ("yaw_rate", "speed")]
+    for pair, effect in zip(pairs, EFFECTS, strict=True):
+        assert pair
+        assert pair.removed > 0.5
+        words = f"{signal_words(pair.signal)}, real minus model, over {regressor(pair.regressor).words}"
+        alts = [str(svg.get("aria-label")) for svg in found.named("svg")]
+        for side in ("without", "with"):
+            assert [alt for alt in alts if alt.startswith(f"{words}, {side} the effect: means")]
+        assert f"{effect.name}: residual of the" in found.text
+
+
+def test_an_effect_of_chance_that_no_model_can_switch_off_has_no_plot() -> None:
+    assert pairs_without(residuals(), "command_jitter") == ()
+    page = Page(report_of(replace(FOUND, effects=(replace(EFFECTS[0], name="command_jitter"),))))
+    assert "No plot of mean residuals shows it by itself." in page.text
 
 
 def test_without_words_on_where_an_effect_shows_the_larger_structure_is_chosen() -> None:
@@ -323,14 +342,6 @@ def test_without_words_on_where_an_effect_shows_the_larger_structure_is_chosen()
     pair = tell_tale(pairs_of((small, large)), "")
     assert pair
     assert pair.signal == "heading"
-
-
-def test_a_plot_that_two_effects_share_is_drawn_once() -> None:
-    alone = replace(FOUND, effects=EFFECTS[:1], evidence=Evidence(residuals=residuals()[4:5]))
-    both = replace(alone, effects=(EFFECTS[0], replace(EFFECTS[0], name="an effect of my own")))
-    page = Page(report_of(both))
-    assert "The plot for pose_offset shows it best." in page.text
-    assert len(page.named("figure")) == len(Page(report_of(alone)).named("figure"))
 
 
 def test_the_choice_listens_for_words_that_the_catalogue_says_and_names_that_residuals_have() -> None:

@@ -8,8 +8,16 @@ import pytest
 
 from cmr.diagnosis.experiment import Piece, pieces_of
 from cmr.diagnosis.free_runs import Values
-from cmr.diagnosis.result import Residual
-from cmr.diagnosis.showing import MOST_PATHS, MOST_POINTS, MOST_SAMPLES, paths_of, residuals_of, structure
+from cmr.diagnosis.result import DENSE, Residual
+from cmr.diagnosis.showing import (
+    MOST_PATHS,
+    MOST_POINTS,
+    MOST_SAMPLES,
+    paths_of,
+    residuals_of,
+    structure,
+    without_each,
+)
 from cmr.recordings.recording import Recording
 from tests.reference_plant import NEUTRAL, REALISTIC, SILENT, Noise, packets, recording
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, constant, figure_eight, rich_drive
@@ -80,7 +88,10 @@ def test_long_recordings_are_shown_by_as_many_points_as_a_page_can_bear() -> Non
     seconds = 400.0
     long = recording(packets(figure_eight(seconds, 16), seconds), {}, seconds, REALISTIC, 1)
     (path,) = paths_of(pieces(long), TRUE, TRUE, [""])
-    assert len(path.x) == MOST_POINTS
+    assert len(path.x) == 2 * MOST_POINTS
+    assert np.all(np.diff(path.time) > 0.0)
+    assert np.max(np.diff(path.time[path.time < DENSE])) < 0.1  # what is drawn of it stays smooth
+    assert path.time[-1] == pytest.approx(seconds, abs=0.1)
     for residual in residuals_of(pieces(long), TRUE, TRUE):
         assert len(residual.before) <= MOST_SAMPLES
         assert all(len(values) == len(residual.before) for values in residual.regressors.values())
@@ -127,6 +138,34 @@ def test_an_effect_shows_over_the_regressor_that_it_is_made_of_and_is_gone_after
     over = residual.regressors[regressor]
     assert structure(residual.before, over) > share
     assert structure(residual.after, over) < 0.25 * share
+
+
+def test_each_of_two_effects_is_shown_by_what_the_full_model_leaves_without_it_alone() -> None:
+    skid, bias = {"lateral_skid": 0.06}, {"gyro_bias": 0.05}
+    shown = residuals(rich(REALISTIC, tuple((skid | bias).items())), TRUE, {**TRUE, **skid, **bias})
+    sideways, yaw_rate = shown["sideways"], shown["yaw_rate"]
+    assert set(sideways.without) == set(yaw_rate.without) == {"lateral_skid", "gyro_bias"}
+    over = sideways.regressors["speed_times_yaw_rate"]
+    assert structure(sideways.without["lateral_skid"], over) > 0.5
+    assert structure(sideways.without["gyro_bias"], over) < 0.1
+    assert np.mean(yaw_rate.without["gyro_bias"]) == pytest.approx(0.05, abs=0.005)
+    assert np.mean(yaw_rate.without["lateral_skid"]) == pytest.approx(0.0, abs=0.005)
+    only_one = residuals(rich(), TRUE, {**TRUE, **skid})["sideways"]
+    assert only_one.without["lateral_skid"] == pytest.approx(only_one.before)
+
+
+def test_an_effect_of_a_moment_is_switched_off_and_its_moment_stays() -> None:
+    later = {"surface_change_k1": 0.05, "surface_change_base_width": 0.04, "surface_change_time": 60.0}
+    assert without_each({**TRUE, **later, "gyro_bias": 0.0}) == {
+        "surface_change": {
+            **TRUE,
+            **later,
+            "surface_change_k1": 0.0,
+            "surface_change_base_width": 0.0,
+            "gyro_bias": 0.0,
+        }
+    }
+    assert without_each(TRUE) == {}
 
 
 def test_noise_alone_shows_no_structure_over_anything() -> None:

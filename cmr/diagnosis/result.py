@@ -9,6 +9,7 @@ from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
 
 EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
+DENSE = 120.0  # s from the beginning of a path in which its points are dense, however long it is
 VERDICTS = (EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA)
 
 
@@ -94,7 +95,8 @@ class Unexplained:
 class Path:
     """One recording's path and what the models make of it in free runs from its measured start, all of shape (n,).
 
-    Positions in [m], headings [rad, unwrapped], `time` [s] since the recording's first sample.
+    Positions in [m], headings [rad, unwrapped], `time` [s] since the recording's first sample. Of a long recording the
+    points are dense only in the first DENSE seconds.
     """
 
     label: str
@@ -118,6 +120,8 @@ class Residual:
     model) and `after` (extended model; the same as `before` where nothing was found). `regressors` are arrays (n,) by
     name: time, command_left, command_right, speed, yaw_rate, speed_times_yaw_rate, x, y, heading,
     wheel_angle_left, wheel_angle_right, energy, ... Those of the pose are errors grown over windows of a second.
+    `without` tells by effect what the extended model leaves (n,) when that one effect is switched off in it and all
+    else stays.
     """
 
     signal: str
@@ -125,6 +129,7 @@ class Residual:
     before: Floats
     after: Floats
     regressors: Mapping[str, Floats]
+    without: Mapping[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

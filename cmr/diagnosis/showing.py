@@ -24,14 +24,15 @@ from cmr.diagnosis.free_runs import (
     told_errors,
     windows_of,
 )
-from cmr.diagnosis.result import Path, Residual
+from cmr.diagnosis.result import DENSE, Path, Residual
 from cmr.model.body import forward, wrap
+from cmr.model.catalogue import effects_on
 from cmr.model.observer import MOTION, RESTART, Heard, Innovations
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 
 MOST_PATHS = 12
-MOST_POINTS = 2000  # of a path
+MOST_POINTS = 2000  # of the first DENSE seconds of a path, and as many of the rest
 MOST_SAMPLES = 3000  # of a residual
 GROWN = 1.0  # s over which errors of the pose grow
 AT_THE_END = 0.2  # s whose poses are averaged when they have grown: single ones are noisy
@@ -84,7 +85,7 @@ class Spans:
 
 
 class _Sampled(NamedTuple):
-    """One signal's errors in a piece, `averages.error` (n, 2) of after and before, and its regressors (n,)."""
+    """One signal's errors in a piece, `averages.error` (n, models), and its regressors (n,)."""
 
     averages: Averages
     regressors: dict[str, Floats]
@@ -108,7 +109,9 @@ def _path(piece: Piece, before: Values, after: Values, label: str) -> Path:
     measured = np.column_stack([heard.pose[:, :2], np.unwrap(heard.pose[:, 2])])
     simulated = measured[:, :, None] - free_run(heard, begins, smooth, stacked((before, after))).pose
     simulated[begins] = smooth[begins, :, None]
-    shown = _spread(len(measured), MOST_POINTS)
+    beginning = int(np.searchsorted(heard.pose_time, heard.pose_time[0] + DENSE, side="right"))
+    rest = beginning + _spread(len(measured) - beginning, MOST_POINTS)
+    shown = np.concatenate([_spread(beginning, MOST_POINTS), rest])
     simulated = simulated[shown]
     return Path(
         label=label,
@@ -132,12 +135,22 @@ def residuals_of(pieces: Sequence[Piece], before: Values, after: Values) -> tupl
     the robot. `command_change` is by how much the mean command that drives the signal changed from as long a time
     before; for the yaw rate, the sideways position and the heading that is right minus left.
     """
-    sampled = [_sampled(piece, before, after) for piece in pieces]
+    effects = without_each(after)
+    sampled = [_sampled(piece, (after, before, *effects.values())) for piece in pieces]
     found = [(name, [one[name] for one in sampled if len(one[name].averages.begin)]) for name in UNITS]
-    return tuple(_residual(name, parts) for name, parts in found if parts)
+    return tuple(_residual(name, parts, list(effects)) for name, parts in found if parts)
 
 
-def _residual(name: str, parts: Sequence[_Sampled]) -> Residual:
+def without_each(values: Values) -> dict[str, Values]:
+    """Return by effect that these values switch on the values with that one switched off, and nothing else changed."""
+    switches = {
+        effect.name: {one.name: one.neutral for one in effect.parameters if one.switches and one.neutral is not None}
+        for effect in effects_on(values)
+    }
+    return {name: {**values, **off} for name, off in switches.items()}
+
+
+def _residual(name: str, parts: Sequence[_Sampled], effects: Sequence[str]) -> Residual:
     error = np.concatenate([part.averages.error for part in parts])
     shown = _spread(len(error), MOST_SAMPLES)
     # Pieces with commands and pieces without may come together.
@@ -148,18 +161,20 @@ def _residual(name: str, parts: Sequence[_Sampled]) -> Residual:
         before=error[shown, 1],
         after=error[shown, 0],
         regressors={key: np.concatenate([part.regressors[key] for part in parts])[shown] for key in regressors},
+        without={effect: error[shown, 2 + number] for number, effect in enumerate(effects)},
     )
 
 
-def _sampled(piece: Piece, before: Values, after: Values) -> dict[str, _Sampled]:
-    """Return the errors of all signals in a piece, in order of time."""
+def _sampled(piece: Piece, models: Sequence[Values]) -> dict[str, _Sampled]:
+    """Return the errors of all signals in a piece, in order of time; the first model tells what they are shown over."""
     heard = piece.heard
+    after, values = models[0], stacked(models)
     smooth = smoothed_poses(heard, after)
     speeds: dict[str, _Sampled] = {}
     poses: list[dict[str, _Sampled]] = []
     for phase in range(OVERLAP):
         windows = windows_of(heard, GROWN, phase * GROWN / OVERLAP)
-        run = free_run(heard, windows.pose, smooth, stacked((after, before)))
+        run = free_run(heard, windows.pose, smooth, values)
         grown = _grown(heard, windows, smooth, run)
         poses.append(_with_regressors(heard, run.motion, grown, after))
         if not speeds:

@@ -2,13 +2,12 @@
 
 import math
 import re
-from collections.abc import Sequence
 from textwrap import dedent
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.numbers import alike, chance, estimate_text, interval_text, likelihood, number, typeset
-from cmr.diagnosis.report.pairs import Pair
+from cmr.diagnosis.report.pairs import Pair, pairs_without
 from cmr.diagnosis.report.residual_figures import tell_tale_figure
 from cmr.diagnosis.report.section import bullets, code, codes, paragraph, quiet, section
 from cmr.diagnosis.report.table import table
@@ -107,22 +106,19 @@ def evidence(tried: NamedEffect | Candidate) -> Html:
     return joined(*(paragraph(line) for line in lines))
 
 
-def tell_tales(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
-    """Return for each effect the plot that shows it best, and its equation; a plot that two share comes once."""
+def tell_tales(diagnosis: Diagnosis) -> Html:
+    """Return for each effect the plot that shows it best, with and without it, and its equation."""
     parts: list[Html] = []
-    drawn: dict[tuple[str, str], str] = {}  # the effect that each pair was drawn for
     for effect in diagnosis.effects:
         entry = CATALOGUE.get(effect.name)
-        pair = tell_tale(pairs, entry.shows_in if entry else "", beside_stronger=effect is not diagnosis.effects[0])
         parts.append(tag("h3", code(effect.name), f": {typeset(effect.cause)}"))
         if entry:
             parts.append(paragraph(f"It shows in {entry.shows_in}."))
-        if pair is None:
-            parts.append(paragraph("No plot of mean residuals shows it by itself."))
-        elif drawn.setdefault((pair.signal, pair.regressor), effect.name) == effect.name:
+        pair = tell_tale(pairs_without(diagnosis.evidence.residuals, effect.name), entry.shows_in if entry else "")
+        if pair:
             parts.append(tell_tale_figure(pair, _caption(effect, pair)))
         else:
-            parts.append(paragraph("The plot for ", code(drawn[pair.signal, pair.regressor]), " shows it best."))
+            parts.append(paragraph("No plot of mean residuals shows it by itself."))
         if entry:
             parts += [quiet("Its equation, as the simulation runs it:"), tag("pre", tag("code", equation(entry)))]
     return section("The tell-tale plots", *parts)
@@ -131,8 +127,9 @@ def tell_tales(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
 def _caption(effect: NamedEffect, pair: Pair) -> str:
     words = f"{signal_words(pair.signal)} over {regressor(pair.regressor).words}"
     return (
-        f"{effect.name}: residual of the {words} with the paper's model (before) and with all effects named (after). "
-        f"{100.0 * min(pair.removed, 1.0):.0f} % of the residual's mean square was such structure and is gone."
+        f"{effect.name}: residual of the {words}, by the extended model with this effect switched off (without) and as "
+        f"it is (with). {100.0 * min(pair.removed, 1.0):.0f} % of the mean square without it is structure that is gone "
+        "with it."
     )
 
 

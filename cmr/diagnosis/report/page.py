@@ -44,7 +44,7 @@ def _sections(diagnosis: Diagnosis) -> Html:
         *((data, next_steps) if spoilt else ()),
         found.named(diagnosis),
         measured.paths(diagnosis),
-        found.tell_tales(diagnosis, pairs),
+        found.tell_tales(diagnosis),
         measured.gain(diagnosis),
         found.runners_up(diagnosis),
         measured.remains(diagnosis, pairs),

@@ -1,7 +1,7 @@
 """Every residual over every regressor, before and after: what the report plots, and chooses from."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from cmr.recordings.signal import Floats
 class Pair:
     """One signal's residual over one regressor: samples of shape (n,), and their binned means.
 
+    `before` is what the simpler of two models leaves: the paper's, or the extended one without one of its effects.
     `removed` is the share of the mean square of `before` that is structure over the regressor and gone in `after`.
     """
 
@@ -28,7 +29,7 @@ class Pair:
 
     @cached_property
     def means_before(self) -> Bins:
-        """Binned means of what the paper's model leaves."""
+        """Binned means of what the simpler model leaves."""
         return binned(self.over, self.before)
 
     @cached_property
@@ -46,6 +47,12 @@ class Pair:
 def pairs_of(residuals: Iterable[Residual]) -> tuple[Pair, ...]:
     """Return the pairs of all signals and regressors; of long recordings, samples evenly spread."""
     return tuple(pair for residual in residuals for pair in _pairs(residual))
+
+
+def pairs_without(residuals: Iterable[Residual], effect: str) -> tuple[Pair, ...]:
+    """Return the pairs whose `before` is what the extended model leaves without one effect; none if that is unknown."""
+    known = [residual for residual in residuals if effect in residual.without]
+    return pairs_of(replace(residual, before=residual.without[effect]) for residual in known)
 
 
 def _pairs(residual: Residual) -> list[Pair]:

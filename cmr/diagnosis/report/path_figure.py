@@ -11,11 +11,10 @@ from cmr.diagnosis.report.markup import Html, tag
 from cmr.diagnosis.report.numbers import number
 from cmr.diagnosis.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
 from cmr.diagnosis.report.svg import Frame, Range, dots, line, plot
-from cmr.diagnosis.result import Path
+from cmr.diagnosis.result import DENSE, Path
 from cmr.recordings.signal import Floats
 
 MOST_POINTS = 900  # of a drawn line
-LONGEST = 120.0  # s of a path that are drawn; longer ones cover themselves
 WIDTH, HEIGHT = 290.0, 270.0
 ROOM = 0.06  # of the range of a path, left free on all sides
 STRAYING = 0.5  # of the size of the real path; what strays farther beyond it is cut off
@@ -50,7 +49,7 @@ def path_figure(path: Path, *, changed: bool) -> Html:
     stages = (("before", track.before), ("after", track.after)) if changed else (("paper's model", track.before),)
     plots = [_path_plot(track, simulated, title) for title, simulated in stages]
     seconds = float(path.time[-1] - path.time[0])
-    cut = f" The first {LONGEST:g} s of {seconds:,.0f} s are drawn." if seconds > LONGEST else ""
+    cut = f" The first {DENSE:g} s of {seconds:,.0f} s are drawn." if seconds > DENSE else ""
     words = (
         f"{path.label}: the real path, and free runs of the model from the real robot's start with the recorded "
         f"commands; nothing corrects them on the way. The dot is the start.{cut}"
@@ -65,8 +64,8 @@ def path_figure(path: Path, *, changed: bool) -> Html:
 
 
 def track_of(path: Path) -> Track:
-    """Return the points to draw, evenly spread from the beginning on; gaps stay gaps."""
-    count = int(np.searchsorted(path.time, path.time[0] + LONGEST, side="right")) if len(path.time) else 0
+    """Return the points to draw, evenly spread over the dense beginning: more would cover itself. Gaps stay gaps."""
+    count = int(np.searchsorted(path.time, path.time[0] + DENSE, side="right")) if len(path.time) else 0
     gaps = np.flatnonzero(~np.isfinite(path.x[:count]))
     shown = np.union1d(thinned(count, MOST_POINTS), gaps)
     return Track(

@@ -23,10 +23,10 @@ SEEN_SMALL = 0.6
 
 
 def tell_tale_figure(pair: Pair, caption: str) -> Html:
-    """Return a pair before and after side by side, on the same axes."""
+    """Return a pair without and with the effect side by side, on the same axes."""
     limit = _limit([pair.means_before, pair.means_after], [pair.before, pair.after], SEEN)
-    plots = [_large(pair, pair.before, pair.means_before, "before", limit)]
-    plots.append(_large(pair, pair.after, pair.means_after, "after", limit))
+    plots = [_large(pair, pair.before, pair.means_before, "without the effect", limit)]
+    plots.append(_large(pair, pair.after, pair.means_after, "with the effect", limit))
     return _figure(tag("div", *plots, class_="plots"), caption)
 
 

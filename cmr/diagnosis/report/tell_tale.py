@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from cmr.diagnosis.report.pairs import Pair
 
 FAINTEST = 0.01  # share of the mean square of a residual; less structure than that nobody sees
-TRUST = 3  # power to which words count: other effects named at the same time leave more structure than a small one
+TRUST = 3  # power to which words count: they know where an effect shows that makes structure over much else
 WHEELS = ("psi_left", "psi_right")
 COMMANDS = ("command_left", "command_right")
 # What words in `Effect.shows_in` say about the signal, and about the regressor.
@@ -53,25 +53,14 @@ REGRESSOR_WORDS = {
 }
 
 
-def tell_tale(pairs: Iterable[Pair], shows_in: str, *, beside_stronger: bool = False) -> Pair | None:
+def tell_tale(pairs: Iterable[Pair], shows_in: str) -> Pair | None:
     """Return the pair that shows an effect best; None where no pair shows it.
 
     That is where the most structure is gone, counted many times where `shows_in`, the catalogue's words on where the
-    effect shows, speak of this signal and of this regressor. `beside_stronger` effects, structure that the words do
-    not speak of may be theirs, and does not count at all.
+    effect shows, speak of this signal and of this regressor.
     """
     shown = [pair for pair in pairs if pair.removed > FAINTEST]
-    if beside_stronger:
-        shown = [pair for pair in shown if _agrees(pair, shows_in)]
     return max(shown, key=lambda pair: pair.removed * fit(pair.signal, pair.regressor, shows_in), default=None)
-
-
-def _agrees(pair: Pair, shows_in: str) -> bool:
-    """Tell whether the words speak of the signal and of the regressor, as far as they speak of any."""
-    return all(
-        _spoken_of(name, words, shows_in) or not any(phrase in shows_in for phrase in words)
-        for name, words in ((pair.signal, SIGNAL_WORDS), (pair.regressor, REGRESSOR_WORDS))
-    )
 
 
 def fit(signal: str, regressor: str, shows_in: str) -> float:
