@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cmr.calibration.result import Estimate
-from cmr.diagnosis.candidates import worth_naming
+from cmr.diagnosis.candidates import USUAL_RATE, worth_naming
 from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.packets import JITTER, LOSS, Spread, doubt_of_share, spreads, without_jitter, without_loss
 from cmr.diagnosis.polishing import polished
@@ -31,7 +31,7 @@ ALIKE_SHARE = 0.02  # nor those that differ by less than this share
 MOST_EFFECTS = 5
 LATE = ("command_delay", "electrical_lag", "slew_limit")  # as which jitter shows as long as its spread is not looked at
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
-ABSURD = 4.0  # factor by which a parameter of the paper may not change when an effect comes in
+ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
 AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
@@ -39,7 +39,7 @@ LEFT_BY_LATE = 0.003  # of what a fixed delay explains may be left in the spread
 SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
 TOO_SMALL = "It is too small to matter."
 MOST_SMALL = 3  # such effects that are fitted to see what remains
-COARSE_INFLATION = 10.0  # ticks of coarse encoders make errors that go with the speed
+COARSE_INFLATION = 20.0  # ticks of coarse encoders make errors that go with the speed
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
 
@@ -251,14 +251,27 @@ def why_not(study: Study, before: Fit, tried: Tried, inflation: float) -> str:
     stds = {name: tried.fit.std(name) for name in names} if tried.fit else {}
     if not worth_naming({name: tried.values[name] for name in names}, stds, study.scene):
         return TOO_SMALL
-    paper = [name for name in before.names if name in PAPER]
-    if any(not 1.0 / ABSURD < tried.values[name] / before.values[name] < ABSURD for name in paper):
+    if needs_another_robot(before, tried.values):
         return "It would need absurd values of the paper's parameters."
     if any(at_its_end(definition(name), tried.values[name]) for name in names):
         return "It would need absurd values of its own parameters."
+    if any(not stds[name] > 0.0 for name in names if name in stds and definition(name).switches):
+        return "These drives do not tell its size."
     if tried.fit is not None and not tried.held_out > 0.0:
         return "It does not hold on data that it was not fitted on."
     return ""
+
+
+def needs_another_robot(before: Fit, after: Mapping[str, float]) -> bool:
+    """Tell whether the paper's parameters change so much that the robot would be another one.
+
+    The motor's rate may change towards what is usual: without the effect that is there, it can be far off.
+    """
+    ratios = [after[name] / before.values[name] for name in before.names if name in PAPER and name != "k2_over_k3"]
+    if any(not 1.0 / ABSURD < ratio < ABSURD for ratio in ratios):
+        return True
+    rates = [abs(np.log(one["k1"] * one["k2_over_k3"] / USUAL_RATE)) for one in (before.values, after)]
+    return "k2_over_k3" in before.names and rates[1] > rates[0] + np.log(ABSURD)
 
 
 def at_its_end(parameter: ParameterDefinition, value: float) -> bool:
