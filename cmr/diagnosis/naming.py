@@ -8,7 +8,7 @@ import numpy as np
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import USUAL_RATE, worth_naming
 from cmr.diagnosis.gains import COARSE
-from cmr.diagnosis.packets import JITTER, LOSS, Spread, doubt_of_share, spreads, without_jitter, without_loss
+from cmr.diagnosis.packets import JITTER, LOSS, Spread, doubt_of_share, spread_of, without_jitter, without_loss
 from cmr.diagnosis.polishing import polished
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
@@ -100,12 +100,14 @@ def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
     the search begins anew.
     """
     found = _search(study, base, say)
-    told = study.by_moments and _tick(study) <= COARSE
-    spread = spreads(study, found.final) if told else {}
-    chance = _of_chance(found, spread) if spread else None
-    if chance is None:
-        found = replace(found, named=[_perhaps_jitter(one, found, spread) for one in found.named])
-    else:
+    chance = None
+    if study.by_moments and _tick(study) <= COARSE:
+        late = [one for one in found.named if one.tried.effect.name in LATE]
+        spread = spread_of(JITTER if late else LOSS, study, found.final)
+        chance = _of_chance(found, late, spread) if spread else None
+        if late and spread and chance is None:
+            found = replace(found, named=[_perhaps_jitter(one, found, spread) for one in found.named])
+    if chance is not None:
         named, cleaned = chance
         say(f"Searching again without {named.tried.effect.name} ...")
         again = _search(cleaned, cleaned.fit(base.values, base.names, found.final.noise, renew=0), say)
@@ -147,32 +149,33 @@ def _unseen(screening: Screening) -> tuple[str, ...]:
     )
 
 
-def _perhaps_jitter(one: Named, found: Search, spread: Mapping[str, Spread]) -> Named:
+def _perhaps_jitter(one: Named, found: Search, jitter: Spread) -> Named:
     """Return a delay with jitter among its rivals, unless the spread of what follows commands speaks against it."""
-    if not spread or one.tried.effect.name not in MEANS:
+    if one.tried.effect.name not in MEANS:
         return one
     mean = sum(found.final.values[parameter.name] for parameter in one.tried.effect.parameters)
-    excluded = spread[JITTER].drop_at(2.0 * mean) < -ALIKE * found.inflation
+    excluded = jitter.drop_at(2.0 * mean) < -ALIKE * found.inflation
     return one if excluded else replace(one, rivals=(*one.rivals, JITTER))
 
 
-def _of_chance(found: Search, spread: Mapping[str, Spread]) -> tuple[Named, Study] | None:
-    """Return jitter or loss of commands, if what the search leaves shows it, and the study without it."""
-    late = [one for one in found.named if one.tried.effect.name in LATE]
-    jitter, loss = spread[JITTER], spread[LOSS]
+def _of_chance(found: Search, late: list[Named], spread: Spread) -> tuple[Named, Study] | None:
+    """Return jitter or loss of commands, if what the search leaves shows it, and the study without it.
+
+    `spread` is that of jitter where effects named make commands `late`, else that of loss.
+    """
     of_late = max((one.tried.drop for one in late), default=0.0)
-    if late and jitter.drop > max(MAYBE_CHANCE * found.inflation, LEFT_BY_LATE * of_late):
+    if late and spread.drop > max(MAYBE_CHANCE * found.inflation, LEFT_BY_LATE * of_late):
         value = found.final.values
         mean = sum(value.get(parameter.name, 0.0) for one in late for parameter in one.tried.effect.parameters)
-        mean = mean if all(one.tried.effect.name in MEANS for one in late) else 0.5 * jitter.value
-        drop = jitter.drop + of_late
-        rivals = tuple(one.tried.effect.name for one in late) if jitter.drop < THRESHOLD else ()
+        mean = mean if all(one.tried.effect.name in MEANS for one in late) else 0.5 * spread.value
+        drop = spread.drop + of_late
+        rivals = tuple(one.tried.effect.name for one in late) if spread.drop < THRESHOLD else ()
         # The mean of the delays is known better than their spread.
         largest = Estimate(2.0 * mean, DOUBT_OF_JITTER * mean)
-        return _chance(JITTER, largest, drop, rivals, late[0].before), without_jitter(found.study, jitter, mean)
-    if not late and loss.drop > SURE_LOSS * found.inflation:
-        share = Estimate(loss.value, doubt_of_share(loss))
-        return _chance(LOSS, share, loss.drop, (), found.final), without_loss(found.study, loss)
+        return _chance(JITTER, largest, drop, rivals, late[0].before), without_jitter(found.study, spread, mean)
+    if not late and spread.drop > SURE_LOSS * found.inflation:
+        share = Estimate(spread.value, doubt_of_share(spread))
+        return _chance(LOSS, share, spread.drop, (), found.final), without_loss(found.study, spread)
     return None
 
 

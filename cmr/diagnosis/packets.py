@@ -73,18 +73,16 @@ class _Traces:
         return factor, cho_solve_banded((factor, False), right)
 
 
-def spreads(study: Study, fit: Fit) -> dict[str, Spread]:
-    """Return what jitter about the mean delay, and loss, would explain beside a fit; {} where it cannot be told."""
+def spread_of(name: str, study: Study, fit: Fit) -> Spread | None:
+    """Return what JITTER about the mean delay, or LOSS, would explain beside a fit; None where it cannot be told."""
     pieces = [predictor for predictor in study.predictors if len(predictor.piece.packet_time) > 1]
     if len(pieces) != len(study.predictors) or not any(SIDES[0] in predictor.times for predictor in pieces):
-        return {}
+        return None
     traces = _traces(study, fit, study.errors(fit.values))
+    if name == JITTER:
+        return _spread(traces, SIZES, lambda size: (0.0, size**2 / 12.0))
     period = period_of(study)
-    laws: dict[str, tuple[Floats, Callable[[float], tuple[float, float]]]] = {
-        JITTER: (SIZES, lambda size: (0.0, size**2 / 12.0)),
-        LOSS: (LOSSES, lambda share: (share * period, share * (1.0 - share) * period**2)),
-    }
-    return {name: _spread(traces, sizes, law) for name, (sizes, law) in laws.items()}
+    return _spread(traces, LOSSES, lambda share: (share * period, share * (1.0 - share) * period**2))
 
 
 def _spread(traces: _Traces, sizes: Floats, law: Callable[[float], tuple[float, float]]) -> Spread:

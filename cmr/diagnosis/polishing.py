@@ -19,6 +19,7 @@ FARTHEST = 0.12  # of the value,
 FARTHEST_OF = {"m": 0.25, "s": 1.0, "rad": 0.4}  # of places, times and angles
 FEWEST_STDS = 4.0  # or so many standard deviations, if that is more
 ROUGH = 10.0  # scatter of the sum of squares about a parabola from which the ground is rough
+LOWER = 1.0  # than the fit: a scan that finds as much is followed
 STARTS = 2  # of new fits on rough ground
 NEAR = 0.25  # of the scan's reach: other starts lie farther from one another
 
@@ -29,7 +30,7 @@ def polished(study: Study, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[st
     for name in names:
         offsets, squares = scan(study, fit, name)
         _, scatter = parabola(offsets, squares)
-        if scatter > ROUGH or np.min(squares) < fit.squares:
+        if scatter > ROUGH or np.min(squares) < fit.squares - LOWER:
             better = min((study.refitted(fit, start) for start in _starts(fit, name, offsets, squares)), key=_squares)
             fit = min(fit, better, key=_squares)
             offsets, squares = scan(study, fit, name)
