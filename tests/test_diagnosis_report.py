@@ -16,7 +16,7 @@ from cmr.diagnosis.report.numbers import chance, estimate_text, interval_text, n
 from cmr.diagnosis.report.pairs import pairs_of, pairs_without
 from cmr.diagnosis.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
 from cmr.diagnosis.report.tell_tale import REGRESSOR_WORDS, SIGNAL_WORDS, tell_tale
-from cmr.diagnosis.report.terms import REGRESSORS, SIGNALS, as_shown, regressor, signal_words
+from cmr.diagnosis.report.terms import SYMBOLS, UNITS, as_shown, regressor, signal_words
 from cmr.diagnosis.result import (
     VERDICTS,
     Diagnosis,
@@ -28,6 +28,7 @@ from cmr.diagnosis.result import (
     Residual,
     Unexplained,
 )
+from cmr.diagnosis.words import REGRESSORS, SIGNALS
 from cmr.model.catalogue import CATALOGUE
 from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
@@ -190,6 +191,16 @@ def test_runners_up_say_why_they_were_not_named(found: Page) -> None:
     assert "\u221214.3" in found.text
     many = Page(report_of(replace(FOUND, candidates=CANDIDATES * 20)))
     assert "30 more effects were tried and explain less" in many.text
+    nothing = replace(CANDIDATES[0], name="current_limit", statistic=0.0)
+    assert "current_limit" not in Page(report_of(replace(FOUND, candidates=(*CANDIDATES, nothing)))).text
+
+
+def test_what_was_given_stands_beside_both_models() -> None:
+    rows = [re.sub(r"\s+", " ", row) for row in re.findall(r"<tr>.*?</tr>", report_of(FOUND), re.DOTALL)]
+    (radius,) = [row for row in rows if "<code>wheel_<wbr>radius</code>" in row or "<code>wheel_radius</code>" in row]
+    assert radius.count("0.04 m") == 2
+    (offset,) = [row for row in rows if "tracked point ahead of the turning centre" in row]
+    assert offset.count("0.1443") == 1
 
 
 def test_faults_of_the_data_are_sentences_and_clean_checks_are_listed(found: Page) -> None:
@@ -201,6 +212,9 @@ def test_faults_of_the_data_are_sentences_and_clean_checks_are_listed(found: Pag
 def test_bad_data_are_explained_before_all_else() -> None:
     headings = Page(report_of(SPOILT)).texts_of["h2"]
     assert headings[:2] == ["The data", "What to do next"]
+    unnoticed = Page(report_of(replace(SPOILT, next_experiment=None, checks=CHECKS[1:])))
+    assert "No check of the data found a fault" not in unnoticed.text
+    assert "Mend what the first line says, and record the drive again." in unnoticed.text
 
 
 def test_what_remains_unexplained_is_told_and_drawn() -> None:
@@ -350,6 +364,8 @@ def test_the_choice_listens_for_words_that_the_catalogue_says_and_names_that_res
         assert [phrase for phrase in words if not any(phrase in text for text in said)] == []
     assert {name for names in SIGNAL_WORDS.values() for name in names} <= set(SIGNALS)
     assert {name for names in REGRESSOR_WORDS.values() for name in names} <= set(REGRESSORS)
+    assert list(UNITS) == list(REGRESSORS)
+    assert set(SYMBOLS) <= {*SIGNALS, *REGRESSORS}
 
 
 @pytest.mark.parametrize("name", ["time", "speed", "yaw_rate", "x", "wheel_angle_left"])

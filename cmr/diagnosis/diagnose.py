@@ -28,6 +28,7 @@ from cmr.diagnosis.result import (
 from cmr.diagnosis.showing import paths_of, residuals_of
 from cmr.diagnosis.study import Fit
 from cmr.diagnosis.unexplained import remaining
+from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS, definition
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
@@ -208,8 +209,8 @@ def p_value(drop: float, parameters: int, inflation: float) -> float:
 def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained) -> str:
     found = " ".join(effect.cause for effect in effects)
     if unexplained.present:
-        goes_with = " and ".join(name.replace("_", " ") for name in unexplained.regressors)
-        signal = str(unexplained.signal).replace("_", " ")
+        goes_with = " and ".join(map(regressor_name, unexplained.regressors))
+        signal = signal_name(str(unexplained.signal))
         rest = f"{'More' if effects else 'Something'} remains that no effect of the catalogue explains: errors of the "
         return f"{found} {rest}{signal} that go with {goes_with}.".strip()
     return found or f"Nothing in the data speaks for any of the {len(CATALOGUE)} effects: the paper's model is enough."

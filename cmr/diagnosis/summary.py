@@ -7,6 +7,7 @@ from textwrap import TextWrapper
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.job import Outcome
 from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
+from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.model.catalogue import definition
 
 WIDTH = 110  # characters
@@ -105,8 +106,9 @@ def _faults(diagnosis: Diagnosis) -> list[str]:
     unexplained = diagnosis.unexplained
     if unexplained.present and unexplained.signal:
         sentences.append(
-            f"Unexplained: {100.0 * unexplained.share:.0f} % of what remains of {unexplained.signal} follows "
-            f"{', '.join(unexplained.regressors)}, which no effect of the catalogue explains."
+            f"Unexplained: {100.0 * unexplained.share:.0f} % of what remains of the {signal_name(unexplained.signal)} "
+            f"follows {' and '.join(map(regressor_name, unexplained.regressors))}, which no effect of the catalogue "
+            "explains."
         )
     return sentences
 

@@ -26,10 +26,14 @@ BADGES = {
 NOTHING_NAMED = {
     NO_EFFECT: "No effect of the catalogue improves what it was fitted on and what it was not: the paper's model of "
     "three parameters stands.",
-    UNEXPLAINED: "No effect of the catalogue was named, though the residuals have structure: see What remains "
-    "unexplained.",
+    UNEXPLAINED: "No effect of the catalogue was named, though the residuals have structure: see \u201cWhat remains "
+    "unexplained\u201d below.",
 }
 MOST_RUNNERS_UP = 10
+MEND = (
+    "Mend what the first line says, and record the drive again. Nothing was fitted to these data, and no parameters "
+    "were written."
+)
 EVIDENCE = (
     "Evidence: LR is twice the log-likelihood that the effect adds to the model with all other effects named; p is how "
     "often chance alone would give as much somewhere in the catalogue; held out is the log-likelihood that it adds on "
@@ -141,9 +145,10 @@ def equation(effect: Effect) -> str:
 
 def runners_up(diagnosis: Diagnosis) -> Html:
     """Return the effects that were tried and not named."""
+    explaining = [candidate for candidate in diagnosis.candidates if not candidate.statistic <= 0.0]
     rows = [
         [code(c.name), likelihood(c.statistic), f"p {chance(c.p_value)}", likelihood(c.held_out), c.why_not]
-        for c in diagnosis.candidates[:MOST_RUNNERS_UP]
+        for c in explaining[:MOST_RUNNERS_UP]
     ]
     if not rows:
         return Html("")
@@ -162,8 +167,10 @@ def next_steps(diagnosis: Diagnosis) -> Html:
         if text:
             told.setdefault(text, []).extend([name] if name else [])
     steps = [_step(text, tuple(names)) for text, names in told.items()]
-    if not steps and diagnosis.verdict != BAD_DATA:
-        steps = [joined("These data leave nothing open that another drive of this robot would settle.")]
+    if diagnosis.verdict == BAD_DATA:
+        steps.append(joined(MEND))
+    elif not steps:
+        steps.append(joined("These data leave nothing open that another drive of this robot would settle."))
     if diagnosis.extended:
         steps.append(
             joined(

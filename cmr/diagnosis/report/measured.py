@@ -25,10 +25,11 @@ from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import Diagnosis, Fitted, Gain, NamedEffect
 from cmr.model.catalogue import DEFINITIONS
+from cmr.model.parameters import DEFINITIONS as PAPER
 
 MOST_PATHS = 4  # drawn; a page with more tells nobody more
 MOST_REMAINING = 3  # regressors drawn of what remains
-MOVED = 0.1  # standard deviations; a parameter that moved by less stayed where it was
+MOVED = 1.0  # standard deviations; a parameter that moved by less stayed where it was
 GAIN_WORDS = {"psi": "wheel speeds", "yaw_rate": "yaw rate", "pose": "pose"}
 
 
@@ -109,7 +110,8 @@ def _shifts(effects: Sequence[NamedEffect], diagnosis: Diagnosis) -> Html:
         return Html("")
     words = (
         "What a model lacks hides in the parameters that it has: they take the values that make up for it best, and "
-        "mislead wherever the robot is driven in another way. So far did they move when the effects came in."
+        "mislead wherever the robot is driven in another way. So far did they move when each effect came in beside all "
+        "others named."
     )
     headings = ("parameter", "moved by", "share of its value before", "when this came in")
     heading = tag("h3", "How far the paper's parameters moved")
@@ -166,7 +168,8 @@ def parameters(diagnosis: Diagnosis) -> Html:
         return Html("")
     if diagnosis.effects:
         headings = ["parameter", "meaning", "paper's model", "extended model"]
-        models = [[_value(name, before, {}), _value(name, after, others)] for name in names]
+        known = {name: value for name, value in others.items() if name in PAPER and name not in after}
+        models = [[_value(name, before, known), _value(name, after, others)] for name in names]
     else:
         headings = ["parameter", "meaning", "value"]
         models = [[_value(name, before, others)] for name in names]

@@ -5,7 +5,7 @@ from importlib.metadata import version
 from cmr.diagnosis.report.markup import Html, joined
 from cmr.diagnosis.report.section import bullets, code, codes, paragraph, quiet, section
 from cmr.diagnosis.report.table import table
-from cmr.diagnosis.result import Diagnosis
+from cmr.diagnosis.result import BAD_DATA, Diagnosis
 
 
 def data(diagnosis: Diagnosis) -> Html:
@@ -14,7 +14,9 @@ def data(diagnosis: Diagnosis) -> Html:
     clean = tuple(check.check for check in diagnosis.checks if not check.found)
     listed = quiet(f"{len(clean)} checks found nothing: ", codes(clean), ".") if clean else Html("")
     if not faults:
-        words = paragraph("No check of the data found a fault.") if clean else Html("")
+        sound = diagnosis.verdict != BAD_DATA
+        told = "No check of the data found a fault." if sound else "Why they cannot be used stands at the top."
+        words = paragraph(told) if clean else Html("")
         return section("The data", words, listed)
     return section("The data", table(("check", "found", "what it means"), faults, numbers=(1,)), listed)
 

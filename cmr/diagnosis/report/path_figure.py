@@ -58,7 +58,7 @@ def path_figure(path: Path, *, changed: bool) -> Html:
     return tag(
         "figure",
         keys(real_key(), simulated_key(), *distances),
-        tag("div", *plots, _distance_plot(track, changed), class_="plots"),
+        tag("div", *plots, _distance_plot(track, changed), class_="plots paths"),
         tag("figcaption", words),
     )
 

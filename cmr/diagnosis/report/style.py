@@ -42,6 +42,7 @@ figcaption::before { counter-increment: figure; content: "Figure " counter(figur
 svg { display: block; width: 100%; height: auto; font-family: inherit; fill: #1c1e22; }
 svg svg { width: auto; height: auto; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(18rem, 100%), 1fr)); gap: .5rem 1rem; }
+.paths > svg { max-width: 24rem; }
 .small { display: grid; grid-template-columns: repeat(auto-fill, minmax(9.25rem, 1fr)); gap: .5rem .75rem; }
 .keys { display: flex; flex-wrap: wrap; gap: .2rem 1.4rem; font-size: .875rem; margin: .4rem 0; }
 .keys span { display: inline-flex; align-items: center; gap: .45rem; }
@@ -67,7 +68,7 @@ svg svg { width: auto; height: auto; }
   h2, h3, h2 + p, h3 + p, thead { break-after: avoid; }
   p, figure, tr, pre, .small > svg, .key { break-inside: avoid; }
   .plots { grid-template-columns: repeat(auto-fit, minmax(54mm, 1fr)); }
-  .small { grid-template-columns: repeat(4, 1fr); }
+  .small { grid-template-columns: repeat(5, 1fr); }
   pre { white-space: pre-wrap; }
   .badge, .bar svg, header { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }

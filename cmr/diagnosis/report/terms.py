@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.recordings.signal import Floats
 
 
@@ -21,47 +22,48 @@ class Term(NamedTuple):
         return f"{self.words} [{self.unit}]" if self.unit else self.words
 
 
-SIGNALS = {
-    "psi_left": "left wheel speed \u03c8",
-    "psi_right": "right wheel speed \u03c8",
-    "yaw_rate": "yaw rate \u03c9",
-    "forward": "forward position",
-    "sideways": "sideways position",
-    "heading": "heading \u03b8",
+# Letters that stand behind the names of quantities.
+SYMBOLS = {
+    "psi_left": "\u03c8",
+    "psi_right": "\u03c8",
+    "speed": "v",
+    "yaw_rate": "\u03c9",
+    "heading": "\u03b8",
 }
 TURN = 2.0 * math.pi
-REGRESSORS = {
-    "time": Term("time", "s"),
-    "command_left": Term("left command", "duty"),
-    "command_right": Term("right command", "duty"),
-    "command_change": Term("change of command", "duty"),
-    "speed": Term("speed v", "m/s"),
-    "yaw_rate": Term("yaw rate \u03c9", "rad/s"),
-    "speed_times_yaw_rate": Term("v times \u03c9", "m/s\u00b2"),
-    "acceleration": Term("acceleration", "m/s\u00b2"),
-    "yaw_acceleration": Term("yaw acceleration", "rad/s\u00b2"),
-    "x": Term("place, x", "m"),
-    "y": Term("place, y", "m"),
-    "heading": Term("heading \u03b8", "rad", TURN),
-    "wheel_angle_left": Term("left wheel angle", "rad", TURN),
-    "wheel_angle_right": Term("right wheel angle", "rad", TURN),
-    "energy": Term("energy spent", "s at full load"),
+UNITS = {
+    "time": "s",
+    "command_left": "duty",
+    "command_right": "duty",
+    "command_change": "duty",
+    "speed": "m/s",
+    "yaw_rate": "rad/s",
+    "speed_times_yaw_rate": "m/s\u00b2",
+    "acceleration": "m/s\u00b2",
+    "yaw_acceleration": "rad/s\u00b2",
+    "x": "m",
+    "y": "m",
+    "heading": "rad",
+    "wheel_angle_left": "rad",
+    "wheel_angle_right": "rad",
+    "energy": "s at full load",
 }
+PERIODIC = ("heading", "wheel_angle_left", "wheel_angle_right")
 
 
 def signal_words(name: str) -> str:
     """Return what a signal is called; its own name in words where it is not known."""
-    return SIGNALS.get(name, _in_words(name))
+    return _with_symbol(signal_name(name), name)
 
 
 def regressor(name: str) -> Term:
     """Return the term of a regressor; its own name in words where it is not known."""
-    return REGRESSORS.get(name, Term(_in_words(name), ""))
+    return Term(_with_symbol(regressor_name(name), name), UNITS.get(name, ""), TURN if name in PERIODIC else 0.0)
 
 
 def place(name: str) -> int:
     """Return where a regressor stands among all: in the order above, others last."""
-    return list(REGRESSORS).index(name) if name in REGRESSORS else len(REGRESSORS)
+    return list(UNITS).index(name) if name in UNITS else len(UNITS)
 
 
 def as_shown(name: str, values: Floats) -> Floats:
@@ -70,5 +72,5 @@ def as_shown(name: str, values: Floats) -> Floats:
     return np.asarray((values + period / 2.0) % period - period / 2.0 if period else values)
 
 
-def _in_words(name: str) -> str:
-    return name.replace("_", " ")
+def _with_symbol(words: str, name: str) -> str:
+    return f"{words} {SYMBOLS[name]}" if name in SYMBOLS else words
