@@ -186,6 +186,11 @@ def test_the_gain_is_told_with_its_interval_and_how_far_parameters_moved(found: 
     assert "0.00002" not in found.text  # a tenth of its standard deviation: it did not move
 
 
+def test_an_error_that_grew_is_not_called_smaller() -> None:
+    worse = Gain(ratio=0.8, interval=(0.7, 0.9), signals={})
+    assert "none: 1.25 times larger" in Page(report_of(replace(FOUND, gain=worse))).text
+
+
 def test_runners_up_say_why_they_were_not_named(found: Page) -> None:
     assert "It makes data worse that it was not fitted on." in found.text
     assert "\u221214.3" in found.text

@@ -93,7 +93,8 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.gain is None or not math.isfinite(diagnosis.gain.ratio):
         return [f"{errors}."]
     low, high = diagnosis.gain.interval
-    return [f"{errors}, smaller by a factor of {diagnosis.gain.ratio:.2f} (95 %: {low:.2f} to {high:.2f})."]
+    gained = "smaller by a factor" if diagnosis.gain.ratio >= 1.0 else "not smaller: a ratio"
+    return [f"{errors}, {gained} of {diagnosis.gain.ratio:.2f} (95 %: {low:.2f} to {high:.2f})."]
 
 
 def _error(fitted: Fitted) -> str:

@@ -61,10 +61,15 @@ def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         told = alike(errors) if len(errors) > 1 else [number(errors[0], 3)]
         numbers.append(("path error on held-out data", " \u2192 ".join(told) + " m"))
     if diagnosis.effects and diagnosis.gain and math.isfinite(diagnosis.gain.ratio):
-        numbers.append(("gain", f"{number(diagnosis.gain.ratio, 3)} times smaller"))
+        numbers.append(("gain", _times(diagnosis.gain.ratio)))
     if diagnosis.samples:
         numbers.append(("measurements compared", f"{diagnosis.samples:,}"))
     return numbers
+
+
+def _times(ratio: float) -> str:
+    """Return in words how an error before compares with that after."""
+    return f"{number(ratio, 3)} times smaller" if ratio >= 1.0 else f"none: {number(1.0 / ratio, 3)} times larger"
 
 
 def named(diagnosis: Diagnosis) -> Html:

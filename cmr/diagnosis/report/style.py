@@ -42,6 +42,7 @@ figcaption::before { counter-increment: figure; content: "Figure " counter(figur
 svg { display: block; width: 100%; height: auto; font-family: inherit; fill: #1c1e22; }
 svg svg { width: auto; height: auto; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(18rem, 100%), 1fr)); gap: .5rem 1rem; }
+.plots > svg { max-width: 34rem; }
 .paths > svg { max-width: 24rem; }
 .small { display: grid; grid-template-columns: repeat(auto-fill, minmax(9.25rem, 1fr)); gap: .5rem .75rem; }
 .keys { display: flex; flex-wrap: wrap; gap: .2rem 1.4rem; font-size: .875rem; margin: .4rem 0; }
