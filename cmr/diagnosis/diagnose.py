@@ -39,6 +39,8 @@ from cmr.recordings.recording import Recording
 # No equation, no raster of 10 ms and no stamp is exact: measured on logs of a plant that shares no code with the
 # model (scripts/study_diagnosis), sizes of effects are off by so much of their value however little noise there is.
 INEXACT = 0.008
+INEXACT_FRICTION = 0.07  # the same of dry friction: how it depends on the speed differs from one motor to the next
+FRICTION = ("coulomb_friction", "static_friction", "surface_patch_friction")
 MOST_UNSEEN = 4  # effects named in one recommendation
 
 
@@ -195,7 +197,8 @@ def _estimates(fit: Fit, found: Search) -> dict[str, Estimate]:
 
 def _estimate(fit: Fit, name: str, found: Search) -> Estimate:
     value = fit.values[name]
-    doubt = np.hypot(found.doubts.get(name, 0.0), INEXACT * value if name not in PAPER else 0.0)
+    inexact = 0.0 if name in PAPER else INEXACT_FRICTION if name in FRICTION else INEXACT
+    doubt = np.hypot(found.doubts.get(name, 0.0), inexact * value)
     return Estimate(value, float(np.sqrt(found.inflation * fit.std(name) ** 2 + doubt**2)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import USUAL_RATE, worth_naming
 from cmr.diagnosis.gains import COARSE
-from cmr.diagnosis.packets import JITTER, LOSS, Spread, doubt_of_share, spread_of, without_jitter, without_loss
+from cmr.diagnosis.packets import JITTER, LOSS, Spread, share_lost, spread_of, without_jitter, without_loss
 from cmr.diagnosis.polishing import polished
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
@@ -39,7 +39,7 @@ LEFT_BY_LATE = 0.003  # of what a fixed delay explains may be left in the spread
 SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
 TOO_SMALL = "It is too small to matter."
 MOST_SMALL = 3  # such effects that are fitted to see what remains
-COARSE_INFLATION = 20.0  # ticks of coarse encoders make errors that go with the speed
+COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
 
@@ -173,9 +173,9 @@ def _of_chance(found: Search, late: list[Named], spread: Spread) -> tuple[Named,
         # The mean of the delays is known better than their spread.
         largest = Estimate(2.0 * mean, DOUBT_OF_JITTER * mean)
         return _chance(JITTER, largest, drop, rivals, late[0].before), without_jitter(found.study, spread, mean)
-    if not late and spread.drop > SURE_LOSS * found.inflation:
-        share = Estimate(spread.value, doubt_of_share(spread))
-        return _chance(LOSS, share, spread.drop, (), found.final), without_loss(found.study, spread)
+    share, std = share_lost(found.study, spread) if not late else (0.0, 0.0)
+    if share > 0.0 and spread.drop > SURE_LOSS * found.inflation:
+        return _chance(LOSS, Estimate(share, std), spread.drop, (), found.final), without_loss(found.study, spread)
     return None
 
 

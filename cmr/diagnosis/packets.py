@@ -23,6 +23,8 @@ LEAST_CHANGE = 1e-3  # duty
 SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tried
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tried
 SIDES = ("psi_left", "psi_right")
+TOLD = 40.0  # squared white errors that a lost command makes from which it is told by itself
+FEWEST_LOST = 3
 JITTER, LOSS = "command_jitter", "command_loss"
 
 
@@ -82,7 +84,7 @@ def spread_of(name: str, study: Study, fit: Fit) -> Spread | None:
     if name == JITTER:
         return _spread(traces, SIZES, lambda size: (0.0, size**2 / 12.0))
     period = period_of(study)
-    return _spread(traces, LOSSES, lambda share: (share * period, share * (1.0 - share) * period**2))
+    return _spread(traces, LOSSES, lambda share: loss_of(share, period))
 
 
 def _spread(traces: _Traces, sizes: Floats, law: Callable[[float], tuple[float, float]]) -> Spread:
@@ -100,13 +102,27 @@ def period_of(study: Study) -> float:
     return float(np.median(np.concatenate([np.diff(p.piece.packet_time) for p in study.predictors])))
 
 
-def doubt_of_share(spread: Spread) -> float:
-    """Return the standard deviation of the share of commands lost.
+def share_lost(study: Study, spread: Spread) -> tuple[float, float]:
+    """Return the share of commands that came one period late, and its standard deviation; (0, 0) if hardly any did.
 
-    Commands that change much weigh most; which of them are lost is chance, so their weights tell how sure the share is.
+    Commands count that change enough to tell each by itself. Their delays are drawn towards the mean of all, by as much
+    as each is unsure; that is undone.
     """
-    weights = spread.weights / np.sum(spread.weights)
-    return float(np.sqrt(spread.value * (1.0 - spread.value) * np.sum(weights**2)))
+    period = period_of(study)
+    mean, variance = loss_of(spread.value, period)
+    told = spread.weights * period**2 > TOLD
+    drawn = spread.weights / (spread.weights + 1.0 / variance)
+    delays = mean + (np.concatenate(spread.delays) - mean)[told] / drawn[told]
+    number, lost = len(delays), int(np.count_nonzero(delays > 0.5 * period))
+    if lost < FEWEST_LOST:
+        return 0.0, 0.0
+    share = lost / number
+    return share, float(np.sqrt(share * (1.0 - share) / number))
+
+
+def loss_of(share: float, period: float) -> tuple[float, float]:
+    """Return mean [s] and variance of the delays when a share of commands comes one `period` [s] late."""
+    return share * period, share * (1.0 - share) * period**2
 
 
 def without_jitter(study: Study, spread: Spread, mean: float) -> Study:
