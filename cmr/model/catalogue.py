@@ -1,5 +1,7 @@
 """All effects by name, and all parameters: those of CMR and those that installed packages add.
 
+The catalogue holds what has a cause that can be named. The model also knows generic terms, which have none.
+
 A package adds effects by an entry point of the group `cmr.effects`, each pointing at one `Effect`.
 """
 
@@ -10,7 +12,7 @@ from typing import Any
 
 from cmr.model import parameters as paper
 from cmr.model.effect import Effect
-from cmr.model.effects import electronics, ground, motors, sensors
+from cmr.model.effects import electronics, generic, ground, motors, sensors
 from cmr.model.parameters import ParameterDefinition, RobotParameters
 
 ENTRY_POINTS = "cmr.effects"
@@ -40,7 +42,9 @@ def definitions_of(catalogue: Mapping[str, Effect]) -> dict[str, ParameterDefini
 
 
 CATALOGUE = catalogue_of((*OWN, *(point.load() for point in entry_points(group=ENTRY_POINTS))))
-DEFINITIONS = definitions_of(CATALOGUE)
+GENERIC_TERMS = catalogue_of(generic.EFFECTS)
+MODELLED = catalogue_of((*CATALOGUE.values(), *GENERIC_TERMS.values()))
+DEFINITIONS = definitions_of(MODELLED)
 
 
 def definition(name: str) -> ParameterDefinition:
@@ -54,13 +58,13 @@ def definition(name: str) -> ParameterDefinition:
 
 
 def effects_on(values: Mapping[str, Any]) -> list[Effect]:
-    """Return the effects that these parameter values, by name, switch on; in the order of the catalogue.
+    """Return the effects that these parameter values, by name, switch on; generic terms come last.
 
     Raises KeyError for a name that is no parameter.
     """
     for name in values:
         definition(name)
-    return [effect for effect in CATALOGUE.values() if effect.is_on(values)]
+    return [effect for effect in MODELLED.values() if effect.is_on(values)]
 
 
 def typical(effect: Effect) -> dict[str, float]:

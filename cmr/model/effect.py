@@ -12,6 +12,7 @@ from cmr.model.parameters import ParameterDefinition
 from cmr.model.stages import STAGES
 
 GROUPS = ("battery and electronics", "motors and gearing", "wheels and ground", "sensors")
+GENERIC = "generic terms"  # the group of what has no cause
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class Effect:
     memory: tuple[Memory, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.group not in GROUPS:
-            raise ValueError(f"effect {self.name}: group {self.group!r} is none of {', '.join(GROUPS)}")
+        if self.group not in (*GROUPS, GENERIC):
+            raise ValueError(f"effect {self.name}: group {self.group!r} is none of {', '.join((*GROUPS, GENERIC))}")
         unknown = sorted(set(self.equations) - set(STAGES))
         if unknown:
             raise ValueError(f"effect {self.name}: unknown stages {', '.join(unknown)}; known: {', '.join(STAGES)}")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from textwrap import dedent
 
-from cmr.model.catalogue import CATALOGUE, typical
+from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, typical
 from cmr.model.effect import GROUPS, Effect
 from cmr.model.parameters import ParameterDefinition
 from cmr.model.showcase import LAP, Showcase
@@ -38,7 +38,7 @@ def document(showcases: dict[str, Showcase], example: str) -> str:
     for group in GROUPS:
         parts.append(f"## {group.capitalize()}\n")
         parts += [_entry(effect, showcases[effect.name]) for effect in CATALOGUE.values() if effect.group == group]
-    return "\n".join([*parts, _stages(), _own(example)])
+    return "\n".join([*parts, _generic_terms(), _stages(), _own(example)])
 
 
 def _contents() -> str:
@@ -56,7 +56,7 @@ def _entry(effect: Effect, shown: Showcase) -> str:
         f"![{effect.name}](effects/{effect.name}.png)\n",
         f"{caption(shown)}\n",
         "```python",
-        "\n\n".join(f"# {_heading(stage)}\n{dedent(code).strip()}" for stage, code in effect.equations.items()),
+        _equations(effect),
         "```\n",
         "| parameter | unit | meaning | neutral | typical | from | to |",
         "|---|---|---|---|---|---|---|",
@@ -71,6 +71,10 @@ def _entry(effect: Effect, shown: Showcase) -> str:
         told_apart = [f"[{other}](#{other}): {manoeuvre}" for other, manoeuvre in effect.confused_with.items()]
         lines.append(f"Confused with, and told apart by: {'; '.join(told_apart)}.\n")
     return "\n".join(lines)
+
+
+def _equations(effect: Effect) -> str:
+    return "\n\n".join(f"# {_heading(stage)}\n{dedent(code).strip()}" for stage, code in effect.equations.items())
 
 
 def caption(shown: Showcase) -> str:
@@ -98,6 +102,28 @@ def _unit(parameter: ParameterDefinition) -> str:
 def _heading(name: str) -> str:
     stage = STAGES[name]
     return f"{name}: {stage.when}{', for each side' if stage.per_side else ''}"
+
+
+def _generic_terms() -> str:
+    rows = [_parameter(parameter) for effect in GENERIC_TERMS.values() for parameter in effect.parameters]
+    equations = [_equations(effect) for effect in GENERIC_TERMS.values()]
+    return "\n".join(
+        [
+            "## Generic terms\n",
+            "A generic term has no physical cause, and nothing is ever named after it. Where a robot does what no",
+            "effect describes, `cmr-diagnose` may give a few of these products a coefficient, if that foretells data",
+            "better that it was not fitted on. `u` is a wheel's duty, `s` = K1 psi its share of the no-load speed, v",
+            "[m/s] the speed of the body and omega [rad/s] its turn rate. Models without any of them are compiled",
+            "without them.\n",
+            "```python",
+            "\n\n".join(equations),
+            "```\n",
+            "| parameter | unit | meaning | neutral | typical | from | to |",
+            "|---|---|---|---|---|---|---|",
+            *rows,
+            "",
+        ]
+    )
 
 
 def _stages() -> str:

@@ -4,7 +4,7 @@ import hashlib
 import importlib.util
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model import composed_loops, elementary, step_helpers
-from cmr.model.catalogue import CATALOGUE
+from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, MODELLED
 from cmr.model.compiled import cache_folder
 from cmr.model.compose import LANES, compose, late, rows_of
 from cmr.model.effect import Effect
@@ -118,10 +118,18 @@ class Blocks:
         return np.asarray(self.rows[slots // LANES, self._row[name], slots % LANES])
 
 
+def model_of(names: Collection[str]) -> ExtendedModel:
+    """Return the model that has parameters with these names: generic terms are compiled in only where one is used.
+
+    They would slow down all other models by an eighth.
+    """
+    return _extended_model(any(parameter.name in names for e in GENERIC_TERMS.values() for parameter in e.parameters))
+
+
 @cache
-def extended_model() -> ExtendedModel:
-    """Return the model with all effects of the catalogue."""
-    return ExtendedModel(tuple(CATALOGUE.values()))
+def _extended_model(generic: bool) -> ExtendedModel:
+    """Return the model with all effects of the catalogue, with or without generic terms."""
+    return ExtendedModel(tuple((MODELLED if generic else CATALOGUE).values()))
 
 
 def drive(
@@ -140,7 +148,7 @@ def drive(
     `values` by name and `start` (x, y, theta, psi_left, psi_right) have shape (C,). `time` [s] is that of the first
     border; `seed` fixes the random numbers, the same for all candidates.
     """
-    model = model or extended_model()
+    model = model or model_of(values)
     count = len(start[0])
     parts = np.ceil(dt / LONGEST_STEP).astype(np.int64)  # none for a span without duration
     borders = np.concatenate([[0], np.cumsum(parts)])[at]

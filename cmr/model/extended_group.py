@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model.compose import LANES
-from cmr.model.extended import START, extended_model
+from cmr.model.extended import START, model_of
 from cmr.model.statements import memories
 
 Floats = NDArray[np.float64]
@@ -20,7 +20,7 @@ class ExtendedGroup:
     """Some robots of a fleet, by index; parameter `values` by name and `state` are those of the whole fleet."""
 
     def __init__(self, dt: float, seed: int, robots: Indices, values: Mapping[str, Floats], state: Floats) -> None:
-        self._model = extended_model()
+        self._model = model_of(values)
         self._dt, self._seed, self._robots = dt, seed, robots
         self._slots = np.arange(len(robots))
         chosen = {name: numbers[robots] for name, numbers in values.items() if name in self._model.definitions}

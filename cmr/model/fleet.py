@@ -135,9 +135,9 @@ class Fleet:
         values = {name: numbers[:n] for name, numbers in self._effects.items()}
         extended = _turning_too_fast(self.dt, self._parameters[:, :n], self._state[3:, :n])
         if values:
-            from cmr.model.extended import extended_model  # composing it takes time that the paper's model need not
+            from cmr.model.extended import model_of  # composing it takes time that the paper's model need not
 
-            extended |= extended_model().on(values, (n,))
+            extended |= model_of(values).on(values, (n,))
         robots = np.flatnonzero(extended)
         if len(robots):
             from cmr.model.extended_group import ExtendedGroup

@@ -144,14 +144,14 @@ def _drive_mixed(
     from cmr.model.catalogue import definition
 
     values = {definition(name).name: row for name, row in zip(effects, _lanes(effects.values(), shape), strict=True)}
-    model = extended.extended_model()
+    model = extended.model_of(values)
     on = model.on(values, paper.shape[1:])
     if not np.any(on):
         return _drive_paper(spans, paper, start, at)
     values.update(zip(DEFINITIONS, paper, strict=True))
     chosen = {name: values[name][on] for name in model.definitions if name in values}
     recorded = np.empty((extended.RECORDED, len(at), paper.shape[1]))
-    recorded[:, :, on] = extended.drive(*spans, chosen, start[:, on], at, time, seed)
+    recorded[:, :, on] = extended.drive(*spans, chosen, start[:, on], at, time, seed, model)
     if not np.all(on):
         off = ~on
         recorded[:, :, off] = _drive_paper(spans, _columns(paper, off), _columns(start, off), at)

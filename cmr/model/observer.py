@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cmr.model import observer_loops
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.compose import CHANGED, LANES
-from cmr.model.extended import Candidates, ExtendedModel, composed_module, extended_model
+from cmr.model.extended import Candidates, ExtendedModel, composed_module, model_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.statements import SIDES, Statements
 
@@ -104,6 +104,7 @@ class Observer:
         if unknown:
             raise KeyError(f"unknown parameters {', '.join(unknown)}")
         self._values = {name: self._each(value) for name, value in values.items()}
+        self._model = model_of(values)
         lanes = np.minimum(np.arange(-(-self._count // LANES) * LANES), self._count - 1)  # leftovers repeat the last
         self._lanes = lanes
         neutral = {name: np.full(self._count, DEFINITIONS[name].neutral or 0.0) for name in _sensor_parameters()}
@@ -116,7 +117,7 @@ class Observer:
         count = self._count
         start = [np.full(count, value) for value in heard.start]
         blocks = self._rolling.begun(start, heard.time) if len(heard.given) else self._driven.begun(start, heard.time)
-        ring = extended_model().packets_under_way(self._values, np.full(len(heard.left), heard.dt))
+        ring = self._model.packets_under_way(self._values, np.full(len(heard.left), heard.dt))
         chosen = np.zeros(len(self._lanes), np.int64) if luck is None else np.asarray(luck, np.int64)[self._lanes]
         result = Innovations(
             np.empty((len(heard.wheel_time), 2, count)),
@@ -124,7 +125,7 @@ class Observer:
             np.empty((len(heard.pose_time), 3, count)),
             np.empty((len(heard.left) + 1, len(MOTION))),
         )
-        _module(heard.dt).observe(
+        _module(self._model, heard.dt).observe(
             *blocks.arguments, count, heard.left, heard.right, heard.dt, ring, seed, chosen, heard.given,
             self._sensor, self._gains, heard.wheel_time, heard.wheel, heard.wheel_use, heard.gyro_time, heard.gyro,
             heard.pose_time, heard.pose, heard.pose_use, *result,
@@ -142,8 +143,8 @@ class Observer:
         return self._candidates(self._values | {name: self._each(value) for name, value in DEAD_MOTOR.items()})
 
     def _candidates(self, values: Mapping[str, Floats]) -> Candidates:
-        model = extended_model()
-        return Candidates(model, {n: v for n, v in values.items() if n in model.definitions}, self._count)
+        known = self._model.definitions
+        return Candidates(self._model, {n: v for n, v in values.items() if n in known}, self._count)
 
     def _each(self, value: Any) -> Floats:
         """Return a number, or one for each candidate, as an array (C,)."""
@@ -167,9 +168,8 @@ def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
 
 
 @cache
-def _module(dt: float) -> Any:
+def _module(model: ExtendedModel, dt: float) -> Any:
     """Return the compiled observer that looks back LONGEST_LATENCY on a raster of `dt` [s]."""
-    model = extended_model()
     history = 1 << int(np.ceil(np.log2(LONGEST_LATENCY / dt + 3.0)))
     return composed_module(_source(model, history), observer_loops)
 

@@ -224,14 +224,14 @@ def _check_effects(effects: tuple[str, ...], values: Mapping[str, Value]) -> Non
     """Raise ParameterFileError unless the effects are known and those that the values switch on."""
     if not effects and set(values) <= set(DEFINITIONS):
         return
-    from cmr.model.catalogue import CATALOGUE
+    from cmr.model.catalogue import MODELLED
 
     for name in effects:
-        if not isinstance(name, str) or name not in CATALOGUE:
-            raise ParameterFileError(f"effects: unknown effect {name!r}; known are {', '.join(CATALOGUE)}")
+        if not isinstance(name, str) or name not in MODELLED:
+            raise ParameterFileError(f"effects: unknown effect {name!r}; known are {', '.join(MODELLED)}")
         if effects.count(name) > 1:
             raise ParameterFileError(f"effects: {name} is there more than once")
-    for name, effect in CATALOGUE.items():
+    for name, effect in MODELLED.items():
         given = [parameter for parameter in effect.parameters if parameter.name in values]
         if name in effects and not given:
             names = ", ".join(parameter.name for parameter in effect.parameters)

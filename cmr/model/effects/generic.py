@@ -1,0 +1,112 @@
+"""Generic terms: a sum over products of command, speed, turn rate and heading, which stand for no physical cause.
+
+They are no entries of the catalogue: nothing is ever named after them. Where a robot does what no entry describes, the
+diagnosis may give a few of them a coefficient, so that the simulation foretells better what it cannot explain. Each
+coefficient is a parameter as all others, 0.0 by default, which switches the product off exactly.
+
+Of a wheel, products are of the duty `u` and of the share of the no-load speed `s` = K1 psi, so that coefficients are
+duties and mean the same for every robot. Of the body, they are of its speed v [m/s], its turn rate omega [rad/s] and
+its heading in the world, and coefficients have the units that this takes. Left out are products that an entry of the
+catalogue has by itself (v omega of the sideways speed: lateral_skid), and wheel angle and place: terms of those say
+nothing of other drives.
+"""
+
+from cmr.model.effect import GENERIC, Effect
+from cmr.model.parameters import ParameterDefinition
+
+LARGEST = 1e3  # of a coefficient: no bound that matters
+SMALL = 0.03  # typical size of those that have no unit
+
+Product = tuple[str, str, str, float]  # end of the parameter's name, unit, the product in words, typical size
+
+
+def _coefficients(effect: str, products: tuple[Product, ...]) -> tuple[ParameterDefinition, ...]:
+    """Return the parameters of an effect: one for each product."""
+    return tuple(
+        ParameterDefinition(f"{effect}_{name}", unit, f"coefficient of {words}", -LARGEST, LARGEST, 0.0, typical)
+        for name, unit, words, typical in products
+    )
+
+
+WHEEL = Effect(
+    name="generic_drive",
+    group=GENERIC,
+    cause="A generic term, no physical cause, drives the wheels.",
+    equations={
+        "actuator": """
+            effort = abs(duty)
+            by_duty = effort * (generic_drive_abs_u + duty * generic_drive_u_abs_u) + generic_drive_u_cubed * duty**3
+        """,
+        "voltage": """
+            s = k1 * psi
+            by_speed = s * (abs(s) * generic_drive_s_abs_s + s * s * generic_drive_s_cubed)
+            crossed = generic_drive_s_abs_u * s * effort + generic_drive_u_abs_s * duty * abs(s)
+            voltage = voltage + by_duty + by_speed + crossed
+        """,
+    },
+    parameters=_coefficients(
+        "generic_drive",
+        (
+            ("abs_u", "-", "abs(u) in the motor's duty", SMALL),
+            ("u_abs_u", "-", "u abs(u) in the motor's duty", SMALL),
+            ("u_cubed", "-", "u^3 in the motor's duty", SMALL),
+            ("s_abs_s", "-", "s abs(s) in the motor's duty, s = K1 psi", SMALL),
+            ("s_cubed", "-", "s^3 in the motor's duty, s = K1 psi", SMALL),
+            ("s_abs_u", "-", "s abs(u) in the motor's duty, s = K1 psi", SMALL),
+            ("u_abs_s", "-", "u abs(s) in the motor's duty, s = K1 psi", SMALL),
+        ),
+    ),
+    needs="duties and speeds of all sizes, both ways",
+    shows_in="wheel speeds",
+)
+
+BODY = Effect(
+    name="generic_motion",
+    group=GENERIC,
+    cause="A generic term, no physical cause, moves the body.",
+    equations={
+        "place": """
+            cosine = cos(theta)
+            sine = sin(theta)
+        """,
+        "body": """
+            v, abs_v, w, abs_w = speed, abs(speed), yaw_rate, abs(yaw_rate)
+            turn = generic_motion_turn_abs_v * abs_v + generic_motion_turn_w_abs_w * w * abs_w
+            turn = turn + v * (generic_motion_turn_v_cos * cosine + generic_motion_turn_v_sin * sine)
+            turn = turn + v * (generic_motion_turn_v_abs_v * abs_v + generic_motion_turn_v_w * w)
+            yaw_rate = yaw_rate + turn + generic_motion_turn_w_abs_v * w * abs_v
+            on = abs_w * (generic_motion_on_abs_w + generic_motion_on_w_squared * abs_w)
+            speed = speed + on + v * (generic_motion_on_v_abs_w * abs_w + generic_motion_on_v_abs_v * abs_v)
+            aside = generic_motion_aside_v * v + generic_motion_aside_w_abs_w * w * abs_w
+            drift = generic_motion_aside_abs_v_cos * cosine + generic_motion_aside_abs_v_sin * sine
+            drift = drift + generic_motion_aside_abs_v + generic_motion_aside_w_abs_v * w
+            sideways = sideways + aside + drift * abs_v
+        """,
+    },
+    parameters=_coefficients(
+        "generic_motion",
+        (
+            ("turn_abs_v", "rad/m", "abs(v) in the turn rate", 0.1),
+            ("turn_v_abs_v", "rad s/m^2", "v abs(v) in the turn rate", 0.2),
+            ("turn_v_w", "s/m", "v omega in the turn rate", 0.1),
+            ("turn_w_abs_v", "s/m", "omega abs(v) in the turn rate", 0.1),
+            ("turn_w_abs_w", "s/rad", "omega abs(omega) in the turn rate", 0.02),
+            ("turn_v_cos", "rad/m", "v cos(theta) in the turn rate", 0.1),
+            ("turn_v_sin", "rad/m", "v sin(theta) in the turn rate", 0.1),
+            ("on_abs_w", "m/rad", "abs(omega) in the forward speed", 0.005),
+            ("on_w_squared", "m s/rad^2", "omega^2 in the forward speed", 0.003),
+            ("on_v_abs_w", "s/rad", "v abs(omega) in the forward speed", 0.02),
+            ("on_v_abs_v", "s/m", "v abs(v) in the forward speed", 0.05),
+            ("aside_v", "-", "v in the speed to the left", SMALL),
+            ("aside_abs_v", "-", "abs(v) in the speed to the left", SMALL),
+            ("aside_w_abs_v", "s/rad", "omega abs(v) in the speed to the left", 0.02),
+            ("aside_w_abs_w", "m s/rad^2", "omega abs(omega) in the speed to the left", 0.003),
+            ("aside_abs_v_cos", "-", "abs(v) cos(theta) in the speed to the left", SMALL),
+            ("aside_abs_v_sin", "-", "abs(v) sin(theta) in the speed to the left", SMALL),
+        ),
+    ),
+    needs="speeds, turns and headings of all kinds",
+    shows_in="the pose and the gyro",
+)
+
+EFFECTS = (WHEEL, BODY)
