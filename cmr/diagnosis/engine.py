@@ -13,6 +13,7 @@ from cmr.diagnosis.gains import choose_gains
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Predictor, predictors
 from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.thinning import share_used, thinned
 from cmr.model.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.checks import check
@@ -21,6 +22,7 @@ from cmr.recordings.recording import Recording
 
 MOTOR = ("k2_over_k3", "k1", "base_width")
 ROLLING = ("wheel_radius", "base_width")
+THINNED = "The drives are longer than the diagnosis needs: one of {every} readings of each sensor is used."
 TURNING = 0.05  # rad/s above which a robot turns
 X, Y = MOTION.index("x"), MOTION.index("y")
 
@@ -46,7 +48,9 @@ def prepare(recordings: Sequence[Recording], nominal: ParameterFile) -> Ready:
         for number, (recording, one) in enumerate(zip(cleaned, findings, strict=True))
         for piece in pieces_of(recording, [int(split) for split in one.splits], number)
     ]
-    ready = predictors(pieces)
+    every = share_used(pieces)
+    notes = (THINNED.format(every=every),) if every > 1 else ()
+    ready = predictors([thinned(piece, every) for piece in pieces])
     values = {"wheel_radius": nominal.value("wheel_radius")}
     width = guess_base_width(ready, values["wheel_radius"])
     if not pieces or width is None:
@@ -62,7 +66,7 @@ def prepare(recordings: Sequence[Recording], nominal: ParameterFile) -> Ready:
     study = Study(ready, gains, scene)
     base = study.fit(values, names, Noise.plain(ready, study.errors(values)), renew=0)
     study.scene = replace(scene, parameters=base.values)
-    return Ready(study, base, checks)
+    return Ready(study, base, checks, notes)
 
 
 def _scene(ready: Sequence[Predictor], values: dict[str, float], gains: Gains) -> Scene:
