@@ -157,7 +157,8 @@ def test_a_log_that_breaks_off_is_diagnosed_as_far_as_it_goes(engine: Engine, lo
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["none.lcm"], "none.lcm: no MOTOR_FEEDBACK_N or POSE_N in it"),
+        (["none.lcm"], "none.lcm: is empty. Was lcm-logger on the robot's bus"),
+        (["none.lcm", "--robot", "0"], "none.lcm: is empty."),
         (["missing.lcm"], "missing.lcm: cannot be opened: No such file or directory"),
         (["garbage.lcm"], "garbage.lcm: no MOTOR_FEEDBACK_N or POSE_N in it"),
         (["folder.lcm"], "folder.lcm: cannot be opened: Is a directory"),
@@ -196,7 +197,10 @@ def test_a_folder_that_cannot_be_written_is_told_before_the_work(
 ) -> None:
     (tmp_path / "file").touch()
     assert run(logs / "a.lcm", "--out", tmp_path / "file") == 1
-    assert re.search(r"file: cannot be written: .*Choose another place with --out\.$", capsys.readouterr().err)
+    assert re.search(
+        r"file: cannot be written: it is a file, not a folder\. Choose another place with --out\.$",
+        capsys.readouterr().err,
+    )
     assert not engine.asked
 
 

@@ -17,7 +17,7 @@ import pytest
 from cmr.commands.command_line import guarded
 from cmr.commands.diagnose import main
 from cmr.diagnosis.job import Job, Outcome, Telling
-from cmr.diagnosis.many import THREADS, Pool, jobs_of
+from cmr.diagnosis.many import THREADS, Pool, distinct_names, jobs_of
 from cmr.diagnosis.result import EFFECTS_FOUND
 from cmr.recordings.recording import RecordingError
 from tests.logs_of_robots import write_logs
@@ -72,11 +72,20 @@ def test_each_makes_a_job_of_every_log_and_robot(logs: Path) -> None:
 def test_each_keeps_the_results_of_logs_with_the_same_name_apart(logs: Path, tmp_path: Path) -> None:
     (tmp_path / "a.lcm").write_bytes((logs / "a.lcm").read_bytes())
     jobs = jobs_of([logs / "a.lcm", tmp_path / "a.lcm"], Job(logs=(), robot_id=None, folder=Path("out")), each=True)
-    assert [str(job.folder) for job in jobs] == ["out/a_robot_0", "out/a_robot_0_2"]
+    assert [job.folder.name for job in jobs] == [f"{logs.name}_a_robot_0", f"{tmp_path.name}_a_robot_0"]
+
+
+def test_names_of_logs_are_never_those_of_others(tmp_path: Path) -> None:
+    assert distinct_names([Path("a.lcm"), Path("b.lcm")]) == ["a", "b"]
+    assert distinct_names([Path("/x/1/a.lcm"), Path("/y/1/a.lcm"), Path("b.lcm")]) == ["x_1_a", "y_1_a", "b"]
+    assert distinct_names([Path("a.lcm"), Path("a.log")]) == ["a", "a"]  # which get numbers
+    tricky = ["a.lcm", "1/a.lcm", "2/a.lcm", "1_a.lcm", "1_a.log", "1_a_2.lcm"]
+    jobs = jobs_of([tmp_path / name for name in tricky], Job(logs=(), robot_id=0, folder=tmp_path), each=True)
+    assert len({job.folder for job in jobs}) == len(tricky)
 
 
 def test_a_log_of_no_use_stops_a_common_diagnosis_but_not_the_others_of_each(logs: Path) -> None:
-    with pytest.raises(RecordingError, match=r"none\.lcm: no MOTOR_FEEDBACK_N"):
+    with pytest.raises(RecordingError, match=r"none\.lcm: is empty"):
         groups(logs, "a none")
     assert groups(logs, "a none", each=True) == {"out/a_robot_0": ("a", 0, ""), "out/none": ("none", None, "")}
 

@@ -63,7 +63,7 @@ def robots_in(log: Path) -> list[int]:
 
     Raises RecordingError when the log cannot be opened or holds no robot.
     """
-    read_log(log)  # says why a file cannot be opened
+    _filled(log)
     events = lcm.EventLog(str(log), "r")
     try:
         channels = {event.channel for event in intact_events(events)}
@@ -73,6 +73,13 @@ def robots_in(log: Path) -> list[int]:
     identities = [identify(channel) for channel in channels]
     robots = sorted({found[1] for found in identities if found and found[0] in measuring and found[1] is not None})
     return robots or [choose_robot({}, None, str(log))]
+
+
+def _filled(log: Path) -> None:
+    """Raise RecordingError when a log cannot be opened or is empty; the text says why."""
+    read_log(log)
+    if log.is_file() and log.stat().st_size == 0:
+        raise RecordingError(f"{log}: is empty. Was lcm-logger on the robot's bus (--lcm-url) while it drove?")
 
 
 def perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
@@ -87,6 +94,8 @@ def perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
         with _writing(job.folder):  # before the work, not after it
             job.folder.mkdir(parents=True, exist_ok=True)
         tell(f"Reading {_names(job.logs)}.")
+        for log in (*job.logs, *job.held_out):
+            _filled(log)
         recordings = [Recording.read(log, job.robot_id) for log in job.logs]
         held_out = [Recording.read(log, recordings[0].robot_id) for log in job.held_out]
         sources = [str(log) for log in job.logs]
@@ -123,7 +132,8 @@ def _writing(folder: Path) -> Iterator[None]:
     except ParameterFileError as error:
         raise JobError(f"The extended parameters cannot be written: {error}") from error
     except OSError as error:
-        what = f"{folder}: cannot be written: {error.strerror or error}"
+        why = "it is a file, not a folder" if folder.is_file() else error.strerror or error
+        what = f"{folder}: cannot be written: {why}"
         raise JobError(f"{what}. Choose another place with --out.") from error
 
 

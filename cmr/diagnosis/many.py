@@ -56,12 +56,25 @@ def jobs_of(logs: Sequence[Path], pattern: Job, *, each: bool = False) -> list[J
 
 def _named(logs: Sequence[Path], robot_id: int | None) -> Iterator[tuple[Path, int | None, str]]:
     """Yield each log with each of its robots, and a name that no other has."""
-    taken: dict[str, int] = {}
-    for log in logs:
+    taken: set[str] = set()
+    for log, distinct in zip(logs, distinct_names(logs), strict=True):
         for robot in _robots_of(log, robot_id):
-            name = log.stem if robot is None else f"{log.stem}_robot_{robot}"
-            taken[name] = taken.get(name, 0) + 1
-            yield log, robot, name if taken[name] == 1 else f"{name}_{taken[name]}"
+            name = distinct if robot is None else f"{distinct}_robot_{robot}"
+            name = next(one for one in (name, *(f"{name}_{k}" for k in range(2, len(taken) + 3))) if one not in taken)
+            taken.add(name)
+            yield log, robot, name
+
+
+def distinct_names(logs: Sequence[Path]) -> list[str]:
+    """Return the logs' names without endings; of logs of the same name with the folders that tell them apart."""
+    places = [log.resolve().with_suffix("").parts[1:] for log in logs]
+    return ["_".join(place[-_needed(place, places) :]) for place in places]
+
+
+def _needed(place: tuple[str, ...], places: Sequence[tuple[str, ...]]) -> int:
+    """Return how many parts of a path, from its end, no different one has."""
+    others = [other for other in places if other != place]
+    return next(k for k in range(1, len(place) + 1) if k == len(place) or all(o[-k:] != place[-k:] for o in others))
 
 
 def _robots_of(log: Path, robot_id: int | None) -> Sequence[int | None]:
