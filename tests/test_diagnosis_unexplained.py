@@ -11,12 +11,12 @@ from cmr.diagnosis.engine import prepare
 from cmr.diagnosis.experiment import pieces_of
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import SIGNALS, Predictor
-from cmr.diagnosis.report.terms import REGRESSORS
 from cmr.diagnosis.unexplained import BURSTS, LEAST, Remaining, bursts_count, holds, remaining, spread_of
 from cmr.diagnosis.unexplained_bursts import bursts
 from cmr.diagnosis.unexplained_scores import Remainder, Score
 from cmr.diagnosis.unexplained_terms import Term, drives_of, terms_for
 from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
+from cmr.diagnosis.words import REGRESSORS
 from cmr.model.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
