@@ -11,25 +11,29 @@ from cmr.diagnosis.engine import Ready, prepare
 from cmr.diagnosis.experiment import Piece, pieces_of
 from cmr.diagnosis.free_runs import WINDOW
 from cmr.diagnosis.measuring import Measured, measure
-from cmr.diagnosis.naming import Named, Search, search, with_small_effects
+from cmr.diagnosis.naming import Named, Search, search
 from cmr.diagnosis.next_experiment import experiment_to_show, experiment_to_tell_apart
 from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
+    GENERIC,
     NO_EFFECT,
     UNEXPLAINED,
     Candidate,
     Diagnosis,
     Evidence,
     Fitted,
+    Gain,
+    GenericTerm,
     NamedEffect,
     Unexplained,
 )
 from cmr.diagnosis.showing import paths_of, residuals_of
 from cmr.diagnosis.study import Fit
-from cmr.diagnosis.unexplained import remaining
+from cmr.diagnosis.unexplained_extending import Extended, chance_of, extended
+from cmr.diagnosis.unexplained_generic import formula
 from cmr.diagnosis.words import regressor_name, signal_name
-from cmr.model.catalogue import CATALOGUE, DEFINITIONS, definition
+from cmr.model.catalogue import CATALOGUE, definition, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
@@ -85,29 +89,29 @@ def diagnose(
     ready = replace(ready, notes=(*notes, *ready.notes))
     found = search(study, base, progress)
     progress("Looking at what remains ...")
-    unexplained = remaining(found.study, with_small_effects(found), found.base).unexplained
+    whole = extended(study, found)
+    found = whole.found
     progress("Measuring the gain ...")
     pieces = [predictor.piece for predictor in study.predictors]
-    chance = {name: estimate.value for one in found.named for name, estimate in one.estimates.items()}
-    measured = measure(found.study, found.base, found.final, chance, pieces, pieces_to_check(held_out))
+    measured = measure(found.study, found.base, whole.final, chance_of(found), pieces, pieces_to_check(held_out))
     labels = list(sources) or [f"recording {number + 1}" for number in range(len(recordings))]
     evidence = Evidence(
-        paths=paths_of(pieces, found.base.values, found.final.values, labels),
-        residuals=residuals_of(pieces, found.base.values, found.final.values),
+        paths=paths_of(pieces, found.base.values, whole.final.values, labels),
+        residuals=residuals_of(pieces, found.base.values, whole.final.values),
         window=WINDOW,
     )
-    return _diagnosis(recordings[0].robot_id, ready, found, unexplained, measured, evidence, tuple(sources))
+    return _diagnosis(recordings[0].robot_id, ready, whole, measured, evidence, tuple(sources))
 
 
 def _diagnosis(
     robot_id: int,
     ready: Ready,
-    found: Search,
-    unexplained: Unexplained,
+    whole: Extended,
     measured: Measured,
     evidence: Evidence,
     sources: tuple[str, ...],
 ) -> Diagnosis:
+    found, unexplained = whole.found, _unexplained(whole, measured.gain)
     effects = tuple(_named(one, found, robot_id) for one in found.named)
     verdict = EFFECTS_FOUND if effects else UNEXPLAINED if unexplained.present else NO_EFFECT
     return Diagnosis(
@@ -121,7 +125,7 @@ def _diagnosis(
             held_out_path_rmse=measured.held_out_before,
         ),
         extended=Fitted(
-            estimates=_estimates(found.final, found),
+            estimates=_estimates(whole.final, found),
             path_rmse=measured.after,
             held_out_path_rmse=measured.held_out_after,
         ),
@@ -141,7 +145,7 @@ def _diagnosis(
         checks=ready.checks,
         notes=ready.notes,
         next_experiment=_next(robot_id, effects, found),
-        parameters=_parameters(found),
+        parameters=_parameters(found, whole.final),
         sources=sources,
         samples=len(found.final.rest),
     )
@@ -183,9 +187,24 @@ def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search) -> str |
     return experiment_to_show(found.unseen[:MOST_UNSEEN], robot_id=robot_id, robot=robot)
 
 
-def _parameters(found: Search) -> dict[str, float]:
+def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
+    """Return what remains unexplained, with the generic term that extends the model.
+
+    Where nothing else does, the term's gain is that of the whole model.
+    """
+    term = whole.term
+    if term is None:
+        return whole.unexplained
+    estimates = {name: _estimate(term.fit, name, whole.found) for name in term.names}
+    words = formula({name: estimate.value for name, estimate in estimates.items()})
+    gain = term.gain if whole.found.named else gain
+    generic = GenericTerm(estimates=estimates, formula=words, held_out=term.held_out, gain=gain)
+    return replace(whole.unexplained, generic=generic)
+
+
+def _parameters(found: Search, final: Fit) -> dict[str, float]:
     """Return all values that the extended model runs with."""
-    values = dict(found.final.values)
+    values = dict(final.values)
     for one in found.named:
         values.update({name: estimate.value for name, estimate in one.estimates.items()})
     return {name: value for name, value in values.items() if name in PAPER or value != definition(name).neutral}
@@ -206,7 +225,7 @@ def p_value(drop: float, parameters: int, inflation: float) -> float:
     """Return how often chance alone gives as large a drop somewhere in the catalogue."""
     from scipy.stats import chi2
 
-    return float(min(1.0, len(DEFINITIONS) * chi2.sf(drop / inflation, parameters)))
+    return float(min(1.0, len(definitions_of(CATALOGUE)) * chi2.sf(drop / inflation, parameters)))
 
 
 def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained) -> str:
@@ -215,5 +234,10 @@ def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained) -> str:
         goes_with = " and ".join(map(regressor_name, unexplained.regressors))
         signal = signal_name(str(unexplained.signal))
         rest = f"{'More' if effects else 'Something'} remains that no effect of the catalogue explains: errors of the "
-        return f"{found} {rest}{signal} that go with {goes_with}.".strip()
+        sentence = f"{found} {rest}{signal} that go with {goes_with}.".strip()
+        return f"{sentence} {_generic_sentence(unexplained.generic)}" if unexplained.generic else sentence
     return found or f"Nothing in the data speaks for any of the {len(CATALOGUE)} effects: the paper's model is enough."
+
+
+def _generic_sentence(term: GenericTerm) -> str:
+    return f"The extended model has {GENERIC}, and foretells data that it was not fitted on better: {term.formula}."

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cmr.calibration.result import Estimate
-from cmr.diagnosis.result import Candidate, Diagnosis, Fitted, Gain, NamedEffect, Unexplained
+from cmr.diagnosis.result import GENERIC, Candidate, Diagnosis, Fitted, Gain, GenericTerm, NamedEffect, Unexplained
 from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
@@ -31,8 +31,9 @@ def document(diagnosis: Diagnosis) -> Document:
 
     Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `next_experiment`, what
     to drive next; `candidates`, the effects that were tried and not named, and why not; `sources` and `samples`, what
-    was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; and the
-    `sentence` of each data check. Parameters without a standard deviation were given, not fitted.
+    was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the
+    `sentence` of each data check; and `generic_term`, which extends the model without naming a cause, or null.
+    Parameters without a standard deviation were given, not fitted.
     Raises KeyError for a parameter that the catalogue does not know.
     """
     return {
@@ -45,6 +46,7 @@ def document(diagnosis: Diagnosis) -> Document:
         "extended": _fitted(diagnosis.extended, diagnosis.parameters),
         "gain": _gain(diagnosis.gain),
         "unexplained": _unexplained(diagnosis.unexplained),
+        "generic_term": _generic(diagnosis.unexplained.generic),
         "data_checks": [_data_check(finding) for finding in diagnosis.checks],
         "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],
         "notes": list(diagnosis.notes),
@@ -109,10 +111,7 @@ def _effect(rank: int, effect: NamedEffect) -> Document:
         "name": effect.name,
         "cause": effect.cause,
         "rank": rank,
-        "parameters": {
-            name: {**_estimate(name, estimate), "ci95": _interval(estimate.interval)}
-            for name, estimate in effect.estimates.items()
-        },
+        "parameters": _with_intervals(effect.estimates),
         "evidence": _evidence(effect),
         "shift": {name: _finite(by) for name, by in effect.shift.items()},
         "indistinguishable_from": list(effect.indistinguishable_from),
@@ -149,12 +148,28 @@ def _unexplained(unexplained: Unexplained) -> Document:
     }
 
 
+def _generic(term: GenericTerm | None) -> Document | None:
+    if term is None:
+        return None
+    return {
+        "label": GENERIC,
+        "formula": term.formula,
+        "parameters": _with_intervals(term.estimates),
+        "held_out": _finite(term.held_out),
+        "gain": _gain(term.gain),
+    }
+
+
 def _data_check(finding: Finding) -> Document:
     return {"check": finding.check, "found": int(finding.found), "sentence": finding.sentence}
 
 
 def _estimate(name: str, estimate: Estimate) -> Document:
     return {"value": _finite(estimate.value), "unit": definition(name).unit, "std": _finite(estimate.std)}
+
+
+def _with_intervals(estimates: Mapping[str, Estimate]) -> Document:
+    return {name: {**_estimate(name, one), "ci95": _interval(one.interval)} for name, one in estimates.items()}
 
 
 def _interval(interval: tuple[float, float]) -> list[float | None]:

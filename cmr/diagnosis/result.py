@@ -9,6 +9,7 @@ from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
 
 EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
+GENERIC = "a generic term, no physical cause"  # how such a term is labelled everywhere
 DENSE = 120.0  # s from the beginning of a path in which its points are dense, however long it is
 VERDICTS = (EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA)
 
@@ -78,17 +79,32 @@ class Gain:
 
 
 @dataclass(frozen=True, kw_only=True)
+class GenericTerm:
+    """A term without physical cause, by which the extended model foretells better what nothing explains.
+
+    `estimates` are its coefficients by name, `formula` is it in words. `held_out` is the log-likelihood that it adds
+    on data it was not fitted on, `gain` that over the same model without it.
+    """
+
+    estimates: Mapping[str, Estimate]
+    formula: str
+    held_out: float
+    gain: Gain
+
+
+@dataclass(frozen=True, kw_only=True)
 class Unexplained:
     """Structure that remains and that no effect of the catalogue explains.
 
     `signal` is the residual that has most of it, `regressors` predict it, on data they were not fitted on, with
-    `share` of its variance.
+    `share` of its variance. `generic` is the term that extends the model all the same, None where none is any better.
     """
 
     present: bool = False
     signal: str | None = None
     regressors: tuple[str, ...] = ()
     share: float = 0.0
+    generic: GenericTerm | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,10 +162,10 @@ class Diagnosis:
     """What a diagnosis found of one robot.
 
     `effects` are ordered by evidence, `candidates` are the runners-up. `baseline` is the paper's model, `extended`
-    that with the effects named, both None with bad data. `parameters` holds all values the extended model runs with,
-    by name, and `effect_names` those switched on. `checks` tells what was wrong with the data, `notes` are sentences
-    on what else a reader should know, `next_experiment` what to drive next if nothing, or not enough, was found.
-    `sources` names the recordings.
+    that with the effects named and any generic term, both None with bad data. `parameters` holds all values the
+    extended model runs with, by name, and `effect_names` those switched on. `checks` tells what was wrong with the
+    data, `notes` are sentences on what else a reader should know, `next_experiment` what to drive next if nothing, or
+    not enough, was found. `sources` names the recordings.
     """
 
     robot_id: int
@@ -168,3 +184,8 @@ class Diagnosis:
     evidence: Evidence = field(default_factory=Evidence)
     sources: tuple[str, ...] = ()
     samples: int = 0
+
+    @property
+    def is_extended(self) -> bool:
+        """Whether the extended model is another than the paper's."""
+        return bool(self.effects) or self.unexplained.generic is not None

@@ -6,7 +6,7 @@ from textwrap import TextWrapper
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.job import Outcome
-from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
+from cmr.diagnosis.result import GENERIC, Diagnosis, Fitted, NamedEffect
 from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.model.catalogue import definition
 
@@ -87,14 +87,20 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.baseline is None or diagnosis.extended is None:
         return []
     before = f"Path error on held-out data: {_error(diagnosis.baseline)} with the paper's model"
-    if not diagnosis.effects:
+    if not diagnosis.is_extended:
         return [f"{before}."]
-    errors = f"{before}, {_error(diagnosis.extended)} with the effects"
+    errors = f"{before}, {_error(diagnosis.extended)} with {_added(diagnosis)}"
     if diagnosis.gain is None or not math.isfinite(diagnosis.gain.ratio):
         return [f"{errors}."]
     low, high = diagnosis.gain.interval
     gained = "smaller by a factor" if diagnosis.gain.ratio >= 1.0 else "not smaller: a ratio"
     return [f"{errors}, {gained} of {diagnosis.gain.ratio:.2f} (95 %: {low:.2f} to {high:.2f})."]
+
+
+def _added(diagnosis: Diagnosis) -> str:
+    """Return what the extended model has beyond the paper's."""
+    generic = [GENERIC] if diagnosis.unexplained.generic else []
+    return " and ".join([*(["the effects"] if diagnosis.effects else []), *generic])
 
 
 def _error(fitted: Fitted) -> str:

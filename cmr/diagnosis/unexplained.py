@@ -47,7 +47,7 @@ def remaining(study: Study, fit: Fit, base: Fit) -> Remaining:
     """Return what structure remains beside the final fit; `base` is that of the paper's model."""
     errors = study.errors(lanes_of([fit.values, base.values]))
     squares = np.sum(tempered(study.made_white(errors, fit.noise)) ** 2, axis=0)
-    explained = max(0.0, float(squares[1] - squares[0]))
+    explained = max(0.0, float(squares[-1] - squares[0]))
     rest = remainder(study, fit, errors)
     tried = sorted(scores(study, fit, errors, rest), key=lambda score: PER_COEFFICIENT * score.freedom - score.held_out)
     loud = bursts(rest)

@@ -57,10 +57,10 @@ def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     before, after = diagnosis.baseline, diagnosis.extended
     numbers = []
     if before and math.isfinite(before.held_out_path_rmse):
-        errors = [before.held_out_path_rmse, *([after.held_out_path_rmse] if diagnosis.effects and after else [])]
+        errors = [before.held_out_path_rmse, *([after.held_out_path_rmse] if diagnosis.is_extended and after else [])]
         told = alike(errors) if len(errors) > 1 else [number(errors[0], 3)]
         numbers.append(("path error on held-out data", " \u2192 ".join(told) + " m"))
-    if diagnosis.effects and diagnosis.gain and math.isfinite(diagnosis.gain.ratio):
+    if diagnosis.is_extended and diagnosis.gain and math.isfinite(diagnosis.gain.ratio):
         numbers.append(("gain", _times(diagnosis.gain.ratio)))
     if diagnosis.samples:
         numbers.append(("measurements compared", f"{diagnosis.samples:,}"))

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from cmr.calibration.result import Estimate
+from cmr.diagnosis.report.generic import generic_term
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.numbers import (
     UNKNOWN,
@@ -36,7 +37,7 @@ GAIN_WORDS = {"psi": "wheel speeds", "yaw_rate": "yaw rate", "pose": "pose"}
 def paths(diagnosis: Diagnosis) -> Html:
     """Return the figures of the paths."""
     all_paths = diagnosis.evidence.paths
-    changed = bool(diagnosis.effects)
+    changed = diagnosis.is_extended
     more = f"The first {MOST_PATHS} of {len(all_paths)} recordings are drawn." if len(all_paths) > MOST_PATHS else ""
     figures = [path_figure(path, changed=changed) for path in all_paths[:MOST_PATHS]]
     return section("The path", *([paragraph(more)] if more else []), *figures)
@@ -44,7 +45,7 @@ def paths(diagnosis: Diagnosis) -> Html:
 
 def gain(diagnosis: Diagnosis) -> Html:
     """Return by how much errors shrink, and how far the paper's parameters moved."""
-    if not diagnosis.effects or diagnosis.baseline is None or diagnosis.extended is None:
+    if not diagnosis.is_extended or diagnosis.baseline is None or diagnosis.extended is None:
         return Html("")
     rows = _path_rows(diagnosis.baseline, diagnosis.extended, diagnosis.gain)
     rows += [
@@ -155,7 +156,7 @@ def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
         f"What the final model leaves of the {signal_words(signal)}. A model that misses nothing leaves flat lines."
     )
     figure = remaining_figure(shown[:MOST_REMAINING], caption) if shown else Html("")
-    return section("What remains unexplained", paragraph(words), figure)
+    return section("What remains unexplained", paragraph(words), generic_term(diagnosis), figure)
 
 
 def parameters(diagnosis: Diagnosis) -> Html:
@@ -166,7 +167,7 @@ def parameters(diagnosis: Diagnosis) -> Html:
     names = _in_order({*before, *after, *others})
     if not names:
         return Html("")
-    if diagnosis.effects:
+    if diagnosis.is_extended:
         headings = ["parameter", "meaning", "paper's model", "extended model"]
         known = {name: value for name, value in others.items() if name in PAPER and name not in after}
         models = [[_value(name, before, known), _value(name, after, others)] for name in names]
@@ -203,4 +204,4 @@ def residuals(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
         "misses nothing leaves flat lines at zero. Marks are means in bins with their standard errors, which allow "
         "for errors that last; grey dots are single samples. Errors of the pose are those grown over a second."
     )
-    return section("All residuals", paragraph(words), all_residuals(pairs, changed=bool(diagnosis.effects)))
+    return section("All residuals", paragraph(words), all_residuals(pairs, changed=diagnosis.is_extended))

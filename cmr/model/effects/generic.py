@@ -47,13 +47,13 @@ WHEEL = Effect(
     parameters=_coefficients(
         "generic_drive",
         (
-            ("abs_u", "-", "abs(u) in the motor's duty", SMALL),
-            ("u_abs_u", "-", "u abs(u) in the motor's duty", SMALL),
-            ("u_cubed", "-", "u^3 in the motor's duty", SMALL),
+            ("abs_u", "-", "abs(duty) in the motor's duty", SMALL),
+            ("u_abs_u", "-", "duty abs(duty) in the motor's duty", SMALL),
+            ("u_cubed", "-", "duty^3 in the motor's duty", SMALL),
             ("s_abs_s", "-", "s abs(s) in the motor's duty, s = K1 psi", SMALL),
             ("s_cubed", "-", "s^3 in the motor's duty, s = K1 psi", SMALL),
-            ("s_abs_u", "-", "s abs(u) in the motor's duty, s = K1 psi", SMALL),
-            ("u_abs_s", "-", "u abs(s) in the motor's duty, s = K1 psi", SMALL),
+            ("s_abs_u", "-", "s abs(duty) in the motor's duty, s = K1 psi", SMALL),
+            ("u_abs_s", "-", "duty abs(s) in the motor's duty, s = K1 psi", SMALL),
         ),
     ),
     needs="duties and speeds of all sizes, both ways",

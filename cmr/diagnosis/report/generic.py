@@ -1,0 +1,34 @@
+"""The generic term that extends the model where nothing explains what remains."""
+
+import math
+
+from cmr.calibration.result import Estimate
+from cmr.diagnosis.report.markup import Html, joined, tag
+from cmr.diagnosis.report.numbers import estimate_text, interval_text, likelihood, number
+from cmr.diagnosis.report.section import code, paragraph
+from cmr.diagnosis.report.table import table
+from cmr.diagnosis.result import GENERIC, Diagnosis
+from cmr.model.catalogue import DEFINITIONS
+
+
+def generic_term(diagnosis: Diagnosis) -> Html:
+    """Return what the generic term is and what it is worth; nothing where there is none."""
+    term = diagnosis.unexplained.generic
+    if term is None:
+        return Html("")
+    worth = f"It adds {likelihood(term.held_out)} to the log-likelihood of data that it was not fitted on"
+    if math.isfinite(term.gain.ratio):
+        worth += f", where path errors of free runs become {number(term.gain.ratio, 3)} times smaller with it"
+    words = (
+        f"The extended model therefore has {GENERIC}: a sum of products of command and motion, found by a sparse "
+        f"regression. {worth}. It foretells drives like these and says nothing of why; drives of another kind may need "
+        "other products."
+    )
+    rows = [_row(name, estimate) for name, estimate in term.estimates.items()]
+    heading = tag("h3", GENERIC[0].upper() + GENERIC[1:])
+    return joined(heading, paragraph(words), table(("parameter", "meaning", "value", "95 %"), rows, numbers=(2, 3)))
+
+
+def _row(name: str, estimate: Estimate) -> list[str]:
+    known = DEFINITIONS[name]
+    return [code(name), known.meaning, estimate_text(estimate, known.unit), interval_text(estimate)]

@@ -1,0 +1,76 @@
+"""What a search leaves: structure that nothing explains, and a generic term that extends the model all the same."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from cmr.diagnosis.measuring import measure
+from cmr.diagnosis.naming import Search, with_small_effects
+from cmr.diagnosis.result import Unexplained
+from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.unexplained import remaining
+from cmr.diagnosis.unexplained_generic import Extension, extension
+
+SURPASSED = 0.8  # of some error of free runs with the named effects: so little must a term leave that does without them
+NOWHERE_WORSE = 1.01  # of each of these errors, and of those with both: so much it may leave
+WITHDRAWN = "A generic term foretells much better than it does, and as well without it."
+
+
+@dataclass(frozen=True)
+class Extended:
+    """What was found, what remains unexplained beside it, and the generic term accepted, if any."""
+
+    found: Search
+    unexplained: Unexplained
+    term: Extension | None = None
+
+    @property
+    def final(self) -> Fit:
+        """The fit of the whole model."""
+        return self.term.fit if self.term else self.found.final
+
+
+def extended(study: Study, found: Search) -> Extended:
+    """Look at what a search of a study leaves, and extend the model where structure remains.
+
+    Effects that only imitate what they do not explain are withdrawn: where a generic term foretells left-out data far
+    better than they do, and needs none of them, nothing speaks for them.
+    """
+    unexplained = remaining(found.study, with_small_effects(found), found.base).unexplained
+    if not unexplained.present:
+        return Extended(found, unexplained)
+    beside = extension(found.study, found.final)
+    if found.named:
+        alone = extension(study, found.base)
+        if alone and _makes_up_for(alone, beside, study, found):
+            left = remaining(study, found.base, found.base).unexplained
+            return Extended(_without_names(study, found), left if left.present else unexplained, alone)
+    return Extended(found, unexplained, beside)
+
+
+def _without_names(study: Study, found: Search) -> Search:
+    """Return what was found of a study as if nothing had been named."""
+    others = [*((one.tried, WITHDRAWN) for one in found.named), *found.others]
+    return replace(found, study=study, final=found.base, named=[], others=others, doubts={})
+
+
+def _makes_up_for(alone: Extension, beside: Extension | None, study: Study, found: Search) -> bool:
+    """Tell whether a generic term alone foretells far better than what was named, and as well as both together.
+
+    It must do so with no more products than it needs beside them: else they may be what the further ones imitate.
+    """
+    if beside and len(alone.names) > len(beside.names):
+        return False
+    named = _ratios(alone.fit, found.final, study, found)
+    both = _ratios(alone.fit, beside.fit, study, found) if beside else named
+    return min(named) < SURPASSED and max(*named, *both) < NOWHERE_WORSE
+
+
+def _ratios(alone: Fit, named: Fit, study: Study, found: Search) -> list[float]:
+    """Return the errors of one model's free runs on left-out data over those of one with all that was named."""
+    pieces = [predictor.piece for predictor in study.predictors]
+    return list(measure(study, alone, named, chance_of(found), pieces, []).gain.signals.values())
+
+
+def chance_of(found: Search) -> Mapping[str, float]:
+    """Return values of parameters that no fit has, because they act by chance."""
+    return {name: estimate.value for one in found.named for name, estimate in one.estimates.items()}

@@ -1,0 +1,146 @@
+"""Extend the model by a generic term where nothing of the catalogue explains what remains.
+
+A parameter file may hold any parameter of the model, each neutral by default (interfaces, section 3), so generic terms
+are parameters of the model like all others: cmr.model.effects.generic, which the extended file names among its effects
+and cmr-sim runs. They are no effects of the catalogue: nothing is ever named after them, here or in diagnosis.json.
+
+A sparse regression chooses the products: the one that foretells left-out folds best, then the next beside it, and each
+stays only as long as the others do not make up for it (stepwise regression with cross-validation; T. Hastie,
+R. Tibshirani and J. Friedman, The Elements of Statistical Learning, 2nd ed., 2009, sections 3.3 and 7.10). The
+coefficients are then fitted together with the model's other parameters, and the term is accepted only if free runs
+improve on blocks of time that it was not fitted on.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.diagnosis.measuring import measure
+from cmr.diagnosis.result import Gain
+from cmr.diagnosis.study import Fit, Study
+from cmr.model.catalogue import GENERIC_TERMS, definition
+from cmr.model.effects.generic import BODY
+from cmr.model.parameters import ParameterDefinition
+from cmr.recordings.signal import Floats
+
+MOST_PRODUCTS = 4
+LEAST = 20.0  # drop of the sum of squared white errors on left-out folds that a product must bring,
+LEAST_SHARE = 0.05  # and share of what the term then brings in all
+LARGEST_LOSS = 0.99  # no signal's free runs may get worse by more,
+LEAST_GAIN = 1.02  # and some signal's must get better by as much
+
+
+@dataclass(frozen=True)
+class Extension:
+    """A generic term accepted: its products by the names of their coefficients, and the fit with it.
+
+    `held_out` is the log-likelihood that it adds on folds left out, `gain` that of free runs on blocks left out.
+    """
+
+    names: tuple[str, ...]
+    fit: Fit
+    held_out: float
+    gain: Gain
+
+
+def extension(study: Study, fit: Fit) -> Extension | None:
+    """Return a generic term beside a fit that makes the model foretell left-out data better, if there is one."""
+    candidates = _candidates(study)
+    values = {**fit.values, **dict.fromkeys(candidates, 0.0)}
+    rest, slopes = study.linear(values, (*fit.names, *candidates), fit.noise)
+    folds = _Folds.of(study.folds, rest, slopes)
+    chosen = _chosen(folds, len(fit.names), len(candidates))
+    if not chosen:
+        return None
+    names = tuple(candidates[index - len(fit.names)] for index in chosen)
+    started = {**fit.values, **dict.fromkeys(names, 0.0)}
+    extended = study.fit(started, (*fit.names, *names), fit.noise, renew=0)
+    return _accepted(study, fit, extended, names)
+
+
+def _accepted(study: Study, before: Fit, after: Fit, names: tuple[str, ...]) -> Extension | None:
+    """Return the extension if data that it was not fitted on improve, in one step ahead and in free runs."""
+    every = range(len(after.names))
+    own = [index for index, name in enumerate(after.names) if name not in names]
+    left_out = [_Folds.of(study.folds, fit.rest, fit.slopes).left_out(s) for fit, s in ((before, own), (after, every))]
+    held_out = 0.5 * (left_out[0] - left_out[1])
+    if held_out < 0.5 * LEAST:
+        return None
+    pieces = [predictor.piece for predictor in study.predictors]
+    gain = measure(study, before, after, {}, pieces, []).gain
+    return Extension(names, after, held_out, gain) if improves(gain) else None
+
+
+def formula(values: Mapping[str, float]) -> str:
+    """Return a term in words: its coefficients, by name, and what they are coefficients of."""
+    return " and ".join(_product(definition(name), value) for name, value in values.items())
+
+
+def _product(known: ParameterDefinition, value: float) -> str:
+    unit = "" if known.unit == "-" else f" {known.unit}"
+    return f"{value:.3g}{unit} times {known.meaning.removeprefix('coefficient of ')}"
+
+
+def improves(gain: Gain) -> bool:
+    """Tell whether free runs get better on data left out: some signal's clearly, and none's worse."""
+    ratios = gain.signals.values()
+    return bool(gain.signals) and min(ratios) > LARGEST_LOSS and max(ratios) > LEAST_GAIN
+
+
+def _candidates(study: Study) -> tuple[str, ...]:
+    """Return the names of all coefficients; those of the motors only where wheel speeds are foretold."""
+    given = any(len(predictor.piece.heard.given) for predictor in study.predictors)
+    effects = (BODY,) if given else GENERIC_TERMS.values()
+    return tuple(parameter.name for effect in effects for parameter in effect.parameters)
+
+
+@dataclass(frozen=True)
+class _Folds:
+    """Normal equations of a linear fit by folds: `normal` (folds, p, p), `right` (folds, p), `squares` (folds,)."""
+
+    normal: Floats
+    right: Floats
+    squares: Floats
+
+    @classmethod
+    def of(cls, folds: np.typing.NDArray[np.int64], rest: Floats, slopes: Floats) -> "_Folds":
+        """Return the equations of white errors (n,) with these slopes (n, p)."""
+        inside = [folds == fold for fold in np.unique(folds)]
+        return cls(
+            np.stack([slopes[rows].T @ slopes[rows] for rows in inside]),
+            np.stack([slopes[rows].T @ rest[rows] for rows in inside]),
+            np.array([rest[rows] @ rest[rows] for rows in inside]),
+        )
+
+    def left_out(self, chosen: Sequence[int]) -> float:
+        """Return the sum of squares of all folds, each foretold by a fit of the chosen parameters to the others."""
+        normal, right = self.normal[np.ix_(range(len(self.squares)), chosen, chosen)], self.right[:, chosen]
+        total = 0.0
+        for fold, square in enumerate(self.squares):
+            own, pull = normal[fold], right[fold]
+            step = -np.linalg.lstsq(normal.sum(axis=0) - own, right.sum(axis=0) - pull, rcond=1e-10)[0]
+            total += float(square + 2.0 * step @ pull + step @ own @ step)
+        return total
+
+
+def _chosen(folds: _Folds, free: int, candidates: int) -> list[int]:
+    """Return the numbers of the parameters whose products foretell left-out folds, beside the first `free` ones."""
+    own = list(range(free))
+    before = folds.left_out(own)
+    chosen: list[int] = []
+    least = before
+    while len(chosen) < MOST_PRODUCTS:
+        others = [index for index in range(free, free + candidates) if index not in chosen]
+        squares = {index: folds.left_out([*own, *chosen, index]) for index in others}
+        best = min(squares, key=lambda index: squares[index])
+        if least - squares[best] < max(LEAST, LEAST_SHARE * (before - squares[best])):
+            break
+        chosen.append(best)
+        least = squares[best]
+    for index in list(chosen):
+        without = folds.left_out([*own, *(other for other in chosen if other != index)])
+        if without - least < max(LEAST, LEAST_SHARE * (before - least)):
+            chosen.remove(index)
+            least = without
+    return chosen
