@@ -23,6 +23,7 @@ from cmr.diagnosis.result import (
     Evidence,
     Fitted,
     Gain,
+    GenericTerm,
     NamedEffect,
     Path,
     Residual,
@@ -227,6 +228,19 @@ def test_what_remains_unexplained_is_told_and_drawn() -> None:
     assert "from speed v and time, 34 % of its variance can be foretold" in page.text
     drawn = [str(svg.get("aria-label")) for svg in page.named("svg")]
     assert any(alt.startswith("yaw rate \u03c9, real minus model, over speed v, over speed v") for alt in drawn)
+
+
+def test_a_generic_term_is_drawn_without_and_with_it() -> None:
+    name, over = "generic_motion", residuals()[2]
+    term = GenericTerm(
+        estimates={f"{name}_turn_abs_v": Estimate(0.1, 0.01)}, formula="", held_out=30.0, gain=FOUND.gain
+    )
+    unexplained = replace(STRANGE.unexplained, generic=term)
+    drawn = replace(over, before=over.after, without={name: over.before})
+    page = Page(report_of(replace(STRANGE, unexplained=unexplained, evidence=Evidence(residuals=(drawn,)))))
+    alts = [str(svg.get("aria-label")) for svg in page.named("svg")]
+    for side in ("without", "with"):
+        assert [alt for alt in alts if f"over speed v, {side} the generic term: means" in alt]
 
 
 def test_a_command_in_the_text_stands_in_a_line_to_copy() -> None:

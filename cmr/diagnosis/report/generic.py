@@ -5,10 +5,13 @@ import math
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.numbers import estimate_text, interval_text, likelihood, number
+from cmr.diagnosis.report.pairs import pairs_without
+from cmr.diagnosis.report.residual_figures import tell_tale_figure
 from cmr.diagnosis.report.section import code, paragraph
 from cmr.diagnosis.report.table import table
+from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import GENERIC, Diagnosis
-from cmr.model.catalogue import DEFINITIONS
+from cmr.model.catalogue import DEFINITIONS, effects_on
 
 
 def generic_term(diagnosis: Diagnosis) -> Html:
@@ -27,6 +30,22 @@ def generic_term(diagnosis: Diagnosis) -> Html:
     rows = [_row(name, estimate) for name, estimate in term.estimates.items()]
     heading = tag("h3", GENERIC[0].upper() + GENERIC[1:])
     return joined(heading, paragraph(words), table(("parameter", "meaning", "value", "95 %"), rows, numbers=(2, 3)))
+
+
+def generic_figure(diagnosis: Diagnosis) -> Html:
+    """Return what remains unexplained without and with the generic term; nothing where there is none."""
+    unexplained = diagnosis.unexplained
+    if unexplained.generic is None:
+        return Html("")
+    on = effects_on({name: estimate.value for name, estimate in unexplained.generic.estimates.items()})
+    pairs = [pair for effect in on for pair in pairs_without(diagnosis.evidence.residuals, effect.name)]
+    shown = [pair for pair in pairs if pair.signal == unexplained.signal and pair.regressor in unexplained.regressors]
+    if not shown:
+        return Html("")
+    pair = max(shown, key=lambda pair: pair.removed)
+    words = f"{signal_words(pair.signal)} over {regressor(pair.regressor).words}"
+    caption = f"What remains of the {words} without the generic term, and with it. Nothing left would be a flat line."
+    return tell_tale_figure(pair, caption, "the generic term")
 
 
 def _row(name: str, estimate: Estimate) -> list[str]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from cmr.calibration.result import Estimate
-from cmr.diagnosis.report.generic import generic_term
+from cmr.diagnosis.report.generic import generic_figure, generic_term
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.numbers import (
     UNKNOWN,
@@ -148,14 +148,15 @@ def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
     by = " and ".join(regressor(name).words for name in unexplained.regressors) or "the regressors together"
     share = f"{100.0 * unexplained.share:.0f} %" if math.isfinite(unexplained.share) else "a part"
     words = (
-        f"The residual of the {signal_words(signal)} still has structure that no effect of the catalogue explains: "
+        f"The residual of the {signal_words(signal)} has structure that no effect of the catalogue explains: "
         f"from {by}, {share} of its variance can be foretold, on data that this was not fitted on."
     )
     shown = [p for name in unexplained.regressors for p in pairs if (p.signal, p.regressor) == (signal, name)]
     caption = (
         f"What the final model leaves of the {signal_words(signal)}. A model that misses nothing leaves flat lines."
     )
-    figure = remaining_figure(shown[:MOST_REMAINING], caption) if shown else Html("")
+    left = remaining_figure(shown[:MOST_REMAINING], caption) if shown else Html("")
+    figure = generic_figure(diagnosis) or left
     return section("What remains unexplained", paragraph(words), generic_term(diagnosis), figure)
 
 

@@ -22,11 +22,11 @@ SEEN = 0.9  # share of the samples that a large plot shows at least; a small one
 SEEN_SMALL = 0.6
 
 
-def tell_tale_figure(pair: Pair, caption: str) -> Html:
-    """Return a pair without and with the effect side by side, on the same axes."""
+def tell_tale_figure(pair: Pair, caption: str, cause: str = "the effect") -> Html:
+    """Return a pair without and with what makes it, side by side, on the same axes."""
     limit = _limit([pair.means_before, pair.means_after], [pair.before, pair.after], SEEN)
-    plots = [_large(pair, pair.before, pair.means_before, "without the effect", limit)]
-    plots.append(_large(pair, pair.after, pair.means_after, "with the effect", limit))
+    plots = [_large(pair, pair.before, pair.means_before, f"without {cause}", limit)]
+    plots.append(_large(pair, pair.after, pair.means_after, f"with {cause}", limit))
     return _figure(tag("div", *plots, class_="plots"), caption)
 
 
