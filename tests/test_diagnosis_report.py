@@ -226,15 +226,15 @@ def test_bad_data_are_explained_before_all_else() -> None:
 def test_what_remains_unexplained_is_told_and_drawn() -> None:
     page = Page(report_of(STRANGE))
     assert "from speed v and time, 34 % of its variance can be foretold" in page.text
+    assert "If you recognise the physics, add it as an effect of your own" in page.text
     drawn = [str(svg.get("aria-label")) for svg in page.named("svg")]
     assert any(alt.startswith("yaw rate \u03c9, real minus model, over speed v, over speed v") for alt in drawn)
 
 
 def test_a_generic_term_is_drawn_without_and_with_it() -> None:
     name, over = "generic_motion", residuals()[2]
-    term = GenericTerm(
-        estimates={f"{name}_turn_abs_v": Estimate(0.1, 0.01)}, formula="", held_out=30.0, gain=FOUND.gain
-    )
+    gain = Gain(ratio=1.6, interval=(1.3, 2.0), signals={})
+    term = GenericTerm(estimates={f"{name}_turn_abs_v": Estimate(0.1, 0.01)}, formula="", held_out=30.0, gain=gain)
     unexplained = replace(STRANGE.unexplained, generic=term)
     drawn = replace(over, before=over.after, without={name: over.before})
     page = Page(report_of(replace(STRANGE, unexplained=unexplained, evidence=Evidence(residuals=(drawn,)))))

@@ -39,6 +39,10 @@ EVIDENCE = (
     "often chance alone would give as much somewhere in the catalogue; held out is the log-likelihood that it adds on "
     "data it was not fitted on. Values are given \u00b1 one standard deviation."
 )
+RECOGNISE = (
+    "Look at the plots of what remains. If you recognise the physics, add it as an effect of your own: the README tells "
+    "how."
+)
 # A command in a sentence, and the full stop behind it: between backquotes, or with options of one value at most.
 COMMAND = re.compile(r"(?:`(cmr-[^`]+)`|(cmr-[a-z]+(?: --[a-z][a-z-]*(?:[ =](?!-)[^\s;`]*[^\s;`.,:)])?)+))\.?")
 
@@ -174,6 +178,8 @@ def next_steps(diagnosis: Diagnosis) -> Html:
     steps = [_step(text, tuple(names)) for text, names in told.items()]
     if diagnosis.verdict == BAD_DATA:
         steps.append(joined(MEND))
+    elif diagnosis.unexplained.present:
+        steps.append(joined(RECOGNISE))
     elif not steps:
         steps.append(joined("These data leave nothing open that another drive of this robot would settle."))
     if diagnosis.extended:
