@@ -12,7 +12,7 @@ from cmr.recordings.signal import Floats, Mask
 
 EDGE = 0.06  # of what an effect does in all; a change in the first or the last part would be an outlier
 CELL = 0.1  # m; places are told apart as finely
-RADII = (0.2, 0.3, 0.4, 0.55)  # m
+RADII = (0.2, 0.3, 0.38, 0.46, 0.55)  # m
 MOST_CELLS = 1500
 LARGEST_PART = 0.6  # of all that a place may hold: the rest must be elsewhere
 NOTHING = 1e-6
@@ -46,27 +46,41 @@ def best_moment(moves: Floats, rest: Floats, basis: Floats, time: Floats) -> Loc
     return Local(float(drops[best]) if allowed.any() else 0.0, {"time": moment}, time >= moment)
 
 
-def best_place(move: Floats, rest: Floats, basis: Floats, places: Floats) -> Local:
-    """Return the disc within which a move (n,) explains most of `rest` (n,); `places` (n, 2) [m] are those of each."""
+def best_place(moves: Floats, rest: Floats, basis: Floats, places: Floats) -> Local:
+    """Return the disc within which some moves (n, m) together explain most of `rest` (n,).
+
+    `places` (n, 2) [m] are those of each. What several moves explain is added up, as if they had nothing in common.
+    """
     cells, inverse = np.unique(np.round(places / CELL).astype(np.int64), axis=0, return_inverse=True)
     inverse = inverse.reshape(-1)
+    best = Local(0.0, {}, np.zeros(len(moves), np.bool_))
     if len(cells) > MOST_CELLS:
-        return Local(0.0, {}, np.zeros(len(move), np.bool_))
-    columns = np.concatenate([[move * rest, move * move], basis.T * move])
-    sums = np.stack([np.bincount(inverse, column, len(cells)) for column in columns])
+        return best
+    sums = [_sums(move, rest, basis, inverse, len(cells)) for move in moves.T]
     centres = cells * CELL
     distance = np.hypot(*(centres[:, None] - centres[None]).transpose(2, 0, 1))
-    best = Local(0.0, {}, np.zeros(len(move), np.bool_))
     for radius in RADII:
-        within = sums @ (distance <= radius).astype(np.float64)
-        drops = _drops(within[0], within[1], within[2:].T)
-        drops[within[1] > LARGEST_PART * sums[1].sum()] = 0.0
+        near = (distance <= radius).astype(np.float64)
+        drops = np.sum([_drops_within(one, near) for one in sums], axis=0)
         index = int(np.argmax(drops))
         if drops[index] > best.drop:
             inside = np.hypot(*(places - centres[index]).T) <= radius
             values = {"x": float(centres[index, 0]), "y": float(centres[index, 1]), "radius": radius}
             best = Local(float(drops[index]), values, inside)
     return best
+
+
+def _sums(move: Floats, rest: Floats, basis: Floats, cell: np.typing.NDArray[np.int64], cells: int) -> Floats:
+    """Return the pull, the size and the shares along the basis of a move in each cell, shape (2 + p, cells)."""
+    columns = np.concatenate([[move * rest, move * move], basis.T * move])
+    return np.stack([np.bincount(cell, column, cells) for column in columns])
+
+
+def _drops_within(sums: Floats, near: Floats) -> Floats:
+    """Return by how much a move drops the squares in discs about each cell; `near` (cells, discs) is 1 within."""
+    within = sums @ near
+    drops = _drops(within[0], within[1], within[2:].T)
+    return np.where(within[1] > LARGEST_PART * sums[1].sum(), 0.0, drops)
 
 
 def _drops(pulls: Floats, sizes: Floats, along: Floats) -> Floats:

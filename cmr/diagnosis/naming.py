@@ -6,9 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cmr.calibration.result import Estimate
-from cmr.diagnosis.candidates import USUAL_RATE, worth_naming
+from cmr.diagnosis.candidates import USUAL_RATE, locality, worth_naming
 from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.packets import JITTER, LOSS, Spread, share_lost, spread_of, without_jitter, without_loss
+from cmr.diagnosis.placing import explored, placed
 from cmr.diagnosis.polishing import polished
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
@@ -137,8 +138,12 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         current = chosen.tried.fit
         if len(named) > 1:
             named, current = _pruned(study, named, current, inflation)
-    own = [parameter.name for one in named for parameter in one.tried.effect.parameters]
-    final, doubts = polished(study, current, own)
+    final, doubts = current, {}
+    for one in named:
+        of_effect = [parameter.name for parameter in one.tried.effect.parameters]
+        surely = explored if locality(one.tried.effect) == "place" else polished
+        final, doubt = surely(study, final, of_effect)
+        doubts.update(doubt)
     return Search(study, base, final, named, others, inflation, doubts, _unseen(screening))
 
 
@@ -237,9 +242,8 @@ def _choose(
     if chosen is None:
         return None, others
     margin = max(ALIKE * inflation, ALIKE_SHARE * chosen.drop)
-    rivals = tuple(
-        t.effect.name for t, _ in others if chosen.drop - t.drop < margin and t.drop > needed(t.effect) * inflation
-    )
+    close = [tried for tried, _ in others if chosen.drop - tried.drop < margin]
+    rivals = tuple(tried.effect.name for tried in close if not why_not(study, current, tried, inflation))
     return Named(chosen, rivals, current), others
 
 
@@ -320,7 +324,7 @@ def start_of(score: Score) -> dict[str, float]:
 
 def _with_everything(study: Study, current: Fit, tried: Tried) -> Tried:
     names = (*current.names, *(parameter.name for parameter in tried.effect.parameters))
-    fit = study.fit(tried.values, names, current.noise, renew=0)
+    fit = placed(study, tried.effect, tried.values, names, current.noise)
     return Tried(tried.effect, current.squares - fit.squares, fit.values, fit, held_out_gain(study, current, fit))
 
 

@@ -120,10 +120,11 @@ def _localised(
             if several and trial.local == "time":
                 continue
             alike = [free + 1 + other for other, one in enumerate(attempts) if one.effect == trial.effect]
+            moves = white[:, alike] - white[:, :1]
             local = (
-                best_moment(white[:, alike] - white[:, :1], rest, basis, rows[:, 0])
+                best_moment(moves, rest, basis, rows[:, 0])
                 if trial.local == "time"
-                else best_place(white[:, column] - white[:, 0], rest, basis, rows[:, 1:])
+                else best_place(moves, rest, basis, rows[:, 1:])
             )
             if local.drop <= 0.0:
                 continue
