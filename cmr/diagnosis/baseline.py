@@ -8,7 +8,7 @@ from cmr.diagnosis.prediction import Predictor
 from cmr.model.observer import Gains
 from cmr.recordings.signal import Floats
 
-MOVING = 0.02  # duty
+STANDING = 0.1  # of the fastest wheels' speed: motors that hold still say little
 WINDOW = 0.5  # s over which turns are compared
 RATES = np.geomspace(1.0, 60.0, 10)  # 1/s: how fast motors of wheeled robots follow
 SPEEDS = np.array([0.8, 0.9, 1.0, 1.1, 1.25])  # shares of the first guess of K1
@@ -19,12 +19,10 @@ def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> fl
     """Return the base width [m] by which the wheels' difference explains the turns; None if the robot never turned."""
     products = squares = 0.0
     for predictor in predictors:
-        heard = predictor.piece.heard
         difference, turn = _turns(predictor)
         moving = np.abs(difference) > 1e-3
         products += float(np.sum(difference[moving] * turn[moving]))
         squares += float(np.sum(difference[moving] ** 2))
-        del heard
     return wheel_radius * squares / products if products > 0.0 else None
 
 
@@ -41,11 +39,27 @@ def _turns(predictor: Predictor) -> tuple[Floats, Floats]:
     return np.diff(wheels), np.diff(heading)
 
 
+def turn_rates(predictor: Predictor) -> Floats:
+    """Return how fast the robot was seen to turn [rad/s], whichever way, in each window, (n,)."""
+    return np.asarray(np.abs(_turns(predictor)[1]) / WINDOW, np.float64)
+
+
+def _efforts(predictor: Predictor) -> Floats:
+    """Return the mean size of both duties and of both wheel speeds [rad/s] in each window, shape (n, 2)."""
+    heard = predictor.piece.heard
+    borders = np.arange(0.0, heard.seconds, WINDOW)
+    ends = np.arange(len(heard.left) + 1) * heard.dt
+    duty = np.concatenate([[0.0], np.cumsum(np.abs(heard.left) + np.abs(heard.right)) * heard.dt])
+    angle = np.cumsum(np.abs(np.diff(heard.wheel, axis=0, prepend=heard.wheel[:1])).sum(axis=1))
+    columns = np.interp(borders, ends, duty), np.interp(borders, heard.wheel_time, angle)
+    return np.diff(np.stack(columns, axis=1), axis=0) / WINDOW
+
+
 def guess_motor(predictors: Sequence[Predictor], values: dict[str, float]) -> dict[str, float]:
     """Return k2_over_k3 and k1 by which commands explain the wheels best, on a grid."""
-    duty = sum(float(np.sum(np.abs(p.piece.heard.left) + np.abs(p.piece.heard.right))) for p in predictors) * 0.01
-    turned = sum(float(np.sum(np.abs(np.diff(p.piece.heard.wheel, axis=0)))) for p in predictors)
-    k1 = duty / max(turned, 1e-9)
+    steps = np.concatenate([_efforts(predictor) for predictor in predictors])
+    moving = steps[steps[:, 1] > STANDING * np.max(steps[:, 1], initial=0.0)]
+    k1 = float(np.sum(moving[:, 0]) / max(np.sum(moving[:, 1]), 1e-9))
     rates, speeds = (grid.ravel() for grid in np.meshgrid(RATES, SPEEDS * k1))
     lanes = {**values, "k2_over_k3": rates / speeds, "k1": speeds}
     squares = np.zeros(len(rates))

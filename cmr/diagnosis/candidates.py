@@ -1,8 +1,10 @@
 """Where to look for each effect of the catalogue: values from which a fit may start, scaled to the robot."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -14,11 +16,22 @@ from cmr.model.parameters import ParameterDefinition
 # The robot that typical sizes stand for; those of others are scaled by dimension.
 USUAL_ACCELERATION, USUAL_RATE, USUAL_WIDTH, USUAL_TURN = 118.0, 118.0 * 0.054, 0.16, 2.0  # rad/s^2, 1/s, m, rad/s
 USUAL_EXTENT = 1.0  # m
+USUAL_INTERVAL = 0.04  # s between poses
+OF_POSE_STAMPS = ("pose_latency", "clock_skew")  # matter as far as poses follow one another closely
 LIMITS = (0.35, 0.55, 0.75, 1.0, 1.3, 1.8, 2.6)  # multiples of the typical size at which a limit is tried
 THRESHOLDS = (0.4, 1.0, 1.8)
 EVERYWHERE = 1e3  # m, radius of a place that holds all others
 RANDOM = ("command_jitter", "command_loss")  # show in the spread, not in the mean
 SENSED = ("encoder_quantisation",)  # read off the encoder's ticks
+# Stages of the model's step that end with the wheels' speeds; where these are given, they mean nothing.
+DRIVING = frozenset(
+    (
+        *("start", "packet", "command", "actuator", "voltage", "current", "acceleration", "coupling"),
+        *("memory", "robot_memory"),
+    )
+)
+OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
+AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # what only commands tell from the wheel radius itself
 SURE = 3.0  # standard deviations
 SMALLEST = 0.3  # of the typical size: less is not worth a name
 
@@ -27,13 +40,16 @@ SMALLEST = 0.3  # of the typical size: less is not worth a name
 class Scene:
     """What is known of a drive before anything is named.
 
-    These are the robot's parameters, a usual yaw rate `turning` [rad/s], and how far from the origin of the poses it
-    usually was, `extent` [m].
+    These are the robot's parameters, a usual yaw rate `turning` [rad/s], how far from the origin of the poses it
+    usually was, `extent` [m], a yaw rate that it was seen to exceed, `fastest` [rad/s], and the usual time between
+    poses, `interval` [s].
     """
 
     parameters: Mapping[str, float]
     turning: float
     extent: float = USUAL_EXTENT
+    fastest: float = 0.0
+    interval: float = USUAL_INTERVAL
 
 
 @dataclass(frozen=True)
@@ -63,6 +79,8 @@ def size(parameter: ParameterDefinition, scene: Scene) -> float:
         "1/m^2": min(1.0, (USUAL_EXTENT / max(scene.extent, 1e-6)) ** 2),
     }
     factor = factors.get(parameter.unit, 1.0)
+    if parameter.name in OF_POSE_STAMPS:
+        factor = max(1.0, scene.interval / USUAL_INTERVAL)
     if parameter.unit == "m" and parameter.switches:
         factor = scene.parameters["base_width"] / USUAL_WIDTH
     return float(parameter.typical or 1.0) * factor
@@ -98,6 +116,27 @@ def _sizes(effect: Effect, scene: Scene) -> list[tuple[dict[str, float], bool]]:
     return result
 
 
+@cache
+def driving_parameters() -> frozenset[str]:
+    """Return the parameters that only change how commands become wheel speeds."""
+    return frozenset(
+        parameter.name
+        for effect in CATALOGUE.values()
+        for parameter in effect.parameters
+        if all(stage in DRIVING for stage, lines in effect.equations.items() if _speaks_of(lines, parameter.name))
+    )
+
+
+def _speaks_of(lines: str, name: str) -> bool:
+    return re.search(rf"\b{name}\b", lines) is not None
+
+
+def effects_of_rolling() -> tuple[Effect, ...]:
+    """Return the effects that may show in a robot that rolls as its wheels say, without commands."""
+    hidden = (*OF_ACCELERATIONS, *AS_THE_RADIUS)
+    return tuple(e for e in CATALOGUE.values() if set(e.equations) - DRIVING and e.name not in hidden)
+
+
 def is_limit(parameter: ParameterDefinition) -> bool:
     """Tell whether a parameter limits something, so that its effect begins below the largest value."""
     return parameter.neutral is not None and (math.isinf(parameter.neutral) or parameter.neutral == parameter.upper)
@@ -124,7 +163,7 @@ def _choices(parameter: ParameterDefinition) -> list[float]:
         return [0.0, math.pi / 2.0, math.pi, -math.pi / 2.0]
     if parameter.name.endswith("_radius"):
         return [EVERYWHERE]
-    return [0.0] if parameter.unit in ("s", "m") else [float(parameter.typical or 0.0)]
+    return [0.0] if parameter.unit in ("s", "m", "-") else [float(parameter.typical or 0.0)]
 
 
 def lanes_of(sets: Sequence[Mapping[str, float]]) -> dict[str, object]:

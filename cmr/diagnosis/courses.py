@@ -8,18 +8,25 @@ Suppl. 8, 1946).
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from cmr.diagnosis.candidates import Scene
+from cmr.diagnosis.candidates import Scene, driving_parameters, lanes_of
 from cmr.diagnosis.gains import WHEELS, interval_of
-from cmr.diagnosis.noise import FOREIGN, LEAST_SIZE, SPANS, Noise, SignalNoise
+from cmr.diagnosis.noise import FOREIGN, LEAST_SIZE, SPANS, Noise, SignalNoise, size_found
 from cmr.diagnosis.prediction import Errors, Predictor
-from cmr.diagnosis.study import Study
-from cmr.model.observer import Gains, Observer
-from cmr.recordings.signal import Floats
+from cmr.diagnosis.study import Fit, Study, nearer_to_neutral
+from cmr.model.observer import MOTION, Gains, Observer
+from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.recordings.signal import Floats, Mask
 
 MEMORY = 0.1  # s after which the angle of a wheel that runs freely has come to its encoder's: what counts is its speed
+STILL, TICKS = 0.5, 3.0  # s to either side in which a wheel that stands still turns by no more than so many ticks
+SMALLER = 2  # times a fit's start is tried nearer to none
+MOVING = 1e-3  # rad/s
+QUIET = 0.25  # s before and after a motion in which a gyro is not quiet
+PSI = [MOTION.index("psi_left"), MOTION.index("psi_right")]
 UNCORRELATED = 0.05  # correlation from which on errors no longer belong together
 
 
@@ -30,34 +37,103 @@ class CourseStudy(Study):
 
     def __init__(self, predictors: Sequence[Predictor], gains: Gains, scene: Scene) -> None:
         super().__init__(predictors, gains, scene)
-        angle = min(1.0, interval_of(predictors) / MEMORY)
-        self._free = Gains(angle, 0.0, gains.position, gains.theta)
+        self._rolling = [Predictor(predictor.piece.rolling) for predictor in predictors]
+        self._free = Gains(min(1.0, interval_of(predictors) / MEMORY), 0.0, gains.position, gains.theta)
 
-    def errors(self, values: Mapping[str, object]) -> list[Errors]:
+    def errors(self, values: Mapping[str, Any]) -> list[Errors]:
         """Return the errors of wheels that run freely, and of gyro and pose beside wheels as they were measured."""
-        following, free = Observer(values, self.gains), Observer(values, self._free)
-        return [_of_both(predictor, following, free) for predictor in self.predictors]
+        of_pose, of_wheels = Observer(_of_rolling(values), self.gains), Observer(values, self._free)
+        result = []
+        for predictor, rolling in zip(self.predictors, self._rolling, strict=True):
+            rolled = rolling.errors_of(of_pose)
+            wheels = predictor.errors_of(of_wheels).of if any(name in predictor.times for name in WHEELS) else {}
+            both = {**wheels, **rolled.of}
+            result.append(Errors({name: both[name] for name in predictor.times}, rolled.motion))
+        return result
 
     def found(self, errors: Sequence[Errors]) -> Noise:
-        """Return the noise that the errors of the first candidate in each piece show: how large, and how lasting."""
-        return Noise(
-            {name: self._signal(name, errors) for name in SPANS if any(name in p.times for p in self.predictors)}
-        )
+        """Return the noise that the errors of the first candidate in each piece show: how large, and how lasting.
 
-    def _signal(self, name: str, errors: Sequence[Errors]) -> SignalNoise:
-        own = [error.of[name][:, 0] for error in errors if name in error.of]
-        size = max(float(np.sqrt(np.mean(np.concatenate(own) ** 2))), LEAST_SIZE)
-        size *= np.sqrt(lasting(own))
-        sizes = tuple(np.full(len(predictor.times.get(name, ())), size) for predictor in self.predictors)
-        return SignalNoise(np.zeros(0), np.zeros(len(FOREIGN)), sizes)
+        Both wheels are believed alike: else the one that the model fits worse would soon count for nothing.
+        """
+        result: dict[str, SignalNoise] = {}
+        for group in (WHEELS, *((name,) for name in SPANS if name not in WHEELS)):
+            result |= self._group([name for name in group if any(name in p.times for p in self.predictors)], errors)
+        return Noise(result)
+
+    def _group(self, names: Sequence[str], errors: Sequence[Errors]) -> dict[str, SignalNoise]:
+        """Return the noise of signals that are of one size and last alike."""
+        pairs = [(n, p, e) for n in names for p, e in zip(self.predictors, errors, strict=True) if n in p.times]
+        if not pairs:
+            return {}
+        own = [error.of[name][:, 0] for name, _, error in pairs]
+        bases = [_sizes(name, predictor, error) for name, predictor, error in pairs]
+        shares = size_found(np.concatenate(own), np.concatenate(bases))
+        sizes = [np.sqrt(np.maximum(base @ shares, LEAST_SIZE**2)) for base in bases]
+        count = lasting([error / size for error, size in zip(own, sizes, strict=True)])
+        found = iter(np.sqrt(count) * size for size in sizes)
+        return {
+            name: SignalNoise(
+                np.zeros(0),
+                np.zeros(len(FOREIGN)),
+                tuple(next(found) if name in predictor.times else np.empty(0) for predictor in self.predictors),
+            )
+            for name in names
+        }
+
+    def renewed(self, fit: Fit, noise: Noise) -> Fit:
+        """Return the fit with another noise; the paper's model stays as it was found where the wheels turn."""
+        if set(fit.names) <= set(PAPER):
+            return Fit(fit.values, fit.names, *self.linear(fit.values, fit.names, noise), noise)
+        return super().renewed(fit, noise)
+
+    def fit_beside(
+        self, base: Fit, starts: Sequence[Mapping[str, float]], names: Sequence[Sequence[str]]
+    ) -> list[tuple[dict[str, float], float]]:
+        """Fit several models at once; see `Study`. Each begins with as much of its effect as helps most."""
+        nearer = [[{**base.values, **start} for start in starts]]
+        for _ in range(SMALLER):
+            nearer.append([nearer_to_neutral(values, own) for values, own in zip(nearer[-1], names, strict=True)])
+        white = self.white(lanes_of([values for step in nearer for values in step]), base.noise)
+        best = np.argmin(np.sum(white**2, axis=0).reshape(len(nearer), len(starts)), axis=0)
+        return super().fit_beside(base, [nearer[step][model] for model, step in enumerate(best)], names)
+
+    def base(self, values: Mapping[str, float], names: Sequence[str]) -> Fit:
+        """Fit the paper's model where the wheels turn: it knows of no friction that holds a wheel with a duty on."""
+        turning = self.part(np.concatenate([_turning(p, name) for p in self.predictors for name in p.times]))
+        fit = turning.fit(values, names, self.found(self.errors(values)))
+        return self.renewed(fit, self.found(self.errors(fit.values)))
 
 
-def _of_both(predictor: Predictor, following: Observer, free: Observer) -> Errors:
-    errors = predictor.errors_of(following)
-    if not any(name in errors.of for name in WHEELS):
-        return errors
-    wheels = predictor.errors_of(free).of
-    return Errors({name: wheels[name] if name in WHEELS else own for name, own in errors.of.items()}, errors.motion)
+def _of_rolling(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values without those that mean nothing where the wheels' speeds are given; as many candidates."""
+    kept = {name: value for name, value in values.items() if name not in driving_parameters()}
+    candidates = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
+    return kept | {"wheel_radius": np.broadcast_to(np.asarray(values["wheel_radius"], np.float64), candidates)}
+
+
+def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
+    """Return what a signal's errors may grow with, shape (n, 3); a gyro is quiet while nothing moves."""
+    columns = np.zeros((len(predictor.times[name]), 3))
+    columns[:, 0] = 1.0
+    if name == "yaw_rate":
+        dt = predictor.piece.heard.dt
+        moves = np.any(np.abs(errors.motion[:, PSI]) > MOVING, axis=1)
+        near = np.convolve(moves, np.ones(2 * round(QUIET / dt) + 1), "same") > 0.0
+        index = np.minimum(np.round(predictor.times[name] / dt).astype(np.int64), len(near) - 1)
+        columns[near[index], :2] = [0.0, 1.0]
+        columns[:, 2] = np.sum(predictor.motion_at(errors.motion, name)[:, PSI] ** 2, axis=1)
+    return columns
+
+
+def _turning(predictor: Predictor, name: str) -> Mask:
+    """Return when a signal is not that of a wheel that stands still, (n,)."""
+    heard, times = predictor.piece.heard, predictor.times[name]
+    if name not in WHEELS:
+        return np.ones(len(times), np.bool_)
+    angle = heard.wheel[:, WHEELS.index(name)]
+    turned = np.interp(times + STILL, heard.wheel_time, angle) - np.interp(times - STILL, heard.wheel_time, angle)
+    return np.asarray(np.abs(turned) > TICKS * predictor.piece.tick)
 
 
 def lasting(errors: Sequence[Floats]) -> float:

@@ -10,8 +10,9 @@ from cmr.diagnosis.data import refusal, with_clocks_set
 from cmr.diagnosis.engine import Ready, prepare
 from cmr.diagnosis.experiment import Piece, pieces_of
 from cmr.diagnosis.free_runs import WINDOW
+from cmr.diagnosis.looking import look
 from cmr.diagnosis.measuring import Measured, measure
-from cmr.diagnosis.naming import Named, Search, search
+from cmr.diagnosis.naming import Named, Search
 from cmr.diagnosis.next_experiment import experiment_to_show, experiment_to_tell_apart
 from cmr.diagnosis.result import (
     BAD_DATA,
@@ -45,6 +46,9 @@ from cmr.recordings.recording import Recording
 INEXACT = 0.008
 INEXACT_FRICTION = 0.07  # the same of dry friction: how it depends on the speed differs from one motor to the next
 FRICTION = ("coulomb_friction", "static_friction", "surface_patch_friction")
+BY_COURSES = (  # whose errors last, and go with much by chance
+    "Effects were looked for in the course of the motion, not moment by moment. What remains beside them is not judged."
+)
 MOST_UNSEEN = 4  # effects named in one recommendation
 
 
@@ -87,9 +91,13 @@ def diagnose(
             sources=tuple(sources),
         )
     ready = replace(ready, notes=(*notes, *ready.notes))
-    found = search(study, base, progress)
+    found = look(ready, progress)
     progress("Looking at what remains ...")
-    whole = extended(study, found)
+    if found.study.by_moments:
+        whole = extended(study, found)
+    else:
+        whole = Extended(found, Unexplained())
+        ready = replace(ready, notes=(*ready.notes, BY_COURSES))
     found = whole.found
     progress("Measuring the gain ...")
     pieces = [predictor.piece for predictor in study.predictors]

@@ -1,12 +1,12 @@
 """Make recordings ready for the search: checked, on the observer's raster, with the paper's model fitted."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cmr.diagnosis.baseline import guess_base_width, guess_motor
-from cmr.diagnosis.candidates import Scene
+from cmr.diagnosis.baseline import guess_base_width, guess_motor, turn_rates
+from cmr.diagnosis.candidates import USUAL_INTERVAL, Scene
 from cmr.diagnosis.experiment import pieces_of
 from cmr.diagnosis.gains import COARSE as COARSE
 from cmr.diagnosis.gains import choose_gains
@@ -24,18 +24,28 @@ MOTOR = ("k2_over_k3", "k1", "base_width")
 ROLLING = ("wheel_radius", "base_width")
 THINNED = "The drives are longer than the diagnosis needs: one of {every} readings of each sensor is used."
 TURNING = 0.05  # rad/s above which a robot turns
+FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")
 
 
 @dataclass(frozen=True)
 class Ready:
-    """Recordings ready to be searched, with the paper's model fitted; or `refused`, a sentence that says why not."""
+    """Recordings ready to be searched, with the paper's model fitted; or `refused`, a sentence that says why not.
+
+    `start` are values of the paper's parameters, by name, that free runs speak for.
+    """
 
     study: Study | None
     base: Fit | None
     checks: tuple[Finding, ...]
     notes: tuple[str, ...] = ()
     refused: str = ""
+    start: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def rolling(self) -> bool:
+        """Whether no commands were recorded: the robot rolls as its wheels did."""
+        return self.base is not None and self.base.names == ROLLING
 
 
 def prepare(recordings: Sequence[Recording], nominal: ParameterFile) -> Ready:
@@ -66,17 +76,21 @@ def prepare(recordings: Sequence[Recording], nominal: ParameterFile) -> Ready:
     study = Study(ready, gains, scene)
     base = study.fit(values, names, Noise.plain(ready, study.errors(values)), renew=0)
     study.scene = replace(scene, parameters=base.values)
-    return Ready(study, base, checks, notes)
+    return Ready(study, base, checks, notes, start=values)
 
 
 def _scene(ready: Sequence[Predictor], values: dict[str, float], gains: Gains) -> Scene:
-    """Return how fast the robot turned, and how far it went."""
+    """Return how fast the robot turned, how far it went, and how often its pose was told."""
     motions = [predictor.errors(values, gains).motion for predictor in ready]
     rates = [np.abs(motion[:, MOTION.index("yaw_rate")]) for motion in motions]
     fast = np.concatenate([rate[rate > TURNING] for rate in rates])
+    seen = np.concatenate([turn_rates(predictor) for predictor in ready])
+    intervals = [np.diff(predictor.piece.heard.pose_time) for predictor in ready]
     squares = np.concatenate([motion[:, X] ** 2 + motion[:, Y] ** 2 for motion in motions])
     return Scene(
         values,
         turning=float(np.sqrt(np.mean(fast**2))) if len(fast) else 1.0,
         extent=float(np.sqrt(np.mean(squares))),
+        fastest=float(np.quantile(seen, FASTEST)),
+        interval=float(np.median(np.concatenate(intervals))) if any(map(len, intervals)) else USUAL_INTERVAL,
     )

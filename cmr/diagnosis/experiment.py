@@ -38,6 +38,15 @@ class Piece:
     packet_time: Floats
     packet_duty: Floats
 
+    @property
+    def rolling(self) -> "Piece":
+        """The piece as if the robot had rolled as its wheels did, whatever it was commanded."""
+        if len(self.heard.given):
+            return self
+        borders = np.arange(len(self.heard.left) + 1) * self.heard.dt
+        angles = np.stack([np.interp(borders, self.heard.wheel_time, angle) for angle in self.heard.wheel.T], axis=1)
+        return replace(self, heard=replace(self.heard, given=np.diff(angles, axis=0) / self.heard.dt))
+
     def with_packets_at(self, time: Floats) -> "Piece":
         """Return the piece with commands that take effect at these times [s], increasing, (n,), instead of at once."""
         borders = np.asarray(np.arange(len(self.heard.left) + 1) * self.heard.dt, np.float64)

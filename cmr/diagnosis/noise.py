@@ -118,7 +118,7 @@ def _found(
             [(p * w[order:, None], one[order:] * w[order:]) for p, one, w in zip(pasts, freed, weights, strict=True)]
         )
         rest = [one[order:] - p @ past for p, one in zip(pasts, freed, strict=True)]
-        size = _size_found(np.concatenate(rest), np.concatenate([s[order:] for _, _, s in rows]))
+        size = size_found(np.concatenate(rest), np.concatenate([s[order:] for _, _, s in rows]))
         weights = [1.0 / np.sqrt(np.maximum(s @ size, LEAST_SIZE**2)) for _, _, s in rows]
     found = tuple(
         np.sqrt(np.maximum(_sizes(name, p, e) @ size, LEAST_SIZE**2)) if name in p.times else np.empty(0)
@@ -166,7 +166,7 @@ def _past(values: Floats, spans: Sequence[int]) -> Floats:
     return np.stack(columns, axis=1) if columns else np.empty((count, 0))
 
 
-def _size_found(rest: Floats, sizes: Floats) -> Floats:
+def size_found(rest: Floats, sizes: Floats) -> Floats:
     """Return shares (3,) with which `sizes` (n, 3) explain the squares of `rest` best (gamma likelihood)."""
     from scipy.optimize import nnls
 

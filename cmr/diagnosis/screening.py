@@ -14,7 +14,7 @@ from cmr.diagnosis.localising import best_moment, best_place
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors
 from cmr.diagnosis.study import Study, inward
-from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.catalogue import definition
 from cmr.recordings.signal import Floats
 
 LARGEST_SHARE = 3.0  # of a trial's size that the noise's model may use
@@ -54,7 +54,7 @@ def screen(
     study: Study, values: Mapping[str, float], names: Sequence[str], without: Collection[str], noise: Noise | None
 ) -> Screening:
     """Score all effects but those `without`, beside the free parameters `names` at `values`."""
-    attempts = trials(study.scene, [effect for effect in CATALOGUE.values() if effect.name not in without])
+    attempts = trials(study.scene, [effect for effect in study.effects if effect.name not in without])
     steps = [inward(name, values[name], step_of(name, values[name], study.scene)) for name in names]
     sets = [dict(values)]
     sets += [{**values, name: values[name] + step} for name, step in zip(names, steps, strict=True)]

@@ -1,15 +1,17 @@
 """Fit models with effects to recordings by their prediction errors."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from cmr.diagnosis.candidates import Scene, lanes_of, step_of
+from cmr.diagnosis.candidates import Scene, effects_of_rolling, lanes_of, step_of
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors, Predictor
-from cmr.model.catalogue import definition
+from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.effect import Effect
 from cmr.model.observer import MOTION, Gains, Observer
 from cmr.recordings.signal import Floats, Mask
 
@@ -70,6 +72,13 @@ class Study:
         self.gains = gains
         self.scene = scene
         self.folds = _folds(self.predictors)
+        self._counted: Mask | None = None
+
+    def part(self, rows: Mask) -> "Study":
+        """Return the study in which only the errors count at which `rows` (n,), over all errors, is true."""
+        result = copy(self)
+        result._counted = rows
+        return result
 
     def errors(self, values: Mapping[str, object]) -> list[Errors]:
         """Return the prediction errors in each piece; `values` are numbers or arrays (C,)."""
@@ -87,7 +96,21 @@ class Study:
             for number, (predictor, error) in enumerate(zip(self.predictors, errors, strict=True))
             for part in noise.white(number, predictor, error).values()
         ]
-        return np.concatenate(parts)
+        white = np.concatenate(parts)
+        if self._counted is not None:
+            white[~self._counted] = 0.0
+        return white
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects of the catalogue that may show: without commands, not those of the motors."""
+        rolls = all(len(predictor.piece.heard.given) for predictor in self.predictors)
+        return effects_of_rolling() if rolls else tuple(CATALOGUE.values())
+
+    @cached_property
+    def several(self) -> bool:
+        """Whether there are several recordings."""
+        return len({predictor.piece.recording for predictor in self.predictors}) > 1
 
     @cached_property
     def moving(self) -> tuple[float, float]:
@@ -137,6 +160,10 @@ class Study:
         for _ in range(renew):
             fit = self._fitted(fit.values, tuple(names), self.found(self.errors(fit.values)))
         return fit
+
+    def renewed(self, fit: Fit, noise: Noise) -> Fit:
+        """Return the fit with another noise."""
+        return self.fit(fit.values, fit.names, noise, renew=0)
 
     def refitted(self, fit: Fit, values: Mapping[str, float]) -> Fit:
         """Return a fit of the same parameters with the same noise from other values on."""
@@ -259,10 +286,10 @@ class _Course:
         if np.isfinite(self.squares):
             self.tried = moved(self.best, self.free, self._pace * self._step)
         else:
-            self.tried = _nearer_to_neutral(self.tried, self.own)
+            self.tried = nearer_to_neutral(self.tried, self.own)
 
 
-def _nearer_to_neutral(values: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+def nearer_to_neutral(values: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
     """Return the values with the effect of parameters `names` made smaller: what it began with made no sense."""
     result = dict(values)
     for known in (definition(name) for name in names):

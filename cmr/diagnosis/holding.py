@@ -1,0 +1,118 @@
+"""Does an effect hold elsewhere? Fitted anew on one part of the data, it must foretell the other part better."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.diagnosis.candidates import Scene, is_limit, lanes_of
+from cmr.diagnosis.experiment import Piece
+from cmr.diagnosis.free_runs import SIGNALS, Errors, Fold, alternating_spans, errors_of, joined
+from cmr.diagnosis.noise import Noise
+from cmr.diagnosis.parts import first_recordings, two_parts
+from cmr.diagnosis.study import Fit, Study
+from cmr.model.catalogue import definition
+from cmr.recordings.signal import Floats
+
+LEAST_SEEN = 4.0  # drop of the sum of squares that each part alone must show
+LEAST_GAIN = 10.0  # log-likelihood that an effect must add to the parts that it was not fitted on
+LEAST_SHARE = 0.05  # of a signal's squares on data left out that an effect must explain to matter
+IN_COMMON = 0.5  # correlation of what two effects explain from which on either may stand for the other
+SEEN = 0.7  # of the fastest turns: sensors err, and the ground gives a little
+GYRO = "yaw_rate"
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """What an effect does on data that it was not fitted on.
+
+    `seen` tells that each part of the data speaks for it. `gain` is the log-likelihood that it adds to the other part,
+    both ways together; `share` the largest share of any signal's squares that it explains there: of wheels and poses
+    in free runs, of the gyro beside the wheels as they were measured.
+    """
+
+    seen: bool
+    gain: float
+    share: float
+
+
+def elsewhere(study: Study, before: Fit, after: Fit) -> Elsewhere:
+    """Fit the model before and after an effect came in on each of two parts, and try both on the other part."""
+    first = two_parts(study.predictors)
+    gyro = np.concatenate([np.full(len(t), n == GYRO) for p in study.predictors for n, t in p.times.items()])
+    seen, squares, of_gyro, models = True, np.zeros(2), np.zeros(2), []
+    for part in (first, ~first):
+        fits = _fits_on(study.part(part), (before, after), after.noise)
+        seen = seen and fits[0].squares - fits[1].squares > LEAST_SEEN
+        values = tuple(fit.values for fit in fits)
+        white = study.white(lanes_of(values), after.noise) ** 2
+        squares += np.sum(white[~part], axis=0)
+        of_gyro += np.sum(white[~part & gyro], axis=0)
+        models.append(values)
+    share = float(1.0 - of_gyro[1] / of_gyro[0]) if of_gyro[0] > 0.0 else 0.0
+    return Elsewhere(seen, 0.5 * float(squares[0] - squares[1]), max(share, _share(study, models)))
+
+
+def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:
+    """Tell whether two fits, each with another effect beside the model before, explain the same."""
+    if one is None or other is None:
+        return False
+    first, second = before.rest - one.rest, before.rest - other.rest
+    return float(first @ second) > IN_COMMON * float(np.linalg.norm(first) * np.linalg.norm(second))
+
+
+def _fits_on(part: Study, fits: Sequence[Fit], noise: Noise) -> list[Fit]:
+    return [part.fit(fit.values, fit.names, noise, renew=0) for fit in fits]
+
+
+def _share(study: Study, models: Sequence[tuple[Mapping[str, float], ...]]) -> float:
+    """Return the largest share of a signal's squares that an effect takes from free runs, the gyro's left out.
+
+    `models` are those before and after, found on the first part and on the second; each runs on the other part.
+    """
+    pieces = [predictor.piece for predictor in study.predictors]
+    first = first_recordings(study.predictors) if study.several else None
+    parts = []
+    for piece in pieces:
+        if first is None:
+            spans = alternating_spans(piece.heard.time + piece.heard.seconds, 2)
+            folds = [Fold(models[1 - number], _within(piece, spans[number])) for number in range(2)]
+        else:
+            folds = [Fold(models[1 if first[piece.recording] else 0])]
+        parts.append(errors_of(piece, folds))
+    before, after = (joined(of_model) for of_model in zip(*parts, strict=True))
+    told = [name for name in SIGNALS if name != GYRO and _squares(before, name) > 0.0]
+    return max((1.0 - _squares(after, name) / _squares(before, name) for name in told), default=0.0)
+
+
+def _within(piece: Piece, spans: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Return spans [s since the recording's beginning] as times of the piece."""
+    return tuple((begin - piece.heard.time, end - piece.heard.time) for begin, end in spans)
+
+
+def _squares(errors: Errors, name: str) -> float:
+    squares: Floats = errors.squares[name]
+    return float(np.sum(squares))
+
+
+def why_not_elsewhere(study: Study, before: Fit, after: Fit | None) -> str:
+    """Return why what an effect explains is not believed to hold elsewhere; empty if it is."""
+    if after is None:
+        return "It was not fitted."
+    found = elsewhere(study, before, after)
+    if not found.seen:
+        return "Only a part of the data shows it."
+    if found.gain <= (0.0 if study.by_moments else LEAST_GAIN):
+        return "It does not hold on another part of the data, fitted anew without it."
+    if not study.by_moments and found.share < LEAST_SHARE:
+        return "It hardly helps to foretell data that it was not fitted on."
+    return ""
+
+
+def contradicted(values: Mapping[str, float], scene: Scene) -> bool:
+    """Tell whether an effect limits the turns to less than the robot was seen to turn."""
+    return any(
+        value < SEEN * scene.fastest
+        for name, value in values.items()
+        if definition(name).unit == "rad/s" and is_limit(definition(name))
+    )

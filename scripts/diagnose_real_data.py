@@ -1,0 +1,308 @@
+"""Diagnose the recordings of real robots that nobody of this project made; print the README's table.
+
+Usage: .venv/bin/python -m scripts.diagnose_real_data [--data ../shared/data] [--picture docs/real_robots.png]
+
+It takes about five minutes. What is named is found on one part of each recording; errors are those on the other part,
+with the paper's model and with the effects named, both fitted on the first. The parts and scores are those of
+`scripts/score_real_data.py`.
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cmr.calibration.scoring import pieces as pieces_of_path
+from cmr.calibration.segments import hold
+from cmr.diagnosis.diagnose import diagnose
+from cmr.diagnosis.experiment import pieces_of
+from cmr.diagnosis.free_runs import Values, free_run, stacked
+from cmr.diagnosis.result import Diagnosis
+from cmr.model.motion import RobotState, drive
+from cmr.model.parameters import RobotParameters
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS, Floats
+from scripts.score_real_data import DATA, GRASS_PIECE, MAEBOT_PIECE, Importer
+from scripts.score_real_data import _optiodom_runs as optiodom_runs
+from scripts.score_real_data import _steps_of_grass as steps_of_grass
+from scripts.score_real_data import _thinned as thinned
+from scripts.score_real_data import _windows as windows_of_tile
+
+SHORTEST = 1.0  # s that a window's last pose must lie after its first
+PICTURE = Path(__file__).resolve().parents[1] / "docs" / "real_robots.png"
+
+
+class Score(NamedTuple):
+    """An error on data left out, in `unit`, with the paper's model and with the effects named."""
+
+    what: str
+    unit: str
+    before: float
+    after: float
+
+    @property
+    def gone(self) -> float:
+        """Share of the error that the effects take away."""
+        return 1.0 - self.after / self.before
+
+
+@dataclass(frozen=True)
+class Case:
+    """A recording diagnosed; `told` are effects named, with their sizes, `scores` what they are worth."""
+
+    recording: str
+    diagnosis: Diagnosis
+    told: tuple[str, ...]
+    scores: tuple[Score, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """The effects named."""
+        return [effect.name for effect in self.diagnosis.effects]
+
+    def value(self, name: str) -> float:
+        """Return the size found of a parameter."""
+        return self.diagnosis.parameters[name]
+
+    def line(self) -> str:
+        """Return the line of the Markdown table."""
+        scores = "; ".join(
+            f"{s.what} {s.before:.3g} to {s.after:.3g} {s.unit} ({-100.0 * s.gone:+.0f} %)" for s in self.scores
+        )
+        return f"| {self.recording} | {', '.join(self.told) or 'nothing'} | {scores} |"
+
+
+class Ends(NamedTuple):
+    """Errors at the ends of n stretches, of two models: `position` (n, 2 models, 2 axes) [m], `heading` [rad] (n, 2).
+
+    `turned` [rad] (n,) is by how much the robot turned.
+    """
+
+    position: Floats
+    heading: Floats
+    turned: Floats
+
+
+def case_of(recording: str, diagnosis: Diagnosis, scores: Sequence[Score]) -> Case:
+    """Return the case of a diagnosis."""
+    told = tuple(
+        ", ".join(
+            f"`{n}` {value.value:.3g} {unit_of(effect.name, n)}".rstrip() for n, value in effect.estimates.items()
+        )
+        for effect in diagnosis.effects
+    )
+    return Case(recording, diagnosis, told, tuple(scores))
+
+
+def unit_of(effect: str, parameter: str) -> str:
+    """Return the unit of an effect's parameter, empty if it has none."""
+    from cmr.model.catalogue import CATALOGUE
+
+    unit = next(one.unit for one in CATALOGUE[effect].parameters if one.name == parameter)
+    return "" if unit == "-" else unit
+
+
+def models_of(diagnosis: Diagnosis) -> tuple[Values, Values]:
+    """Return the values of the paper's model and of the one with effects; a motor that nobody drives is made up."""
+    assert diagnosis.baseline is not None, diagnosis.sentence
+    given = {"k2_over_k3": 1.0, "k1": 1.0, "wheel_radius": diagnosis.parameters["wheel_radius"]}
+    before = {name: estimate.value for name, estimate in diagnosis.baseline.estimates.items()}
+    return given | before, given | dict(diagnosis.parameters)
+
+
+def ends_of(recording: Recording, starts: Iterable[int], seconds: float, models: Sequence[Values]) -> Ends:
+    """Return the errors at the last pose of each stretch of so many `seconds` that begins at `starts` [us].
+
+    Each is started at the measured pose; wheels that are driven run freely from the recording's beginning on.
+    """
+    position, heading, turned = [], [], []
+    begins = np.array(sorted(starts))
+    for piece in pieces_of(recording, [], 0):
+        heard = piece.heard
+        times = (begins - piece.first) * SECONDS
+        first = np.unique(np.searchsorted(heard.pose_time, times[(times > -seconds) & (times < heard.seconds)] - 1e-6))
+        last = np.searchsorted(heard.pose_time, heard.pose_time[first[first < len(heard.pose)]] + seconds + 1e-6) - 1
+        first = first[: len(last)]
+        long = heard.pose_time[last] - heard.pose_time[first] > SHORTEST
+        errors = free_run(heard, first, heard.pose, stacked(models)).pose[last[long]]
+        position.append(errors[:, :2].transpose(0, 2, 1))
+        heading.append(errors[:, 2])
+        theta = np.unwrap(heard.pose[:, 2])
+        turned.append((theta[last] - theta[first])[long])
+    return Ends(np.concatenate(position), np.concatenate(heading), np.concatenate(turned))
+
+
+def joined(parts: Sequence[Ends]) -> Ends:
+    """Return all stretches of several."""
+    return Ends(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def distance_score(what: str, ends: Ends) -> Score:
+    """Return the root mean square distance at the ends."""
+    return Score(what, "m", *np.sqrt(np.mean(np.sum(ends.position**2, axis=2), axis=0)))
+
+
+def heading_score(what: str, ends: Ends) -> Score:
+    """Return the root mean square error of the heading at the ends."""
+    return Score(what, "degrees", *np.degrees(np.sqrt(np.mean(ends.heading**2, axis=0))))
+
+
+def husky_tile(importer: Importer, every: int = 1) -> tuple[Case, Ends]:
+    """Wheel speeds to pose: the first half of the commanded steps, of which one of `every` windows is used."""
+    recording = importer.read("husky_tile", importer.data / "husky_tile/husky_tile.csv.gz")
+    rows = importer.rows("husky_tile/husky_tile.csv.gz")
+    steps = dict(zip([row["window"] for row in rows], [int(row["step"]) for row in rows], strict=True))
+    known = sorted(set(steps.values()))
+    first_half = [step < known[len(known) // 2] for step in steps.values()]
+    rolled = [replace(window, commands=window.commands.between(0, 0)) for window in windows_of_tile(recording)]
+    fitted = [window for window, first in zip(rolled, first_half, strict=True) if first]
+    diagnosis = diagnose(fitted[::every], recording.parameters)
+    models = models_of(diagnosis)
+    scored = [window for window, first in zip(rolled, first_half, strict=True) if not first]
+    ends = joined([ends_of(one, [int(one.poses.utime[0])], 2.0, models) for one in scored if len(one.poses)])
+    return case_of("Husky, tile", diagnosis, [distance_score("position after 2 s", ends)]), ends
+
+
+def husky_wet_grass(importer: Importer) -> Case:
+    """Commands to pose: the first half of the commanded steps."""
+    recording = importer.read("husky_wet_grass", importer.data / "husky_wet_grass/husky_wet_grass.csv.gz")
+    driven = list(steps_of_grass(recording, importer.rows("husky_wet_grass/husky_wet_grass.csv.gz")))
+    half = len(driven) // 2
+    spans = [(int(one.wheels.utime[0]), int(one.wheels.utime[-1])) for one in driven]
+    diagnosis = diagnose(recording.between(spans[0][0], spans[half - 1][1]))
+    scored = recording.between(spans[half][0], spans[-1][1])
+    starts = [int(piece.poses.utime[0]) for one in driven[half:] for piece in pieces_of_path(one, GRASS_PIECE)]
+    ends = ends_of(scored, starts, GRASS_PIECE, models_of(diagnosis))
+    scores = [heading_score("heading after 3 s", ends), distance_score("position after 3 s", ends)]
+    return case_of("Husky, wet grass", diagnosis, scores)
+
+
+def commanded_turns(case: Case, nominal: RobotParameters) -> float:
+    """Return the turn-rate limit [rad/s] as the controller counts that drives by the nominal geometry.
+
+    The model's limit is one of the turns that the robot makes on this ground.
+    """
+    found = RobotParameters.of({name: case.value(name) for name in ("wheel_radius", "base_width", "k1", "k2_over_k3")})
+    duty_of_turns = [one.k1 * one.base_width / one.wheel_radius for one in (found, nominal)]
+    return case.value("turn_rate_limit") * float(duty_of_turns[0] / duty_of_turns[1])
+
+
+def mbot(importer: Importer) -> Case:
+    """PWM to wheel speed: all but the second half of the drive, on which it is scored."""
+    recording = importer.read("mbot", importer.data / "mbot_square/drive_square.log")
+    wheels = recording.wheels
+    moving = (wheels["psi_left"] != 0.0) | (wheels["psi_right"] != 0.0)
+    first, last = int(wheels.utime[0]), int(wheels.utime[moving][-1])
+    middle = (first + last) // 2
+    kept = {n: (s.utime <= middle) | (s.utime > last) for n, s in recording.signals.items() if len(s)}
+    diagnosis = diagnose(recording.where(kept))
+    driven = recording.between(first, last)
+    errors = [wheel_speed_errors(driven, values, middle) for values in models_of(diagnosis)]
+    scores = [Score(f"{side} wheel", "m/s", *(one[side] for one in errors)) for side in ("left", "right")]
+    return case_of("MBot", diagnosis, scores)
+
+
+def wheel_speed_errors(recording: Recording, values: Values, since: int) -> dict[str, float]:
+    """Return the root mean square error [m/s] of each side's speed from `since` [us] on, run freely from the start."""
+    wheels, duty = recording.wheels, recording.duty
+    times = np.union1d(duty.utime, wheels.utime)
+    left, right = (hold(duty, side, times[:-1]) for side in ("left", "right"))
+    start = RobotState(0.0, 0.0, 0.0, wheels["psi_left"][0], wheels["psi_right"][0], 0.0, 0.0)
+    at = np.searchsorted(times, wheels.utime)
+    run = drive(left, right, np.diff(times) * SECONDS, RobotParameters.of(dict(values)), start, at=at)
+    counted, radius = wheels.utime > since, values["wheel_radius"]
+    speeds = {"left": run.psi_left - wheels["psi_left"], "right": run.psi_right - wheels["psi_right"]}
+    return {side: radius * float(np.sqrt(np.mean(error[counted] ** 2))) for side, error in speeds.items()}
+
+
+def optiodom(importer: Importer, sessions: int | None = None) -> Case:
+    """Encoders to pose: circles and squares but for the first session of each, on which it is scored.
+
+    `sessions` limits how many of each are used.
+    """
+    runs = optiodom_runs(importer, sessions)
+    left_out = [next(key for key in runs if key[0] == kind) for kind in ("circular", "square")]
+    fitted = [thinned(run) for key, of_session in runs.items() if key not in left_out for run in of_session]
+    diagnosis = diagnose(fitted)
+    models = models_of(diagnosis)
+    scores = []
+    for (kind, _session), key in zip(left_out, left_out, strict=True):
+        errors = np.mean([path_errors(run, models) for run in runs[key]], axis=0)
+        scores.append(Score(f"path of {kind} runs", "m", *errors))
+    return case_of("OptiOdom", diagnosis, scores)
+
+
+def path_errors(recording: Recording, models: Sequence[Values]) -> Floats:
+    """Return the root mean square distance [m] from the path, first pose given, of each model."""
+    heard = pieces_of(recording, [], 0)[0].heard
+    first = np.zeros(1, np.int64)
+    errors = free_run(heard, first, heard.pose, stacked(models)).pose
+    return np.asarray(np.sqrt(np.mean(errors[:, 0] ** 2 + errors[:, 1] ** 2, axis=0)), np.float64)
+
+
+def maebot(importer: Importer) -> Case:
+    """Encoders to SLAM pose: the first half. Its gyro, whose stamps stand still, is left out."""
+    recording = importer.read("maebot", importer.data / "maebot_convex/convex.log")
+    recording = replace(recording, gyro=recording.gyro.between(0, 0))
+    first, last = int(recording.poses.utime[0]), int(recording.poses.utime[-1])
+    middle = (first + last) // 2
+    diagnosis = diagnose(recording.between(first, middle))
+    scored = recording.between(middle, last)
+    starts = [int(piece.poses.utime[0]) for piece in pieces_of_path(scored, MAEBOT_PIECE)]
+    ends = ends_of(scored, starts, MAEBOT_PIECE, models_of(diagnosis))
+    return case_of("MAEBot", diagnosis, [distance_score("position after 5 s", ends)])
+
+
+def draw(ends: Ends, path: Path) -> None:
+    """Draw how far sideways of the simulation the Husky's tracked point ends, against how far it turned."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(7.0, 3.4), layout="constrained")
+    for model, (label, color) in enumerate((("paper's model", "0.65"), ("with the effects named", "tab:blue"))):
+        axes.plot(np.degrees(ends.turned), 100.0 * ends.position[:, model, 1], ".", ms=4, color=color, label=label)
+    axes.set(xlabel="turned in 2 s [degrees]", ylabel="error to the left [cm]")
+    axes.legend(frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def cases(importer: Importer, picture: Path | None) -> Iterator[Case]:
+    """Yield each case as it is done, and draw the picture if a path is given."""
+    tile, ends = husky_tile(importer)
+    if picture:
+        draw(ends, picture)
+    yield tile
+    yield husky_wet_grass(importer)
+    yield mbot(importer)
+    yield optiodom(importer)
+    yield maebot(importer)
+
+
+def main() -> int:
+    """Print the table, line by line as the diagnoses come in."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--data", type=Path, default=DATA, help="folder of the recordings (default: %(default)s)")
+    options.add_argument("--picture", type=Path, default=PICTURE, help="picture to write (default: %(default)s)")
+    chosen = options.parse_args()
+    if not chosen.data.is_dir():
+        print(f"The recordings are not here: {chosen.data}. Its README would name their sources.", file=sys.stderr)
+        return 1
+    with tempfile.TemporaryDirectory() as folder:
+        print("| recording | named | errors on data left out |\n|---|---|---|", flush=True)
+        for case in cases(Importer(chosen.data, Path(folder)), chosen.picture):
+            print(case.line(), flush=True)
+            print(f"{case.recording}: {case.diagnosis.sentence}", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
