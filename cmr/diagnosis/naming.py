@@ -6,17 +6,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cmr.calibration.result import Estimate
-from cmr.diagnosis.candidates import USUAL_RATE, locality, worth_naming
+from cmr.diagnosis.candidates import locality, worth_naming
 from cmr.diagnosis.gains import COARSE
+from cmr.diagnosis.judging import THRESHOLD, TOO_SMALL, Tried, held_out_gain, needed, why_not
 from cmr.diagnosis.packets import JITTER, LOSS, Spread, share_lost, spread_of, without_jitter, without_loss
 from cmr.diagnosis.placing import explored, placed
 from cmr.diagnosis.polishing import polished
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import CATALOGUE, definition
-from cmr.model.effect import Effect
-from cmr.model.parameters import DEFINITIONS as PAPER
-from cmr.model.parameters import ParameterDefinition
 
 PROMISING = 12  # effects that are fitted after the score test,
 PROMISING_SHARE = 0.08  # if they explain this share of what the best explains
@@ -24,43 +22,19 @@ FINALISTS = 3  # that are fitted with everything free
 CLOSE = 0.7  # of the best drop: an effect that explains less is no finalist
 LEAST_DROP = 20.0
 LEAST_SCORE = 10.0  # drop of the sum of squares from which a fit is worth while
-THRESHOLD = 30.0  # drop of the sum of squares that one parameter must bring
-PER_PARAMETER = 5.0  # more for each further one
-PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each further parameter must explain to be better
 ALIKE = 12.0  # drops that differ by less cannot be told apart,
 ALIKE_SHARE = 0.02  # nor those that differ by less than this share
-MOST_EFFECTS = 5
+MOST_EFFECTS = 7  # with those that are too small to be named
 LATE = ("command_delay", "electrical_lag", "slew_limit")  # as which jitter shows as long as its spread is not looked at
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
-ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
-AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
 LEFT_BY_LATE = 0.003  # of what a fixed delay explains may be left in the spread
 SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
-TOO_SMALL = "It is too small to matter."
+LESS = "It explains less than the effect named."
 MOST_SMALL = 3  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
-
-
-@dataclass(frozen=True)
-class Tried:
-    """An effect fitted beside others: its drop of the sum of squared white errors, and what it gains on left-out data.
-
-    `fit` is None where only a quick fit was made.
-    """
-
-    effect: Effect
-    drop: float
-    values: Mapping[str, float]
-    fit: Fit | None = None
-    held_out: float = float("nan")
-
-    @property
-    def evidence(self) -> float:
-        """The drop less what further parameters explain by chance (Schwarz, Annals of Statistics 6, 1978)."""
-        return self.drop - PER_FURTHER * (len(self.effect.parameters) - 1)
 
 
 @dataclass(frozen=True)
@@ -138,7 +112,9 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         current = chosen.tried.fit
         if len(named) > 1:
             named, current = _pruned(study, named, current, inflation)
-    final, doubts = current, {}
+    named, small, final = _without_small(study, named, current)
+    others = [*((tried, TOO_SMALL) for tried in small), *others]
+    doubts = {}
     for one in named:
         of_effect = [parameter.name for parameter in one.tried.effect.parameters]
         surely = explored if locality(one.tried.effect) == "place" else polished
@@ -224,72 +200,59 @@ def _tick(study: Study) -> float:
 def _choose(
     study: Study, current: Fit, ranked: list[Tried], inflation: float
 ) -> tuple[Named | None, list[tuple[Tried, str]]]:
-    """Return the best effect that holds, with its rivals, and why each of the others is not named."""
-    others = []
+    """Return the best effect that holds, with its rivals, and why each of the others is not named.
+
+    An effect that is too small to be named comes first if it explains more than one that is to be named: that one may
+    be its shadow.
+    """
+    others: list[tuple[Tried, str]] = []
     chosen: Tried | None = None
     for candidate in ranked:
-        tried = candidate
-        why = "It explains less than the effect named."
+        tried, why = candidate, LESS
         if chosen is None:
-            why = why_not(study, current, tried, inflation)
-            if not why and tried.fit is None:
-                tried = _with_everything(study, current, tried)
-                why = why_not(study, current, tried, inflation)
+            tried, why = _judged(study, current, tried, inflation)
         if chosen is None and not why:
             chosen = tried
         else:
             others.append((tried, why))
+    small = next((tried for tried, why in others if why == TOO_SMALL), None)
     if chosen is None:
         return None, others
+    if small is not None:
+        others = [(chosen, LESS), *(other for other in others if other[0] is not small)]
+        chosen = small
     margin = max(ALIKE * inflation, ALIKE_SHARE * chosen.drop)
     close = [tried for tried, _ in others if chosen.drop - tried.drop < margin]
     rivals = tuple(tried.effect.name for tried in close if not why_not(study, current, tried, inflation))
     return Named(chosen, rivals, current), others
 
 
-def why_not(study: Study, before: Fit, tried: Tried, inflation: float) -> str:
-    """Return why an effect is not named, empty if nothing speaks against it."""
-    if tried.drop < needed(tried.effect) * inflation:
-        return "What it explains may be chance."
-    names = [parameter.name for parameter in tried.effect.parameters]
-    moment = tried.values.get(f"{tried.effect.name}_time")
-    if moment is not None and not study.moving[0] < moment < study.moving[1]:
-        return "It would begin where the drive begins or ends."
-    stds = {name: tried.fit.std(name) for name in names} if tried.fit else {}
-    if not worth_naming({name: tried.values[name] for name in names}, stds, study.scene):
-        return TOO_SMALL
-    if needs_another_robot(before, tried.values):
-        return "It would need absurd values of the paper's parameters."
-    if any(at_its_end(definition(name), tried.values[name]) for name in names):
-        return "It would need absurd values of its own parameters."
-    if any(not stds[name] > 0.0 for name in names if name in stds and definition(name).switches):
-        return "These drives do not tell its size."
-    if tried.fit is not None and not tried.held_out > 0.0:
-        return "It does not hold on data that it was not fitted on."
-    return ""
+def _judged(study: Study, current: Fit, tried: Tried, inflation: float) -> tuple[Tried, str]:
+    """Return an effect and why it is not named; what would be is fitted with everything free."""
+    why = why_not(study, current, tried, inflation)
+    if tried.fit is None and why in ("", TOO_SMALL):
+        tried = _with_everything(study, current, tried)
+        why = why_not(study, current, tried, inflation)
+    return tried, why
 
 
-def needs_another_robot(before: Fit, after: Mapping[str, float]) -> bool:
-    """Tell whether the paper's parameters change so much that the robot would be another one.
-
-    The motor's rate may change towards what is usual: without the effect that is there, it can be far off.
-    """
-    ratios = [after[name] / before.values[name] for name in before.names if name in PAPER and name != "k2_over_k3"]
-    if any(not 1.0 / ABSURD < ratio < ABSURD for ratio in ratios):
-        return True
-    rates = [abs(np.log(one["k1"] * one["k2_over_k3"] / USUAL_RATE)) for one in (before.values, after)]
-    return "k2_over_k3" in before.names and rates[1] > rates[0] + np.log(ABSURD)
-
-
-def at_its_end(parameter: ParameterDefinition, value: float) -> bool:
-    """Tell whether a value is as far from neutral as the parameter allows."""
-    bounds = [bound for bound in (parameter.lower, parameter.upper) if bound != parameter.neutral]
-    return parameter.switches and any(abs(value - bound) <= AT_ITS_END * abs(bound) for bound in bounds)
+def _without_small(study: Study, named: list[Named], current: Fit) -> tuple[list[Named], list[Tried], Fit]:
+    """Return the effects that matter, those that do not, with their values, and the fit without these."""
+    matters = [_matters(study, one, current) for one in named]
+    small = [one for one, does in zip(named, matters, strict=True) if not does]
+    if not small:
+        return named, [], current
+    own = {parameter.name for one in small for parameter in one.tried.effect.parameters}
+    values = {name: value for name, value in current.values.items() if name not in own}
+    fit = study.fit(values, tuple(name for name in current.names if name not in own), current.noise, renew=0)
+    tried = [replace(one.tried, values=current.values) for one in small]
+    return [one for one, does in zip(named, matters, strict=True) if does], tried, fit
 
 
-def needed(effect: Effect) -> float:
-    """Return the drop of the sum of squares below which an effect may be chance."""
-    return THRESHOLD + PER_PARAMETER * (len(effect.parameters) - 1)
+def _matters(study: Study, one: Named, fit: Fit) -> bool:
+    names = [parameter.name for parameter in one.tried.effect.parameters]
+    values, stds = {name: fit.values[name] for name in names}, {name: fit.std(name) for name in names}
+    return worth_naming(values, stds, study.scene)
 
 
 def _fitted(study: Study, current: Fit, screening: Screening) -> list[Tried]:
@@ -306,9 +269,9 @@ def _fitted(study: Study, current: Fit, screening: Screening) -> list[Tried]:
         for effect, (values, squares) in zip(effects, quick, strict=True)
     ]
     tried.sort(key=lambda one: -one.evidence)
-    close = [one for one in tried[:FINALISTS] if one.drop > CLOSE * tried[0].drop and one.drop > LEAST_DROP]
-    finalists = [_with_everything(study, current, one) for one in close]
-    return sorted([*finalists, *tried[len(close) :]], key=lambda one: -one.evidence)
+    least = max(CLOSE * tried[0].drop, LEAST_DROP)
+    finalists = [_with_everything(study, current, one) if one.drop > least else one for one in tried[:FINALISTS]]
+    return sorted([*finalists, *tried[FINALISTS:]], key=lambda one: -one.evidence)
 
 
 def start_of(score: Score) -> dict[str, float]:
@@ -326,25 +289,6 @@ def _with_everything(study: Study, current: Fit, tried: Tried) -> Tried:
     names = (*current.names, *(parameter.name for parameter in tried.effect.parameters))
     fit = placed(study, tried.effect, tried.values, names, current.noise)
     return Tried(tried.effect, current.squares - fit.squares, fit.values, fit, held_out_gain(study, current, fit))
-
-
-def held_out_gain(study: Study, before: Fit, after: Fit) -> float:
-    """Return the log-likelihood that a fit gains over another on folds that both leave out."""
-    return 0.5 * (left_out(before, study.folds) - left_out(after, study.folds))
-
-
-def left_out(fit: Fit, folds: np.typing.NDArray[np.int64]) -> float:
-    """Return the sum of squared white errors of folds, each foretold by a fit without it (to first order)."""
-    total = 0.0
-    normal, right = fit.slopes.T @ fit.slopes, fit.slopes.T @ fit.rest
-    for fold in np.unique(folds):
-        inside = folds == fold
-        slopes, rest = fit.slopes[inside], fit.rest[inside]
-        remaining = normal - slopes.T @ slopes
-        step = -np.linalg.lstsq(remaining, right - slopes.T @ rest, rcond=1e-10)[0]
-        foretold = rest + slopes @ step
-        total += float(foretold @ foretold)
-    return total
 
 
 def _pruned(study: Study, named: list[Named], current: Fit, inflation: float) -> tuple[list[Named], Fit]:
