@@ -8,6 +8,7 @@ with the paper's model and with the effects named, both fitted on the first. The
 """
 
 import argparse
+import math
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -192,14 +193,18 @@ def commanded_turns(case: Case, nominal: RobotParameters) -> float:
     return case.value("turn_rate_limit") * float(duty_of_turns[0] / duty_of_turns[1])
 
 
-def mbot(importer: Importer) -> Case:
-    """PWM to wheel speed: all but the second half of the drive, on which it is scored."""
+def mbot(importer: Importer, rest: float = math.inf) -> Case:
+    """PWM to wheel speed: all but the second half of the drive, on which it is scored.
+
+    The robot's rest at the end, PWM still on, is used for `rest` [s].
+    """
     recording = importer.read("mbot", importer.data / "mbot_square/drive_square.log")
     wheels = recording.wheels
     moving = (wheels["psi_left"] != 0.0) | (wheels["psi_right"] != 0.0)
     first, last = int(wheels.utime[0]), int(wheels.utime[moving][-1])
     middle = (first + last) // 2
-    kept = {n: (s.utime <= middle) | (s.utime > last) for n, s in recording.signals.items() if len(s)}
+    resting = {n: (s.utime > last) & (s.utime - last < rest / SECONDS) for n, s in recording.signals.items() if len(s)}
+    kept = {name: of_rest | (recording.signals[name].utime <= middle) for name, of_rest in resting.items()}
     diagnosis = diagnose(recording.where(kept))
     driven = recording.between(first, last)
     errors = [wheel_speed_errors(driven, values, middle) for values in models_of(diagnosis)]

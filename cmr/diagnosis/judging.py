@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmr.diagnosis.candidates import USUAL_RATE, worth_naming
+from cmr.diagnosis.holding import contradicted
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
@@ -47,6 +48,8 @@ def why_not(study: Study, before: Fit, tried: Tried, inflation: float) -> str:
     moment = tried.values.get(f"{tried.effect.name}_time")
     if moment is not None and not study.moving[0] < moment < study.moving[1]:
         return "It would begin where the drive begins or ends."
+    if contradicted({name: tried.values[name] for name in names}, study.scene):
+        return "The robot was seen to turn faster."
     stds = {name: tried.fit.std(name) for name in names} if tried.fit else {}
     if needs_another_robot(before, tried.values):
         return "It would need absurd values of the paper's parameters."

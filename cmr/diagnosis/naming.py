@@ -8,6 +8,7 @@ import numpy as np
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import locality, worth_naming
 from cmr.diagnosis.gains import COARSE
+from cmr.diagnosis.holding import alternatives, elsewhere, why_not_elsewhere
 from cmr.diagnosis.judging import THRESHOLD, TOO_SMALL, Tried, held_out_gain, needed, why_not
 from cmr.diagnosis.packets import JITTER, LOSS, Spread, share_lost, spread_of, without_jitter, without_loss
 from cmr.diagnosis.placing import explored, placed
@@ -34,6 +35,8 @@ SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quit
 LESS = "It explains less than the effect named."
 MOST_SMALL = 3  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
+COURSE_INFLATION = 1.5  # for how many samples errors of courses count that last is known roughly
+EQUAL = 3.0  # log-likelihood on data left out by which effects must differ to be told apart
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
 
@@ -100,9 +103,9 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         taken = [one.tried.effect.name for one in named]
         say(f"Trying {len(CATALOGUE) - len(taken)} effects beside {', '.join(taken) or 'the paper model'} ...")
         screening = screen(study, current.values, current.names, taken, current.noise if named else None)
-        current = study.fit(current.values, current.names, screening.noise, renew=0)
+        current = study.renewed(current, screening.noise)
         inflation = max(screening.inflation, COARSE_INFLATION if _tick(study) > COARSE else 1.0)
-        inflation = inflation if study.by_moments else 1.0
+        inflation = inflation if study.by_moments else COURSE_INFLATION
         ranked = _fitted(study, current, screening)
         chosen, others = _choose(study, current, ranked, inflation)
         if chosen is None:
@@ -223,8 +226,26 @@ def _choose(
         chosen = small
     margin = max(ALIKE * inflation, ALIKE_SHARE * chosen.drop)
     close = [tried for tried, _ in others if chosen.drop - tried.drop < margin]
+    if small is None and not study.by_moments:
+        return _named_by_courses(study, current, chosen, others, close)
     rivals = tuple(tried.effect.name for tried in close if not why_not(study, current, tried, inflation))
     return Named(chosen, rivals, current), others
+
+
+def _named_by_courses(
+    study: Study, current: Fit, chosen: Tried, others: list[tuple[Tried, str]], close: list[Tried]
+) -> tuple[Named, list[tuple[Tried, str]]]:
+    """Return the best of the effects that explain the same as the chosen one, with the rest of these as its rivals.
+
+    It is the one that holds best elsewhere; of equals, the catalogue's first.
+    """
+    judged = [_judged(study, current, one, COURSE_INFLATION) for one in close]
+    alike = [chosen, *(one for one, why in judged if not why and alternatives(current, chosen.fit, one.fit))]
+    gains = [elsewhere(study, current, one.fit).gain if one.fit else -np.inf for one in alike]
+    equals = [one for one, gain in zip(alike, gains, strict=True) if gain > max(gains) - EQUAL]
+    best = min(equals, key=lambda one: list(CATALOGUE).index(one.effect.name))
+    others = [(chosen, LESS) if one.effect is best.effect else (one, why) for one, why in others]
+    return Named(best, tuple(one.effect.name for one in alike if one is not best), current), others
 
 
 def _judged(study: Study, current: Fit, tried: Tried, inflation: float) -> tuple[Tried, str]:
@@ -233,6 +254,8 @@ def _judged(study: Study, current: Fit, tried: Tried, inflation: float) -> tuple
     if tried.fit is None and why in ("", TOO_SMALL):
         tried = _with_everything(study, current, tried)
         why = why_not(study, current, tried, inflation)
+    if not why and (study.several or not study.by_moments):
+        why = why_not_elsewhere(study, current, tried.fit)
     return tried, why
 
 
