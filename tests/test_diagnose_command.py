@@ -26,6 +26,7 @@ from cmr.diagnosis.result import EFFECTS_FOUND, Diagnosis
 from cmr.parameters.file import ParameterFile, load
 from cmr.recordings.recording import Recording
 from tests.emulated_drive import NOMINAL, messages
+from tests.hidden_effects import hide
 from tests.logs_of_robots import write_logs
 from tests.made_up_diagnosis import BAD, DIAGNOSIS
 
@@ -284,13 +285,8 @@ def test_live_says_what_it_waits_for_and_what_is_new(url: str, tmp_path: Path) -
 
 
 def test_friction_hidden_in_a_log_is_named_by_the_command(tmp_path: Path) -> None:
-    from tests.hidden_effects import hide
-
     log = hide("coulomb_friction", path=tmp_path / "run.lcm", manoeuvre="rich", seed=1)
-    try:
-        assert run(log.path, "--out", tmp_path / "out", "--no-report") == 0
-    except NotImplementedError:
-        pytest.skip("the engine is not there yet")
+    assert run(log.path, "--out", tmp_path / "out", "--no-report") == 0
     content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert (content["verdict"], content["effects"][0]["name"]) == ("effects_found", "coulomb_friction")
     found = load(tmp_path / "out" / "robot_0.yaml")

@@ -12,7 +12,7 @@ import pytest
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 from tests.hidden_effects import Case, hidden_recording, hide, sets
-from tests.hidden_effects.cases import EIGHT, EIGHT_OPEN, NOISES, RICH, SECONDS, Truth
+from tests.hidden_effects.cases import EIGHT, EIGHT_OPEN, NOISES, RICH, SECONDS, SHORT_SECONDS, Truth
 from tests.hidden_effects.driving import commands_of, eight
 from tests.hidden_effects.hiding import truth_of
 from tests.hidden_effects.robots import TYPICAL_ROBOT
@@ -175,6 +175,15 @@ def test_a_pilot_who_sees_the_robot_keeps_it_on_its_eights(effects: tuple[str, .
     assert not rest.any()
 
 
+@pytest.mark.parametrize("manoeuvre", SHORT_SECONDS)
+def test_short_drives_are_short_and_turn_both_ways(manoeuvre: str) -> None:
+    hidden = hidden_recording(manoeuvre=manoeuvre, seed=8)
+    assert hidden.recording.wheels.seconds[-1] == pytest.approx(SHORT_SECONDS[manoeuvre], abs=0.1)
+    assert SHORT_SECONDS[manoeuvre] <= 60.0
+    assert hidden.motion["w"].min() < -0.3
+    assert hidden.motion["w"].max() > 0.3
+
+
 def test_open_loop_eights_turn_both_ways_and_rest_at_both_ends() -> None:
     hidden = hidden_recording(manoeuvre=EIGHT_OPEN, seed=8)
     assert hidden.motion["w"].min() < -0.3
@@ -205,6 +214,8 @@ def test_the_sets_hold_what_is_to_be_reached_and_no_case_twice() -> None:
     assert {(case.manoeuvre, case.noise) for case in cases["null"]} == {
         (manoeuvre, noise) for manoeuvre in (RICH, EIGHT) for noise in sets.NULL_NOISES
     }
+    assert len(cases["short"]) == 120
+    assert {case.manoeuvre for case in cases["short"]} == set(SHORT_SECONDS)
     assert len(cases["pairs"]) == 100
     assert {case.effects[0] for case in cases["unknown"]} == set(UNKNOWN)
     assert len(UNKNOWN) >= 8

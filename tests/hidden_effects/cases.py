@@ -9,10 +9,16 @@ import numpy as np
 
 from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
 from tests.reference_plant import REALISTIC, TYPICAL, Noise
-from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS
+from tests.reference_plant.manoeuvres import PART_SECONDS, RICH_DRIVE_SECONDS
 
 RICH, EIGHT, EIGHT_OPEN = "rich", "figure_eight", "figure_eight_open"
-SECONDS: Mapping[str, float] = {RICH: RICH_DRIVE_SECONDS, EIGHT: 120.0, EIGHT_OPEN: 120.0}
+SECONDS: dict[str, float] = {RICH: RICH_DRIVE_SECONDS, EIGHT: 120.0, EIGHT_OPEN: 120.0}
+BEGINNING = "beginning_of_rich"
+# Short drives in which the robot turns: the beginning of the rich drive, and parts of it by themselves.
+SHORT_SECONDS: dict[str, float] = {
+    BEGINNING: 60.0,
+    **{name: seconds for name, seconds in PART_SECONDS.items() if name != "straight_runs"},
+}
 WALK = 0.02  # share of a gyro's drift over 100 s by which it walks at random in that time
 
 
@@ -53,7 +59,7 @@ class Case:
     repeats: int = 1
 
     def __post_init__(self) -> None:
-        known = {"manoeuvre": SECONDS, "noise": NOISES, "friction": FRICTIONS}
+        known = {"manoeuvre": {**SECONDS, **SHORT_SECONDS}, "noise": NOISES, "friction": FRICTIONS}
         asked = [(kind, getattr(self, kind), names) for kind, names in known.items()]
         asked += [("effect", effect, {**TYPICAL, **UNKNOWN}) for effect in self.effects]
         for kind, name, names in asked:
@@ -63,7 +69,7 @@ class Case:
     @property
     def seconds(self) -> float:
         """How long the drive takes."""
-        return self.repeats * SECONDS[self.manoeuvre]
+        return self.repeats * (SECONDS | SHORT_SECONDS)[self.manoeuvre]
 
     @property
     def drive_seed(self) -> int:

@@ -1,4 +1,4 @@
-"""What the robots are told to drive: the rich drive, and figure-eights with or without a pilot."""
+"""What the robots are told to drive: the rich drive, parts of it, and figure-eights with or without a pilot."""
 
 import math
 from collections.abc import Mapping
@@ -6,10 +6,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from cmr.recordings.signal import Floats
-from tests.hidden_effects.cases import EIGHT_OPEN, RICH, Truth
+from tests.hidden_effects.cases import BEGINNING, EIGHT_OPEN, RICH, SHORT_SECONDS, Truth
 from tests.reference_plant import Commands, packets, plant_parameters
 from tests.reference_plant.drives import Pose
-from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, figure_eight, in_turn, rich_drive
+from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, figure_eight, in_turn, part_of_rich_drive, rich_drive
 from tests.reference_plant.steering import Pilot, steered
 
 REST = 3.0  # s before and after figure-eights
@@ -25,6 +25,9 @@ def commands_of(truth: Truth, seed: int) -> Commands:
     seconds, random = truth.case.seconds, truth.case.random("driving", truth.case.run)
     if truth.case.manoeuvre == RICH:
         return packets(in_turn([(RICH_DRIVE_SECONDS, rich_drive())] * truth.case.repeats), seconds)
+    if truth.case.manoeuvre in SHORT_SECONDS:
+        short = rich_drive() if truth.case.manoeuvre == BEGINNING else part_of_rich_drive(truth.case.manoeuvre)
+        return packets(short, seconds)
     speed, half_width = random.uniform(*SPEEDS), random.uniform(*HALF_WIDTHS)
     if truth.case.manoeuvre == EIGHT_OPEN:
         laps = round(speed * (seconds - 2.0 * REST) / (6.1 * half_width))

@@ -87,6 +87,11 @@ def flagged(row: Row) -> bool:
     return row.verdict == "unexplained" or row.unexplained
 
 
+def silent(row: Row) -> bool:
+    """Tell whether the diagnosis finds nothing: no name, and nothing that it calls unexplained."""
+    return row.verdict == "no_effect" and not row.names and not flagged(row)
+
+
 def parameters_of(row: Row) -> dict[str, tuple[float, Interval]]:
     """Return truth and estimate of every parameter of the hidden effects that was estimated, by its name.
 
@@ -160,9 +165,20 @@ def score_eight(rows: Sequence[Row]) -> list[Score]:
 
 def score_null(rows: Sequence[Row]) -> list[Score]:
     """Score robots without any effect."""
+    return _score_silence("null", rows)
+
+
+def score_short(rows: Sequence[Row]) -> list[Score]:
+    """Score robots without any effect on short drives."""
+    return _score_silence("short", rows)
+
+
+def _score_silence(name: str, rows: Sequence[Row]) -> list[Score]:
+    alarmed = _those(rows, lambda row: not silent(row))
     return [
-        _share("null", "something named", _those(rows, lambda row: bool(row.names)), rows, most=0.01),
-        _share("null", "flagged as unexplained", _those(rows, flagged), rows),
+        _share(name, "something named", _those(rows, lambda row: bool(row.names)), rows, most=0.01),
+        _share(name, "a verdict other than no_effect", alarmed, rows, most=0.01),
+        _share(name, "flagged as unexplained", _those(rows, flagged), rows),
     ]
 
 
@@ -269,6 +285,7 @@ SCORES: Mapping[str, Callable[[Sequence[Row]], list[Score]]] = {
     "single": score_single,
     "eight": score_eight,
     "null": score_null,
+    "short": score_short,
     "coarse": score_coarse,
     "pairs": score_pairs,
     "unknown": score_unknown,

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from tests.hidden_effects.cases import EIGHT, EIGHT_OPEN, RICH, Case
+from tests.hidden_effects.cases import EIGHT, EIGHT_OPEN, RICH, SHORT_SECONDS, Case
 from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
 from tests.reference_plant import TYPICAL
 
@@ -31,6 +31,12 @@ def null(seeds: int) -> list[Case]:
     """Return robots without any effect, on every drive and with every kind of noise."""
     drives = [(drive, noise) for noise in NULL_NOISES for drive in (RICH, EIGHT)]
     return [Case((), *_turn(drives, seed)) for seed in range(15 * seeds)]
+
+
+def short(seeds: int) -> list[Case]:
+    """Return robots without any effect, on short drives."""
+    drives = [(drive, noise) for noise in ("realistic", "threefold_slow") for drive in SHORT_SECONDS]
+    return [Case((), *_turn(drives, seed)) for seed in range(6 * seeds)]
 
 
 def coarse(seeds: int) -> list[Case]:
@@ -84,6 +90,7 @@ SETS: Mapping[str, Callable[[int], list[Case]]] = {
     "single": single,
     "eight": eight,
     "null": null,
+    "short": short,
     "coarse": coarse,
     "pairs": pairs,
     "unknown": unknown,

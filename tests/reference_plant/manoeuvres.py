@@ -1,7 +1,8 @@
 """What the plant may be told to drive: duties of both sides as functions of time."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -15,6 +16,7 @@ SOFT = 1.0  # s in which a manoeuvre sets in
 LOBE = 2.404825557695773
 
 Manoeuvre = Callable[[Floats], tuple[Floats, Floats]]
+Part = tuple[float, Manoeuvre]  # s, and what is driven in that time
 
 
 def figure_eight(seconds: float, laps: int, speed: float = 0.3, robot: PlantParameters = NEUTRAL) -> Manoeuvre:
@@ -58,7 +60,7 @@ def soft_way(since: Floats, duration: float) -> Floats:
     )
 
 
-def in_turn(parts: Iterable[tuple[float, Manoeuvre]]) -> Manoeuvre:
+def in_turn(parts: Iterable[Part]) -> Manoeuvre:
     """Return manoeuvres one after the other, each for its duration [s]; time begins at 0 for each."""
     sequence = list(parts)
 
@@ -109,27 +111,63 @@ def reversals(size: float, periods: Iterable[float] = (1.0, 2.0, 0.6)) -> Manoeu
     return in_turn([*parts, (1.0, constant(0.0, 0.0))])
 
 
-def _rich_parts() -> list[tuple[float, Manoeuvre]]:
-    """Return what tells effects apart: straights, spins, ramps, multisines, circles, steps; rest at both ends."""
-    parts: list[tuple[float, Manoeuvre]] = [(3.0, constant(0.0, 0.0))]
+def _held(duration: float, *duties: tuple[float, float]) -> list[Part]:
+    """Return these duties of left and right, each held for so long [s]."""
+    return [(duration, constant(left, right)) for left, right in duties]
+
+
+def _straight_runs() -> list[Part]:
+    parts = []
     for duty in (0.25, 0.5, 0.85):
-        parts += [(1.6, constant(duty, duty)), (1.6, constant(-duty, -duty)), (0.8, constant(0.0, 0.0))]
+        parts += [*_held(1.6, (duty, duty), (-duty, -duty)), *_held(0.8, (0.0, 0.0))]
+    return parts
+
+
+def _spins() -> list[Part]:
+    parts = []
     for duty in (0.12, 0.25, 0.45):
-        parts += [(2.5, constant(-duty, duty)), (2.5, constant(duty, -duty)), (0.5, constant(0.0, 0.0))]
-    parts += [(8.0, ramp(0.25, 0.25, 8.0)), (8.0, ramp(-0.25, 0.25, 8.0))]
-    parts += [(10.0, multisine(1.0, 1.0, 0.6)), (10.0, multisine(-1.0, 1.0, 0.4))]
+        parts += [*_held(2.5, (-duty, duty), (duty, -duty)), *_held(0.5, (0.0, 0.0))]
+    return parts
+
+
+def _circles() -> list[Part]:
+    parts = []
     for inner, outer, duration in ((0.2, 0.3, 8.5), (0.35, 0.6, 5.0), (0.6, 0.75, 6.0)):
-        parts += [(duration, constant(inner, outer)), (duration, constant(outer, inner))]
-    for left, right in ((0.9, 0.9), (-0.9, -0.9), (0.0, 0.0), (0.7, 0.0), (-0.7, 0.0), (0.0, 0.7), (0.0, -0.7)):
-        parts.append((0.7, constant(left, right)))
-    for left, right in ((0.5, -0.5), (-0.5, 0.5), (0.4, 0.8), (-0.8, -0.4), (0.8, 0.4), (-0.4, -0.8)):
-        parts.append((0.7, constant(left, right)))
-    return [*parts, (3.0, constant(0.0, 0.0))]
+        parts += _held(duration, (inner, outer), (outer, inner))
+    return parts
 
 
-RICH_DRIVE_SECONDS = sum(duration for duration, _ in _rich_parts())
+def _steps() -> list[Part]:
+    of_one = ((0.9, 0.9), (-0.9, -0.9), (0.0, 0.0), (0.7, 0.0), (-0.7, 0.0), (0.0, 0.7), (0.0, -0.7))
+    of_both = ((0.5, -0.5), (-0.5, 0.5), (0.4, 0.8), (-0.8, -0.4), (0.8, 0.4), (-0.4, -0.8))
+    return _held(0.7, *of_one, *of_both)
+
+
+# What tells effects apart, in the order of the rich drive.
+PARTS: Mapping[str, Sequence[Part]] = {
+    "straight_runs": _straight_runs(),
+    "spins": _spins(),
+    "ramps": [(8.0, ramp(0.25, 0.25, 8.0)), (8.0, ramp(-0.25, 0.25, 8.0))],
+    "multisines": [(10.0, multisine(1.0, 1.0, 0.6)), (10.0, multisine(-1.0, 1.0, 0.4))],
+    "circles": _circles(),
+    "steps": _steps(),
+}
+
+
+def _between_rests(*names: str) -> list[Part]:
+    """Return these of PARTS, one after the other, with rest at both ends."""
+    return [*_held(3.0, (0.0, 0.0)), *chain.from_iterable(PARTS[name] for name in names), *_held(3.0, (0.0, 0.0))]
+
+
+RICH_DRIVE_SECONDS = sum(duration for duration, _ in _between_rests(*PARTS))
+PART_SECONDS = {name: sum(duration for duration, _ in _between_rests(name)) for name in PARTS}
 
 
 def rich_drive() -> Manoeuvre:
     """Return the drive that excites every effect; it takes RICH_DRIVE_SECONDS."""
-    return in_turn(_rich_parts())
+    return in_turn(_between_rests(*PARTS))
+
+
+def part_of_rich_drive(name: str) -> Manoeuvre:
+    """Return one of PARTS by itself, with rest at both ends; it takes PART_SECONDS[name]."""
+    return in_turn(_between_rests(name))
