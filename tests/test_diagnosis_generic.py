@@ -9,8 +9,8 @@ import pytest
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.document import document, extended_file
 from cmr.diagnosis.engine import prepare
-from cmr.diagnosis.judging import Tried
-from cmr.diagnosis.naming import Named, Search
+from cmr.diagnosis.judging import Named, Tried
+from cmr.diagnosis.naming import Search
 from cmr.diagnosis.report import report_of
 from cmr.diagnosis.result import GENERIC, UNEXPLAINED, Diagnosis, Gain
 from cmr.diagnosis.study import Fit, Study

@@ -10,9 +10,10 @@ from cmr.diagnosis.data import refusal, with_clocks_set
 from cmr.diagnosis.engine import Ready, prepare
 from cmr.diagnosis.experiment import Piece, pieces_of
 from cmr.diagnosis.free_runs import WINDOW
+from cmr.diagnosis.judging import Named
 from cmr.diagnosis.looking import look
 from cmr.diagnosis.measuring import Measured, measure
-from cmr.diagnosis.naming import Named, Search
+from cmr.diagnosis.naming import Search
 from cmr.diagnosis.next_experiment import experiment_to_show, experiment_to_tell_apart
 from cmr.diagnosis.result import (
     BAD_DATA,

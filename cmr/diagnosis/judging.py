@@ -1,10 +1,11 @@
 """Judge an effect that was tried: is it there, does it hold on other data, are its values possible, does it matter?"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import USUAL_RATE, worth_naming
 from cmr.diagnosis.holding import contradicted
 from cmr.diagnosis.study import Fit, Study
@@ -38,6 +39,19 @@ class Tried:
     def evidence(self) -> float:
         """The drop less what further parameters explain by chance (Schwarz, Annals of Statistics 6, 1978)."""
         return self.drop - PER_FURTHER * (len(self.effect.parameters) - 1)
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect accepted, with its rivals: effects that explain the data as well in its place.
+
+    `estimates` are those of parameters that no fit has, because they act by chance or are read off the data.
+    """
+
+    tried: Tried
+    rivals: tuple[str, ...]
+    before: Fit
+    estimates: Mapping[str, Estimate] = field(default_factory=dict)
 
 
 def why_not(study: Study, before: Fit, tried: Tried, inflation: float) -> str:

@@ -1,18 +1,17 @@
 """Name effects one after the other: the one that explains most, if it also foretells what it was not fitted on."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cmr.calibration.result import Estimate
-from cmr.diagnosis.candidates import locality, worth_naming
+from cmr.diagnosis.finishing import finished, pruned
 from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.holding import alternatives, elsewhere, why_not_elsewhere
-from cmr.diagnosis.judging import THRESHOLD, TOO_SMALL, Tried, held_out_gain, needed, why_not
+from cmr.diagnosis.judging import THRESHOLD, TOO_SMALL, Named, Tried, held_out_gain, needed, why_not
 from cmr.diagnosis.packets import JITTER, LOSS, Spread, share_lost, spread_of, without_jitter, without_loss
-from cmr.diagnosis.placing import explored, placed
-from cmr.diagnosis.polishing import polished
+from cmr.diagnosis.placing import placed
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import CATALOGUE, definition
@@ -38,19 +37,6 @@ COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the
 COURSE_INFLATION = 1.5  # for how many samples errors of courses count that last is known roughly
 EQUAL = 3.0  # log-likelihood on data left out by which effects must differ to be told apart
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
-
-
-@dataclass(frozen=True)
-class Named:
-    """An effect accepted, with its rivals: effects that explain the data as well in its place.
-
-    `estimates` are those of parameters that no fit has, because they act by chance or are read off the data.
-    """
-
-    tried: Tried
-    rivals: tuple[str, ...]
-    before: Fit
-    estimates: Mapping[str, Estimate] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -86,12 +72,13 @@ def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         if late and spread and chance is None:
             found = replace(found, named=[_perhaps_jitter(one, found, spread) for one in found.named])
     if chance is not None:
-        named, cleaned = chance
-        say(f"Searching again without {named.tried.effect.name} ...")
+        by_chance, cleaned = chance
+        say(f"Searching again without {by_chance.tried.effect.name} ...")
         again = _search(cleaned, cleaned.fit(base.values, base.names, found.final.noise, renew=0), say)
-        found = replace(again, base=base, named=[named, *again.named])
+        found = replace(again, base=base, named=[by_chance, *again.named])
     coarse = _coarse(study, found)
-    return replace(found, named=[*found.named, coarse]) if coarse else found
+    named = [*found.named, coarse] if coarse else found.named
+    return replace(found, named=sorted(named, key=lambda one: -one.tried.drop))
 
 
 def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
@@ -114,16 +101,10 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         assert chosen.tried.fit is not None
         current = chosen.tried.fit
         if len(named) > 1:
-            named, current = _pruned(study, named, current, inflation)
-    named, small, final = _without_small(study, named, current)
-    others = [*((tried, TOO_SMALL) for tried in small), *others]
-    doubts = {}
-    for one in named:
-        of_effect = [parameter.name for parameter in one.tried.effect.parameters]
-        surely = explored if locality(one.tried.effect) == "place" else polished
-        final, doubt = surely(study, final, of_effect)
-        doubts.update(doubt)
-    return Search(study, base, final, named, others, inflation, doubts, _unseen(screening))
+            named, current = pruned(study, named, current, inflation)
+    last = finished(study, named, current, inflation)
+    others = [*last.dropped, *others]
+    return Search(study, base, last.final, last.named, others, inflation, last.doubts, _unseen(screening))
 
 
 def _unseen(screening: Screening) -> tuple[str, ...]:
@@ -259,25 +240,6 @@ def _judged(study: Study, current: Fit, tried: Tried, inflation: float) -> tuple
     return tried, why
 
 
-def _without_small(study: Study, named: list[Named], current: Fit) -> tuple[list[Named], list[Tried], Fit]:
-    """Return the effects that matter, those that do not, with their values, and the fit without these."""
-    matters = [_matters(study, one, current) for one in named]
-    small = [one for one, does in zip(named, matters, strict=True) if not does]
-    if not small:
-        return named, [], current
-    own = {parameter.name for one in small for parameter in one.tried.effect.parameters}
-    values = {name: value for name, value in current.values.items() if name not in own}
-    fit = study.fit(values, tuple(name for name in current.names if name not in own), current.noise, renew=0)
-    tried = [replace(one.tried, values=current.values) for one in small]
-    return [one for one, does in zip(named, matters, strict=True) if does], tried, fit
-
-
-def _matters(study: Study, one: Named, fit: Fit) -> bool:
-    names = [parameter.name for parameter in one.tried.effect.parameters]
-    values, stds = {name: fit.values[name] for name in names}, {name: fit.std(name) for name in names}
-    return worth_naming(values, stds, study.scene)
-
-
 def _fitted(study: Study, current: Fit, screening: Screening) -> list[Tried]:
     """Fit the promising effects beside the model, the best ones with everything free; best first."""
     least = max([LEAST_SCORE, *(PROMISING_SHARE * score.drop for score in screening.scores[:1])])
@@ -312,16 +274,3 @@ def _with_everything(study: Study, current: Fit, tried: Tried) -> Tried:
     names = (*current.names, *(parameter.name for parameter in tried.effect.parameters))
     fit = placed(study, tried.effect, tried.values, names, current.noise)
     return Tried(tried.effect, current.squares - fit.squares, fit.values, fit, held_out_gain(study, current, fit))
-
-
-def _pruned(study: Study, named: list[Named], current: Fit, inflation: float) -> tuple[list[Named], Fit]:
-    """Drop effects that the others have made redundant."""
-    for one in list(named):
-        own = {parameter.name for parameter in one.tried.effect.parameters}
-        names = tuple(name for name in current.names if name not in own)
-        values = {name: value for name, value in current.values.items() if name not in own}
-        without = study.fit(values, names, current.noise, renew=0)
-        if without.squares - current.squares < needed(one.tried.effect) * inflation:
-            named = [other for other in named if other is not one]
-            current = without
-    return named, current

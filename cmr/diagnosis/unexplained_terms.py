@@ -92,7 +92,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Knots:
-    """Knots over which places [m] and times [s] are spread."""
+    """Knots over which places [m] and times [s] are spread; none where the drives hardly left the place."""
 
     x: Floats
     y: Floats
@@ -111,7 +111,8 @@ def terms_for(drives: Sequence[Drive], foretold: bool) -> list[Term]:
     longest = max(drives, key=lambda drive: len(drive.time))
     terms = [term for name in ("yaw_rate", "forward", "sideways") for term in _of_motion(name, knots)]
     terms += [term for name in ("gyro", "heading", "east", "north") for term in _of_reading(name, knots)]
-    return [*_of_wheels(longest), *_of_both_wheels(knots), *_of_encoders(), *terms] if foretold else terms
+    terms = [*_of_wheels(longest), *_of_both_wheels(knots), *_of_encoders(), *terms] if foretold else terms
+    return [term for term in terms if term.columns(longest)]
 
 
 def _of_wheels(longest: Drive) -> list[Term]:
@@ -312,10 +313,14 @@ def _reach(drives: Sequence[Drive], name: str) -> tuple[float, float]:
 
 
 def _spaced(low: float, high: float) -> Floats:
+    if high - low < SPACING:
+        return np.empty(0)
     return np.linspace(low, high, int(np.clip(np.ceil((high - low) / SPACING) + 1.0, FEWEST, MOST)))
 
 
 def _hats(values: Floats, knots: Floats) -> list[Floats]:
     """Return how much each knot counts for each value: linear between neighbouring knots."""
+    if len(knots) == 0:
+        return []
     width = knots[1] - knots[0]
     return [np.maximum(0.0, 1.0 - np.abs(values - knot) / width) for knot in knots]
