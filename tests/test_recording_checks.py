@@ -86,6 +86,18 @@ def test_a_single_wild_counter_is_a_spike_and_one_that_starts_anew_a_reset() -> 
     assert findings["encoder_resets"].found == 1
 
 
+def test_counters_that_went_on_through_a_gap_are_no_reset_and_those_that_did_not_are() -> None:
+    whole = recording(lively, 6)
+    seconds = whole.wheels.seconds
+    gap = whole.where({"wheels": (seconds < 12.0) | (seconds > 14.5)})
+    assert check(gap)["gaps"].found == 1
+    assert check(gap)["encoder_resets"].found == 0
+    after = gap.wheels.seconds > 13.0
+    ticks = {name: gap.wheels[name] - 1e6 * after for name in ("ticks_left", "ticks_right")}
+    anew = replace(gap, wheels=replace(gap.wheels, fields=gap.wheels.fields | ticks))
+    assert check(anew)["encoder_resets"].found == 2
+
+
 @pytest.mark.parametrize("since", [0.0, 15.0])
 def test_an_encoder_that_says_nothing_any_more_is_found_and_its_readings_set_aside(since: float) -> None:
     whole = recording(figure_eight, 6)

@@ -27,12 +27,14 @@ def wheel_findings(recording: Recording) -> list[Finding]:
     wheels = recording.wheels
     anew, (absurd, stuck, dead) = 0, np.zeros((3, len(wheels)), np.bool_)
     dt = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
+    # After a gap the counters have gone on, by speeds that nobody saw.
+    longer = np.maximum(1.0, dt / max(quantile(dt[1:], 0.5), SECONDS))
     for side in SIDES:
         speed = wheels[f"psi_{side}"]
         ticks = np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1])
         absurd |= _stands_out(speed)
         off = ticks - ratio(ticks, speed * dt) * speed * dt
-        wild = np.abs(off) > ABSURD * _fast(ticks)
+        wild = np.abs(off) > ABSURD * _fast(ticks) * longer
         back = np.append(wild[1:] & (np.abs(off[1:] + off[:-1]) < 0.5 * np.abs(off[1:])), False) & wild
         absurd |= back
         anew += int(np.count_nonzero(wild & ~back & ~np.append(False, back[:-1]) & ~absurd))
