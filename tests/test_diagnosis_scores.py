@@ -142,11 +142,11 @@ def test_of_a_hundred_null_logs_one_may_be_named_and_not_two() -> None:
 
 @pytest.mark.parametrize("name", ["null", "short"])
 def test_where_nothing_is_hidden_the_verdict_must_say_so(name: str) -> None:
-    quiet = [row(name, "", seed=seed) for seed in range(98)]
-    wrong = [row(name, "", verdict=verdict, seed=98) for verdict in ("unexplained", "bad_data")]
-    wrong.append(row(name, "", unexplained=True, seed=99))
+    quiet = [row(name, "", seed=seed) for seed in range(99)]
+    wrong = [row(name, "", verdict=verdict, seed=99) for verdict in ("unexplained", "bad_data")]
+    wrong.append(row(name, "", unexplained=True, seed=100))
     assert score([*quiet, wrong[0]], "a verdict other than no_effect").reached
-    assert score([*quiet, *wrong], "a verdict other than no_effect").value == pytest.approx(3 / 101)
+    assert score([*quiet, *wrong], "a verdict other than no_effect").value == pytest.approx(3 / 102)
     assert not score([*quiet, *wrong], "a verdict other than no_effect").reached
     assert score([*quiet, *wrong], "something named").reached
 
