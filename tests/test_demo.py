@@ -111,7 +111,7 @@ def test_the_world_is_published_at_20_hz_or_more_and_nothing_is_rejected(runs: d
     reader = LogReader(runs["default"].log)
     stamps = [received.message.utime for received in reader if received.channel == "WORLD_STATE"]
     assert 1.0 / (np.diff(stamps).mean() * 1e-6) > 20.0
-    assert all(reason == "unknown_channel" for _channel, reason in reader.rejected)
+    assert not reader.rejected
 
 
 def test_the_virtual_follower_followed_the_real_robot(runs: dict[str, Run]) -> None:

@@ -139,6 +139,16 @@ def test_a_careless_worlds_log_is_taken_alike_at_once_and_one_by_one(
     assert all(np.all(np.diff(signal.utime) > 0) for signal in recording.signals.values())
 
 
+def test_what_processes_send_to_test_the_bus_is_no_fault_of_a_log(drive: list[Message], tmp_path: Path) -> None:
+    tests_of_the_bus = [("LCM_SELF_TEST", b"lcm self test"), ("CMR_SELF_TEST", b"token")]
+    events = [(channel, message.encode()) for channel, message in drive]
+    log = write_events(tmp_path / "run.lcm", [*tests_of_the_bus, *events, *tests_of_the_bus])
+    recording, (recorder, rejected) = Recording.read(log), one_by_one(log)
+    assert not recording.rejected
+    assert not rejected
+    assert_same(recording, recorder.recording())
+
+
 def test_every_message_is_a_sample_or_counted_with_its_reason(drive: list[Message], tmp_path: Path) -> None:
     events = list(odd(drive, 1))
     recording = Recording.read(write_events(tmp_path / "run.lcm", events))

@@ -12,10 +12,11 @@ from urllib.parse import parse_qsl, urlsplit
 
 import lcm
 
+from cmr.bus.streams import SELF_TEST
+
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"
 LARGEST_TTL = 255  # one byte in the IP header
 LARGEST_BUFFER = 2**31 - 1  # bytes; the int that LCM and the kernel take
-SELF_TEST_CHANNEL = "CMR_SELF_TEST"
 SELF_TEST_SECONDS = 1.0  # the loopback takes a tenth of a millisecond; more is a fault, not load
 
 
@@ -143,8 +144,8 @@ def self_test(bus: lcm.LCM, url: str) -> None:
     """
     token = struct.pack(">iq", os.getpid(), time.monotonic_ns())
     arrived: list[bytes] = []
-    subscription = bus.subscribe(SELF_TEST_CHANNEL, lambda _channel, data: arrived.append(data))
-    bus.publish(SELF_TEST_CHANNEL, token)
+    subscription = bus.subscribe(SELF_TEST, lambda _channel, data: arrived.append(data))
+    bus.publish(SELF_TEST, token)
     deadline = time.monotonic() + SELF_TEST_SECONDS
     while token not in arrived and time.monotonic() < deadline:
         if select.select([bus.fileno()], [], [], 0.05)[0]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import lcm
 
 from cmr.bus.messages import Received, RejectedMessage, decode
+from cmr.bus.streams import SELF_TESTS
 
 EVENT_HEADER_BYTES = 28  # sync word, event number, time stamp, lengths of channel name and of data
 
@@ -14,8 +15,8 @@ EVENT_HEADER_BYTES = 28  # sync word, event number, time stamp, lengths of chann
 class LogReader:
     """The messages of an event log at `path`, in the order in which they were logged.
 
-    `rejected` counts by (channel, reason) what was not taken while iterating. A truncated log yields its intact
-    events. Raises OSError when the file cannot be opened.
+    `rejected` counts by (channel, reason) what was not taken while iterating; what processes send to test the bus is
+    passed over. A truncated log yields its intact events. Raises OSError when the file cannot be opened.
     """
 
     def __init__(self, path: Path) -> None:
@@ -28,6 +29,8 @@ class LogReader:
         log = lcm.EventLog(str(self.path), "r")
         try:
             for event in intact_events(log):
+                if event.channel in SELF_TESTS:
+                    continue
                 try:
                     yield decode(event.channel, event.data)
                 except RejectedMessage as rejected:
