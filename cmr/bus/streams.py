@@ -8,6 +8,7 @@ from cmr import msg
 
 LCM_CHANNEL_NAME_LIMIT = 63  # bytes; LCM refuses longer names
 LARGEST_ROBOT_ID = 2**31 - 1  # what the int32 of the messages holds
+COMMAND_LIFETIME = 500_000  # us; an older MOTOR_COMMAND means zero, for real and simulated robots alike
 SELF_TEST = "CMR_SELF_TEST"  # on which a process of ours tries the bus when it starts
 SELF_TESTS = (SELF_TEST, "LCM_SELF_TEST")  # and LCM's own; whatever comes there is meant for nobody else
 

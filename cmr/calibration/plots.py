@@ -9,6 +9,7 @@ import numpy as np
 from cmr.calibration.grid import Grid
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.segments import Segment
+from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 from cmr.recordings.signal import Floats
@@ -86,8 +87,6 @@ def _draw_drives(figure: "SubFigure", result: CalibrationResult, before: Paths, 
 
 def _draw_path(axes: "Axes", segments: list[Segment], paths: list[Trajectory], title: str, error: float) -> None:
     """Draw real and simulated positions of all segments."""
-    from cmr.world.figure import REAL_COLOUR, TWIN_COLOUR
-
     real = _joined([s.x for s in segments]), _joined([s.y for s in segments])
     simulated = _joined([p.x for p in paths]), _joined([p.y for p in paths])
     axes.plot(*real, color=REAL_COLOUR, linewidth=4.0, label="real robot")
@@ -103,8 +102,6 @@ def _draw_path(axes: "Axes", segments: list[Segment], paths: list[Trajectory], t
 
 def _draw_position_errors(axes: "Axes", segments: list[Segment], before: Paths, after: list[Trajectory]) -> None:
     """Draw the distance between real and simulated position in time."""
-    from cmr.world.figure import TWIN_COLOUR
-
     times = _joined([time[s.at] for s, time in zip(segments, _driven(segments), strict=True)])
     for paths, label, colour in ((before, "before", BEFORE_COLOUR), (after, "after", TWIN_COLOUR)):
         if paths:
@@ -120,8 +117,6 @@ def _draw_position_errors(axes: "Axes", segments: list[Segment], before: Paths, 
 
 def _draw_wheel_residuals(axes: "Axes", segments: list[Segment], paths: list[Trajectory]) -> None:
     """Draw simulated minus measured wheel speeds in time."""
-    from cmr.world.figure import TWIN_COLOUR
-
     for side, colour in (("left", TWIN_COLOUR), ("right", RIGHT_COLOUR)):
         times, residuals = [], []
         for segment, path, time in zip(segments, paths, _driven(segments), strict=True):

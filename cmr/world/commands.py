@@ -2,7 +2,7 @@
 
 import math
 
-COMMAND_LIFETIME = 500_000  # us; an older command means zero, for real and simulated robots alike
+from cmr.bus.streams import COMMAND_LIFETIME
 
 
 class CommandMemory:

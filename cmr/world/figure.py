@@ -4,10 +4,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.world.comparison import Drive
 
-REAL_COLOUR = "#f2b705"  # yellow that shows on white
-TWIN_COLOUR = "#1f4fd8"  # blue
 TITLES = ("before calibration", "after calibration")
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from cmr.bus.streams import COMMAND_LIFETIME
 from cmr.diagnosis.live.hearing import Hearing
 from cmr.diagnosis.live.twin import EVERY, STEP, Twin
 from cmr.model.body import turn
@@ -13,7 +14,6 @@ from cmr.model.motion import RobotState, roll
 from cmr.model.motor import decay_rate
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
-from cmr.world.commands import COMMAND_LIFETIME
 
 SECOND = 1_000_000  # us
 AROUND = 500_000  # us before and after the second that are looked at, too

@@ -1,8 +1,9 @@
 """How the report looks: its colours, and its style sheet for screen, phone and paper."""
 
-# Real and simulated are as in cmr.world.figure, whose import of Matplotlib would take longer than the whole report.
-REAL, REAL_OUTLINE = "#f2b705", "#7a5a00"  # yellow; outlined in brown, because yellow alone is faint on white
-AFTER, BEFORE = "#1f4fd8", "#668dee"  # blue; lighter, and dashed or hollow, so that nobody needs to see the colour
+from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+
+REAL, REAL_OUTLINE = REAL_COLOUR, "#7a5a00"  # outlined in brown, because yellow alone is faint on white
+AFTER, BEFORE = TWIN_COLOUR, "#668dee"  # lighter, and dashed or hollow, so that nobody needs to see the colour
 SCATTER = "#c9ccd4"
 INK, GRID = "#1c1e22", "#e4e6eb"
 

@@ -2,11 +2,11 @@
 
 import math
 
+from cmr.bus.streams import COMMAND_LIFETIME
 from cmr.manoeuvres import Duties, in_sequence
 from cmr.manoeuvres.table import BETWEEN
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours.behaviour import Behaviour
-from cmr.world.commands import COMMAND_LIFETIME
 from cmr.world.view import Robot, WorldView
 
 LARGEST_SPEED = 1.1  # with the manoeuvres' 0.9 duty nearly full drive

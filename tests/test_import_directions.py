@@ -1,0 +1,84 @@
+"""Imports run one way, as README's map of the folders says: who is below does not know who is above."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+BUS = {"bus", "msg"}
+RECORDED = {*BUS, "parameters", "model", "recordings"}
+# Which rooms of cmr each may know beside itself.
+KNOWN: dict[str, set[str]] = {
+    "colours": set(),
+    "msg": set(),
+    "model": set(),
+    "bus": {"msg"},
+    "parameters": {*BUS, "model"},
+    "manoeuvres": {"model"},
+    "recordings": {*BUS, "parameters", "model"},
+    "calibration": {*RECORDED, "colours"},
+    "world": {*RECORDED, "colours", "manoeuvres"},
+    "diagnosis": {*RECORDED, "colours", "manoeuvres", "calibration"},
+    "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis"},
+    "tools": {*RECORDED, "commands"},
+}
+DRIVER = {*BUS, "parameters", "commands"}  # of commands only how command lines are read
+
+
+def imports(source: str) -> Iterator[str]:
+    """The modules that a source imports, at its top or inside functions."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level <= 1, "an import beyond its own folder is absolute"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names if not node.level)
+
+
+def rooms_known(source: str) -> set[str]:
+    """The rooms of cmr that a source imports from."""
+    parts = [name.split(".") for name in imports(source)]
+    return {names[1] for names in parts if names[0] == "cmr" and len(names) > 1}
+
+
+def files_of(room: str) -> list[Path]:
+    """The sources of a room of cmr: a folder, or a module."""
+    folder = REPOSITORY / "cmr" / room
+    return sorted(folder.rglob("*.py")) if folder.is_dir() else [folder.with_suffix(".py")]
+
+
+@pytest.mark.parametrize("room", KNOWN)
+def test_a_room_knows_only_those_below_it(room: str) -> None:
+    for path in files_of(room):
+        beyond = rooms_known(path.read_text(encoding="utf-8")) - KNOWN[room] - {room}
+        assert not beyond, f"{path.relative_to(REPOSITORY)} imports from {beyond}"
+
+
+def test_every_room_has_its_place() -> None:
+    modules = {path.stem for path in (REPOSITORY / "cmr").glob("*.py")}
+    folders = {path.parent.name for path in (REPOSITORY / "cmr").glob("*/__init__.py")}
+    assert (modules | folders) - {"__init__"} == set(KNOWN)
+
+
+def test_nobody_knows_in_a_circle() -> None:
+    placed: set[str] = set()
+    while len(placed) < len(KNOWN):
+        free = {room for room, known in KNOWN.items() if room not in placed and known <= placed}
+        assert free, f"a circle among {set(KNOWN) - placed}"
+        placed |= free
+
+
+def test_the_driver_knows_neither_world_nor_model() -> None:
+    for path in sorted((REPOSITORY / "robot_driver").glob("*.py")):
+        known = {name for name in imports(path.read_text(encoding="utf-8")) if name.startswith("cmr.")}
+        assert {name.split(".")[1] for name in known} <= DRIVER, path.name
+        commands = {name for name in known if name.startswith("cmr.commands.")}
+        assert all(name.startswith("cmr.commands.command_line.") for name in commands), path.name
+
+
+def test_imports_inside_functions_and_of_whole_rooms_are_seen() -> None:
+    late = "def late():\n    from cmr import diagnosis\n    from cmr.model.motion import drive\n"
+    source = f"import cmr.world.view\n{late}"
+    assert rooms_known(source) == {"world", "diagnosis", "model"}
