@@ -32,6 +32,7 @@ from cmr.diagnosis.result import (
 )
 from cmr.diagnosis.showing import paths_of, residuals_of
 from cmr.diagnosis.study import Fit
+from cmr.diagnosis.taking_back import that_holds
 from cmr.diagnosis.unexplained_extending import Extended, chance_of, extended
 from cmr.diagnosis.unexplained_generic import formula
 from cmr.diagnosis.words import regressor_name, signal_name
@@ -99,10 +100,14 @@ def diagnose(
     else:
         whole = Extended(found, Unexplained())
         ready = replace(ready, notes=(*ready.notes, BY_COURSES))
-    found = whole.found
     progress("Measuring the gain ...")
-    pieces = [predictor.piece for predictor in study.predictors]
-    measured = measure(found.study, found.base, whole.final, chance_of(found), pieces, pieces_to_check(held_out))
+    pieces, others = [predictor.piece for predictor in study.predictors], pieces_to_check(held_out)
+
+    def measured_of(one: Extended) -> Measured:
+        return measure(one.found.study, one.found.base, one.final, chance_of(one.found), pieces, others)
+
+    whole, measured = that_holds(whole, measured_of)
+    found = whole.found
     labels = list(sources) or [f"recording {number + 1}" for number in range(len(recordings))]
     evidence = Evidence(
         paths=paths_of(pieces, found.base.values, whole.final.values, labels),
@@ -126,7 +131,7 @@ def _diagnosis(
     return Diagnosis(
         robot_id=robot_id,
         verdict=verdict,
-        sentence=_sentence(effects, unexplained),
+        sentence=_sentence(effects, unexplained, found.unseen),
         unexplained=unexplained,
         baseline=Fitted(
             estimates=_estimates(found.base, found),
@@ -237,7 +242,7 @@ def p_value(drop: float, parameters: int, inflation: float) -> float:
     return float(min(1.0, len(definitions_of(CATALOGUE)) * chi2.sf(drop / inflation, parameters)))
 
 
-def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained) -> str:
+def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, unseen: Sequence[str]) -> str:
     found = " ".join(effect.cause for effect in effects)
     if unexplained.present:
         goes_with = " and ".join(map(regressor_name, unexplained.regressors))
@@ -245,7 +250,12 @@ def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained) -> str:
         rest = f"{'More' if effects else 'Something'} remains that no effect of the catalogue explains: errors of the "
         sentence = f"{found} {rest}{signal} that go with {goes_with}.".strip()
         return f"{sentence} {_generic_sentence(unexplained.generic)}" if unexplained.generic else sentence
-    return found or f"Nothing in the data speaks for any of the {len(CATALOGUE)} effects: the paper's model is enough."
+    if found:
+        return found
+    nothing = f"Nothing in the data speaks for any of the {len(CATALOGUE)} effects"
+    if unseen:
+        return f"{nothing}; but these drives would not show {len(unseen)} of them."
+    return f"{nothing}: the paper's model is enough."
 
 
 def _generic_sentence(term: GenericTerm) -> str:
