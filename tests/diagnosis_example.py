@@ -184,11 +184,12 @@ FOUND = Diagnosis(
     checks=CHECKS,
     notes=("A shifted centre of rotation and a tracked point off centre are the same mathematics.",),
     parameters={"wheel_radius": 0.04, **{name: e.value for name, e in EXTENDED.estimates.items()}},
-    evidence=Evidence(paths=(path(),), residuals=residuals()),
+    evidence=Evidence(window=3.0, paths=(path(),), residuals=residuals()),
     sources=("husky/tile_01.lcm", "husky/tile_02.lcm"),
     samples=9120,
 )
 UNCHANGED = Evidence(
+    window=3.0,
     paths=(replace(path(), after_x=path().before_x, after_y=path().before_y, after_theta=path().before_theta),),
     residuals=tuple(replace(r, before=r.after, without={}) for r in residuals()),
 )

@@ -12,7 +12,7 @@ from cmr.calibration.result import Estimate
 from cmr.diagnosis.report import report_of, write_report
 from cmr.diagnosis.report.binned import MOST_SAMPLES
 from cmr.diagnosis.report.pairs import pairs_of
-from cmr.diagnosis.result import VERDICTS, Diagnosis, Evidence, Fitted, Gain, NamedEffect, Path, Residual, Unexplained
+from cmr.diagnosis.result import VERDICTS, Diagnosis, Fitted, Gain, NamedEffect, Path, Residual, Unexplained
 from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
 from tests.diagnosis_example import ALL, CANDIDATES, EFFECTS, FOUND, MOTION, RATE, path, residuals
@@ -65,7 +65,7 @@ def test_text_from_outside_cannot_become_markup() -> None:
         next_experiment=EVIL,
         parameters={EVIL: 1.0},
         unexplained=Unexplained(present=True, signal=EVIL, regressors=(EVIL,), share=0.1),
-        evidence=Evidence(paths=(path(EVIL),), residuals=(pair_of_evil,)),
+        evidence=replace(FOUND.evidence, paths=(path(EVIL),), residuals=(pair_of_evil,)),
         sources=(EVIL,),
     )
     page, harmless = Page(report_of(diagnosis)), Page(report_of(FOUND))
@@ -100,7 +100,8 @@ def test_what_is_not_known_is_never_printed_as_a_number(verdict: str) -> None:
         gain=Gain(ratio=math.nan, interval=(math.nan, math.nan), signals={"psi": math.nan}),
         unexplained=Unexplained(present=True, share=math.nan),
         parameters={"slew_limit": math.inf, "k1": math.nan},
-        evidence=Evidence(
+        evidence=replace(
+            FOUND.evidence,
             paths=(replace(path(), x=lost), replace(path(), before_x=lost, after_y=lost)),
             residuals=(
                 replace(residuals()[0], before=np.full(len(MOTION.time), math.nan)),
@@ -144,7 +145,7 @@ def test_hours_of_data_still_make_a_page_that_can_be_mailed() -> None:
     fields = {name: longer(values) for name, values in vars(path()).items() if name not in ("label", "time")}
     run = Path(label="long.lcm", time=time, **fields)
     assert all(len(pair.before) == MOST_SAMPLES for pair in pairs_of(many))  # the work does not grow
-    page = report_of(replace(FOUND, evidence=Evidence(paths=(run,) * 20, residuals=many)))
+    page = report_of(replace(FOUND, evidence=replace(FOUND.evidence, paths=(run,) * 20, residuals=many)))
     assert len(page) < 2_000_000
     assert "The first 120 s of 14,400 s are drawn." in page
     assert "The first 4 of 20 recordings are drawn." in page

@@ -15,7 +15,7 @@ from cmr.diagnosis.report.pairs import pairs_of, pairs_without
 from cmr.diagnosis.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
 from cmr.diagnosis.report.tell_tale import REGRESSOR_WORDS, SIGNAL_WORDS, tell_tale
 from cmr.diagnosis.report.terms import SYMBOLS, UNITS, as_shown, regressor, signal_words
-from cmr.diagnosis.result import Diagnosis, Evidence, Gain, GenericTerm
+from cmr.diagnosis.result import Diagnosis, Gain, GenericTerm
 from cmr.diagnosis.words import REGRESSORS, SIGNALS
 from cmr.model.catalogue import CATALOGUE
 from tests.diagnosis_example import (
@@ -75,7 +75,7 @@ def test_a_path_with_gaps_or_astray_is_drawn_around_the_real_one() -> None:
     gappy = np.where((real.time > 20.0) & (real.time < 25.0), math.nan, real.x)
     away = 1000.0 * real.time
     astray = replace(real, x=gappy, before_x=real.x + away, before_y=real.y - away, after_x=real.x - away)
-    page = Page(report_of(replace(FOUND, evidence=Evidence(paths=(astray,)))))
+    page = Page(report_of(replace(FOUND, evidence=replace(FOUND.evidence, paths=(astray,)))))
     (line,) = {str(p.get("d")) for p in page.named("path") if p.get("stroke") == REAL and "L" in str(p.get("d"))}
     assert line.count("M") == 2  # one gap
     places = np.array(re.findall(r"-?[\d.]+", line), float).reshape(-1, 2)
@@ -141,7 +141,9 @@ def test_a_generic_term_is_drawn_without_and_with_it() -> None:
     term = GenericTerm(estimates={f"{name}_turn_abs_v": Estimate(0.1, 0.01)}, formula="", held_out=30.0, gain=gain)
     unexplained = replace(STRANGE.unexplained, generic=term)
     drawn = replace(over, before=over.after, without={name: over.before})
-    page = Page(report_of(replace(STRANGE, unexplained=unexplained, evidence=Evidence(residuals=(drawn,)))))
+    page = Page(
+        report_of(replace(STRANGE, unexplained=unexplained, evidence=replace(FOUND.evidence, residuals=(drawn,))))
+    )
     alts = [str(svg.get("aria-label")) for svg in page.named("svg")]
     for side in ("without", "with"):
         assert [alt for alt in alts if f"over speed v, {side} the generic term: means" in alt]

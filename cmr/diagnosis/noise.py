@@ -84,11 +84,6 @@ class Noise:
             result[name] = _whitened(own, noise.past, noise.spans(name), 1.0 / noise.sizes[number])
         return result
 
-    @property
-    def log_size(self) -> float:
-        """Sum of the logarithms of the sizes of all errors."""
-        return float(sum(np.sum(np.log(sizes)) for noise in self.of.values() for sizes in noise.sizes))
-
 
 def _found(
     name: str, predictors: Sequence[Predictor], errors: Sequence[Errors], others: Sequence[Floats]

@@ -152,9 +152,12 @@ class Residual:
 class Evidence:
     """What a report draws: paths, residuals, and how long the windows of free runs are [s]."""
 
+    window: float
     paths: tuple[Path, ...] = ()
     residuals: tuple[Residual, ...] = ()
-    window: float = 10.0
+
+
+NOTHING_TO_DRAW = Evidence(window=math.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,9 +166,9 @@ class Diagnosis:
 
     `effects` are ordered by evidence, `candidates` are the runners-up. `baseline` is the paper's model, `extended`
     that with the effects named and any generic term, both None with bad data. `parameters` holds all values the
-    extended model runs with, by name, and `effect_names` those switched on. `checks` tells what was wrong with the
-    data, `notes` are sentences on what else a reader should know, `next_experiment` what to drive next if nothing, or
-    not enough, was found. `sources` names the recordings.
+    extended model runs with, by name. `checks` tells what was wrong with the data, `notes` are sentences on what else a
+    reader should know, `next_experiment` what to do next if nothing, or not enough, was found. `sources` names the
+    recordings, `samples` counts what the models were fitted to.
     """
 
     robot_id: int
@@ -181,7 +184,7 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     next_experiment: str | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
-    evidence: Evidence = field(default_factory=Evidence)
+    evidence: Evidence = NOTHING_TO_DRAW
     sources: tuple[str, ...] = ()
     samples: int = 0
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmr.diagnosis.candidates import lanes_of
-from cmr.diagnosis.engine import COARSE
+from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.result import Unexplained
 from cmr.diagnosis.study import Fit, Study, tempered
 from cmr.diagnosis.unexplained_bursts import Bursts, bursts
