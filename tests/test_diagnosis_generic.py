@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmr.diagnosis.data import looked_at
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.document import document, extended_file
 from cmr.diagnosis.engine import prepare
@@ -37,7 +38,7 @@ def prepared(effect: str) -> tuple[Study, Fit]:
     """A rich drive of a robot with this effect, and the paper's model fitted to it."""
     recording = hidden(effect).recording
     assert recording.parameters is not None
-    ready = prepare([recording], recording.parameters)
+    ready = prepare(looked_at([recording]), recording.parameters)
     assert ready.study is not None
     assert ready.base is not None
     return ready.study, ready.base

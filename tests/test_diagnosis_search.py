@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.diagnosis.data import refusal, with_clocks_set
+from cmr.diagnosis.data import looked_at, refusal, with_clocks_set
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.localising import best_moment, best_place
 from cmr.diagnosis.polishing import parabola
 from cmr.diagnosis.study import LARGE, tempered
-from cmr.recordings.checks import check
 from tests.hidden_effects import hidden_recording
 
 COUNT = 4000
@@ -34,7 +33,7 @@ def test_the_place_of_a_patch_is_found() -> None:
     move = random.standard_normal(COUNT)
     inside = np.hypot(places[:, 0] - 1.0, places[:, 1] + 0.5) < 0.4
     rest = -2.0 * move * inside + random.standard_normal(COUNT)
-    found = best_place(move, rest, np.zeros((COUNT, 0)), places)
+    found = best_place(move[:, None], rest, np.zeros((COUNT, 0)), places)
     assert found.values["x"] == pytest.approx(1.0, abs=0.1)
     assert found.values["y"] == pytest.approx(-0.5, abs=0.1)
     assert found.values["radius"] == pytest.approx(0.4, abs=0.11)
@@ -93,4 +92,4 @@ def test_data_without_wheels_are_refused() -> None:
     """The sentence says which sensor is missing."""
     recording = hidden_recording(manoeuvre="rich", seed=1).recording
     blind = replace(recording, wheels=recording.wheels.between(0, 1))
-    assert "MOTOR_FEEDBACK_N" in refusal([blind], [check(blind)])
+    assert "MOTOR_FEEDBACK_N" in refusal(looked_at([blind]))

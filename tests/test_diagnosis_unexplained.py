@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from cmr.diagnosis.data import looked_at
 from cmr.diagnosis.engine import prepare
 from cmr.diagnosis.experiment import pieces_of
 from cmr.diagnosis.noise import Noise
@@ -45,7 +46,7 @@ def remaining_of(
     """What remains beside the paper's model and what is `known`, all fitted."""
     known = known or {}
     assert nominal is not None
-    ready = prepare(recordings, nominal)
+    ready = prepare(looked_at(recordings), nominal)
     study, base = ready.study, ready.base
     assert study is not None
     assert base is not None

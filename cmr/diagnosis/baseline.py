@@ -1,6 +1,7 @@
 """A first guess of the paper's parameters, good enough to begin a fit, whatever effects hide in the data."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,15 +16,23 @@ SPEEDS = np.array([0.8, 0.9, 1.0, 1.1, 1.25])  # shares of the first guess of K1
 FREE = Gains(0.3, 0.0, 0.3, 0.3)
 
 
-def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> float | None:
-    """Return the base width [m] by which the wheels' difference explains the turns; None if the robot never turned."""
-    products = squares = 0.0
-    for predictor in predictors:
-        difference, turn = _turns(predictor)
-        moving = np.abs(difference) > 1e-3
-        products += float(np.sum(difference[moving] * turn[moving]))
-        squares += float(np.sum(difference[moving] ** 2))
-    return wheel_radius * squares / products if products > 0.0 else None
+class Width(NamedTuple):
+    """A base width [m], and its standard deviation as a share of it."""
+
+    value: float
+    doubt: float
+
+
+def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> Width | None:
+    """Return the base width by which the wheels' difference explains the turns; None if the robot never turned."""
+    difference, turn = (np.concatenate(column) for column in zip(*map(_turns, predictors), strict=True))
+    moving = np.abs(difference) > 1e-3
+    difference, turn = difference[moving], turn[moving]
+    products, squares = float(difference @ turn), float(difference @ difference)
+    if products <= 0.0:
+        return None
+    rest = turn - products / squares * difference
+    return Width(wheel_radius * squares / products, float(np.sqrt(np.mean(rest**2) * squares)) / products)
 
 
 def _turns(predictor: Predictor) -> tuple[Floats, Floats]:

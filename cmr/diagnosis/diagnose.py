@@ -6,15 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from cmr.calibration.result import CalibrationError, Estimate
-from cmr.diagnosis.data import refusal, with_clocks_set
+from cmr.diagnosis.data import findings_of, looked_at, notes_of, require_of_use_held_out
 from cmr.diagnosis.engine import Ready, prepare
-from cmr.diagnosis.experiment import Piece, pieces_of
 from cmr.diagnosis.free_runs import WINDOW
 from cmr.diagnosis.judging import Named
 from cmr.diagnosis.looking import look
 from cmr.diagnosis.measuring import Measured, measure
 from cmr.diagnosis.naming import Search
-from cmr.diagnosis.next_experiment import experiment_to_show, experiment_to_tell_apart
+from cmr.diagnosis.next_experiment import WITHOUT_POSES, experiment_to_show, experiment_to_tell_apart
 from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
@@ -40,7 +39,6 @@ from cmr.model.catalogue import CATALOGUE, definition, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
-from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
 
 # No equation, no raster of 10 ms and no stamp is exact: measured on logs of a plant that shares no code with the
@@ -60,13 +58,16 @@ def diagnose(
     *,
     held_out: Sequence[Recording] = (),
     sources: Sequence[str] = (),
+    held_out_sources: Sequence[str] = (),
     progress: Callable[[str], None] = lambda _sentence: None,
 ) -> Diagnosis:
     """Diagnose one robot from one or more of its recordings.
 
     `nominal` gives at least wheel_radius; by default it is what the first recording announces. On `held_out` the gain
-    is measured, and nothing is fitted. `progress` is told, in a sentence, what is being done.
-    Raises CalibrationError when the paper's model cannot be fitted for a reason other than bad data.
+    is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `progress` is told, in a sentence,
+    what is being done.
+    Raises CalibrationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain
+    can be measured on one of `held_out`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     nominal = nominal or next((r.parameters for r in recordings if r.parameters is not None), None)
@@ -76,23 +77,22 @@ def diagnose(
             "by --parameters."
         )
     progress("Checking the data ...")
-    recordings, findings, clocks = zip(*(with_clocks_set(recording) for recording in recordings), strict=True)
-    notes = tuple(dict.fromkeys(note for note in clocks if note))
-    refused = refusal(recordings, findings)
-    ready = (
-        Ready(None, None, tuple(f for one in findings for f in one.all)) if refused else prepare(recordings, nominal)
-    )
+    looked = looked_at(recordings, sources)
+    ready = prepare(looked, nominal)
     study, base = ready.study, ready.base
     if study is None or base is None:
         return Diagnosis(
             robot_id=recordings[0].robot_id,
             verdict=BAD_DATA,
-            sentence=refused or ready.refused,
+            sentence=ready.refused,
             checks=ready.checks,
-            notes=(*notes, *ready.notes),
+            notes=ready.notes,
             sources=tuple(sources),
         )
-    ready = replace(ready, notes=(*notes, *ready.notes))
+    pieces = [predictor.piece for predictor in study.predictors]
+    unseen = looked_at(held_out, held_out_sources, "held-out recording")
+    require_of_use_held_out(unseen, path=any(len(piece.heard.pose) for piece in pieces))
+    ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *notes_of(unseen)))
     found = look(ready, progress)
     progress("Looking at what remains ...")
     if found.study.by_moments:
@@ -101,20 +101,20 @@ def diagnose(
         whole = Extended(found, Unexplained())
         ready = replace(ready, notes=(*ready.notes, BY_COURSES))
     progress("Measuring the gain ...")
-    pieces, others = [predictor.piece for predictor in study.predictors], pieces_to_check(held_out)
+    others = [piece for one in unseen for piece in one.pieces]
 
     def measured_of(one: Extended) -> Measured:
         return measure(one.found.study, one.found.base, one.final, chance_of(one.found), pieces, others)
 
     whole, measured = that_holds(whole, measured_of)
     found = whole.found
-    labels = list(sources) or [f"recording {number + 1}" for number in range(len(recordings))]
     evidence = Evidence(
-        paths=paths_of(pieces, found.base.values, whole.final.values, labels),
+        paths=paths_of(pieces, found.base.values, whole.final.values, [one.name for one in looked]),
         residuals=residuals_of(pieces, found.base.values, whole.final.values),
         window=WINDOW,
     )
-    return _diagnosis(recordings[0].robot_id, ready, whole, measured, evidence, tuple(sources))
+    fitted = tuple(one.name for one in looked if not one.useless) if sources else ()
+    return _diagnosis(recordings[0].robot_id, ready, whole, measured, evidence, fitted)
 
 
 def _diagnosis(
@@ -159,19 +159,10 @@ def _diagnosis(
         checks=ready.checks,
         notes=ready.notes,
         next_experiment=_next(robot_id, effects, found),
-        parameters=_parameters(found, whole.final),
+        parameters=_parameters(found, whole.final, ready.unknown),
         sources=sources,
         samples=len(found.final.rest),
     )
-
-
-def pieces_to_check(recordings: Sequence[Recording]) -> list[Piece]:
-    """Return the pieces of recordings on which nothing is fitted."""
-    pieces = []
-    for number, recording in enumerate(recordings):
-        findings = check(recording)
-        pieces += pieces_of(findings.cleaned(recording), [int(split) for split in findings.splits], number)
-    return pieces
 
 
 def _named(one: Named, found: Search, robot_id: int) -> NamedEffect:
@@ -195,10 +186,12 @@ def _named(one: Named, found: Search, robot_id: int) -> NamedEffect:
 
 def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search) -> str | None:
     """Return what to drive so that effects show of which these drives say nothing; None if all would have shown."""
-    if any(effect.next_experiment for effect in effects) or not found.unseen:
-        return None
-    robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
-    return experiment_to_show(found.unseen[:MOST_UNSEEN], robot_id=robot_id, robot=robot)
+    poses = any(len(predictor.piece.heard.pose) for predictor in found.study.predictors)
+    sentences = [] if poses else [WITHOUT_POSES]
+    if found.unseen and not any(effect.next_experiment for effect in effects):
+        robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
+        sentences.append(experiment_to_show(found.unseen[:MOST_UNSEEN], robot_id=robot_id, robot=robot))
+    return " ".join(sentences) or None
 
 
 def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
@@ -216,12 +209,13 @@ def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
     return replace(whole.unexplained, generic=generic)
 
 
-def _parameters(found: Search, final: Fit) -> dict[str, float]:
-    """Return all values that the extended model runs with."""
+def _parameters(found: Search, final: Fit, unknown: Sequence[str]) -> dict[str, float]:
+    """Return all values that the extended model runs with, but those that mean nothing."""
     values = dict(final.values)
     for one in found.named:
         values.update({name: estimate.value for name, estimate in one.estimates.items()})
-    return {name: value for name, value in values.items() if name in PAPER or value != definition(name).neutral}
+    known = {name: value for name, value in values.items() if name not in unknown}
+    return {name: value for name, value in known.items() if name in PAPER or value != definition(name).neutral}
 
 
 def _estimates(fit: Fit, found: Search) -> dict[str, Estimate]:

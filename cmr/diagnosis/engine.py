@@ -1,4 +1,4 @@
-"""Make recordings ready for the search: checked, on the observer's raster, with the paper's model fitted."""
+"""Make recordings ready for the search: on the observer's raster, with the paper's model fitted."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -7,32 +7,36 @@ import numpy as np
 
 from cmr.diagnosis.baseline import guess_base_width, guess_motor, turn_rates
 from cmr.diagnosis.candidates import USUAL_INTERVAL, Scene
-from cmr.diagnosis.experiment import pieces_of
-from cmr.diagnosis.gains import COARSE as COARSE
+from cmr.diagnosis.data import Checked, findings_of, notes_of, refusal
 from cmr.diagnosis.gains import choose_gains
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Predictor, predictors
 from cmr.diagnosis.study import Fit, Study
 from cmr.diagnosis.thinning import share_used, thinned
+from cmr.manoeuvres import TYPICAL
 from cmr.model.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
-from cmr.recordings.checks import check
 from cmr.recordings.findings import Finding
-from cmr.recordings.recording import Recording
 
-MOTOR = ("k2_over_k3", "k1", "base_width")
-ROLLING = ("wheel_radius", "base_width")
+MOTOR = ("k2_over_k3", "k1")
 THINNED = "The drives are longer than the diagnosis needs: one of {every} readings of each sensor is used."
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")
+# Beyond this share a base width is not known. Drives with turns tell it ten times as well, straight ones half as well.
+LARGEST_DOUBT = 0.05
+NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
+HARDLY_TURNED = "The robot hardly turned: its turns tell the base width to {doubt:.0f} % only."
+TURNS = "A drive with turns tells it: a figure-eight, or cmr-pilot's rich_drive."
+WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing tells how the motors follow them: "
 
 
 @dataclass(frozen=True)
 class Ready:
     """Recordings ready to be searched, with the paper's model fitted; or `refused`, a sentence that says why not.
 
-    `start` are values of the paper's parameters, by name, that free runs speak for.
+    `start` are values of the paper's parameters, by name, that free runs speak for. `unknown` names those of which
+    neither the recordings nor the nominal parameters tell anything: their values mean nothing.
     """
 
     study: Study | None
@@ -41,42 +45,90 @@ class Ready:
     notes: tuple[str, ...] = ()
     refused: str = ""
     start: Mapping[str, float] = field(default_factory=dict)
+    unknown: tuple[str, ...] = ()
 
     @property
     def rolling(self) -> bool:
         """Whether no commands were recorded: the robot rolls as its wheels did."""
-        return self.base is not None and self.base.names == ROLLING
+        return self.base is not None and not set(MOTOR) & set(self.base.names)
 
 
-def prepare(recordings: Sequence[Recording], nominal: ParameterFile) -> Ready:
-    """Check the recordings, set aside what cannot be true, and fit the paper's model to the rest."""
-    findings = [check(recording) for recording in recordings]
-    checks = tuple(finding for one in findings for finding in one.all)
-    cleaned = [one.cleaned(recording) for one, recording in zip(findings, recordings, strict=True)]
-    pieces = [
-        piece
-        for number, (recording, one) in enumerate(zip(cleaned, findings, strict=True))
-        for piece in pieces_of(recording, [int(split) for split in one.splits], number)
-    ]
+@dataclass
+class _Start:
+    """Where the fit begins: values by name, of which `names` are free and those of `unknown` mean nothing."""
+
+    values: dict[str, float]
+    names: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    refused: str = ""
+
+
+def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
+    """Fit the paper's model to those recordings that are of use."""
+    checks, notes, refused = findings_of(looked), notes_of(looked), refusal(looked)
+    if refused:
+        return Ready(None, None, checks, notes, refused)
+    pieces = [piece for one in looked if not one.useless for piece in one.pieces]
     every = share_used(pieces)
-    notes = (THINNED.format(every=every),) if every > 1 else ()
+    notes += (THINNED.format(every=every),) if every > 1 else ()
     ready = predictors([thinned(piece, every) for piece in pieces])
-    values = {"wheel_radius": nominal.value("wheel_radius")}
-    width = guess_base_width(ready, values["wheel_radius"])
-    if not pieces or width is None:
-        return Ready(None, None, checks, refused="The robot never turned while its wheels and its pose were recorded.")
-    values["base_width"] = width
-    names = ROLLING if all(len(piece.heard.given) for piece in pieces) else MOTOR
-    if names is MOTOR:
-        values |= guess_motor(ready, values)
-    else:
-        values |= {"k2_over_k3": 1.0, "k1": 1.0}
-    gains = choose_gains(ready, values)
-    scene = _scene(ready, values, gains)
+    start = _start(ready, nominal)
+    notes += start.notes
+    if start.refused:
+        return Ready(None, None, checks, notes, start.refused)
+    gains = choose_gains(ready, start.values)
+    scene = _scene(ready, start.values, gains)
     study = Study(ready, gains, scene)
-    base = study.fit(values, names, Noise.plain(ready, study.errors(values)), renew=0)
+    base = study.fit(start.values, start.names, Noise.plain(ready, study.errors(start.values)), renew=0)
     study.scene = replace(scene, parameters=base.values)
-    return Ready(study, base, checks, notes, start=values)
+    return Ready(study, base, checks, notes, start=start.values, unknown=start.unknown)
+
+
+def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
+    """Return where the fit begins, and what is to be fitted: what the recordings tell."""
+    start = _Start({"wheel_radius": nominal.value("wheel_radius")})
+    _add_width(start, ready, nominal)
+    driven = [predictor for predictor in ready if not len(predictor.piece.heard.given)]
+    if start.refused:
+        return start
+    if driven:
+        start.values |= guess_motor(driven, start.values)
+        start.names = (*MOTOR, *start.names)
+    else:
+        _add_nominal_motor(start, nominal)
+        if any(len(predictor.piece.heard.pose) for predictor in ready):
+            start.names = ("wheel_radius", *start.names)
+    if not start.names:
+        start.refused = f"Neither commands nor turns nor poses tell anything of this robot. {TURNS}"
+    return start
+
+
+def _add_width(start: _Start, ready: Sequence[Predictor], nominal: ParameterFile) -> None:
+    """Add the base width; where the turns do not tell it, the nominal one, which is not fitted."""
+    width = guess_base_width(ready, start.values["wheel_radius"])
+    if width is not None and width.doubt <= LARGEST_DOUBT:
+        start.values["base_width"] = width.value
+        start.names = ("base_width",)
+        return
+    why = HARDLY_TURNED.format(doubt=100.0 * width.doubt) if width else NEVER_TURNED
+    if nominal.has("base_width"):
+        start.values["base_width"] = nominal.value("base_width")
+        start.notes = (f"{why} It stays at the nominal {nominal.value('base_width'):.4g} m. {TURNS}",)
+    else:
+        start.refused = f"{why} {TURNS} Or give base_width by --parameters."
+
+
+def _add_nominal_motor(start: _Start, nominal: ParameterFile) -> None:
+    """Add the motors' parameters as they are given; else those of a typical robot, which stand for nothing."""
+    names = " and ".join(MOTOR)
+    if nominal.has(*MOTOR):
+        start.values |= {name: nominal.value(name) for name in MOTOR}
+        start.notes += (f"{WITHOUT_COMMANDS}{names} are the nominal ones.",)
+    else:
+        start.values |= {name: getattr(TYPICAL, name) for name in MOTOR}
+        start.unknown = MOTOR
+        start.notes += (f"{WITHOUT_COMMANDS}{names} are not among the parameters, and cmr-sim needs them.",)
 
 
 def _scene(ready: Sequence[Predictor], values: dict[str, float], gains: Gains) -> Scene:

@@ -98,8 +98,14 @@ def perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
             _filled(log)
         recordings = [Recording.read(log, job.robot_id) for log in job.logs]
         held_out = [Recording.read(log, recordings[0].robot_id) for log in job.held_out]
-        sources = [str(log) for log in job.logs]
-        diagnosis = diagnose(recordings, job.nominal, held_out=held_out, sources=sources, progress=tell)
+        diagnosis = diagnose(
+            recordings,
+            job.nominal,
+            held_out=held_out,
+            sources=[str(log) for log in job.logs],
+            held_out_sources=[str(log) for log in job.held_out],
+            progress=tell,
+        )
         provenance = _provenance(job)
     except (RecordingError, CalibrationError) as error:
         raise JobError(str(error)) from error

@@ -17,6 +17,10 @@ from cmr.model.parameters import RobotParameters
 HOPELESS = "none: "  # so begin the catalogue's texts where nothing tells two effects apart
 REST = "rest"
 FALLBACK = "rich_drive"
+WITHOUT_POSES = (
+    "No poses were recorded (POSE_N), so nothing tells where the robot went: record a tracker's, or a localisation's, "
+    "with the next drive."
+)
 MOTIONS = frozenset[str]().union(*(manoeuvre.gives for manoeuvre in MANOEUVRES.values()))
 MOTION = re.compile(rf"\b(?:{'|'.join(sorted(MOTIONS, key=len, reverse=True))})\b")
 
