@@ -1,6 +1,8 @@
 """What the page of a diagnosis promises: it needs nothing beside it, and nothing in the data can spoil it."""
 
+import errno
 import math
+import os
 import re
 from dataclasses import replace
 from pathlib import Path as FilePath
@@ -15,7 +17,7 @@ from cmr.diagnosis.report.pairs import pairs_of
 from cmr.diagnosis.result import VERDICTS, Diagnosis, Fitted, Gain, NamedEffect, Path, Residual, Unexplained
 from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
-from tests.diagnosis_example import ALL, CANDIDATES, EFFECTS, FOUND, MOTION, RATE, path, residuals
+from tests.diagnosis_example import ALL, CANDIDATES, EFFECTS, FOUND, MOTION, RATE, STRANGE, path, residuals
 from tests.html_page import Page
 
 
@@ -153,4 +155,18 @@ def test_hours_of_data_still_make_a_page_that_can_be_mailed() -> None:
 
 def test_a_report_is_written_as_it_is(tmp_path: FilePath) -> None:
     write_report(FOUND, tmp_path / "report.html")
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == report_of(FOUND)
+
+
+def test_a_disk_that_fails_leaves_the_old_report_and_no_litter(
+    tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    write_report(FOUND, tmp_path / "report.html")
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_report(STRANGE, tmp_path / "report.html")
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == report_of(FOUND)

@@ -12,15 +12,16 @@ RECORDED = {*BUS, "parameters", "model", "recordings"}
 # Which rooms of cmr each may know beside itself.
 KNOWN: dict[str, set[str]] = {
     "colours": set(),
+    "files": set(),
     "msg": set(),
     "model": set(),
     "bus": {"msg"},
-    "parameters": {*BUS, "model"},
+    "parameters": {*BUS, "files", "model"},
     "manoeuvres": {"model"},
     "recordings": {*BUS, "parameters", "model"},
     "calibration": {*RECORDED, "colours"},
     "world": {*RECORDED, "colours", "manoeuvres"},
-    "diagnosis": {*RECORDED, "colours", "manoeuvres", "calibration"},
+    "diagnosis": {*RECORDED, "colours", "files", "manoeuvres", "calibration"},
     "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis"},
     "tools": {*RECORDED, "commands"},
 }

@@ -6,14 +6,13 @@ without content is empty.
 
 import json
 import math
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.result import GENERIC, Candidate, Diagnosis, Fitted, Gain, GenericTerm, NamedEffect, Unexplained
+from cmr.files import write_atomically
 from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
@@ -62,7 +61,7 @@ def write_document(diagnosis: Diagnosis, path: Path) -> None:
     Raises OSError when the folder cannot be written.
     """
     text = json.dumps(document(diagnosis), indent=2, allow_nan=False, ensure_ascii=False)
-    _write_atomically(text + "\n", path)
+    write_atomically(text + "\n", path)
 
 
 def extended_file(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> ParameterFile:
@@ -178,19 +177,3 @@ def _interval(interval: tuple[float, float]) -> list[float | None]:
 
 def _finite(number: float) -> float | None:
     return float(number) if math.isfinite(number) else None
-
-
-def _write_atomically(text: str, path: Path) -> None:
-    """Write a text so that a reader, or a crash at any moment, finds the old file or the new one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        Path(temporary).chmod(0o644)  # mkstemp makes it private; other people's processes read it too
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

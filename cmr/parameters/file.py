@@ -2,8 +2,6 @@
 
 import hashlib
 import math
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
@@ -14,6 +12,7 @@ import yaml
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.files import write_atomically
 from cmr.model.parameters import DEFINITIONS, ParameterDefinition, RobotParameters
 from cmr.msg import parameters_t
 
@@ -102,18 +101,7 @@ class ParameterFile:
 
         Raises OSError when the folder cannot be written.
         """
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        try:
-            with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-                stream.write(self.to_yaml())
-                stream.flush()
-                os.fsync(stream.fileno())
-            Path(temporary).chmod(0o644)  # mkstemp makes it private; other people's processes read it too
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        write_atomically(self.to_yaml(), path)
 
 
 def parse(text: str, source: str = "parameter file") -> ParameterFile:

@@ -7,6 +7,7 @@ from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.pairs import pairs_of
 from cmr.diagnosis.report.style import STYLE
 from cmr.diagnosis.result import BAD_DATA, Diagnosis
+from cmr.files import write_atomically
 
 # Nothing may be loaded and nothing may run, whatever a name in the data says.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'"
@@ -28,11 +29,11 @@ def report_of(diagnosis: Diagnosis) -> str:
 
 
 def write_report(diagnosis: Diagnosis, path: Path) -> None:
-    """Write the report to a file.
+    """Write the report to a file, atomically.
 
     Raises OSError when it cannot be written.
     """
-    path.write_text(report_of(diagnosis), encoding="utf-8")
+    write_atomically(report_of(diagnosis), path)
 
 
 def _sections(diagnosis: Diagnosis) -> Html:
