@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.calibration.result import Estimate
+from cmr.diagnosis.candidates import worth_naming
 from cmr.diagnosis.finishing import finished, pruned
 from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.holding import alternatives, elsewhere, why_not_elsewhere
@@ -139,7 +140,7 @@ def _of_chance(found: Search, late: list[Named], spread: Spread) -> tuple[Named,
         largest = Estimate(2.0 * mean, DOUBT_OF_JITTER * mean)
         return _chance(JITTER, largest, drop, rivals, late[0].before), without_jitter(found.study, spread, mean)
     share, std = share_lost(found.study, spread) if not late else (0.0, 0.0)
-    if share > 0.0 and spread.drop > SURE_LOSS * found.inflation:
+    if worth_naming({LOSS: share}, {}, found.study.scene) and spread.drop > SURE_LOSS * found.inflation:
         return _chance(LOSS, Estimate(share, std), spread.drop, (), found.final), without_loss(found.study, spread)
     return None
 
