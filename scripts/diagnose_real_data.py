@@ -162,11 +162,21 @@ def husky_tile(importer: Importer, every: int = 1) -> tuple[Case, Ends]:
     first_half = [step < known[len(known) // 2] for step in steps.values()]
     rolled = [replace(window, commands=window.commands.between(0, 0)) for window in windows_of_tile(recording)]
     fitted = [window for window, first in zip(rolled, first_half, strict=True) if first]
-    diagnosis = diagnose(fitted[::every], recording.parameters)
+    diagnosis = diagnose(_only(replace(recording, commands=recording.commands.between(0, 0)), fitted[::every]))
     models = models_of(diagnosis)
     scored = [window for window, first in zip(rolled, first_half, strict=True) if not first]
     ends = joined([ends_of(one, [int(one.poses.utime[0])], 2.0, models) for one in scored if len(one.poses)])
     return case_of("Husky, tile", diagnosis, [distance_score("position after 2 s", ends)]), ends
+
+
+def _only(recording: Recording, parts: Sequence[Recording]) -> Recording:
+    """Return the recording with what lies within its parts."""
+    begins, ends = (np.array([part.wheels.utime[end] for part in parts]) for end in (0, -1))
+    kept = {}
+    for name, signal in recording.signals.items():
+        number = np.searchsorted(begins, signal.utime, side="right") - 1
+        kept[name] = (number >= 0) & (signal.utime <= ends[np.maximum(number, 0)])
+    return recording.where({name: mask for name, mask in kept.items() if len(mask)})
 
 
 def husky_wet_grass(importer: Importer) -> Case:
