@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from cmr.calibration.result import CalibrationError, Estimate
-from cmr.diagnosis.data import findings_of, looked_at, notes_of, require_of_use_held_out
+from cmr.diagnosis.data import findings_of, looked_at, require_of_use_held_out
 from cmr.diagnosis.engine import Ready, prepare
+from cmr.diagnosis.experiment import Piece
 from cmr.diagnosis.free_runs import WINDOW
-from cmr.diagnosis.judging import Named
+from cmr.diagnosis.judging import Named, Tried
 from cmr.diagnosis.looking import look
 from cmr.diagnosis.measuring import Measured, measure
 from cmr.diagnosis.naming import Search
@@ -30,7 +31,7 @@ from cmr.diagnosis.result import (
     Unexplained,
 )
 from cmr.diagnosis.showing import paths_of, residuals_of
-from cmr.diagnosis.study import Fit
+from cmr.diagnosis.study import Fit, Study
 from cmr.diagnosis.taking_back import that_holds
 from cmr.diagnosis.unexplained_extending import Extended, chance_of, extended
 from cmr.diagnosis.unexplained_generic import formula
@@ -70,51 +71,66 @@ def diagnose(
     can be measured on one of `held_out`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    nominal = nominal or next((r.parameters for r in recordings if r.parameters is not None), None)
+    robot_id, nominal = recordings[0].robot_id, _nominal(recordings, nominal)
+    progress("Checking the data ...")
+    looked = looked_at(recordings, sources)
+    ready = prepare(looked, nominal)
+    study = ready.study
+    if study is None:
+        return _refused(robot_id, ready, tuple(sources))
+    pieces = [predictor.piece for predictor in study.predictors]
+    unseen = looked_at(held_out, held_out_sources, "held-out recording")
+    require_of_use_held_out(unseen, path=any(len(piece.heard.pose) for piece in pieces))
+    mended = [f"{one.name}: {one.note}" for one in unseen if one.note]
+    ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *mended))
+    whole = _searched(study, ready, progress)
+    progress("Measuring the gain ...")
+    others = [piece for one in unseen for piece in one.pieces]
+    whole, measured = that_holds(
+        whole, lambda one: measure(one.found.study, one.found.base, one.final, chance_of(one.found), pieces, others)
+    )
+    evidence = _evidence(pieces, whole, [one.name for one in looked])
+    fitted = tuple(one.name for one in looked if not one.useless) if sources else ()
+    return _diagnosis(robot_id, ready, whole, measured, evidence, fitted)
+
+
+def _nominal(recordings: Sequence[Recording], given: ParameterFile | None) -> ParameterFile:
+    """Return the parameters given, else the first that a recording announces.
+
+    Raises CalibrationError where no wheel radius is among them.
+    """
+    nominal = given or next((r.parameters for r in recordings if r.parameters is not None), None)
     if nominal is None or not nominal.has("wheel_radius"):
         raise CalibrationError(
             "The wheel radius is not known: the log announces no parameters. Give a file with at least wheel_radius "
             "by --parameters."
         )
-    progress("Checking the data ...")
-    looked = looked_at(recordings, sources)
-    ready = prepare(looked, nominal)
-    study, base = ready.study, ready.base
-    if study is None or base is None:
-        return Diagnosis(
-            robot_id=recordings[0].robot_id,
-            verdict=BAD_DATA,
-            sentence=ready.refused,
-            checks=ready.checks,
-            notes=ready.notes,
-            sources=tuple(sources),
-        )
-    pieces = [predictor.piece for predictor in study.predictors]
-    unseen = looked_at(held_out, held_out_sources, "held-out recording")
-    require_of_use_held_out(unseen, path=any(len(piece.heard.pose) for piece in pieces))
-    ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *notes_of(unseen)))
+    return nominal
+
+
+def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis:
+    """Return the diagnosis of data that cannot be trusted."""
+    return Diagnosis(
+        robot_id=robot_id,
+        verdict=BAD_DATA,
+        sentence=ready.refused,
+        checks=ready.checks,
+        notes=ready.notes,
+        sources=sources,
+    )
+
+
+def _searched(study: Study, ready: Ready, progress: Callable[[str], None]) -> Extended:
+    """Search for effects, and look at what remains beside them where that can be judged."""
     found = look(ready, progress)
     progress("Looking at what remains ...")
-    if found.study.by_moments:
-        whole = extended(study, found)
-    else:
-        whole = Extended(found, Unexplained())
-        ready = replace(ready, notes=(*ready.notes, BY_COURSES))
-    progress("Measuring the gain ...")
-    others = [piece for one in unseen for piece in one.pieces]
+    return extended(study, found) if found.study.by_moments else Extended(found, Unexplained())
 
-    def measured_of(one: Extended) -> Measured:
-        return measure(one.found.study, one.found.base, one.final, chance_of(one.found), pieces, others)
 
-    whole, measured = that_holds(whole, measured_of)
-    found = whole.found
-    evidence = Evidence(
-        paths=paths_of(pieces, found.base.values, whole.final.values, [one.name for one in looked]),
-        residuals=residuals_of(pieces, found.base.values, whole.final.values),
-        window=WINDOW,
-    )
-    fitted = tuple(one.name for one in looked if not one.useless) if sources else ()
-    return _diagnosis(recordings[0].robot_id, ready, whole, measured, evidence, fitted)
+def _evidence(pieces: Sequence[Piece], whole: Extended, labels: Sequence[str]) -> Evidence:
+    """Return what a report draws of the paper's model and of the extended one."""
+    models = whole.found.base.values, whole.final.values
+    return Evidence(window=WINDOW, paths=paths_of(pieces, *models, labels), residuals=residuals_of(pieces, *models))
 
 
 def _diagnosis(
@@ -133,35 +149,33 @@ def _diagnosis(
         verdict=verdict,
         sentence=_sentence(effects, unexplained, found.unseen),
         unexplained=unexplained,
-        baseline=Fitted(
-            estimates=_estimates(found.base, found),
-            path_rmse=measured.before,
-            held_out_path_rmse=measured.held_out_before,
-        ),
-        extended=Fitted(
-            estimates=_estimates(whole.final, found),
-            path_rmse=measured.after,
-            held_out_path_rmse=measured.held_out_after,
-        ),
+        baseline=_fitted(found.base, found, measured.before, measured.held_out_before),
+        extended=_fitted(whole.final, found, measured.after, measured.held_out_after),
         gain=measured.gain,
         evidence=evidence,
         effects=effects,
-        candidates=tuple(
-            Candidate(
-                name=tried.effect.name,
-                statistic=max(tried.drop, 0.0),
-                p_value=p_value(max(tried.drop, 0.0), len(tried.effect.parameters), found.inflation),
-                held_out=tried.held_out,
-                why_not=why,
-            )
-            for tried, why in found.others
-        ),
+        candidates=tuple(_candidate(tried, why, found.inflation) for tried, why in found.others),
         checks=ready.checks,
-        notes=ready.notes,
+        notes=ready.notes if found.study.by_moments else (*ready.notes, BY_COURSES),
         next_experiment=_next(robot_id, effects, found),
         parameters=_parameters(found, whole.final, ready.unknown),
         sources=sources,
         samples=len(found.final.rest),
+    )
+
+
+def _fitted(fit: Fit, found: Search, path_rmse: float, held_out: float) -> Fitted:
+    return Fitted(estimates=_estimates(fit, found), path_rmse=path_rmse, held_out_path_rmse=held_out)
+
+
+def _candidate(tried: Tried, why_not: str, inflation: float) -> Candidate:
+    drop = max(tried.drop, 0.0)
+    return Candidate(
+        name=tried.effect.name,
+        statistic=drop,
+        p_value=p_value(drop, len(tried.effect.parameters), inflation),
+        held_out=tried.held_out,
+        why_not=why_not,
     )
 
 
