@@ -56,7 +56,7 @@ class Engine:
         self.recordings, self.nominal, self.asked = recordings, nominal, asked
         if self.error:
             raise self.error
-        return replace(self.says, robot_id=recordings[0].robot_id)
+        return replace(self.says, robot_id=recordings[0].robot_id, sources=asked["sources"])
 
 
 @pytest.fixture
@@ -116,6 +116,7 @@ def test_several_logs_of_one_robot_are_diagnosed_together(engine: Engine, logs: 
     assert [len(recording.poses) for recording in engine.recordings] == [250, 250]
     assert [recording.robot_id for recording in engine.asked["held_out"]] == [0]
     assert engine.asked["sources"] == [str(logs / "a.lcm"), str(logs / "b.lcm")]
+    assert engine.asked["held_out_sources"] == [str(logs / "c.lcm")]
     assert engine.nominal is not None
     assert engine.nominal.values == nominal.values
     provenance = load(tmp_path / "out" / "robot_0.yaml").provenance

@@ -106,7 +106,7 @@ def perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
             held_out_sources=[str(log) for log in job.held_out],
             progress=tell,
         )
-        provenance = _provenance(job)
+        provenance = _provenance(job, diagnosis.sources)
     except (RecordingError, CalibrationError) as error:
         raise JobError(str(error)) from error
     with _writing(job.folder):
@@ -161,13 +161,15 @@ def _write(diagnosis: Diagnosis, job: Job, provenance: dict[str, Any], tell: Tel
     return tuple(files)
 
 
-def _provenance(job: Job) -> dict[str, Any]:
+def _provenance(job: Job, sources: Sequence[str]) -> dict[str, Any]:
+    """Return where the parameters come from: the logs of the job that are among the sources, those of use."""
+    fitted = [log for log in job.logs if str(log) in sources]
     digest = hashlib.sha256()
-    for log in job.logs:
+    for log in fitted:
         with log.open("rb") as stream:
             for chunk in iter(lambda: stream.read(CHUNK), b""):
                 digest.update(chunk)
-    provenance = {"log": _names(job.logs), "sha256": digest.hexdigest()}
+    provenance = {"log": _names(fitted), "sha256": digest.hexdigest()}
     return provenance | ({"held_out_log": _names(job.held_out)} if job.held_out else {})
 
 
