@@ -10,9 +10,7 @@ import pytest
 
 from cmr.model.parameters import RobotParameters
 from scripts.diagnose_real_data import (
-    DATA,
     Case,
-    Importer,
     Score,
     commanded_turns,
     husky_tile,
@@ -21,6 +19,7 @@ from scripts.diagnose_real_data import (
     mbot,
     optiodom,
 )
+from scripts.score_real_data import DATA, Importer
 
 GEOMETRY = RobotParameters.of({"wheel_radius": 0.15875, "base_width": 0.5385, "k2_over_k3": 32.0, "k1": 0.125})
 
