@@ -62,6 +62,15 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "  cmr-diagnose --live --robot 0 --parameters robot_0.yaml",
         bus="LCM bus of --live; otherwise LCM_DEFAULT_URL from the environment, otherwise this host only",
     )
+    _add_arguments(options)
+    chosen = options.parse_intermixed_args(arguments)
+    wrong = _contradiction(chosen)
+    if wrong:
+        options.error(wrong)
+    return chosen
+
+
+def _add_arguments(options: argparse.ArgumentParser) -> None:
     options.add_argument("logs", type=Path, nargs="*", metavar="RUN.lcm", help="event logs to diagnose")
     options.add_argument("--robot", type=parse_robot_id, default=None, metavar="N", help="robot id; else all there are")
     options.add_argument(
@@ -87,11 +96,6 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "--jobs", type=_count, default=_cores(), metavar="N", help="how many diagnoses run side by side"
     )
     options.add_argument("--live", action="store_true", help="watch a drive; with --out what is found is kept there")
-    chosen = options.parse_intermixed_args(arguments)
-    wrong = _contradiction(chosen)
-    if wrong:
-        options.error(wrong)
-    return chosen
 
 
 def _contradiction(chosen: argparse.Namespace) -> str:
