@@ -8,7 +8,7 @@ All effects take part, those of sensors too: the observer corrects its state by 
 have said. Many candidate parameters are observed at once, one to a lane.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any, NamedTuple
@@ -28,6 +28,11 @@ MOTION = (*CHANGED[:9], "yaw_rate")  # columns of the observed motion
 LONGEST_LATENCY = 1.2  # s that the observer looks back
 RESTART = 0  # in `pose_use`: the observer begins anew at this pose
 FOLLOWED = 1
+# What the compiled observer takes from the compiled model.
+OF_MODEL = (
+    *("X", "Y", "THETA", "PSI_LEFT", "PSI_RIGHT", "ANGLE_LEFT", "ANGLE_RIGHT", "COMMAND_LEFT", "COMMAND_RIGHT"),
+    *("KEPT_END", "advance", "prepare", "send", "LANES", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND"),
+)
 DEAD_MOTOR = {"k2_over_k3": 1e-2, "k1": 1e-5}  # neither drives nor slows down: wheel speeds are given
 
 
@@ -176,40 +181,9 @@ def _module(model: ExtendedModel, dt: float) -> Any:
 
 def _source(model: ExtendedModel, history: int) -> str:
     """Return the source of the observer with all effects of the catalogue."""
-    effects = tuple(effect for effect in CATALOGUE.values() if effect.is_sensor)
-    statements = Statements(effects, DEFINITIONS)
-    row = {name: f"numbers[{index}, i]" for index, name in enumerate(_sensor_parameters())}
-    stages = {
-        "GYRO_TIME": statements.of("gyro_time"),
-        "GYRO": statements.of("gyro"),
-        "ENCODER": statements.both("encoder"),
-        "POSE_TIME": statements.of("pose_time"),
-        "POSE": statements.of("pose"),
-    }
-    reads = {
-        "GYRO_NUMBERS": (*stages["GYRO_TIME"], *stages["GYRO"]),
-        "ENCODER_NUMBERS": stages["ENCODER"],
-        "POSE_NUMBERS": (*stages["POSE_TIME"], *stages["POSE"]),
-    }
-    for place, lines in reads.items():
-        text = "\n".join(lines)
-        stages[place] = [f"{name} = {number}" for name, number in row.items() if name in text]
     loops = observer_loops.LOOPS
-    for place, lines in stages.items():
+    for place, lines in _sensor_lines().items():
         loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 20}{line}\n" for line in lines))
-    names = (
-        "X",
-        "Y",
-        "THETA",
-        "PSI_LEFT",
-        "PSI_RIGHT",
-        "ANGLE_LEFT",
-        "ANGLE_RIGHT",
-        "COMMAND_LEFT",
-        "COMMAND_RIGHT",
-        "KEPT_END",
-    )
-    used = ("advance", "prepare", "send", "LANES", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND")
     constants = {
         "HISTORY": history,
         "CHANGED_FIELDS": len(MOTION) - 1,
@@ -219,9 +193,31 @@ def _source(model: ExtendedModel, history: int) -> str:
     return "\n".join(
         [
             observer_loops.IMPORTS,
-            f"from {model.module.__name__} import {', '.join((*names, *used))}",
+            f"from {model.module.__name__} import {', '.join(OF_MODEL)}",
             "",
             *(f"{name} = {value}" for name, value in constants.items()),
             loops,
         ]
     )
+
+
+def _sensor_lines() -> dict[str, Sequence[str]]:
+    """Return what sensors make of the motion, and the parameters that they read first: lines, by place in the loops."""
+    statements = Statements(tuple(effect for effect in CATALOGUE.values() if effect.is_sensor), DEFINITIONS)
+    stages: dict[str, Sequence[str]] = {
+        "GYRO_TIME": statements.of("gyro_time"),
+        "GYRO": statements.of("gyro"),
+        "ENCODER": statements.both("encoder"),
+        "POSE_TIME": statements.of("pose_time"),
+        "POSE": statements.of("pose"),
+    }
+    row = {name: f"numbers[{index}, i]" for index, name in enumerate(_sensor_parameters())}
+    reads = {
+        "GYRO_NUMBERS": (*stages["GYRO_TIME"], *stages["GYRO"]),
+        "ENCODER_NUMBERS": stages["ENCODER"],
+        "POSE_NUMBERS": (*stages["POSE_TIME"], *stages["POSE"]),
+    }
+    for place, lines in reads.items():
+        text = "\n".join(lines)
+        stages[place] = [f"{name} = {number}" for name, number in row.items() if name in text]
+    return stages
