@@ -1,0 +1,34 @@
+"""A diagnosis does no more work than it must: counted, not timed, so that a busy computer changes nothing."""
+
+from typing import Any
+
+import pytest
+
+from cmr.diagnosis.diagnose import diagnose
+from cmr.model.compose import LANES
+from cmr.model.observer import Heard, Innovations, Observer
+from tests.hidden_effects import hidden_recording
+
+SEED = 1000
+# Blocks of LANES candidates that the observer drove through the log when this was written: 40 without any effect, 78
+# with friction. Half as many again is a change for the worse.
+MOST = {(): 60.0, ("coulomb_friction",): 117.0}
+
+
+@pytest.mark.parametrize("effects", MOST, ids=lambda effects: "-".join(effects) or "nothing")
+def test_the_observer_drives_few_candidates_through_a_log(
+    effects: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = hidden_recording(*effects, seed=SEED).recording
+    observe, blocks = Observer.observe, list[float]()
+
+    def counted(self: Observer, heard: Heard, **options: Any) -> Innovations:
+        result = observe(self, heard, **options)
+        candidates = result.wheel.shape[-1]
+        blocks.append(-(-candidates // LANES) * heard.seconds / recording.wheels.seconds[-1])
+        return result
+
+    monkeypatch.setattr(Observer, "observe", counted)
+    diagnosis = diagnose(recording)
+    assert tuple(effect.name for effect in diagnosis.effects) == effects
+    assert 0.0 < sum(blocks) < MOST[effects]
