@@ -10,13 +10,16 @@ import pytest
 from cmr.commands.robots import behaviour_of
 from cmr.diagnosis.next_experiment import (
     HOPELESS,
+    PARTING,
+    experiment_to_explain,
     experiment_to_show,
     experiment_to_tell_apart,
     manoeuvres_giving,
     motions_in,
     telling_apart,
 )
-from cmr.manoeuvres import TYPICAL, in_sequence
+from cmr.diagnosis.words import REGRESSORS
+from cmr.manoeuvres import MANOEUVRES, TYPICAL, in_sequence
 from cmr.model.catalogue import CATALOGUE, typical, with_effects
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
@@ -169,6 +172,27 @@ def test_what_tells_apart_is_said_in_the_catalogues_words() -> None:
     assert "from static friction and saturation: big steps." in str(
         experiment_to_tell_apart("battery_sag", ["static_friction", "saturation"])
     )
+
+
+def test_what_nothing_explains_is_driven_again_and_by_itself_and_looked_at() -> None:
+    assert experiment_to_explain("sideways", ["speed"]) == (
+        "To find out what makes the errors of the sideways position, record the same drive again: those that come "
+        "again at the same time or place are made by the robot, its commands or the floor, others by something from "
+        "outside. What goes with speed stands out in straight runs forth and back at three speeds. "
+        "Record `cmr-pilot --robot 0 --behaviour manoeuvre,name=straight_runs` (20 s, 1.3 m around the start), "
+        "then diagnose both logs together. "
+        "Look at the plot of the sideways position over speed in report.html: its shape hints at the cause."
+    )
+    assert "cmr-pilot" not in experiment_to_explain("yaw_rate", ["time"])
+    both = experiment_to_explain("heading", ["x", "time", "yaw_rate", "y"], robot_id=3)
+    assert driven_by(both).name == "spins+star"
+    assert "What goes with place in x, yaw rate and place in y stands out" in both
+    assert "over place in x, time, yaw rate and place in y" in both
+
+
+def test_all_that_errors_may_go_with_stands_out_somewhere() -> None:
+    assert set(PARTING) == set(REGRESSORS) - {"time"}
+    assert set(PARTING.values()) <= set(MANOEUVRES)
 
 
 def test_the_same_mathematics_is_said_and_nothing_is_recommended() -> None:

@@ -14,7 +14,12 @@ from cmr.diagnosis.judging import Named, Tried
 from cmr.diagnosis.looking import look
 from cmr.diagnosis.measuring import Measured, measure
 from cmr.diagnosis.naming import Search
-from cmr.diagnosis.next_experiment import WITHOUT_POSES, experiment_to_show, experiment_to_tell_apart
+from cmr.diagnosis.next_experiment import (
+    WITHOUT_POSES,
+    experiment_to_explain,
+    experiment_to_show,
+    experiment_to_tell_apart,
+)
 from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
@@ -157,7 +162,7 @@ def _diagnosis(
         candidates=tuple(_candidate(tried, why, found.inflation) for tried, why in found.others),
         checks=ready.checks,
         notes=ready.notes if found.study.by_moments else (*ready.notes, BY_COURSES),
-        next_experiment=_next(robot_id, effects, found),
+        next_experiment=_next(robot_id, effects, found, unexplained),
         parameters=_parameters(found, whole.final, ready.unknown),
         sources=sources,
         samples=len(found.final.rest),
@@ -198,12 +203,19 @@ def _named(one: Named, found: Search, robot_id: int) -> NamedEffect:
     )
 
 
-def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search) -> str | None:
-    """Return what to drive so that effects show of which these drives say nothing; None if all would have shown."""
+def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search, unexplained: Unexplained) -> str | None:
+    """Return what to drive to explain what nothing explains, else to show effects of which these drives say nothing.
+
+    None if nothing remains, and all effects would have shown.
+    """
     poses = any(len(predictor.piece.heard.pose) for predictor in found.study.predictors)
     sentences = [] if poses else [WITHOUT_POSES]
-    if found.unseen and not any(effect.next_experiment for effect in effects):
-        robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
+    robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
+    if unexplained.signal:
+        sentences.append(
+            experiment_to_explain(unexplained.signal, unexplained.regressors, robot_id=robot_id, robot=robot)
+        )
+    elif found.unseen and not any(effect.next_experiment for effect in effects):
         sentences.append(experiment_to_show(found.unseen[:MOST_UNSEEN], robot_id=robot_id, robot=robot))
     return " ".join(sentences) or None
 

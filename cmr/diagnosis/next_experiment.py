@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, combinations
 
+from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.manoeuvres import MANOEUVRES, TYPICAL, Manoeuvre, in_sequence
 from cmr.manoeuvres.table import BETWEEN
 from cmr.model.catalogue import CATALOGUE
@@ -21,6 +22,23 @@ WITHOUT_POSES = (
     "No poses were recorded (POSE_N), so nothing tells where the robot went: record a tracker's, or a localisation's, "
     "with the next drive."
 )
+# In which manoeuvre what goes with a regressor stands out from what goes with others.
+PARTING = {
+    "command_left": "ramps",
+    "command_right": "ramps",
+    "command_change": "multisine",
+    "speed": "straight_runs",
+    "yaw_rate": "spins",
+    "speed_times_yaw_rate": "circles",
+    "acceleration": "steps",
+    "yaw_acceleration": "one_sided_steps",
+    "x": "star",
+    "y": "star",
+    "heading": "star",
+    "wheel_angle_left": "ramps",
+    "wheel_angle_right": "ramps",
+    "energy": "repeat_loop",
+}
 MOTIONS = frozenset[str]().union(*(manoeuvre.gives for manoeuvre in MANOEUVRES.values()))
 MOTION = re.compile(rf"\b(?:{'|'.join(sorted(MOTIONS, key=len, reverse=True))})\b")
 
@@ -59,6 +77,27 @@ def experiment_to_show(names: Sequence[str], *, robot_id: int = 0, robot: RobotP
     shown = _listed(map(_words, names)) or "any effect"
     sentence = f"{shown} would show in {_listed(manoeuvre.what for manoeuvre in chosen)}."
     return f"{sentence[0].upper()}{sentence[1:]} {_record(chosen, robot_id, robot)}"
+
+
+def experiment_to_explain(
+    signal: str, regressors: Sequence[str], *, robot_id: int = 0, robot: RobotParameters = TYPICAL
+) -> str:
+    """Return what to drive, and what to look at, to find out what makes the errors of a signal that no effect explains.
+
+    `regressors` are what they go with. Time and space are those of `robot`.
+    """
+    what, goes_with = signal_name(signal), _listed(map(regressor_name, regressors))
+    sentences = [
+        f"To find out what makes the errors of the {what}, record the same drive again: those that come again at the "
+        "same time or place are made by the robot, its commands or the floor, others by something from outside."
+    ]
+    chosen = [manoeuvre for manoeuvre in MANOEUVRES.values() if manoeuvre.name in {PARTING.get(r) for r in regressors}]
+    if chosen:
+        drive = _listed(manoeuvre.what for manoeuvre in chosen)
+        parted = _listed(regressor_name(name) for name in regressors if name in PARTING)
+        sentences.append(f"What goes with {parted} stands out in {drive}. {_record(chosen, robot_id, robot)}")
+    sentences.append(f"Look at the plot of the {what} over {goes_with} in report.html: its shape hints at the cause.")
+    return " ".join(sentences)
 
 
 def telling_apart(name: str, other: str) -> str:

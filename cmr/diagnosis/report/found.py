@@ -40,8 +40,7 @@ EVIDENCE = (
     "data it was not fitted on. Values are given \u00b1 one standard deviation."
 )
 RECOGNISE = (
-    "Look at the plots of what remains. If you recognise the physics, add it as an effect of your own: the README "
-    "tells how."
+    "If you recognise the physics in the plots of what remains, add it as an effect of your own: the README tells how."
 )
 # A command in a sentence, and the full stop behind it: between backquotes, or with options of one value at most.
 COMMAND = re.compile(r"(?:`(cmr-[^`]+)`|(cmr-[a-z]+(?: --[a-z][a-z-]*(?:[ =](?!-)[^\s;`]*[^\s;`.,:)])?)+))\.?")
