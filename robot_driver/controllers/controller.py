@@ -19,6 +19,7 @@ class Telemetry(TypedDict, total=False):
     currents: tuple[float, float]  # A, first and second channel
     temperature: float  # deg C
     status: int  # sum of the STATUS constants of motor_feedback_t that the controller reports
+    conditions: tuple[str, ...]  # what is wrong by the controller's own account, in words for a person; else ()
 
 
 @dataclass(frozen=True)
