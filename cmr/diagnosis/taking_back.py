@@ -6,22 +6,27 @@ from dataclasses import replace
 from cmr.diagnosis.judging import Named
 from cmr.diagnosis.measuring import Measured
 from cmr.diagnosis.naming import Search
+from cmr.diagnosis.result import Gain
 from cmr.diagnosis.unexplained_extending import Extended
 
-WORSE = 0.95  # of the gain: one that is surely less is no chance
+WORSE, MUCH_WORSE = 0.95, 0.8  # a gain that is surely less than the first, or of any signal less than the second
 TAKEN_BACK = "Free runs stray farther with it on data that it was not fitted on."
 
 
 def that_holds(whole: Extended, measure: Callable[[Extended], Measured]) -> tuple[Extended, Measured]:
     """Return the model without the effects with which free runs stray farther, the weakest first, and its errors."""
     measured = measure(whole)
-    while whole.term is None and measured.gain.interval[1] < WORSE and _fitted(whole.found):
+    while whole.term is None and _strays(measured.gain) and _fitted(whole.found):
         whole = replace(whole, found=_without(whole.found, _fitted(whole.found)[-1]))
         measured = measure(whole)
     if whole.term is None and not whole.found.named:
         whole = replace(whole, found=as_the_paper_has_it(whole.found))
         measured = measure(whole)
     return whole, measured
+
+
+def _strays(gain: Gain) -> bool:
+    return gain.interval[1] < WORSE or any(ratio < MUCH_WORSE for ratio in gain.signals.values())
 
 
 def as_the_paper_has_it(found: Search) -> Search:
