@@ -44,10 +44,12 @@ class Controller(ABC):
     """The protocol of a controller with two motor channels; it does no I/O.
 
     A new object is made for each connection, so it may remember what it learned about the device. The two channels
-    are in the controller's own order and sign; which is left is the driver's business.
+    are in the controller's own order and sign; which is left is the driver's business. `link` names, for a person, what
+    the device must be set to so that it answers.
     """
 
     default_baud_rate: int
+    link = "serial commands"
 
     @abstractmethod
     def identify(self) -> Request[str]:
