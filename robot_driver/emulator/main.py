@@ -11,11 +11,10 @@ from cmr.bus.streams import POSE
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import pose_xyt_t
 from robot_driver.emulator.device import Device
-from robot_driver.emulator.dsp3000_device import Dsp3000Device
+from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports, PortsError
-from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 
@@ -33,7 +32,7 @@ def main(arguments: list[str]) -> int:
         settings = _settings(options)
         ports = Ports(Path(options.ports or _default_folder(options.robot)), ("motor", "gyro"))
         if options.no_pose:
-            return _run_without_bus(options.robot, settings, ports)
+            return _run_without_bus(options, settings, ports)
         return _run_on_bus(options, settings, ports)
     except (SettingsError, PortsError) as error:
         raise CommandError(str(error)) from error
@@ -42,11 +41,13 @@ def main(arguments: list[str]) -> int:
 def _options(arguments: list[str]) -> Namespace:
     options = parser(
         "cmr-emulate",
-        "Emulate a robot: RoboClaw motor controller and DSP-3000 gyro on pseudo-terminals, physics with friction, "
-        "slip and noise behind them, and its pose on POSE_N as motion capture would publish it.",
+        "Emulate a robot: motor controller and gyro on pseudo-terminals, physics with friction, slip and noise behind "
+        "them, and its pose on POSE_N as motion capture would publish it.",
         "cmr-emulate --ports /tmp/robot --ideal\n  cmr-driver --port /tmp/robot/motor --gyro-port /tmp/robot/gyro",
     )
     options.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
+    options.add_argument("--controller", choices=sorted(CONTROLLER_DEVICES), default="roboclaw", help="on port motor")
+    options.add_argument("--gyro", choices=sorted(GYRO_DEVICES), default="dsp3000", help="on port gyro")
     options.add_argument("--settings", type=Path, metavar="FILE.yaml", help="what differs from the default robot")
     options.add_argument("--ideal", action="store_true", help="no imperfections but the noise of the sensors")
     options.add_argument("--seed", type=int, metavar="N", help="of all random numbers, instead of that of the settings")
@@ -68,9 +69,10 @@ def _settings(options: Namespace) -> Settings:
     return settings.ideal() if options.ideal else settings
 
 
-def _devices(settings: Settings, plant: Plant) -> dict[str, Device]:
+def _devices(options: Namespace, settings: Settings, plant: Plant) -> dict[str, Device]:
     """Return what is at the end of each port."""
-    return {"motor": RoboclawDevice(settings, plant), "gyro": Dsp3000Device(settings, plant)}
+    controller, gyro = CONTROLLER_DEVICES[options.controller], GYRO_DEVICES[options.gyro]
+    return {"motor": controller(settings, plant), "gyro": gyro(settings, plant)}
 
 
 def _run_on_bus(options: Namespace, settings: Settings, ports: Ports) -> int:
@@ -82,7 +84,8 @@ def _run_on_bus(options: Namespace, settings: Settings, ports: Ports) -> int:
     plant = Plant(settings)
     capture = MotionCapture(settings, plant, options.pose_rate)
     with Process("cmr-emulate", options.lcm_url) as process, ports:
-        engine = Engine(plant, _devices(settings, plant), ports.terminals, motion_capture=capture, on_pose=publish)
+        devices = _devices(options, settings, plant)
+        engine = Engine(plant, devices, ports.terminals, motion_capture=capture, on_pose=publish)
         with engine:
             _announce(options.robot, ports)
             for _ in process.loop(1.0 / CHECK_PERIOD):
@@ -90,12 +93,12 @@ def _run_on_bus(options: Namespace, settings: Settings, ports: Ports) -> int:
     return process.exit_code
 
 
-def _run_without_bus(robot_id: int, settings: Settings, ports: Ports) -> int:
+def _run_without_bus(options: Namespace, settings: Settings, ports: Ports) -> int:
     plant = Plant(settings)
     # Blocked, the signals wait until they are asked for, also while the ports are being made and removed.
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    with ports, Engine(plant, _devices(settings, plant), ports.terminals) as engine:
-        _announce(robot_id, ports)
+    with ports, Engine(plant, _devices(options, settings, plant), ports.terminals) as engine:
+        _announce(options.robot, ports)
         while signal.sigtimedwait(SIGNALS, CHECK_PERIOD) is None:
             engine.check()
     return EXIT_INTERRUPTED

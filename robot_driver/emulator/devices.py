@@ -1,0 +1,12 @@
+"""The tables of devices that can be emulated, by the name that cmr-driver has for them too."""
+
+from collections.abc import Callable
+
+from robot_driver.emulator.device import Device
+from robot_driver.emulator.dsp3000_device import Dsp3000Device
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.roboclaw_device import RoboclawDevice
+from robot_driver.emulator.settings import Settings
+
+CONTROLLER_DEVICES: dict[str, Callable[[Settings, Plant], Device]] = {"roboclaw": RoboclawDevice}
+GYRO_DEVICES: dict[str, Callable[[Settings, Plant], Device]] = {"dsp3000": Dsp3000Device}
