@@ -27,6 +27,9 @@ class Local:
     inside: Mask
 
 
+NOWHERE = Local(0.0, {}, np.zeros(0, np.bool_))
+
+
 def best_moment(moves: Floats, rest: Floats, basis: Floats, time: Floats) -> Local:
     """Return the moment [s] from which on some moves (n, m) together explain most of `rest` (n,).
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.diagnosis.candidates import Trial, lanes_of, step_of, trials
-from cmr.diagnosis.localising import best_moment, best_place
+from cmr.diagnosis.localising import NOWHERE, Local, best_moment, best_place
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors
 from cmr.diagnosis.study import Study, inward
@@ -67,7 +67,7 @@ def screen(
     attempts, errors, white = _localised(study, attempts, errors, len(names), noise, rows)
     noise = noise_of_all(study, errors, white, len(names))
     white = study.made_white(errors, noise)
-    rest, _, moves = _beside(white, len(names))
+    rest, moves = _beside(white, len(names))
     sizes, pulls = np.einsum("nc,nc->c", moves, moves), moves.T @ rest
     scores = [_score(trial, size, pull) for trial, size, pull in zip(attempts, sizes, pulls, strict=True)]
     best: dict[str, Score] = {}
@@ -95,12 +95,18 @@ def _together(best: Score, scores: Sequence[Score]) -> Score:
     return Score(replace(best.trial, values=values), best.drop, 1.0)
 
 
-def _beside(white: Floats, free: int) -> tuple[Floats, Floats, Floats]:
-    """Return the white errors (n,) left, what the model explains (n, free), and trials' moves (n, c) beside it."""
-    rest, moved = white[:, 0], white[:, 1:] - white[:, :1]
-    basis, _ = np.linalg.qr(moved[:, :free])
-    moves = moved[:, free:]
-    return rest - basis @ (basis.T @ rest), basis, moves - basis @ (basis.T @ moves)
+def _left(white: Floats, free: int) -> tuple[Floats, Floats]:
+    """Return the white errors (n,) left, and what the model explains: an orthonormal basis (n, free)."""
+    basis, _ = np.linalg.qr(white[:, 1 : 1 + free] - white[:, :1])
+    rest = white[:, 0]
+    return rest - basis @ (basis.T @ rest), basis
+
+
+def _beside(white: Floats, free: int) -> tuple[Floats, Floats]:
+    """Return the white errors (n,) left by the model, and the trials' moves (n, c) beside it."""
+    rest, basis = _left(white, free)
+    moves = white[:, 1 + free :] - white[:, :1]
+    return rest, moves - basis @ (basis.T @ moves)
 
 
 def _localised(
@@ -111,31 +117,36 @@ def _localised(
     Returns the trials, their errors, and these made white with the noise.
     """
     white = study.made_white(errors, noise)
-    rest, basis, _ = _beside(white, free)
-    several = len({predictor.piece.recording for predictor in study.predictors}) > 1
+    found = _locals(study, attempts, white, free, rows)
     kept, columns, masks = [], [*range(free + 1)], {}
     for number, trial in enumerate(attempts):
-        column = number + free + 1
-        if trial.local:
-            if several and trial.local == "time":
-                continue
-            alike = [free + 1 + other for other, one in enumerate(attempts) if one.effect == trial.effect]
-            moves = white[:, alike] - white[:, :1]
-            local = (
-                best_moment(moves, rest, basis, rows[:, 0])
-                if trial.local == "time"
-                else best_place(moves, rest, basis, rows[:, 1:])
-            )
+        local = found.get(trial.effect)
+        if local is not None:
             if local.drop <= 0.0:
                 continue
             where = {f"{trial.effect}_{quantity}": value for quantity, value in local.values.items()}
             trial, masks[len(columns)] = replace(trial, values={**trial.values, **where}), local.inside
         kept.append(trial)
-        columns.append(column)
+        columns.append(number + free + 1)
     errors, white = study.masked(chosen(errors, columns), masks), white[:, columns]
     if masks:
         white[:, [*masks]] = study.made_white(chosen(errors, [*masks]), noise)
     return kept, errors, white
+
+
+def _locals(study: Study, attempts: Sequence[Trial], white: Floats, free: int, rows: Floats) -> dict[str, Local]:
+    """Return where each local effect explains most, by name; a moment is not looked for in several recordings."""
+    rest, basis = _left(white, free)
+    several = len({predictor.piece.recording for predictor in study.predictors}) > 1
+    result = {}
+    for effect, local in dict.fromkeys((trial.effect, trial.local) for trial in attempts if trial.local):
+        columns = [free + 1 + number for number, trial in enumerate(attempts) if trial.effect == effect]
+        moves = white[:, columns] - white[:, :1]
+        if local == "place":
+            result[effect] = best_place(moves, rest, basis, rows[:, 1:])
+        else:
+            result[effect] = NOWHERE if several else best_moment(moves, rest, basis, rows[:, 0])
+    return result
 
 
 def chosen(errors: Sequence[Errors], columns: Sequence[int]) -> list[Errors]:
