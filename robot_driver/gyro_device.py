@@ -30,12 +30,16 @@ class GyroDevice(Device):
         self._sign = sign
         self._publish = publish
         self._last_reading = 0.0
+        self._lost_before = 0
+
+    @property
+    def lost(self) -> int:
+        """How many readings the gyro sent that never came, as far as its protocol tells."""
+        return self._lost_before + self._gyro.lost
 
     def connect(self, stop: threading.Event) -> None:  # noqa: ARG002 - nothing here takes long
         """Put the gyro into its mode."""
-        self._gyro = self._gyro_type()
-        self._port.write(self._gyro.wake_up)
-        self._last_reading = time.monotonic()
+        self._wake_up()
         self.problem = ""
 
     def turn(self, stop: threading.Event) -> None:  # noqa: ARG002 - a read does not take long
@@ -45,18 +49,26 @@ class GyroDevice(Device):
         readings = self._gyro.feed(data)
         for reading in readings:
             self._publish(self._message(reading, arrived))
+        if request := self._gyro.next_request():
+            self._port.write(request)
         if readings:
             self._last_reading, self.problem = time.monotonic(), ""
         elif time.monotonic() - self._last_reading > SILENCE_LIMIT:
-            self._port.write(self._gyro.wake_up)
-            self._last_reading = time.monotonic()
-            self.problem = (
+            self.problem = self._gyro.problem or (
                 f"The gyro at {self._port.path} sends no readings. Check its power, its cable and its baud rate "
                 f"({self._port.baud_rate})."
             )
+            self._wake_up()
 
     def leave(self) -> None:
         """Do nothing: a gyro moves nothing."""
+
+    def _wake_up(self) -> None:
+        """Begin anew with a gyro of which nothing is known."""
+        self._lost_before = self.lost
+        self._gyro = self._gyro_type()
+        self._port.write(self._gyro.wake_up)
+        self._last_reading = time.monotonic()
 
     def _message(self, reading: GyroReading, arrived: int) -> Any:
         began = arrived - round(self._port.wire_time(reading.bytes_since) * 1e9)

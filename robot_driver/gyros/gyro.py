@@ -19,9 +19,16 @@ class GyroReading:
 
 
 class Gyro(ABC):
-    """The protocol of a gyro; it does no I/O. A new object is made for each connection."""
+    """The protocol of a gyro; it does no I/O.
+
+    A new object is made for each connection and after each silence, since the gyro may have been off. `problem` is a
+    sentence on why what comes cannot be used as it is, or "". `lost` is how many readings were sent but never came,
+    where the protocol tells.
+    """
 
     baud_rate: int
+    problem = ""
+    lost = 0
 
     @property
     @abstractmethod
@@ -31,3 +38,7 @@ class Gyro(ABC):
     @abstractmethod
     def feed(self, data: bytes) -> list[GyroReading]:
         """Take the next bytes of the stream, in pieces of any size; return the readings completed by them."""
+
+    def next_request(self) -> bytes:
+        """Return what is to be sent after what has been fed, once; b"" if there is nothing to say."""
+        return b""
