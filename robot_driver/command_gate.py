@@ -1,25 +1,43 @@
-"""What may move the motors: the newest fresh, sane command, unless the emergency stop is engaged."""
+"""What may move the motors: the newest fresh, sane command, unless something holds them at zero."""
 
 import math
 import threading
 from collections import Counter
 from dataclasses import dataclass
+from enum import Enum
 
+from cmr.bus import streams
 from cmr.msg import motor_feedback_t
 
-COMMAND_LIFETIME = 0.5  # s; a controller that has been silent for longer is not in control any more
+# A controller that has been silent for longer is not in control any more (s).
+COMMAND_LIFETIME = streams.COMMAND_LIFETIME / 1e6
 # After the process was held up, commands that were sent meanwhile still come out of the network's buffers. None is
 # taken for this time (s), or the robot would repeat what was wanted of it long ago.
 FLUSH_TIME = 0.1
 
-# Why a command was not taken. not_finite: NaN or infinite. out_of_range: beyond [-1, 1]. old: decided before, or
-# at the same time as, one already taken. held_up: it may have waited while this process was held up.
-REASONS = ("not_finite", "out_of_range", "old", "held_up")
+# Why a command was not taken. not_finite: NaN or infinite. out_of_range: beyond [-1, 1]. old: decided more than 0.5 s
+# ago, or not after one already taken, as in a log that is replayed. future: decided more than 0.5 s from now, by a
+# computer whose clock is wrong. held_up: it may have waited while this process was held up. not_zero: after a stop
+# was released, zero must be commanded before anything else.
+REASONS = ("not_finite", "out_of_range", "old", "future", "held_up", "not_zero")
+
+
+class Stop(Enum):
+    """What can hold the motors at zero until it is released."""
+
+    BUS = "ESTOP on the bus"
+    CONTROLLER = "the controller's own emergency stop"
+    BATTERY = "the battery"
+
+    @property
+    def status(self) -> int:
+        """The STATUS constant that tells it."""
+        return motor_feedback_t.STATUS_BATTERY if self is Stop.BATTERY else motor_feedback_t.STATUS_ESTOP
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What the motors are to do now: duty of each side, and the STATUS constants that say why it may be zero."""
+    """What the motors are to do now: duty of each side, and the STATUS constants that say why it must be zero."""
 
     left: float
     right: float
@@ -29,32 +47,62 @@ class Drive:
 class CommandGate:
     """Holds the command in force; safe to use from several threads.
 
-    Times are seconds of the driver's own monotonic clock. `rejected` counts commands not taken, by reason.
+    `now` is the driver's own monotonic clock (s), `utime` the time of day as in messages (us). `rejected` counts
+    commands not taken, by reason; `releases_rejected` releases of the emergency stop that were not recent.
     """
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
+        self.releases_rejected = 0
         self._lock = threading.Lock()
         self._command: tuple[float, float] | None = None
-        self._received = 0.0
-        self._last_utime: int | None = None
-        self._engaged = False
+        self._expires = -math.inf
+        self._last_decided: int | None = None
+        self._stops: set[Stop] = set()
+        self._engaged_utime = 0
+        self._zero_first = False
         self._closed_until = -math.inf
 
-    def offer(self, utime: int, left: float, right: float, now: float) -> None:
-        """Take a command that was decided at `utime` and has arrived `now`, or count why not."""
+    def offer(self, decided: int, left: float, right: float, *, now: float, utime: int) -> None:
+        """Take a command that was decided at `decided` (us) and has arrived `now`, or count why not."""
         with self._lock:
-            reason = self._objection(utime, left, right, now)
+            reason = self._objection(decided, left, right, now, utime)
             if reason:
                 self.rejected[reason] += 1
                 return
-            self._command, self._received, self._last_utime = (left, right), now, utime
+            # While a stop holds, zero may be commanded in advance; whatever else is commanded takes that back.
+            self._zero_first = bool(self._stops) and (left, right) != (0.0, 0.0)
+            self._command, self._last_decided = (left, right), decided
+            self._expires = now + COMMAND_LIFETIME - max(utime - decided, 0) / 1e6
 
-    def set_estop(self, engaged: bool) -> None:
-        """Engage or release the emergency stop; after a release the motors wait for a new command."""
+    def take_estop(self, engaged: bool, decided: int, *, now: float, utime: int) -> None:
+        """Engage or release the emergency stop of the bus.
+
+        It is engaged whatever the time; a release must be recent and not older than what engaged it.
+        """
+        if engaged:
+            self._engaged_utime = max(self._engaged_utime, min(decided, utime))
+            self.hold(Stop.BUS)
+        elif Stop.BUS in self._stops:
+            if decided < self._engaged_utime or abs(utime - decided) > streams.COMMAND_LIFETIME:
+                self.releases_rejected += 1
+            else:
+                self.release(Stop.BUS, now=now)
+
+    def hold(self, stop: Stop) -> None:
+        """Hold the motors at zero from now on; the command in force is forgotten."""
         with self._lock:
-            self._engaged = engaged
-            self._command = None if engaged else self._command
+            if stop not in self._stops:
+                self._stops.add(stop)
+                self._command, self._zero_first = None, True
+
+    def release(self, stop: Stop, *, now: float) -> None:
+        """End one stop. Motors that were commanded otherwise in the meantime wait for zero to be commanded."""
+        with self._lock:
+            if stop in self._stops:
+                self._stops.remove(stop)
+                self._zero_first = self._zero_first or now > self._expires
+                self._command = None
 
     def note_held_up(self, now: float) -> None:
         """Take no command for a moment: this process has just woken up and does not know how old they are."""
@@ -69,18 +117,25 @@ class CommandGate:
     def drive(self, now: float) -> Drive:
         """Return what the motors are to do at `now`."""
         with self._lock:
-            fresh = self._command is not None and now - self._received <= COMMAND_LIFETIME
-            status = motor_feedback_t.STATUS_ESTOP if self._engaged else 0
-            status |= 0 if fresh else motor_feedback_t.STATUS_COMMAND_STALE
+            fresh = self._command is not None and now <= self._expires
+            status = 0 if fresh else motor_feedback_t.STATUS_COMMAND_STALE
+            for stop in self._stops:
+                status |= stop.status
             if status or self._command is None:
                 return Drive(0.0, 0.0, status)
             return Drive(*self._command, status)
 
-    def _objection(self, utime: int, left: float, right: float, now: float) -> str:
+    def _objection(self, decided: int, left: float, right: float, now: float, utime: int) -> str:
         if not (math.isfinite(left) and math.isfinite(right)):
             return "not_finite"
         if max(abs(left), abs(right)) > 1.0:
             return "out_of_range"
-        if self._last_utime is not None and utime <= self._last_utime:
+        if utime - decided > streams.COMMAND_LIFETIME or (
+            self._last_decided is not None and decided <= self._last_decided
+        ):
             return "old"
-        return "held_up" if now < self._closed_until else ""
+        if decided - utime > streams.COMMAND_LIFETIME:
+            return "future"
+        if now < self._closed_until:
+            return "held_up"
+        return "not_zero" if self._zero_first and not self._stops and (left, right) != (0.0, 0.0) else ""

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from cmr.bus.messages import now_utime
 from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, Stream
 from cmr.parameters.following import ParameterFollower
 from robot_driver.command_gate import CommandGate
@@ -18,6 +19,7 @@ from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros import GYROS
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
+from robot_driver.ramp import Limits
 from robot_driver.serial_port import SerialPort
 
 HELD_UP = 0.25  # s between two turns of the process, after which waiting commands count as old
@@ -36,6 +38,7 @@ class Settings:
     rate: float = 100.0
     ticks_per_turn: int = 2048
     wiring: Wiring = field(default_factory=Wiring)
+    limits: Limits = field(default_factory=Limits)
     invert_gyro: bool = False
     parameters: Path | None = None
 
@@ -63,6 +66,7 @@ class Driver:
             rate_hz=settings.rate,
             ticks_per_turn=settings.ticks_per_turn,
             wiring=settings.wiring,
+            limits=settings.limits,
             publish=lambda message: self._outgoing.put((MOTOR_FEEDBACK, message)),
         )
         self._threads = [PortThread(port, self._motors)]
@@ -95,9 +99,9 @@ class Driver:
     def handle(self, utime: int, channel: str, message: Any) -> None:
         """Take a message from the bus."""
         if channel == MOTOR_COMMAND.channel(self._robot_id):
-            self._gate.offer(utime, message.left, message.right, time.monotonic())
+            self._gate.offer(utime, message.left, message.right, now=time.monotonic(), utime=now_utime())
         elif channel == ESTOP.channel():
-            self._gate.set_estop(bool(message.engaged))
+            self._gate.take_estop(bool(message.engaged), utime, now=time.monotonic(), utime=now_utime())
         elif self.follower.handle(utime, channel, message):
             self._use_parameters()
 
@@ -120,6 +124,11 @@ class Driver:
         if self._gate.rejected:
             counts = ", ".join(f"{reason} {count}" for reason, count in sorted(self._gate.rejected.items()))
             remarks.append(f"Commands not taken: {counts}.")
+        if self._gate.releases_rejected:
+            remarks.append(
+                f"Releases of ESTOP not taken: {self._gate.releases_rejected}, not made within the last 0.5 s. "
+                f"Keep the clocks of all computers together."
+            )
         if self._motors.faults:
             remarks.append(f"Replies lost or damaged: {self._motors.faults}.")
         if self._motors.jumps:

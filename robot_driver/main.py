@@ -11,6 +11,7 @@ from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import Driver, Settings
 from robot_driver.encoders import Wiring
 from robot_driver.gyros import GYROS
+from robot_driver.ramp import Limits
 from robot_driver.serial_port import PortLost
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
@@ -62,6 +63,7 @@ def _settings(options: argparse.Namespace) -> Settings:
         rate=options.rate,
         ticks_per_turn=options.ticks_per_turn,
         wiring=Wiring(options.swap, options.invert_left, options.invert_right),
+        limits=options.limits,
         invert_gyro=options.invert_gyro,
         parameters=options.parameters,
     )
@@ -77,13 +79,20 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     add("--gyro", choices=sorted(GYROS), default="dsp3000", help="kind of gyro")
     add("--baud", type=_positive, metavar="RATE", help="of the motor controller, if not what its kind has by default")
     add("--rate", type=_positive_number, default=100.0, metavar="HZ", help="how often the motors are served")
+    add("--acceleration", type=_positive_number, default=10.0, metavar="DUTY/S", help="how fast duty may grow")
+    add("--deceleration", type=_positive_number, metavar="DUTY/S", help="how fast it may shrink; else twice that")
     add("--ticks-per-turn", type=_positive, default=2048, metavar="TICKS", help="encoder counts per turn of a wheel")
     add("--swap", action="store_true", help="the controller's first channel is the right side, not the left")
     add("--invert-left", action="store_true", help="motor and encoder of the left side are mounted backwards")
     add("--invert-right", action="store_true", help="motor and encoder of the right side are mounted backwards")
     add("--invert-gyro", action="store_true", help="the gyro is mounted upside down")
     add("--parameters", type=Path, metavar="FILE", help="parameter file of the robot; followed while it changes")
-    return result.parse_args(arguments)
+    options = result.parse_args(arguments)
+    try:
+        options.limits = Limits(options.acceleration, options.deceleration or 2.0 * options.acceleration)
+    except ValueError as error:
+        result.error(str(error))
+    return options
 
 
 def _positive(text: str) -> int:

@@ -10,10 +10,11 @@ from typing import Any, TypeVar
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t
 from robot_driver.clock import utime_at
-from robot_driver.command_gate import CommandGate
+from robot_driver.command_gate import CommandGate, Drive, Stop
 from robot_driver.controllers import BadReply, Controller, Request, Telemetry
 from robot_driver.encoders import FASTEST_WHEEL, WheelEncoders, WheelMotion, Wiring
 from robot_driver.port_thread import Device
+from robot_driver.ramp import Limits, Ramp
 from robot_driver.serial_port import Answer, PortLost, SerialPort
 
 T = TypeVar("T")
@@ -54,6 +55,7 @@ class Motors(Device):
         rate_hz: float,
         ticks_per_turn: int,
         wiring: Wiring,
+        limits: Limits,
         publish: Callable[[Any], None],
     ) -> None:
         self.fastest_wheel = FASTEST_WHEEL
@@ -65,6 +67,7 @@ class Motors(Device):
         self._period = 1.0 / rate_hz
         self._encoders = WheelEncoders(ticks_per_turn)
         self._wiring = wiring
+        self._ramp = Ramp(limits, longest_step=2 * self._period)
         self._publish = publish
         self._connection: _Connection | None = None
         self._jumps_told = 0
@@ -88,6 +91,7 @@ class Motors(Device):
         self.problem = self._connection.unarmed
         self._encoders.rebase()
         self._gate.clear()
+        self._ramp.reset()
         self._due = self._last_answer = time.monotonic()
 
     def turn(self, stop: threading.Event) -> None:
@@ -133,12 +137,17 @@ class Motors(Device):
 
     def _drive(self, connection: _Connection) -> tuple[tuple[float, float], int]:
         """Send the duty in force; return what was acknowledged, left first, and the status that goes with it."""
-        drive = self._gate.drive(time.monotonic())
-        left, right, status = drive.left, drive.right, drive.status
+        now = time.monotonic()
+        drive = self._gate.drive(now)
         if connection.unarmed:
-            left, right, status = 0.0, 0.0, status | motor_feedback_t.STATUS_NOT_ARMED
-        request = connection.controller.drive(*self._wiring.channels(left, right))
-        return self._wiring.forward(*self._ask(request).value), status
+            drive = Drive(0.0, 0.0, drive.status | motor_feedback_t.STATUS_NOT_ARMED)
+        if drive.status:  # no way to lose on a ramp: what must stop, stops
+            self._ramp.reset()
+            duties = 0.0, 0.0
+        else:
+            duties = self._ramp.towards(drive.left, drive.right, now)
+        request = connection.controller.drive(*self._wiring.channels(*duties))
+        return self._wiring.forward(*self._ask(request).value), drive.status
 
     def _read_encoders(self, connection: _Connection, applied: tuple[float, float], status: int) -> None:
         answer = self._ask(connection.controller.read_encoders())
@@ -185,12 +194,20 @@ class Motors(Device):
         request = connection.requests[connection.turn % len(connection.requests)]
         try:
             connection.telemetry.update(self._ask(request).value)
+            self._obey_controller(connection.telemetry)
             connection.failures[request.name] = 0
         except BadReply:
             connection.failures[request.name] = connection.failures.get(request.name, 0) + 1
             if connection.failures[request.name] >= TELEMETRY_ATTEMPTS:
                 connection.requests.remove(request)
             raise
+
+    def _obey_controller(self, telemetry: Telemetry) -> None:
+        """Hold still while the controller's own emergency stop is pressed; afterwards zero is to be commanded first."""
+        if telemetry.get("status", 0) & motor_feedback_t.STATUS_ESTOP:
+            self._gate.hold(Stop.CONTROLLER)
+        else:
+            self._gate.release(Stop.CONTROLLER, now=time.monotonic())
 
     def _ask(self, request: Request[T]) -> Answer[T]:
         answer = self._port.exchange(request)

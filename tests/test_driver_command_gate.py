@@ -5,22 +5,44 @@ import math
 import pytest
 
 from cmr.msg import motor_feedback_t
-from robot_driver.command_gate import CommandGate, Drive
+from robot_driver.command_gate import CommandGate, Drive, Stop
 
 STALE, ESTOP = motor_feedback_t.STATUS_COMMAND_STALE, motor_feedback_t.STATUS_ESTOP
 ZERO = Drive(0.0, 0.0, STALE)
+EPOCH = 1_700_000_000_000_000  # us
+
+
+class Gate(CommandGate):
+    """A gate whose clocks begin together: at `now` it is EPOCH + now, and commands arrive when they are decided."""
+
+    def command(self, now: float, left: float, right: float, *, age: float = 0.0) -> None:
+        self.offer(utime_at(now - age), left, right, now=now, utime=utime_at(now))
+
+    def estop(self, now: float, engaged: bool, *, age: float = 0.0) -> None:
+        self.take_estop(engaged, utime_at(now - age), now=now, utime=utime_at(now))
+
+
+def utime_at(now: float) -> int:
+    return EPOCH + round(now * 1e6)
 
 
 def test_without_a_command_nothing_moves() -> None:
-    assert CommandGate().drive(1000.0) == ZERO
+    assert Gate().drive(1000.0) == ZERO
 
 
 def test_a_command_drives_for_half_a_second_and_no_longer() -> None:
-    gate = CommandGate()
-    gate.offer(1, 0.5, -0.25, 10.0)
+    gate = Gate()
+    gate.command(10.0, 0.5, -0.25)
     assert gate.drive(10.0) == Drive(0.5, -0.25, 0)
     assert gate.drive(10.499) == Drive(0.5, -0.25, 0)
     assert gate.drive(10.501) == ZERO
+
+
+def test_the_half_second_begins_when_the_command_was_decided() -> None:
+    gate = Gate()
+    gate.command(10.0, 0.5, 0.5, age=0.3)
+    assert gate.drive(10.19) == Drive(0.5, 0.5, 0)
+    assert gate.drive(10.21) == ZERO
 
 
 @pytest.mark.parametrize(
@@ -34,58 +56,110 @@ def test_a_command_drives_for_half_a_second_and_no_longer() -> None:
     ],
 )
 def test_an_insane_command_moves_nothing_and_is_counted(left: float, right: float, reason: str) -> None:
-    gate = CommandGate()
-    gate.offer(1, left, right, 10.0)
+    gate = Gate()
+    gate.command(10.0, left, right)
     assert gate.drive(10.0) == ZERO
     assert gate.rejected == {reason: 1}
 
 
 def test_an_insane_command_does_not_prolong_the_one_in_force() -> None:
-    gate = CommandGate()
-    gate.offer(1, 0.5, 0.5, 10.0)
-    gate.offer(2, math.nan, 0.5, 10.4)
+    gate = Gate()
+    gate.command(10.0, 0.5, 0.5)
+    gate.command(10.4, math.nan, 0.5)
     assert gate.drive(10.4) == Drive(0.5, 0.5, 0)
     assert gate.drive(10.6) == ZERO
 
 
-def test_old_and_replayed_commands_are_not_taken() -> None:
-    gate = CommandGate()
-    gate.offer(100, 0.1, 0.1, 10.0)
-    gate.offer(99, 0.9, 0.9, 10.1)
-    gate.offer(100, 0.9, 0.9, 10.1)
+def test_commands_out_of_order_and_twice_the_same_are_not_taken() -> None:
+    gate = Gate()
+    gate.command(10.0, 0.1, 0.1)
+    gate.command(10.1, 0.9, 0.9, age=0.11)
+    gate.command(10.1, 0.9, 0.9, age=0.1)
     assert gate.drive(10.2) == Drive(0.1, 0.1, 0)
-    gate.offer(99, 0.9, 0.9, 20.0)
-    assert gate.drive(20.0) == ZERO
-    assert gate.rejected == {"old": 3}
+    assert gate.rejected == {"old": 2}
 
 
-def test_estop_holds_until_released_and_then_waits_for_a_new_command() -> None:
-    gate = CommandGate()
-    gate.offer(1, 0.5, 0.5, 10.0)
-    gate.set_estop(True)
+@pytest.mark.parametrize(("age", "reason"), [(0.51, "old"), (30 * 86400.0, "old"), (-0.51, "future")])
+def test_the_first_command_of_a_replayed_log_or_of_a_wrong_clock_moves_nothing(age: float, reason: str) -> None:
+    gate = Gate()
+    gate.command(10.0, 0.5, 0.5, age=age)
+    assert gate.drive(10.0) == ZERO
+    assert gate.rejected == {reason: 1}
+    gate.command(10.1, 0.2, 0.2)
+    assert gate.drive(10.1) == Drive(0.2, 0.2, 0)
+
+
+def test_estop_holds_until_released_and_then_zero_must_be_commanded_first() -> None:
+    gate = Gate()
+    gate.command(10.0, 0.5, 0.5)
+    gate.estop(10.1, True)
     assert gate.drive(10.1) == Drive(0.0, 0.0, ESTOP | STALE)
-    gate.offer(2, 0.5, 0.5, 10.2)
+    gate.command(10.2, 0.5, 0.5)
     assert gate.drive(10.2) == Drive(0.0, 0.0, ESTOP)
-    gate.set_estop(True)
-    gate.set_estop(False)
-    assert gate.drive(10.2) == ZERO
-    gate.offer(3, 0.5, 0.5, 10.3)
+    gate.estop(10.25, True)
+    gate.estop(10.3, False)
+    assert gate.drive(10.3) == ZERO
+    gate.command(10.4, 0.5, 0.5)
+    assert gate.drive(10.4) == ZERO
+    assert gate.rejected == {"not_zero": 1}
+    gate.command(10.5, 0.0, 0.0)
+    gate.command(10.6, 0.5, 0.5)
+    assert gate.drive(10.6) == Drive(0.5, 0.5, 0)
+
+
+def test_whoever_commands_zero_at_the_release_need_not_do_it_again() -> None:
+    gate = Gate()
+    gate.estop(10.0, True)
+    gate.command(10.1, 0.0, 0.0)
+    gate.estop(10.2, False)
+    gate.command(10.3, 0.5, 0.5)
     assert gate.drive(10.3) == Drive(0.5, 0.5, 0)
 
 
+def test_a_zero_commanded_long_before_the_release_does_not_count() -> None:
+    gate = Gate()
+    gate.estop(10.0, True)
+    gate.command(10.1, 0.0, 0.0)
+    gate.estop(11.0, False)
+    gate.command(11.1, 0.5, 0.5)
+    assert gate.drive(11.1) == ZERO
+
+
+@pytest.mark.parametrize(("engaged_ago", "released_ago"), [(0.1, 0.2), (5.0, 0.6), (0.0, -0.6)])
+def test_a_release_that_is_old_or_replayed_does_not_release(engaged_ago: float, released_ago: float) -> None:
+    gate = Gate()
+    gate.estop(10.0, True, age=engaged_ago)
+    gate.estop(10.0, False, age=released_ago)
+    assert gate.drive(10.0).status & ESTOP
+    assert gate.releases_rejected == 1
+
+
+def test_with_two_stops_both_must_be_released() -> None:
+    gate = Gate()
+    gate.estop(10.0, True)
+    gate.hold(Stop.CONTROLLER)
+    gate.estop(10.1, False)
+    gate.command(10.2, 0.0, 0.0)
+    gate.command(10.3, 0.5, 0.5)
+    assert gate.drive(10.3) == Drive(0.0, 0.0, ESTOP)
+    gate.release(Stop.CONTROLLER, now=10.4)
+    gate.command(10.5, 0.5, 0.5)
+    assert gate.drive(10.5) == ZERO
+
+
 def test_after_a_new_connection_a_new_command_is_needed() -> None:
-    gate = CommandGate()
-    gate.offer(1, 0.5, 0.5, 10.0)
+    gate = Gate()
+    gate.command(10.0, 0.5, 0.5)
     gate.clear()
     assert gate.drive(10.0) == ZERO
 
 
 def test_commands_that_waited_while_the_process_was_held_up_move_nothing() -> None:
-    gate = CommandGate()
-    gate.offer(1, 0.5, 0.5, 10.0)
+    gate = Gate()
+    gate.command(10.0, 0.5, 0.5)
     gate.note_held_up(14.0)
-    gate.offer(2, 0.5, 0.5, 14.0)
+    gate.command(14.0, 0.5, 0.5)
     assert gate.drive(14.0) == ZERO
     assert gate.rejected == {"held_up": 1}
-    gate.offer(3, 0.4, 0.4, 14.2)
+    gate.command(14.2, 0.4, 0.4)
     assert gate.drive(14.2) == Drive(0.4, 0.4, 0)

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from cmr.bus.messages import now_utime
 from cmr.msg import motor_feedback_t
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers.roboclaw import RoboClaw
@@ -23,6 +24,7 @@ from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros.dsp3000 import Dsp3000
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
+from robot_driver.ramp import Limits
 from robot_driver.serial_port import PortLost, SerialPort
 
 NOT_ARMED, STALE = motor_feedback_t.STATUS_NOT_ARMED, motor_feedback_t.STATUS_COMMAND_STALE
@@ -111,7 +113,6 @@ class Bench:
         self.device = device
         self.gate = CommandGate()
         self.feedback: list[Any] = []
-        self._utime = 0
 
     def running(self) -> AbstractContextManager[PortThread]:
         port = SerialPort(str(self.device.link), 115200)
@@ -123,13 +124,13 @@ class Bench:
             rate_hz=100.0,
             ticks_per_turn=2048,
             wiring=Wiring(),
+            limits=Limits(),
             publish=self.feedback.append,
         )
         return PortThread(port, self.motors)
 
     def command(self, left: float, right: float) -> None:
-        self._utime += 1
-        self.gate.offer(self._utime, left, right, time.monotonic())
+        self.gate.offer(now_utime(), left, right, now=time.monotonic(), utime=now_utime())
 
     def more_feedback(self, count: int) -> list[Any]:
         """Wait for so many new messages and return them."""

@@ -76,19 +76,21 @@ def test_a_foreign_parameter_file_changes_nothing_and_is_reported(silent_port: s
 
 def test_commands_that_were_not_taken_are_counted_by_reason(silent_port: str) -> None:
     driver = Driver(Settings(port=silent_port, robot=3))
-    for utime, left in ((1, 0.1), (2, float("nan")), (3, 1.5), (1, 0.1)):
+    now = now_utime()
+    for utime, left in ((now, 0.1), (now, float("nan")), (now, 1.5), (now, 0.1), (now - 3_600_000_000, 0.1)):
         message = make(motor_command_t, utime=utime, robot_id=3, left=left, right=0.0)
         driver.handle(utime, MOTOR_COMMAND.channel(3), message)
-    assert driver.remarks() == "Commands not taken: not_finite 1, old 1, out_of_range 1."
+    assert driver.remarks() == "Commands not taken: not_finite 1, old 2, out_of_range 1."
 
 
 def test_estop_on_the_bus_reaches_the_motors(silent_port: str) -> None:
     driver = Driver(Settings(port=silent_port))
-    driver.handle(
-        1, MOTOR_COMMAND.channel(0), make(motor_command_t, utime=now_utime(), robot_id=0, left=0.5, right=0.5)
-    )
+    now = now_utime()
+    driver.handle(now, MOTOR_COMMAND.channel(0), make(motor_command_t, utime=now, robot_id=0, left=0.5, right=0.5))
     assert driver._gate.drive(time.monotonic()).left == 0.5
-    driver.handle(2, ESTOP.channel(), make(estop_t, utime=now_utime(), engaged=True, source="test", reason="test"))
+    driver.handle(
+        now_utime(), ESTOP.channel(), make(estop_t, utime=now_utime(), engaged=True, source="test", reason="test")
+    )
     assert driver._gate.drive(time.monotonic()).left == 0.0
 
 
@@ -98,9 +100,11 @@ def test_a_port_that_cannot_be_opened_is_explained() -> None:
     assert "not a serial port" in why_not_open("/dev/null", OSError(errno.ENOTTY, "ioctl"))
 
 
-@pytest.mark.parametrize("wrong", [["--rate", "0"], ["--robot", "-1"], ["--baud", "x"], ["--ticks-per-turn", "0"]])
+@pytest.mark.parametrize(
+    "wrong", [["--rate", "0"], ["--robot", "-1"], ["--baud", "x"], ["--deceleration", "1"], ["--ticks-per-turn", "0"]]
+)
 def test_wrong_usage_exits_with_2(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(["--port", "/dev/null", *wrong])
     assert end.value.code == 2
-    assert wrong[0] in capsys.readouterr().err
+    assert wrong[0].removeprefix("--")[:4] in capsys.readouterr().err

@@ -1,0 +1,64 @@
+"""How fast the duty of a motor may change: a command is a wish, a heavy robot follows it by a ramp."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How fast the size of a duty may grow and shrink (duty per second).
+
+    Raises ValueError when one is not greater than 0, or when slowing down would take longer than speeding up.
+    """
+
+    speeding_up: float = 10.0
+    slowing_down: float = 20.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.speeding_up <= self.slowing_down < math.inf:
+            raise ValueError(
+                f"Duty may grow by {self.speeding_up:g} and shrink by {self.slowing_down:g} per second: both must be "
+                f"greater than 0, and slowing down at least as fast as speeding up."
+            )
+
+
+def approach(duty: float, wanted: float, seconds: float, limits: Limits) -> float:
+    """Return the duty that follows `duty` after `seconds` on the way to `wanted`, through zero where the sign changes.
+
+    Its size grows and shrinks within `limits`.
+    """
+    if duty * wanted < 0.0:
+        until_zero = abs(duty) / limits.slowing_down
+        if until_zero >= seconds:
+            return math.copysign(abs(duty) - limits.slowing_down * seconds, duty)
+        duty, seconds = 0.0, seconds - until_zero
+    if abs(wanted) >= abs(duty):
+        return math.copysign(min(abs(wanted), abs(duty) + limits.speeding_up * seconds), wanted)
+    return math.copysign(max(abs(wanted), abs(duty) - limits.slowing_down * seconds), duty)
+
+
+class Ramp:
+    """The duties of both sides on their way to what is commanded; begins at zero."""
+
+    def __init__(self, limits: Limits, longest_step: float) -> None:
+        self._limits = limits
+        self._longest_step = longest_step
+        self.reset()
+
+    def reset(self) -> None:
+        """Be at zero now; the next command is approached from there."""
+        self._duties, self._time = (0.0, 0.0), math.inf
+
+    def towards(self, left: float, right: float, now: float) -> tuple[float, float]:
+        """Return the duties (left, right) for the moment `now` (s) on the way to those commanded.
+
+        After a pause they go on as if it had lasted `longest_step` (s).
+        """
+        seconds = min(max(now - self._time, 0.0), self._longest_step)
+        self._time = now
+        before = self._duties
+        self._duties = (
+            approach(before[0], left, seconds, self._limits),
+            approach(before[1], right, seconds, self._limits),
+        )
+        return self._duties
