@@ -15,6 +15,7 @@ from robot_driver.serial_port import SerialPort
 SILENCE_LIMIT = 0.5  # s without a reading after which the gyro may have been off and needs to be woken up again
 LONGEST_READ = 0.05  # s
 READ_SIZE = 4096  # bytes
+LONGEST_DELAY = 100_000_000  # ns; a sensor's clock that says a reading took longer to arrive has not been set
 
 
 class GyroDevice(Device):
@@ -72,6 +73,8 @@ class GyroDevice(Device):
 
     def _message(self, reading: GyroReading, arrived: int) -> Any:
         began = arrived - round(self._port.wire_time(reading.bytes_since) * 1e9)
+        if reading.measured is not None and 0 <= arrived - reading.measured < LONGEST_DELAY:
+            began = reading.measured
         return make(
             gyro_t,
             utime=utime_at(began),

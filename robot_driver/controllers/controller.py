@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypedDict, TypeVar
 
+from robot_driver.gyros.gyro import Gyro
+
 T = TypeVar("T")
 
 
@@ -29,7 +31,8 @@ class Request(Generic[T]):
     `data` is written in one go. `longest_reply` (bytes) is what the deadline is computed from. `missing` tells how
     many bytes at least are still to come after those given (0: the reply is complete). `parse` turns a reply into
     what it says, or raises BadReply. `ends_in_silence`: a reply shorter than `longest_reply` may be complete; only
-    silence tells.
+    silence tells. `measured` tells, once `parse` has returned, when the device took the reading (monotonic ns), where
+    its own clock says so.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Request(Generic[T]):
     missing: Callable[[bytes], int]
     parse: Callable[[bytes], T]
     ends_in_silence: bool = False
+    measured: Callable[[], int] | None = None
 
 
 class Controller(ABC):
@@ -45,11 +49,15 @@ class Controller(ABC):
 
     A new object is made for each connection, so it may remember what it learned about the device. The two channels
     are in the controller's own order and sign; which is left is the driver's business. `link` names, for a person, what
-    the device must be set to so that it answers.
+    the device must be set to so that it answers. `watchdog_seconds` is what its watchdog is set to. `streams`: the
+    device talks all the time, asked or not. `gyro` is the gyro on the same board: it overhears all that comes.
     """
 
     default_baud_rate: int
     link = "serial commands"
+    watchdog_seconds = 0.5
+    streams = False
+    gyro: type[Gyro] | None = None
 
     @abstractmethod
     def identify(self) -> Request[str]:

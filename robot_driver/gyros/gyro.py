@@ -10,12 +10,13 @@ class GyroReading:
 
     `yaw_rate` is in rad/s, counter-clockwise positive seen from above with the sensor upright; NaN if not `valid`.
     `bytes_since` is how many bytes of the stream had been received since the reading began: what the time stamp is
-    computed from.
+    computed from, unless the sensor's clock runs with ours and says when it `measured` (monotonic ns).
     """
 
     yaw_rate: float
     valid: bool
     bytes_since: int = field(compare=False, default=0)
+    measured: int | None = field(compare=False, default=None)
 
 
 class Gyro(ABC):

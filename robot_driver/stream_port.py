@@ -1,0 +1,86 @@
+"""The port of a board that talks all the time: one asks it for something, others listen to all it says."""
+
+import queue
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from robot_driver.controllers import BadReply, Request
+from robot_driver.serial_port import Answer, SerialPort
+
+T = TypeVar("T")
+
+PATIENCE = 0.1  # s without an answer; there is firmware that says everything 25 times a second
+SILENCE = 0.1  # s after which such a board has really fallen silent: a busy computer looks away for less
+MOST_UNHEARD = 1000  # pieces kept for a listener that does not listen
+
+
+class StreamPort(SerialPort):
+    """The port at `path`; each of the `listeners` is given all that comes.
+
+    What nobody asked for is no fault here, so there is nothing to get back in step with.
+    """
+
+    def __init__(self, path: str, baud_rate: int) -> None:
+        super().__init__(path, baud_rate)
+        self.listeners: list[Callable[[bytes], None]] = []
+
+    def read(self, most: int, timeout: float) -> bytes:
+        """Return what has arrived, as any port does, after the listeners have heard it."""
+        data = super().read(most, timeout)
+        for listener in self.listeners:
+            listener(data)
+        return data
+
+    def exchange(self, request: Request[T]) -> Answer[T]:
+        """Write, and return the answer as soon as it is among what the board says.
+
+        Raises BadReply when it does not come in time, PortLost.
+        """
+        self.write(request.data)
+        deadline = time.monotonic() + PATIENCE
+        reply = b""
+        while (missing := request.missing(reply)) > 0:
+            data = self.read(missing, deadline - time.monotonic())
+            if not data and request.ends_in_silence:
+                break
+            if not data or time.monotonic() > deadline:
+                raise BadReply(f"{request.name}: the board did not say it within {PATIENCE:g} s.")
+            if request.ends_in_silence:
+                deadline = time.monotonic() + SILENCE
+            reply += data
+        arrived = time.monotonic_ns()
+        value = request.parse(reply)
+        return Answer(value, request.measured() if request.measured else arrived, arrived)
+
+    def resynchronise(self) -> None:
+        """Do nothing: in a stream, frames tell where they begin."""
+
+
+class OverheardPort(SerialPort):
+    """A second pair of ears on `port`: reads all that comes there while it is open, and writes nothing."""
+
+    def __init__(self, port: StreamPort) -> None:
+        super().__init__(port.path, port.baud_rate)
+        self._pieces: queue.Queue[bytes] = queue.Queue(MOST_UNHEARD)
+        port.listeners.append(self._hear)
+
+    def open(self) -> None:
+        """Do nothing: the port is open when it is open for the one who asks."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def write(self, data: bytes) -> None:
+        """Do nothing: the one who asks keeps the board talking."""
+
+    def read(self, most: int, timeout: float) -> bytes:  # noqa: ARG002 - pieces are as long as they came
+        """Return the next piece; b"" when none has come after `timeout` seconds."""
+        try:
+            return self._pieces.get(timeout=max(timeout, 0.0))
+        except queue.Empty:
+            return b""
+
+    def _hear(self, data: bytes) -> None:
+        if data and not self._pieces.full():
+            self._pieces.put(data)
