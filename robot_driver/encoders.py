@@ -12,6 +12,10 @@ def signed_step(before: int, after: int) -> int:
     return (after - before + COUNTER_RANGE // 2) % COUNTER_RANGE - COUNTER_RANGE // 2
 
 
+class CountersReset(Exception):  # noqa: N818 - a device that was switched off and on is an event to live with
+    """Both counters have begun anew: the device was reset, and has forgotten what it was told."""
+
+
 @dataclass(frozen=True)
 class WheelMotion:
     """Where the wheels are and how fast they turn, left first: total ticks, and velocity (rad/s)."""
@@ -43,6 +47,7 @@ class WheelEncoders:
         Returns None where there is no velocity to tell: at a new beginning, and when the step is not believed
         because a wheel would have turned faster than `fastest` (rad/s). Two such steps in a row are no jump, though:
         then the wheels are faster than thought, and steps up to FASTEST_WHEEL are believed.
+        Raises CountersReset when the step is not believed but both counts are near zero; they are a new beginning.
         """
         before, self._before = self._before, (counts, nanoseconds)
         if before is None or nanoseconds <= before[1]:
@@ -52,6 +57,10 @@ class WheelEncoders:
         seconds = (nanoseconds - before[1]) / 1e9
         psi = (steps[0] * radians_per_tick / seconds, steps[1] * radians_per_tick / seconds)
         speed = max(abs(psi[0]), abs(psi[1]))
+        since_zero = max(abs(signed_step(0, count)) for count in counts) * radians_per_tick / seconds
+        if speed > max(fastest, FASTEST_WHEEL) and since_zero <= FASTEST_WHEEL:
+            self._jumped = False
+            raise CountersReset
         limit = max(fastest, FASTEST_WHEEL) if self._jumped else fastest
         self._jumped = speed > fastest
         if speed > limit:

@@ -12,7 +12,7 @@ from cmr.msg import motor_feedback_t
 from robot_driver.clock import utime_at
 from robot_driver.command_gate import CommandGate, Drive, Stop
 from robot_driver.controllers import BadReply, Controller, Request, Telemetry
-from robot_driver.encoders import FASTEST_WHEEL, WheelEncoders, WheelMotion, Wiring
+from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, WheelMotion, Wiring
 from robot_driver.port_thread import Device
 from robot_driver.ramp import Limits, Ramp
 from robot_driver.serial_port import Answer, PortLost, SerialPort
@@ -20,7 +20,7 @@ from robot_driver.serial_port import Answer, PortLost, SerialPort
 T = TypeVar("T")
 
 WATCHDOG_SECONDS = 0.5  # the device stops the motors by itself when this computer falls silent for as long
-SILENCE_LIMIT = 0.5  # s without any answer after which the device counts as gone, perhaps switched off
+SILENCE_LIMIT = 0.4  # s without any answer after which the device counts as gone, perhaps switched off
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 STOP_ATTEMPTS = 10  # of the last zero: 0.4 s at most, so that the process still ends within a second
 TELEMETRY_ATTEMPTS = 5  # in a row; a firmware does not answer what it does not know
@@ -103,6 +103,8 @@ class Motors(Device):
             self._read_telemetry(self._connection)
         except BadReply:
             self._recover()
+        except CountersReset as reset:
+            raise PortLost(self._reset("its encoder counts began anew at zero")) from reset
         if time.monotonic() - self._last_answer > SILENCE_LIMIT:
             raise PortLost(self._silence())
         self._due = max(self._due + self._period, time.monotonic() - self._period)
@@ -128,7 +130,7 @@ class Motors(Device):
             if not self._answers(controller):
                 raise
             return f"Not driving: the controller at {self._port.path} does not let its watchdog be set ({lost})."
-        if math.isclose(seconds, WATCHDOG_SECONDS, abs_tol=1e-6):
+        if _is_set(seconds):
             return ""
         return (
             f"Not driving: the watchdog of the controller at {self._port.path} was set to {WATCHDOG_SECONDS:g} s but "
@@ -188,10 +190,12 @@ class Motors(Device):
 
     def _read_telemetry(self, connection: _Connection) -> None:
         """Make the next of the slow requests; give up one that this device never answers."""
-        if not connection.requests:
-            return
         connection.turn += 1
-        request = connection.requests[connection.turn % len(connection.requests)]
+        slot = connection.turn % (len(connection.requests) + 1)
+        if slot == len(connection.requests):
+            self._check_watchdog(connection)
+            return
+        request = connection.requests[slot]
         try:
             connection.telemetry.update(self._ask(request).value)
             self._obey_controller(connection.telemetry)
@@ -201,6 +205,17 @@ class Motors(Device):
             if connection.failures[request.name] >= TELEMETRY_ATTEMPTS:
                 connection.requests.remove(request)
             raise
+
+    def _check_watchdog(self, connection: _Connection) -> None:
+        """Read the device's watchdog back again: a device that was reset meanwhile has none.
+
+        Raises PortLost, so that the connection is made anew.
+        """
+        if connection.unarmed:
+            return
+        seconds = self._ask(connection.controller.read_watchdog()).value
+        if not _is_set(seconds):
+            raise PortLost(self._reset(f"its watchdog reads {seconds:g} s instead of {WATCHDOG_SECONDS:g} s"))
 
     def _obey_controller(self, telemetry: Telemetry) -> None:
         """Hold still while the controller's own emergency stop is pressed; afterwards zero is to be commanded first."""
@@ -240,8 +255,19 @@ class Motors(Device):
         self.faults += 1
         self._port.resynchronise()
 
+    def _reset(self, sign: str) -> str:
+        return (
+            f"The motor controller at {self._port.path} was reset: {sign}. Check its power supply; the motors start "
+            f"again from zero."
+        )
+
     def _silence(self) -> str:
         return (
             f"The motor controller at {self._port.path} does not answer. Check its power, its cable, and that it is "
-            f"set to packet serial, address 0x80, at {self._port.baud_rate} baud."
+            f"set to {self._controller_type.link} at {self._port.baud_rate} baud."
         )
+
+
+def _is_set(seconds: float) -> bool:
+    """Tell whether this is the watchdog that was asked for."""
+    return math.isclose(seconds, WATCHDOG_SECONDS, abs_tol=1e-6)

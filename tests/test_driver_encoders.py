@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_driver.encoders import WheelEncoders, Wiring, signed_step
+from robot_driver.encoders import CountersReset, WheelEncoders, Wiring, signed_step
 
 FAST = 1e12  # rad/s
 MS = 1_000_000  # ns
@@ -96,3 +96,29 @@ def test_wiring_drives_and_counts_alike() -> None:
     assert wiring.channels(0.5, 0.25) == (0.25, -0.5)
     assert wiring.forward_counts(25, 2**32 - 50) == (50, 25)
     assert wiring.sides(1.5, 2.5) == (2.5, 1.5)
+
+
+def test_a_reset_of_the_device_is_told_from_a_jump_and_counting_goes_on_from_the_total() -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((500_000, 2**32 - 400_000), 0, 40.0)
+    encoders.update((500_010, 2**32 - 400_010), 10 * MS, 40.0)
+    with pytest.raises(CountersReset):
+        encoders.update((3, 2**32 - 2), 20 * MS, 40.0)
+    motion = encoders.update((8, 2**32 - 7), 30 * MS, 40.0)
+    assert motion is not None
+    assert (motion.ticks, encoders.jumps) == ((15, -15), 0)
+
+
+def test_a_jump_of_one_counter_to_zero_is_no_reset() -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((500_000, 400_000), 0, 40.0)
+    assert encoders.update((0, 400_000), 10 * MS, 40.0) is None
+    assert encoders.jumps == 1
+
+
+def test_wheels_that_pass_zero_are_no_reset() -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((2**32 - 10, 2**32 - 10), 0, 40.0)
+    motion = encoders.update((20, 30), 10 * MS, 40.0)
+    assert motion is not None
+    assert motion.ticks == (30, 40)

@@ -271,6 +271,33 @@ def test_it_never_drives_when_the_watchdog_cannot_be_set(bench: Bench) -> None:
     assert set(bench.device.duties) == {(0, 0)}
 
 
+def test_a_device_that_was_reset_in_mid_run_is_armed_anew_from_zero(bench: Bench) -> None:
+    bench.device.counts, bench.device.step = [2**31, 2**31], [3, 4]
+    with bench.running() as thread:
+        bench.more_feedback(10)
+        bench.command(0.5, 0.5)
+        wait_for(lambda: bench.device.duties[-1][0] > 0)
+        before = bench.feedback[-1].ticks_left
+        assert before > 20
+        bench.device.counts, bench.device._watchdog = [0, 0], 0  # as after a dip of its supply
+        count = len(bench.device.duties)
+        wait_for(lambda: "was reset" in thread.problem)
+        wait_for(lambda: thread.problem == "")
+        assert bench.device._watchdog == 5
+        wait_for(lambda: len(bench.device.duties) > count + 8)
+        assert set(bench.device.duties[-4:]) == {(0, 0)}
+        assert bench.more_feedback(2)[-1].ticks_left >= before
+
+
+def test_a_watchdog_that_is_lost_in_mid_run_is_noticed(bench: Bench) -> None:
+    with bench.running() as thread:
+        bench.more_feedback(10)
+        bench.device._watchdog = 0
+        wait_for(lambda: "watchdog reads 0 s" in thread.problem)
+        wait_for(lambda: thread.problem == "")
+        assert bench.device._watchdog == 5
+
+
 def test_a_reading_that_the_firmware_does_not_know_is_given_up(bench: Bench) -> None:
     bench.device.tamper = lambda command, reply: b"" if command == 82 else reply
     with bench.running():

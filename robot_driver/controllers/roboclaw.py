@@ -55,6 +55,7 @@ class RoboClaw(Controller):
     """One RoboClaw at address 0x80; channel M1 is first, M2 second."""
 
     default_baud_rate = 115200
+    link = "packet serial, address 0x80,"
 
     def __init__(self) -> None:
         self._status_length = STATUS_LENGTHS[0]
