@@ -5,7 +5,8 @@ A new controller is one module with a subclass of `Controller` and one entry in 
 
 from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
 from robot_driver.controllers.roboclaw import RoboClaw
+from robot_driver.controllers.roboteq import Roboteq
 
-CONTROLLERS: dict[str, type[Controller]] = {"roboclaw": RoboClaw}
+CONTROLLERS: dict[str, type[Controller]] = {"roboclaw": RoboClaw, "roboteq": Roboteq}
 
 __all__ = ["CONTROLLERS", "BadReply", "Controller", "Request", "Telemetry"]

@@ -6,7 +6,11 @@ from robot_driver.emulator.device import Device
 from robot_driver.emulator.dsp3000_device import Dsp3000Device
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
+from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import Settings
 
-CONTROLLER_DEVICES: dict[str, Callable[[Settings, Plant], Device]] = {"roboclaw": RoboclawDevice}
+CONTROLLER_DEVICES: dict[str, Callable[[Settings, Plant], Device]] = {
+    "roboclaw": RoboclawDevice,
+    "roboteq": RoboteqDevice,
+}
 GYRO_DEVICES: dict[str, Callable[[Settings, Plant], Device]] = {"dsp3000": Dsp3000Device}

@@ -64,6 +64,20 @@ class Roboclaw:
 
 
 @dataclass(frozen=True)
+class Roboteq:
+    """The other motor controller: its serial line, and what is in its flash: watchdog in ms, echo."""
+
+    baud: int
+    watchdog: int
+    echo: bool
+    ignores_watchdog: bool
+
+    def __post_init__(self) -> None:
+        _require(self.baud >= 0, self, "baud", "0 or more")
+        _require(0 <= self.watchdog <= 65000, self, "watchdog", "0 to 65000")
+
+
+@dataclass(frozen=True)
 class Dsp3000:
     """The gyro on its serial line: rate in Hz, start-up in s."""
 
@@ -165,6 +179,7 @@ class Settings:
     robot: Robot
     electrics: Electrics
     roboclaw: Roboclaw
+    roboteq: Roboteq
     dsp3000: Dsp3000
     imperfections: Imperfections
 

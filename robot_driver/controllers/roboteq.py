@@ -1,0 +1,265 @@
+"""Roboteq controllers with two channels (SDC, HDC, MDC, FBL and their kin): lines of text.
+
+A line is a command and a carriage return. Actions (!) and settings (^) are answered with `+` or, refused, with `-`;
+queries of readings (?) and settings (~) with `NAME=value:value`. By default the device repeats whatever it receives
+before it answers. There is no checksum: an answer counts only if it is, to the last character, one that the device
+can give to this very question. Source: Roboteq "Advanced Digital Motor Controller User Manual", serial commands.
+
+The watchdog is fed by actions alone. After it has stopped the motors, the next action has them go on as before; but
+`!M`, the only action here, sets both channels anew. Nothing here is kept when the device is switched off (% commands).
+"""
+
+import re
+from collections.abc import Callable
+from functools import reduce
+from itertools import chain
+from operator import or_
+from typing import TypeVar
+
+from cmr.msg import motor_feedback_t
+from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
+
+T = TypeVar("T")
+
+END = b"\r"
+DONE, REFUSED = b"+\r", b"-\r"
+FULL_DUTY = 1000
+LONGEST_IDENTITY = 80  # bytes; real ones have some 40
+LONGEST_VALUE = 11  # characters: -2147483648
+LONGEST_WATCHDOG = 65000  # ms
+COUNTS = range(-(2**31), 2**31)
+TENTHS_OF_VOLT = range(1501)  # no device takes more than 150 V
+TENTHS_OF_AMPERE = range(-10000, 10001)
+DEGREES = range(-60, 201)
+
+_ESTOP = motor_feedback_t.STATUS_ESTOP
+_TEMPERATURE = motor_feedback_t.STATUS_TEMPERATURE
+_BATTERY = motor_feedback_t.STATUS_BATTERY
+_MOTOR_FAULT = motor_feedback_t.STATUS_MOTOR_FAULT
+
+Flags = tuple[tuple[int, int, str], ...]  # bits, the STATUS constant they stand for, words for a person
+Found = list[tuple[int, str]]  # of these the last two, where a bit is set
+
+FAULT_FLAGS: Flags = (
+    (0x01, _TEMPERATURE, "the controller is overheated"),
+    (0x02, _BATTERY, "the battery voltage is too high"),
+    (0x04, _BATTERY, "the battery voltage is too low"),
+    (0x08, _MOTOR_FAULT, "a motor output is short-circuited"),
+    (0x10, _ESTOP, "the emergency stop of the controller is engaged"),
+    (0x20, _MOTOR_FAULT, "a sensor of a motor has failed"),
+    (0x40, _MOTOR_FAULT, "a power transistor has failed"),
+    (0x80, _MOTOR_FAULT, "the controller has lost its configuration and runs on default values"),
+    (0xFF00, _MOTOR_FAULT, "the controller reports a fault that its display or its manual names"),
+)
+# Limit switches (0x10, 0x20) are no conditions.
+MOTOR_FLAGS: Flags = (
+    (0x01, _MOTOR_FAULT, "takes as much current as it may"),
+    (0x02, _MOTOR_FAULT, "is stalled"),
+    (0x04, _MOTOR_FAULT, "does not follow its speed"),
+    (0x08, _ESTOP, "is held by the safety stop"),
+    (0x40, _MOTOR_FAULT, "has taken too much current"),
+)
+# Settings that must be 0, or `!M` would not be the duty of each channel; and what 0 means. A device that has no such
+# setting refuses the query.
+MODES = {"MMOD 1": "open loop", "MMOD 2": "open loop", "MXMD": "separate channels"}
+LONGEST_MODE = 12  # bytes of an answer
+
+
+class Roboteq(Controller):
+    """One Roboteq with two channels in open loop; it trusts a device no more that has been restarted meanwhile.
+
+    A restart brings back the settings that the device was delivered with, perhaps without a watchdog. It shows in
+    the echo that we had switched off, or in the watchdog's time. From then on this object sends zeros and takes no
+    answer, so that the driver connects, and arms, anew.
+    """
+
+    default_baud_rate = 115200
+    link = "take commands from its serial port (text)"
+
+    def __init__(self) -> None:
+        self._echo_is_off = False
+        self._restarted = False
+        self._watchdog: int | None = None  # ms, as read back
+        self._found: dict[str, Found] = {}  # by query
+
+    def identify(self) -> Request[str]:
+        """Ask for the firmware's name, for example "Roboteq v1.6 RCB500 05/01/2016"."""
+
+        def parse(answer: bytes) -> str:
+            match = re.fullmatch(rb"FID=([ -~]+)\r", answer)
+            if not match:
+                raise BadReply(f"{answer!r} is no identity.")
+            return match[1].decode("ascii").strip()
+
+        return self._request("?FID", LONGEST_IDENTITY, parse)
+
+    def learn(self) -> list[Request[None]]:
+        """Switch the echo off, which is not kept over power-off; see that a duty will be taken as a duty."""
+
+        def echo_is_off(answer: bytes) -> None:
+            _acknowledged(answer)
+            self._echo_is_off = True
+
+        return [
+            self._request("^ECHOF 1", len(DONE), echo_is_off),
+            *(self._request(f"~{mode}", LONGEST_MODE, _mode_parser(mode)) for mode in MODES),
+        ]
+
+    def set_watchdog(self, seconds: float) -> Request[None]:
+        """Stop the motors when no action has come for 0.001 to 65 s. Not kept over power-off.
+
+        Raises ValueError for another time.
+        """
+        milliseconds = round(1000 * seconds)
+        if not 1 <= milliseconds <= LONGEST_WATCHDOG:
+            raise ValueError(f"A watchdog of {seconds:g} s cannot be set; 0.001 to 65 s can.")
+        return self._request(f"^RWD {milliseconds}", len(DONE), _acknowledged)
+
+    def read_watchdog(self) -> Request[float]:
+        """Ask for the time after which the motors stop (s)."""
+
+        def seconds(milliseconds: int) -> float:
+            self._watchdog = milliseconds
+            return milliseconds / 1000
+
+        return self._query("~RWD", 1, range(LONGEST_WATCHDOG + 1), seconds)
+
+    def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
+        """Set the duty of channels 1 and 2, in steps of 0.001.
+
+        Raises ValueError for a duty outside [-1, 1].
+        """
+        steps = [round(duty * FULL_DUTY) for duty in (first, second)]
+        if max(map(abs, steps)) > FULL_DUTY:
+            raise ValueError(f"A duty must be between -1 and 1, not {first}, {second}.")
+        if self._restarted:
+            steps = [0, 0]
+
+        def parse(answer: bytes) -> tuple[float, float]:
+            _acknowledged(answer)
+            return steps[0] / FULL_DUTY, steps[1] / FULL_DUTY
+
+        return self._request(f"!M {steps[0]} {steps[1]}", len(DONE), parse)
+
+    def read_encoders(self) -> Request[tuple[int, int]]:
+        """Ask for both encoder counts, which the device sends as signed numbers."""
+        return self._query("?C", 2, COUNTS, lambda first, second: (first % 2**32, second % 2**32))
+
+    def read_telemetry(self) -> list[Request[Telemetry]]:
+        """Ask for voltages, motor currents, temperatures, faults, flags of the motors; and for the watchdog again."""
+        return [
+            self._query("?V", 3, range(65536), _battery),
+            self._query("?A", 2, TENTHS_OF_AMPERE, _currents),
+            # The controller's own, then that of each power stage: the hottest matters.
+            self._query("?T", (1, 5), DEGREES, lambda *degrees: Telemetry(temperature=float(max(degrees)))),
+            self._query("?FF", 1, range(65536), lambda word: self._health("?FF", _read(FAULT_FLAGS, "", word))),
+            self._query("?FM", (1, 2), range(65536), self._health_of_motors),
+            self._query("~RWD", 1, range(LONGEST_WATCHDOG + 1), self._check_watchdog),
+        ]
+
+    def _health_of_motors(self, *words: int) -> Telemetry:
+        found = [_read(MOTOR_FLAGS, f"motor {number} ", word) for number, word in enumerate(words, start=1)]
+        return self._health("?FM", list(chain.from_iterable(found)))
+
+    def _health(self, query: str, found: Found) -> Telemetry:
+        """Return what this query and the latest others say together."""
+        self._found[query] = found
+        everything = list(chain.from_iterable(self._found.values()))
+        return Telemetry(
+            status=reduce(or_, (status for status, _ in everything), 0),
+            conditions=tuple(words for _, words in everything),
+        )
+
+    def _check_watchdog(self, milliseconds: int) -> Telemetry:
+        if self._watchdog is not None and milliseconds != self._watchdog:
+            raise self._restart(f"its watchdog was at {self._watchdog} ms and is now at {milliseconds} ms")
+        return Telemetry()
+
+    def _restart(self, evidence: str) -> BadReply:
+        self._restarted = True
+        return BadReply(f"The controller seems to have been restarted: {evidence}.")
+
+    def _query(
+        self, command: str, count: int | tuple[int, int], allowed: range, convert: Callable[..., T]
+    ) -> Request[T]:
+        """Return a request whose answer is `convert` of `count` (or from, to) values, each in the `allowed` range."""
+        least, most = (count, count) if isinstance(count, int) else count
+
+        def parse(answer: bytes) -> T:
+            return convert(*_values(command[1:], answer, range(least, most + 1), allowed))
+
+        return self._request(command, len(command) + most * (LONGEST_VALUE + 1), parse)
+
+    def _request(self, command: str, longest_answer: int, parse: Callable[[bytes], T]) -> Request[T]:
+        """Return a request for one line, with or without echo before its answer."""
+        line = command.encode("ascii")
+
+        def missing(reply: bytes) -> int:
+            answer = _without_echo(line, reply)
+            if answer.endswith(END) or len(reply) >= len(line) + len(END) + longest_answer:
+                return 0
+            return max(1, len(DONE) - len(answer))
+
+        def checked(reply: bytes) -> T:
+            answer = _without_echo(line, reply)
+            if self._echo_is_off and answer != reply:
+                raise self._restart("it repeats what it receives, which had been switched off")
+            if self._restarted:
+                raise BadReply("The controller seems to have been restarted.")
+            return parse(answer)
+
+        return Request(command, line + END, len(line) + len(END) + longest_answer, missing, checked)
+
+
+def _without_echo(line: bytes, reply: bytes) -> bytes:
+    """Return a reply without the request in front of it; no answer begins like a request."""
+    return reply[len(line) :].removeprefix(END) if reply.startswith(line) else reply
+
+
+def _acknowledged(answer: bytes) -> None:
+    if answer != DONE:
+        raise BadReply("It was refused." if answer == REFUSED else f"{answer!r} is no acknowledgement.")
+
+
+def _values(name: str, answer: bytes, count: range, allowed: range) -> list[int]:
+    """Return the values of an answer to the query `name`.
+
+    Raises BadReply unless it is exactly as the device writes it: no other name, no leading zeros, no blanks.
+    """
+    prefix, end = name.encode("ascii") + b"=", answer[-len(END) :]
+    texts = answer[len(prefix) : -len(END)].split(b":")
+    if not answer.startswith(prefix) or end != END or len(texts) not in count:
+        raise BadReply(f"{answer!r} is no answer to the query {name}.")
+    if not all(re.fullmatch(rb"0|-?[1-9][0-9]{0,9}", text) for text in texts):
+        raise BadReply(f"{answer!r} does not consist of whole numbers.")
+    values = [int(text) for text in texts]
+    if not all(value in allowed for value in values):
+        raise BadReply(f"{answer!r} is out of range.")
+    return values
+
+
+def _mode_parser(mode: str) -> Callable[[bytes], None]:
+    """Return what refuses a device in a wrong mode."""
+
+    def parse(answer: bytes) -> None:
+        if answer != REFUSED and any(_values(mode.split()[0], answer, range(1, 3), range(100))):
+            raise BadReply(f"Set the controller to {MODES[mode]} ({mode} 0) with the maker's program.")
+
+    return parse
+
+
+def _battery(_driver_stage: int, main: int, _logic: int) -> Telemetry:
+    """Take the second of three voltages (0.1 V, 0.1 V, mV)."""
+    if main not in TENTHS_OF_VOLT:
+        raise BadReply(f"A battery of {main / 10} V is out of range.")
+    return Telemetry(battery_voltage=main / 10)
+
+
+def _currents(first: int, second: int) -> Telemetry:
+    """Convert currents from steps of 0.1 A."""
+    return Telemetry(currents=(first / 10, second / 10))
+
+
+def _read(flags: Flags, subject: str, word: int) -> Found:
+    """Return what the bits of `word` stand for."""
+    return [(status, subject + words) for bits, status, words in flags if word & bits]

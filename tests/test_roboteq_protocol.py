@@ -1,0 +1,284 @@
+"""Roboteq's text protocol: the lines are those of the manual, and only a whole answer to the question is believed."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmr.msg import motor_feedback_t
+from robot_driver.controllers import BadReply, Request
+from robot_driver.controllers.roboteq import FAULT_FLAGS, MOTOR_FLAGS, Roboteq
+
+ESTOP, TEMPERATURE = motor_feedback_t.STATUS_ESTOP, motor_feedback_t.STATUS_TEMPERATURE
+BATTERY, MOTOR_FAULT = motor_feedback_t.STATUS_BATTERY, motor_feedback_t.STATUS_MOTOR_FAULT
+DONE, REFUSED = b"+\r", b"-\r"
+# A right answer to each request.
+ANSWERS = {
+    b"?FID\r": b"FID=Roboteq v1.6 RCB500 05/01/2016\r",
+    b"^ECHOF 1\r": DONE,
+    b"~MMOD 1\r": b"MMOD=0\r",
+    b"~MMOD 2\r": b"MMOD=0\r",
+    b"~MXMD\r": b"MXMD=0\r",
+    b"^RWD 500\r": DONE,
+    b"~RWD\r": b"RWD=500\r",
+    b"!M 500 -250\r": DONE,
+    b"?C\r": b"C=-2147483648:2147483647\r",
+    b"?V\r": b"V=135:246:4730\r",
+    b"?A\r": b"A=15:-3\r",
+    b"?T\r": b"T=30:31:29\r",
+    b"?FF\r": b"FF=0\r",
+    b"?FM\r": b"FM=0:0\r",
+}
+ORDER = list(ANSWERS)
+COUNTS = st.integers(-(2**31), 2**31 - 1)
+
+
+def every_request(roboteq: Roboteq) -> dict[bytes, Request[Any]]:
+    requests: list[Request[Any]] = [
+        roboteq.identify(),
+        *roboteq.learn(),
+        roboteq.set_watchdog(0.5),
+        roboteq.read_watchdog(),
+        roboteq.drive(0.5, -0.25),
+        roboteq.read_encoders(),
+        *roboteq.read_telemetry(),
+    ]
+    return {request.data: request for request in requests}
+
+
+def arrived(request: Request[Any], stream: bytes, sizes: Callable[[], int]) -> bytes:
+    """Return what is taken for the reply from a stream that comes in pieces, as the port reads it."""
+    reply = b""
+    while (missing := request.missing(reply)) > 0 and stream:
+        size = min(missing, sizes(), len(stream))
+        reply, stream = reply + stream[:size], stream[size:]
+    return reply
+
+
+def telemetry(roboteq: Roboteq, query: bytes, answer: bytes) -> Any:
+    return every_request(roboteq)[query].parse(answer)
+
+
+def test_requests_are_the_lines_of_the_manual() -> None:
+    assert set(every_request(Roboteq())) == set(ANSWERS)
+
+
+def test_nothing_is_ever_written_to_the_flash() -> None:
+    for line in every_request(Roboteq()):
+        assert not line.startswith(b"%")
+        assert line[:1] in b"?~" or line.split()[0] in (b"!M", b"^ECHOF", b"^RWD")
+
+
+def test_golden_answers_are_understood() -> None:
+    requests = every_request(Roboteq())
+    said = {line: requests[line].parse(answer) for line, answer in ANSWERS.items()}
+    assert said[b"?FID\r"] == "Roboteq v1.6 RCB500 05/01/2016"
+    assert said[b"~RWD\r"] == {}  # the one among the telemetry
+    assert said[b"!M 500 -250\r"] == (0.5, -0.25)
+    assert said[b"?C\r"] == (2**31, 2**31 - 1)
+    assert said[b"?V\r"] == {"battery_voltage": 24.6}
+    assert said[b"?A\r"] == {"currents": (1.5, -0.3)}
+    assert said[b"?T\r"] == {"temperature": 31.0}
+    assert said[b"?FM\r"] == {"status": 0, "conditions": ()}
+    assert Roboteq().read_watchdog().parse(b"RWD=500\r") == 0.5
+
+
+@pytest.mark.parametrize("duty", [1.001, -1.001])
+def test_more_than_full_duty_is_never_sent(duty: float) -> None:
+    with pytest.raises(ValueError, match="between -1 and 1"):
+        Roboteq().drive(duty, 0.0)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 66.0])
+def test_a_watchdog_that_would_be_off_is_never_set(seconds: float) -> None:
+    with pytest.raises(ValueError, match="watchdog"):
+        Roboteq().set_watchdog(seconds)
+
+
+def test_the_answer_to_a_duty_is_the_duty_that_was_really_sent() -> None:
+    request = Roboteq().drive(0.12345, -0.98765)
+    assert request.data == b"!M 123 -988\r"
+    assert request.parse(DONE) == (0.123, -0.988)
+
+
+@given(st.sampled_from(ORDER), st.booleans(), st.booleans(), st.data())
+def test_an_answer_is_found_in_pieces_of_any_size_with_and_without_echo(
+    line: bytes, echo: bool, echo_of_the_end: bool, data: st.DataObject
+) -> None:
+    request = every_request(Roboteq())[line]
+    expected = every_request(Roboteq())[line].parse(ANSWERS[line])
+    before = (line if echo_of_the_end else line[:-1]) if echo else b""
+    stream = before + ANSWERS[line]
+    reply = arrived(request, stream, lambda: data.draw(st.integers(1, 9)))
+    assert reply == stream
+    assert len(reply) <= request.longest_reply
+    assert request.parse(reply) == expected
+
+
+@given(st.sampled_from(ORDER), st.binary(max_size=120))
+def test_garbage_is_refused_and_never_waited_for_without_end(line: bytes, garbage: bytes) -> None:
+    request = every_request(Roboteq())[line]
+    reply = arrived(request, garbage + b"x" * 200, lambda: 1)
+    assert len(reply) <= request.longest_reply
+    if reply.removeprefix(line) == ANSWERS[line] or (reply == REFUSED and line[:2] == b"~M"):
+        return
+    with pytest.raises(BadReply):
+        request.parse(reply)
+
+
+@given(st.sampled_from(ORDER), st.sampled_from(ORDER), st.booleans())
+def test_the_answer_to_another_question_is_refused(asked: bytes, answered: bytes, echo: bool) -> None:
+    request, answer = every_request(Roboteq())[asked], ANSWERS[answered]
+    if answer.split(b"=")[0] == ANSWERS[asked].split(b"=")[0]:
+        return  # two actions are answered alike, and so are a mode's two channels
+    with pytest.raises(BadReply):
+        request.parse((asked if echo else b"") + answer)
+
+
+@given(st.permutations(ORDER[-6:]))
+def test_answers_in_another_order_are_each_refused_where_they_do_not_belong(order: list[bytes]) -> None:
+    requests = every_request(Roboteq())
+    for asked, answered in zip(ORDER[-6:], order, strict=True):
+        if asked == answered:
+            requests[asked].parse(ANSWERS[answered])
+        else:
+            with pytest.raises(BadReply):
+                requests[asked].parse(ANSWERS[answered])
+
+
+@given(st.sampled_from(ORDER), st.sampled_from(ORDER), st.integers(0, 40))
+def test_an_answer_interleaved_with_another_is_refused(asked: bytes, other: bytes, position: int) -> None:
+    answer = ANSWERS[asked]
+    position = min(position, len(answer) - 1)
+    mixed = answer[:position] + ANSWERS[other] + answer[position:]
+    request = every_request(Roboteq())[asked]
+    reply = arrived(request, mixed, lambda: 1)
+    if reply == answer or asked == b"?FID\r":
+        return  # the other came after it, for the port to discard; an identity may be any text
+    with pytest.raises(BadReply):
+        request.parse(reply)
+
+
+@given(COUNTS, COUNTS)
+def test_counts_are_taken_modulo_two_to_the_32(first: int, second: int) -> None:
+    answer = Roboteq().read_encoders().parse(b"C=%d:%d\r" % (first, second))
+    assert answer == (first % 2**32, second % 2**32)
+
+
+@given(st.sampled_from(ORDER), st.data())
+def test_a_flipped_bit_outside_the_digits_is_never_believed(line: bytes, data: st.DataObject) -> None:
+    """There is no checksum, so one digit turned into another cannot be seen."""
+    answer = bytearray(ANSWERS[line])
+    position = data.draw(st.integers(0, len(answer) - 1))
+    before = answer[position]
+    answer[position] ^= 1 << data.draw(st.integers(0, 7))
+    if line == b"?FID\r" or chr(before).isdigit():
+        return
+    if before == ord("-") or bytes(answer) == REFUSED:
+        return
+    with pytest.raises(BadReply):
+        every_request(Roboteq())[line].parse(bytes(answer))
+
+
+@pytest.mark.parametrize(
+    "answer",
+    b"C=1\r|C=1:2:3\r|C=01:2\r|C=+1:2\r|C= 1:2\r|C=1:2|C=1:2\n|C=-0:2\r|C=1:\r|C=2147483648:0\r"
+    b"|C=0:-2147483649\r|CR=1:2\r|c=1:2\r||-\r|+\r|C=1:2\r\r".split(b"|"),
+)
+def test_what_a_device_does_not_write_is_no_count(answer: bytes) -> None:
+    with pytest.raises(BadReply):
+        Roboteq().read_encoders().parse(answer)
+
+
+@pytest.mark.parametrize(
+    ("query", "answer"),
+    [(b"?V\r", b"V=135:1501:4730\r"), (b"?A\r", b"A=10001:0\r"), (b"?T\r", b"T=30:201\r"), (b"?FF\r", b"FF=-1\r")],
+)
+def test_what_no_device_can_measure_is_refused(query: bytes, answer: bytes) -> None:
+    with pytest.raises(BadReply):
+        telemetry(Roboteq(), query, answer)
+
+
+@pytest.mark.parametrize(
+    ("word", "meaning", "words"),
+    [
+        (0x01, TEMPERATURE, "overheated"),
+        (0x02, BATTERY, "too high"),
+        (0x04, BATTERY, "too low"),
+        (0x08, MOTOR_FAULT, "short-circuited"),
+        (0x10, ESTOP, "emergency stop"),
+        (0x20, MOTOR_FAULT, "sensor"),
+        (0x40, MOTOR_FAULT, "power transistor"),
+        (0x80, MOTOR_FAULT, "default values"),
+        (0x200, MOTOR_FAULT, "manual"),
+    ],
+)
+def test_fault_flags_mean_what_the_manual_says_in_words(word: int, meaning: int, words: str) -> None:
+    said = telemetry(Roboteq(), b"?FF\r", b"FF=%d\r" % word)
+    assert said["status"] == meaning
+    assert len(said["conditions"]) == 1
+    assert words in said["conditions"][0]
+
+
+def test_flags_of_a_motor_name_the_motor_and_limit_switches_are_no_condition() -> None:
+    said = telemetry(Roboteq(), b"?FM\r", b"FM=%d:%d\r" % (0x30, 0x0A))
+    assert said["status"] == MOTOR_FAULT | ESTOP
+    assert said["conditions"] == ("motor 2 is stalled", "motor 2 is held by the safety stop")
+
+
+def test_no_bit_is_told_twice() -> None:
+    for flags in (FAULT_FLAGS, MOTOR_FLAGS):
+        assert sum(bits for bits, _, _ in flags) == sum({bits for bits, _, _ in flags})
+
+
+def test_faults_and_motor_flags_do_not_hide_each_other_and_go_when_they_are_over() -> None:
+    roboteq = Roboteq()
+    requests = every_request(roboteq)
+    requests[b"?FF\r"].parse(b"FF=4\r")
+    both = requests[b"?FM\r"].parse(b"FM=1:0\r")
+    assert both["status"] == BATTERY | MOTOR_FAULT
+    assert len(both["conditions"]) == 2
+    assert requests[b"?FF\r"].parse(b"FF=0\r")["conditions"] == ("motor 1 takes as much current as it may",)
+
+
+@pytest.mark.parametrize(("mode", "words"), [("MMOD 1", "open loop"), ("MMOD 2", "open loop"), ("MXMD", "separate")])
+def test_a_controller_that_would_not_take_a_duty_as_a_duty_is_refused(mode: str, words: str) -> None:
+    request = every_request(Roboteq())[f"~{mode}\r".encode()]
+    with pytest.raises(BadReply, match=words):
+        request.parse(f"{mode.split()[0]}=1\r".encode())
+    request.parse(REFUSED)  # an old firmware without this setting
+
+
+def restarted_by_echo(roboteq: Roboteq) -> None:
+    request = roboteq.read_encoders()
+    with pytest.raises(BadReply, match="restarted"):
+        request.parse(request.data + b"C=1:2\r")
+
+
+def restarted_by_watchdog(roboteq: Roboteq) -> None:
+    with pytest.raises(BadReply, match="restarted"):
+        telemetry(roboteq, b"~RWD\r", b"RWD=1000\r")
+
+
+@pytest.mark.parametrize("restart", [restarted_by_echo, restarted_by_watchdog])
+def test_a_restarted_device_gets_zeros_and_is_not_believed_until_it_is_armed_anew(
+    restart: Callable[[Roboteq], None],
+) -> None:
+    roboteq = Roboteq()
+    roboteq.learn()[0].parse(DONE)
+    assert roboteq.read_watchdog().parse(b"RWD=500\r") == 0.5
+    assert roboteq.drive(0.5, 0.5).parse(DONE) == (0.5, 0.5)
+    restart(roboteq)
+    drive = roboteq.drive(0.5, 0.5)
+    assert drive.data == b"!M 0 0\r"
+    for request, answer in ((drive, DONE), (roboteq.read_encoders(), b"C=1:2\r")):
+        with pytest.raises(BadReply):
+            request.parse(answer)
+
+
+def test_a_watchdog_that_never_could_be_set_is_no_restart() -> None:
+    roboteq = Roboteq()
+    roboteq.read_watchdog().parse(b"RWD=0\r")
+    assert telemetry(roboteq, b"~RWD\r", b"RWD=0\r") == {}
