@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.dsp3000_device import Dsp3000Device
+from robot_driver.emulator.kvh_binary_device import KvhBinaryDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboteq_device import RoboteqDevice
@@ -13,4 +14,7 @@ CONTROLLER_DEVICES: dict[str, Callable[[Settings, Plant], Device]] = {
     "roboclaw": RoboclawDevice,
     "roboteq": RoboteqDevice,
 }
-GYRO_DEVICES: dict[str, Callable[[Settings, Plant], Device]] = {"dsp3000": Dsp3000Device}
+GYRO_DEVICES: dict[str, Callable[[Settings, Plant], Device]] = {
+    "dsp3000": Dsp3000Device,
+    "kvh-binary": KvhBinaryDevice,
+}

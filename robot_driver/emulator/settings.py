@@ -92,6 +92,23 @@ class Dsp3000:
 
 
 @dataclass(frozen=True)
+class KvhBinary:
+    """The other gyro on its serial line: rate in Hz, start-up in s; angles in rad unless said otherwise."""
+
+    rate: int
+    baud: int
+    start_up: float
+    sends_rate: bool
+    degrees: bool
+
+    def __post_init__(self) -> None:
+        allowed = (1, 5, 10, 25, 50, 100, 250, 500, 750, 1000, 3600, 5000)
+        _require(self.rate in allowed, self, "rate", f"one of {', '.join(map(str, allowed))}")
+        _require(self.baud >= 0, self, "baud", "0 or more")
+        _require(self.start_up >= 0, self, "start_up", "0 or more")
+
+
+@dataclass(frozen=True)
 class Imperfection:
     """One departure from the ideal robot; its unit stands in default.yaml."""
 
@@ -181,6 +198,7 @@ class Settings:
     roboclaw: Roboclaw
     roboteq: Roboteq
     dsp3000: Dsp3000
+    kvh_binary: KvhBinary
     imperfections: Imperfections
 
     @property

@@ -1,0 +1,199 @@
+"""KVH 1725, 1750 and 1775 IMUs and DSP-1760 gyros, of whose three axes one is the yaw axis of the robot.
+
+What a device is set to (rate or angle, unit, messages a second) is not visible in its messages, and every change of it
+is kept in the device's non-volatile memory, which a driver must not wear out or surprise other users with. So the
+driver changes nothing: it asks, and reads what comes accordingly. It asks anew after every silence, and when a
+self-test tells that the device was switched on.
+Sources: KVH 1775 IMU technical manual 56-0298 Rev. B, sections 5, 7 and 8; queries as in ros_kvh1750, src/imu.cpp.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from robot_driver.gyros.gyro import Gyro, GyroReading
+from robot_driver.gyros.kvh_messages import Answer, Sample, SelfTest, Stream
+
+LARGEST_RATE = math.radians(1000.0)  # rad/s; no device of the family measures more
+LEAST_RATE = 5  # messages a second; with fewer, a device that works looks like a silent one
+SEQUENCE = 128  # messages after which the sequence numbers begin again
+# A line end first: it finishes what noise may have left in the device. In configuration mode a device sends no data.
+ENTER_CONFIGURATION, LEAVE_CONFIGURATION = b"\r\n=CONFIG,1\r\n", b"=CONFIG,0\r\n"
+QUERIES = ("ROTFMT", "ROTUNITS", "DR", "MSYNC", "AXES")
+UNITS = {"RAD": 1.0, "DEG": math.radians(1.0)}
+DATA_RATES = ("1", "5", "10", "25", "50", "100", "250", "500", "750", "1000", "3600", "5000")
+X, Y, Z = range(3)
+
+
+class Unreadable(Exception):  # noqa: N818 - a device may be set to whatever its owner likes
+    """Rates cannot be told from what the device sends as it is set; the text says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How to read the messages: rad/s for one unit in the message, and the status bits that must be set."""
+
+    scale: float
+    vouching: int
+
+
+class Interview:
+    """Asks a device in configuration mode for its settings, twice: answers have no checksum, so two must agree."""
+
+    def __init__(self) -> None:
+        self._answers: list[str] = []
+
+    @property
+    def is_complete(self) -> bool:
+        """Tell whether there is nothing left to ask."""
+        return len(self._answers) == 2 * len(QUERIES)
+
+    @property
+    def agreed(self) -> dict[str, str] | None:
+        """The answers by query, "" where the device does not know the query; None if the two do not agree."""
+        first, second = self._answers[: len(QUERIES)], self._answers[len(QUERIES) :]
+        return dict(zip(QUERIES, first, strict=True)) if first == second else None
+
+    @property
+    def question(self) -> bytes:
+        """What to send next."""
+        return f"?{self._asked}\r\n".encode()
+
+    def hear(self, answer: Answer) -> bool:
+        """Take an answer; tell whether it was one to the question."""
+        unknown = answer == Answer("INVALID", f"?{self._asked}")
+        if answer.name != self._asked and not unknown:
+            return False
+        self._answers.append("" if unknown else answer.value)
+        return True
+
+    @property
+    def _asked(self) -> str:
+        return QUERIES[len(self._answers) % len(QUERIES)]
+
+
+class KvhBinary(Gyro):
+    """A device whose axis `axis` points up."""
+
+    baud_rate = 921600
+    axis = Z
+
+    def __init__(self) -> None:
+        self._stream = Stream()
+        self._interview: Interview | None = None
+        self._reading: Reading | None = None  # None: unknown, so that no message can be read
+        self._sequence: int | None = None
+        self._request = b""
+
+    @property
+    def wake_up(self) -> bytes:
+        """The command to enter configuration mode, whose answer begins the interview."""
+        return ENTER_CONFIGURATION
+
+    def feed(self, data: bytes) -> list[GyroReading]:
+        """Take the next bytes; return the readings completed by them. Damaged messages are skipped."""
+        readings = []
+        for said in self._stream.feed(data):
+            if isinstance(said, Answer):
+                self._hear(said)
+            elif isinstance(said, SelfTest):
+                self._interview, self._reading, self._request = None, None, ENTER_CONFIGURATION
+            elif self._reading is not None:
+                self._count(said.sequence)
+                readings.append(_reading(said, self.axis, self._reading))
+        return readings
+
+    def next_request(self) -> bytes:
+        """Return the next line of the interview, once."""
+        request, self._request = self._request, b""
+        return request
+
+    def _hear(self, answer: Answer) -> None:
+        if answer == Answer("CONFIG", "1"):
+            self._interview, self._reading, self._sequence = Interview(), None, None
+            self._request = self._interview.question
+        elif self._interview is not None and self._interview.hear(answer):
+            if self._interview.is_complete:
+                self._conclude(self._interview.agreed)
+            else:
+                self._request = self._interview.question
+
+    def _conclude(self, settings: Mapping[str, str] | None) -> None:
+        """Let the device send data if its settings are known; else ask again."""
+        if settings is None:
+            self._interview = Interview()
+            self._request = self._interview.question
+            return
+        self._interview, self._request = None, LEAVE_CONFIGURATION
+        try:
+            self._reading = Reading(_scale(settings), _vouching(settings, self.axis))
+        except Unreadable as unreadable:
+            self.problem = str(unreadable)
+
+    def _count(self, sequence: int) -> None:
+        """Count the messages missing before this one."""
+        if self._sequence is not None:
+            self.lost += (sequence - self._sequence - 1) % SEQUENCE
+        self._sequence = sequence
+
+
+class KvhBinaryX(KvhBinary):
+    """A device whose x axis points up."""
+
+    axis = X
+
+
+class KvhBinaryY(KvhBinary):
+    """A device whose y axis points up."""
+
+    axis = Y
+
+
+def _reading(sample: Sample, axis: int, how: Reading) -> GyroReading:
+    rate = sample.rotation[axis] * how.scale
+    vouched = sample.status & how.vouching == how.vouching
+    if vouched and abs(rate) <= LARGEST_RATE:  # not so for NaN
+        return GyroReading(rate, True, sample.bytes_since)
+    return GyroReading(math.nan, False, sample.bytes_since)
+
+
+def _scale(settings: Mapping[str, str]) -> float:
+    """Return how many rad/s one unit of a message is.
+
+    Raises Unreadable.
+    """
+    unit = UNITS.get(settings["ROTUNITS"])
+    form, rate, clock = settings["ROTFMT"], settings["DR"], settings["MSYNC"]
+    if unit is None or form not in ("RATE", "DELTA") or rate not in DATA_RATES:
+        raise _unknown(settings)
+    if clock != "EXT" and int(rate) < LEAST_RATE:
+        raise Unreadable(f"The gyro sends {rate} message a second. Set its =DR to 100.")
+    if form == "RATE":
+        return unit
+    if clock == "EXT":
+        raise Unreadable(
+            "The gyro sends angles whenever its MSYNC input asks, so there are no rates. Set its =ROTFMT to RATE."
+        )
+    return unit * int(rate)
+
+
+def _vouching(settings: Mapping[str, str], axis: int) -> int:
+    """Return the status bits of the sensors that make up an axis, which the matrix of =AXES may turn.
+
+    Raises Unreadable.
+    """
+    if not settings["AXES"]:
+        return 1 << axis
+    try:
+        matrix = [float(text) for text in settings["AXES"].split(",")]
+    except ValueError:
+        raise _unknown(settings) from None
+    sensors = [sensor for sensor, share in enumerate(matrix[3 * axis : 3 * axis + 3]) if share != 0.0]
+    if len(matrix) != 9 or not sensors:
+        raise _unknown(settings)
+    return sum(1 << sensor for sensor in sensors)
+
+
+def _unknown(settings: Mapping[str, str]) -> Unreadable:
+    answers = ", ".join(f"{name} {value or 'not known'}" for name, value in settings.items())
+    return Unreadable(f"The gyro's settings make no sense ({answers}). Is it a KVH 1725, 1750, 1775 or DSP-1760?")

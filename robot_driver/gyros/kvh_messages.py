@@ -1,0 +1,118 @@
+"""What KVH 1725, 1750 and 1775 IMUs and DSP-1760 gyros send: binary messages in normal mode, lines of text otherwise.
+
+All numbers are big-endian. Data messages end with CRC-32/MPEG-2 over all their bytes, answers to commands have no
+checksum. Source: KVH 1775 IMU technical manual 56-0298 Rev. B, tables 5-1 to 5-12 and section 7.
+"""
+
+import re
+import struct
+import zlib
+from dataclasses import dataclass
+
+LONGEST_LINE = 256  # bytes; the longest answer, that to ?AXES, has 132
+
+_FIRST_BYTE = b"\xfe"  # of all binary messages; no text has it
+_REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+_ANSWER = re.compile(rb"([A-Z]+),([ -~]*)\Z")  # a prompt like "CFG>" may stand before it
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Length of a data message and place of its status byte, in bytes; the sequence number is the next byte."""
+
+    length: int
+    status: int
+
+
+LAYOUTS = {
+    b"\xfe\x81\xff\x55": Layout(36, 28),  # format A
+    b"\xfe\x81\xff\x56": Layout(40, 32),  # format B, with a time
+    b"\xfe\x81\xff\x57": Layout(38, 32),  # format C, with a magnetometer
+}
+SELF_TESTS = {b"\xfe\x81\x00\xaa": 11, b"\xfe\x81\x00\xab": 13}  # header: length in bytes, the last a sum of the others
+_LENGTHS = SELF_TESTS | {header: layout.length for header, layout in LAYOUTS.items()}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One data message.
+
+    `rotation` is about the axes x, y, z in the unit that the device is set to, counter-clockwise positive seen from
+    the end of the axis. Bits 0, 1, 2 of `status` vouch for the sensors of x, y, z. `sequence` counts to 127.
+    `bytes_since` is as in GyroReading.
+    """
+
+    rotation: tuple[float, float, float]
+    status: int
+    sequence: int
+    bytes_since: int
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """The result of a self-test, which a device sends when it has been switched on."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a device says to a command or query: its name, and the value as text."""
+
+    name: str
+    value: str
+
+
+class Stream:
+    """Splits the bytes of a device, in pieces of any size, into messages and answers; damaged ones are skipped."""
+
+    def __init__(self) -> None:
+        self._waiting = b""  # at its front may be the beginning of a message
+        self._line = b""
+
+    def feed(self, data: bytes) -> list[Sample | SelfTest | Answer]:
+        """Take the next bytes; return what is completed by them."""
+        complete: list[Sample | SelfTest | Answer] = []
+        self._waiting += data
+        while True:
+            text, _, _ = self._waiting.partition(_FIRST_BYTE)
+            complete += self._answers(text)
+            self._waiting = self._waiting[len(text) :]
+            length = _length(self._waiting)
+            if length > len(self._waiting) or not self._waiting:
+                return complete
+            message = _message(self._waiting[:length], len(self._waiting))
+            if message is not None:
+                complete.append(message)
+                self._line = b""  # what stood before a message is not the beginning of an answer
+            # Within a damaged message the next whole one may begin.
+            self._waiting = self._waiting[length if message is not None else 1 :]
+
+    def _answers(self, text: bytes) -> list[Answer]:
+        *lines, rest = re.split(rb"[\r\n]", self._line + text)
+        self._line = rest[-LONGEST_LINE:]
+        matches = [_ANSWER.search(line) for line in lines]
+        return [Answer(match[1].decode(), match[2].decode()) for match in matches if match is not None]
+
+
+def checksum(data: bytes) -> int:
+    """Return CRC-32/MPEG-2: polynomial 0x04C11DB7, initial value 0xFFFFFFFF, nothing reflected or inverted.
+
+    It is zlib's CRC-32 with all bits in reverse order and without the final inversion.
+    """
+    mirrored = zlib.crc32(data.translate(_REVERSED_BITS)) ^ 0xFFFFFFFF
+    return int.from_bytes(mirrored.to_bytes(4, "little").translate(_REVERSED_BITS), "big")
+
+
+def _length(data: bytes) -> int:
+    """Return how many bytes the message has that begins with `data`, at least; 0 if none begins so."""
+    return min((length for header, length in _LENGTHS.items() if header.startswith(data[:4])), default=0)
+
+
+def _message(data: bytes, bytes_since: int) -> Sample | SelfTest | None:
+    """Return what a message of the right length says, None if it is damaged."""
+    header = data[:4]
+    if header in SELF_TESTS:
+        return SelfTest() if sum(data[:-1]) & 0xFF == data[-1] else None
+    if header not in LAYOUTS or checksum(data[:-4]) != int.from_bytes(data[-4:], "big"):
+        return None
+    status = LAYOUTS[header].status
+    return Sample(struct.unpack_from(">fff", data, 4), data[status], data[status + 1], bytes_since)
