@@ -19,7 +19,6 @@ from robot_driver.serial_port import Answer, PortLost, SerialPort
 
 T = TypeVar("T")
 
-WATCHDOG_SECONDS = 0.5  # the device stops the motors by itself when this computer falls silent for as long
 SILENCE_LIMIT = 0.4  # s without any answer after which the device counts as gone, perhaps switched off
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 STOP_ATTEMPTS = 10  # of the last zero: 0.4 s at most, so that the process still ends within a second
@@ -124,17 +123,18 @@ class Motors(Device):
     def _arm(self, controller: Controller, stop: threading.Event) -> str:
         """Set the device's own watchdog and read it back; return why the motors must not turn, or ""."""
         try:
-            self._insist(controller.set_watchdog(WATCHDOG_SECONDS), stop)
+            self._insist(controller.set_watchdog(controller.watchdog_seconds), stop)
             seconds = self._insist(controller.read_watchdog(), stop)
         except PortLost as lost:
             if not self._answers(controller):
                 raise
             return f"Not driving: the controller at {self._port.path} does not let its watchdog be set ({lost})."
-        if _is_set(seconds):
+        if _is_set(controller, seconds):
             return ""
         return (
-            f"Not driving: the watchdog of the controller at {self._port.path} was set to {WATCHDOG_SECONDS:g} s but "
-            f"reads {seconds:g} s, so nothing would stop the motors if this computer failed. Check its firmware."
+            f"Not driving: the watchdog of the controller at {self._port.path} was set to "
+            f"{controller.watchdog_seconds:g} s but reads {seconds:g} s, so nothing would stop the motors if this "
+            f"computer failed. Check its firmware."
         )
 
     def _drive(self, connection: _Connection) -> tuple[tuple[float, float], int]:
@@ -214,8 +214,9 @@ class Motors(Device):
         if connection.unarmed:
             return
         seconds = self._ask(connection.controller.read_watchdog()).value
-        if not _is_set(seconds):
-            raise PortLost(self._reset(f"its watchdog reads {seconds:g} s instead of {WATCHDOG_SECONDS:g} s"))
+        if not _is_set(connection.controller, seconds):
+            wanted = connection.controller.watchdog_seconds
+            raise PortLost(self._reset(f"its watchdog reads {seconds:g} s instead of {wanted:g} s"))
 
     def _obey_controller(self, telemetry: Telemetry) -> None:
         """Hold still while the controller's own emergency stop is pressed; afterwards zero is to be commanded first."""
@@ -268,6 +269,6 @@ class Motors(Device):
         )
 
 
-def _is_set(seconds: float) -> bool:
+def _is_set(controller: Controller, seconds: float) -> bool:
     """Tell whether this is the watchdog that was asked for."""
-    return math.isclose(seconds, WATCHDOG_SECONDS, abs_tol=1e-6)
+    return math.isclose(seconds, controller.watchdog_seconds, abs_tol=1e-6)

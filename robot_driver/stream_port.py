@@ -41,12 +41,13 @@ class StreamPort(SerialPort):
         deadline = time.monotonic() + PATIENCE
         reply = b""
         while (missing := request.missing(reply)) > 0:
-            data = self.read(missing, deadline - time.monotonic())
-            if not data and request.ends_in_silence:
+            remaining = deadline - time.monotonic()
+            if remaining <= 0.0 and request.ends_in_silence:
                 break
-            if not data or time.monotonic() > deadline:
+            if remaining <= 0.0:
                 raise BadReply(f"{request.name}: the board did not say it within {PATIENCE:g} s.")
-            if request.ends_in_silence:
+            data = self.read(missing, remaining)
+            if data and request.ends_in_silence:
                 deadline = time.monotonic() + SILENCE
             reply += data
         arrived = time.monotonic_ns()
