@@ -66,20 +66,18 @@ LONGEST_MODE = 12  # bytes of an answer
 
 
 class Roboteq(Controller):
-    """One Roboteq with two channels in open loop; it trusts a device no more that has been restarted meanwhile.
+    """One Roboteq with two channels in open loop; it does not trust a device that has been restarted meanwhile.
 
-    A restart brings back the settings that the device was delivered with, perhaps without a watchdog. It shows in
-    the echo that we had switched off, or in the watchdog's time. From then on this object sends zeros and takes no
-    answer, so that the driver connects, and arms, anew.
+    A restart brings back the settings in the flash, perhaps without a watchdog, and mostly the echo, which we had
+    switched off. From then on this object sends zeros and takes no answer, so that the driver connects and arms anew.
     """
 
     default_baud_rate = 115200
-    link = "take commands from its serial port (text)"
+    link = "text commands on its serial port (RS232 or USB)"
 
     def __init__(self) -> None:
         self._echo_is_off = False
         self._restarted = False
-        self._watchdog: int | None = None  # ms, as read back
         self._found: dict[str, Found] = {}  # by query
 
     def identify(self) -> Request[str]:
@@ -117,12 +115,7 @@ class Roboteq(Controller):
 
     def read_watchdog(self) -> Request[float]:
         """Ask for the time after which the motors stop (s)."""
-
-        def seconds(milliseconds: int) -> float:
-            self._watchdog = milliseconds
-            return milliseconds / 1000
-
-        return self._query("~RWD", 1, range(LONGEST_WATCHDOG + 1), seconds)
+        return self._query("~RWD", 1, range(LONGEST_WATCHDOG + 1), lambda milliseconds: milliseconds / 1000)
 
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
         """Set the duty of channels 1 and 2, in steps of 0.001.
@@ -146,7 +139,7 @@ class Roboteq(Controller):
         return self._query("?C", 2, COUNTS, lambda first, second: (first % 2**32, second % 2**32))
 
     def read_telemetry(self) -> list[Request[Telemetry]]:
-        """Ask for voltages, motor currents, temperatures, faults, flags of the motors; and for the watchdog again."""
+        """Ask for voltages, motor currents, temperatures, faults, and flags of the motors."""
         return [
             self._query("?V", 3, range(65536), _battery),
             self._query("?A", 2, TENTHS_OF_AMPERE, _currents),
@@ -154,7 +147,6 @@ class Roboteq(Controller):
             self._query("?T", (1, 5), DEGREES, lambda *degrees: Telemetry(temperature=float(max(degrees)))),
             self._query("?FF", 1, range(65536), lambda word: self._health("?FF", _read(FAULT_FLAGS, "", word))),
             self._query("?FM", (1, 2), range(65536), self._health_of_motors),
-            self._query("~RWD", 1, range(LONGEST_WATCHDOG + 1), self._check_watchdog),
         ]
 
     def _health_of_motors(self, *words: int) -> Telemetry:
@@ -169,15 +161,6 @@ class Roboteq(Controller):
             status=reduce(or_, (status for status, _ in everything), 0),
             conditions=tuple(words for _, words in everything),
         )
-
-    def _check_watchdog(self, milliseconds: int) -> Telemetry:
-        if self._watchdog is not None and milliseconds != self._watchdog:
-            raise self._restart(f"its watchdog was at {self._watchdog} ms and is now at {milliseconds} ms")
-        return Telemetry()
-
-    def _restart(self, evidence: str) -> BadReply:
-        self._restarted = True
-        return BadReply(f"The controller seems to have been restarted: {evidence}.")
 
     def _query(
         self, command: str, count: int | tuple[int, int], allowed: range, convert: Callable[..., T]
@@ -202,10 +185,9 @@ class Roboteq(Controller):
 
         def checked(reply: bytes) -> T:
             answer = _without_echo(line, reply)
-            if self._echo_is_off and answer != reply:
-                raise self._restart("it repeats what it receives, which had been switched off")
+            self._restarted |= self._echo_is_off and answer != reply
             if self._restarted:
-                raise BadReply("The controller seems to have been restarted.")
+                raise BadReply("The controller was restarted: it repeats what it receives again.")
             return parse(answer)
 
         return Request(command, line + END, len(line) + len(END) + longest_answer, missing, checked)
