@@ -120,7 +120,7 @@ class Driver:
 
     def remarks(self) -> str:
         """Return what else a person might want to know, in sentences."""
-        remarks = [self.follower.message]
+        remarks = [self.follower.message, self._motors.rhythm.sentence()]
         if self._gate.rejected:
             counts = ", ".join(f"{reason} {count}" for reason, count in sorted(self._gate.rejected.items()))
             remarks.append(f"Commands not taken: {counts}.")

@@ -15,6 +15,7 @@ from robot_driver.controllers import BadReply, Controller, Request, Telemetry
 from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, WheelMotion, Wiring
 from robot_driver.port_thread import Device
 from robot_driver.ramp import Limits, Ramp
+from robot_driver.rhythm import Rhythm
 from robot_driver.serial_port import Answer, PortLost, SerialPort
 
 T = TypeVar("T")
@@ -41,7 +42,8 @@ class Motors(Device):
     """Drives two motors through a controller at a steady rate and publishes a motor_feedback_t each time.
 
     The command to drive comes from `gate`, at the very moment it is sent: whatever happens to other threads, an old
-    command does not drive. `fastest_wheel` (rad/s) may be set at any time. `faults` counts replies that failed.
+    command does not drive. `fastest_wheel` (rad/s) may be set at any time. `faults` counts replies that failed;
+    `rhythm` tells how regularly the motors are served and how soon the device answers.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class Motors(Device):
     ) -> None:
         self.fastest_wheel = FASTEST_WHEEL
         self.faults = 0
+        self.rhythm = Rhythm()
         self._port = port
         self._controller_type = controller_type
         self._gate = gate
@@ -96,6 +99,7 @@ class Motors(Device):
     def turn(self, stop: threading.Event) -> None:
         """Send the duty, read the encoders, and one slow reading; then wait for the next turn's time."""
         assert self._connection is not None
+        self.rhythm.note_turn()
         try:
             applied, status = self._drive(self._connection)
             self._read_encoders(self._connection, applied, status)
@@ -113,6 +117,7 @@ class Motors(Device):
         """Stop the motors and have it acknowledged."""
         controller = self._connection.controller if self._connection else self._controller_type()
         self._connection = None
+        self.rhythm.pause()
         for _ in range(STOP_ATTEMPTS):
             try:
                 self._port.exchange(controller.drive(0.0, 0.0))
@@ -213,10 +218,12 @@ class Motors(Device):
         """
         if connection.unarmed:
             return
-        seconds = self._ask(connection.controller.read_watchdog()).value
-        if not _is_set(connection.controller, seconds):
-            wanted = connection.controller.watchdog_seconds
-            raise PortLost(self._reset(f"its watchdog reads {seconds:g} s instead of {wanted:g} s"))
+        controller = connection.controller
+        seconds = self._ask(controller.read_watchdog()).value
+        if not _is_set(controller, seconds):
+            raise PortLost(
+                self._reset(f"its watchdog reads {seconds:g} s instead of {controller.watchdog_seconds:g} s")
+            )
 
     def _obey_controller(self, telemetry: Telemetry) -> None:
         """Hold still while the controller's own emergency stop is pressed; afterwards zero is to be commanded first."""
@@ -226,8 +233,10 @@ class Motors(Device):
             self._gate.release(Stop.CONTROLLER, now=time.monotonic())
 
     def _ask(self, request: Request[T]) -> Answer[T]:
+        asked = time.monotonic()
         answer = self._port.exchange(request)
         self._last_answer = time.monotonic()
+        self.rhythm.round_trips.append(self._last_answer - asked)
         return answer
 
     def _insist(self, request: Request[T], stop: threading.Event) -> T:

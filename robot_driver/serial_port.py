@@ -5,6 +5,7 @@ Every failure of the device, however the libraries report it, becomes `PortLost`
 
 import errno
 import fcntl
+import math
 import os
 import select
 import termios
@@ -51,6 +52,7 @@ class SerialPort:
         self.path = path
         self.baud_rate = baud_rate
         self._serial: serial.Serial | None = None
+        self._last_traffic = -math.inf  # when, on the monotonic clock, the last byte was on the wire (s)
 
     def wire_time(self, byte_count: int) -> float:
         """Return how long so many bytes take on the wire (s)."""
@@ -90,6 +92,7 @@ class SerialPort:
         """
         try:
             self._opened().write(data)
+            self._last_traffic = time.monotonic() + self.wire_time(len(data))
         except PORT_ERRORS as error:
             raise self._lost(error) from error
 
@@ -102,15 +105,18 @@ class SerialPort:
         try:
             if not select.select([port.fileno()], [], [], max(timeout, 0.0))[0]:
                 return b""
-            return port.read(most)
+            data = port.read(most)
+            self._last_traffic = time.monotonic()
+            return data
         except PORT_ERRORS as error:
             raise self._lost(error) from error
 
     def exchange(self, request: Request[T]) -> Answer[T]:
         """Ask a device and return its answer.
 
-        Raises BadReply when no reply, half a reply or a damaged one comes before the deadline; then call
-        `resynchronise` before the next request. Raises PortLost.
+        A reply may come in pieces: each byte that comes moves the deadline. Raises BadReply when no reply, half a
+        reply or a damaged one comes before the deadline; then call `resynchronise` before the next request. Raises
+        PortLost.
         """
         self._discard_strays()
         sent = time.monotonic_ns()
@@ -124,8 +130,8 @@ class SerialPort:
             if not data:
                 raise BadReply(f"{request.name}: {len(reply)} bytes came in time, at least {missing} are missing.")
             reply += data
-            if request.ends_in_silence:
-                deadline = time.monotonic() + REPLY_MARGIN
+            piece_deadline = time.monotonic() + REPLY_MARGIN
+            deadline = piece_deadline if request.ends_in_silence else max(deadline, piece_deadline)
         arrived = time.monotonic_ns()
         # The device looks between the last byte of the request and the first of the reply: midway, as both ends'
         # delays are alike. A reply is longer than its request, so the middle of the whole exchange would be late.
@@ -136,11 +142,12 @@ class SerialPort:
     def resynchronise(self) -> None:
         """Be silent until the line is silent, for long enough that the device drops what it has half received.
 
-        Raises PortLost.
+        A silence that lasts already counts. Raises PortLost.
         """
         give_up = time.monotonic() + RESYNC_LIMIT
-        while self.read(4096, PACKET_GAP) and time.monotonic() < give_up:
-            pass
+        while time.monotonic() < give_up:
+            if not self.read(4096, self._last_traffic + PACKET_GAP - time.monotonic()):
+                return
 
     def _discard_strays(self) -> None:
         """Get back in step if bytes are waiting that no request asked for: a late reply is not the next one's."""

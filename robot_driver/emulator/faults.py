@@ -1,0 +1,82 @@
+"""A line that is worse than it should be: slow adapters, noise, lost packets, and a device that says nothing."""
+
+from collections import Counter
+from dataclasses import dataclass
+from random import Random
+
+from robot_driver.emulator.device import Device, Transmission
+
+
+@dataclass
+class Faults:
+    """What is wrong with a line; may be changed at any time.
+
+    `latency` (s) is added to every answer, `byte_gap` (s) stands between the bytes of an answer. The others are
+    shares of packets, either way: lost whole, with one bit flipped, one byte dropped, one byte inserted.
+    `silent`: nothing comes back at all.
+    """
+
+    latency: float = 0.0
+    byte_gap: float = 0.0
+    lose: float = 0.0
+    flip: float = 0.0
+    drop: float = 0.0
+    insert: float = 0.0
+    silent: bool = False
+
+
+class FaultyLine:
+    """`device` at the end of a line with `faults`.
+
+    `truth` holds what was asked and what the device answered, before any damage; `damaged` counts by kind of fault.
+    """
+
+    def __init__(self, device: Device, faults: Faults, seed: int = 0) -> None:
+        self.device = device
+        self.faults = faults
+        self.truth: list[tuple[bytes, bytes]] = []
+        self.damaged: Counter[str] = Counter()
+        self.byte_time = device.byte_time
+        self._random = Random(seed)
+
+    @property
+    def wake_time(self) -> float:
+        """When the device next acts of its own accord."""
+        return self.device.wake_time
+
+    def receive(self, data: bytes, time: float) -> list[Transmission]:
+        """Take bytes, perhaps damaged on their way."""
+        answers = self.device.receive(self._damage(data), time)
+        self.truth += [(data, answer.data) for answer in answers]
+        return self._back(answers)
+
+    def wake(self, time: float) -> list[Transmission]:
+        """Act; what is sent may be damaged on its way."""
+        return self._back(self.device.wake(time))
+
+    def _back(self, answers: list[Transmission]) -> list[Transmission]:
+        faults, arriving = self.faults, []
+        for answer in answers:
+            data = b"" if faults.silent else self._damage(answer.data)
+            began = answer.time + faults.latency
+            if faults.byte_gap:
+                arriving += [Transmission(began + i * faults.byte_gap, data[i : i + 1]) for i in range(len(data))]
+            elif data:
+                arriving.append(Transmission(began, data))
+        return arriving
+
+    def _damage(self, data: bytes) -> bytes:
+        if not data:
+            return data
+        place, byte = self._random.randrange(len(data)), self._random.randrange(256)
+        damaged = {
+            "lose": b"",
+            "flip": data[:place] + bytes((data[place] ^ 1 << byte % 8,)) + data[place + 1 :],
+            "drop": data[:place] + data[place + 1 :],
+            "insert": data[:place] + bytes((byte,)) + data[place:],
+        }
+        for kind, result in damaged.items():
+            if self._random.random() < getattr(self.faults, kind):
+                self.damaged[kind] += 1
+                return result
+        return data

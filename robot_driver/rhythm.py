@@ -1,0 +1,43 @@
+"""How regularly a loop turns and how soon a device answers: measured all the time, told in one sentence."""
+
+import time
+from collections import deque
+
+REMEMBERED = 1000  # turns and round trips; 10 s at 100 Hz
+
+
+class Rhythm:
+    """Periods between turns and round-trip times of requests (s), the most recent ones; safe between two threads."""
+
+    def __init__(self) -> None:
+        self.periods: deque[float] = deque(maxlen=REMEMBERED)
+        self.round_trips: deque[float] = deque(maxlen=REMEMBERED)
+        self._last_turn: float | None = None
+
+    def note_turn(self) -> None:
+        """Note that a turn begins now."""
+        now = time.monotonic()
+        if self._last_turn is not None:
+            self.periods.append(now - self._last_turn)
+        self._last_turn = now
+
+    def pause(self) -> None:
+        """Note that the loop stands still; the next turn does not end a period."""
+        self._last_turn = None
+
+    def sentence(self) -> str:
+        """Return rate and latency for a person to read; "" as long as nothing was measured."""
+        periods, round_trips = list(self.periods), list(self.round_trips)
+        if not periods or not round_trips:
+            return ""
+        rate, period = len(periods) / sum(periods), 1e3 * quantile(periods, 0.99)
+        median, slow = (1e3 * quantile(round_trips, share) for share in (0.5, 0.99))
+        return (
+            f"Motors served at {rate:.1f} Hz (99 % of periods within {period:.1f} ms); the controller answers in "
+            f"{median:.1f} ms (99 % within {slow:.1f} ms)."
+        )
+
+
+def quantile(values: list[float], share: float) -> float:
+    """Return the smallest of `values` that is not exceeded by this share of them."""
+    return sorted(values)[min(int(share * len(values)), len(values) - 1)]
