@@ -16,12 +16,14 @@ from robot_driver.command_gate import CommandGate
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.encoders import FASTEST_WHEEL, Wiring
 from robot_driver.gyro_device import GyroDevice
-from robot_driver.gyros import GYROS
+from robot_driver.gyros import GYROS, Gyro
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits
 from robot_driver.serial_port import SerialPort
+from robot_driver.stream_port import OverheardPort, StreamPort
 
+BOARD = "board"  # name of the gyro that some controllers have on their board, and say on their port
 HELD_UP = 0.25  # s between two turns of the process, after which waiting commands count as old
 
 
@@ -33,7 +35,7 @@ class Settings:
     gyro_port: str | None = None
     robot: int = 0
     controller: str = "roboclaw"
-    gyro: str = "dsp3000"
+    gyro: str | None = None  # else the one on the controller's board, and on a port of its own a DSP-3000
     baud: int | None = None
     rate: float = 100.0
     ticks_per_turn: int = 2048
@@ -57,7 +59,8 @@ class Driver:
         self._gate = CommandGate()
         self._last_turn: float | None = None
         controller_type = CONTROLLERS[settings.controller]
-        port = SerialPort(settings.port, settings.baud or controller_type.default_baud_rate)
+        port_type = StreamPort if controller_type.streams else SerialPort
+        port = port_type(settings.port, settings.baud or controller_type.default_baud_rate)
         self._motors = Motors(
             port,
             controller_type,
@@ -70,8 +73,9 @@ class Driver:
             publish=lambda message: self._outgoing.put((MOTOR_FEEDBACK, message)),
         )
         self._threads = [PortThread(port, self._motors)]
-        if settings.gyro_port is not None:
-            self._threads.append(self._gyro_thread(settings, settings.gyro_port))
+        gyro = _gyro(settings, port)
+        if gyro is not None:
+            self._threads.append(self._gyro_thread(settings, *gyro))
         self._inside = ExitStack()
         self._use_parameters()
 
@@ -135,9 +139,7 @@ class Driver:
             remarks.append(f"Encoder jumps not counted: {self._motors.jumps}.")
         return " ".join(remark for remark in remarks if remark)
 
-    def _gyro_thread(self, settings: Settings, path: str) -> PortThread:
-        gyro_type = GYROS[settings.gyro]
-        port = SerialPort(path, gyro_type.baud_rate)
+    def _gyro_thread(self, settings: Settings, port: SerialPort, gyro_type: type[Gyro]) -> PortThread:
         device = GyroDevice(
             port,
             gyro_type,
@@ -153,3 +155,14 @@ class Driver:
         # A nominal file may hold the wheel radius alone.
         k1 = parameters.value("k1") if parameters is not None and parameters.has("k1") else 0.0
         self._motors.fastest_wheel = 2.0 / k1 if k1 > 0.0 else FASTEST_WHEEL
+
+
+def _gyro(settings: Settings, port: SerialPort) -> tuple[SerialPort, type[Gyro]] | None:
+    """Return where the gyro is read and what it is: on a port of its own, or overheard on the controller's."""
+    if settings.gyro_port is not None:
+        gyro_type = GYROS[settings.gyro or "dsp3000"]
+        return SerialPort(settings.gyro_port, gyro_type.baud_rate), gyro_type
+    on_board = CONTROLLERS[settings.controller].gyro
+    if on_board is not None and isinstance(port, StreamPort) and settings.gyro in (None, BOARD):
+        return OverheardPort(port), on_board
+    return None

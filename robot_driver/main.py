@@ -8,7 +8,7 @@ from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import process_status_t
 from robot_driver.controllers import CONTROLLERS
-from robot_driver.driver import Driver, Settings
+from robot_driver.driver import BOARD, Driver, Settings
 from robot_driver.encoders import Wiring
 from robot_driver.gyros import GYROS
 from robot_driver.ramp import Limits
@@ -73,10 +73,10 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     result = parser("cmr-driver", DESCRIPTION, EXAMPLE)
     add = result.add_argument
     add("--port", required=True, metavar="DEVICE", help="serial port of the motor controller")
-    add("--gyro-port", metavar="DEVICE", help="serial port of the gyro; without it, no gyro is read")
+    add("--gyro-port", metavar="DEVICE", help="serial port of the gyro, if it has one of its own")
     add("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
     add("--controller", choices=sorted(CONTROLLERS), default="roboclaw", help="kind of motor controller")
-    add("--gyro", choices=sorted(GYROS), default="dsp3000", help="kind of gyro")
+    add("--gyro", choices=[BOARD, *sorted(GYROS)], help=f"kind; else {BOARD}, or dsp3000 if it has a port of its own")
     add("--baud", type=_positive, metavar="RATE", help="of the motor controller, if not what its kind has by default")
     add("--rate", type=_positive_number, default=100.0, metavar="HZ", help="how often the motors are served")
     add("--acceleration", type=_positive_number, default=10.0, metavar="DUTY/S", help="how fast duty may grow")
@@ -88,6 +88,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     add("--invert-gyro", action="store_true", help="the gyro is mounted upside down")
     add("--parameters", type=Path, metavar="FILE", help="parameter file of the robot; followed while it changes")
     options = result.parse_args(arguments)
+    if options.gyro == BOARD and (options.gyro_port or CONTROLLERS[options.controller].gyro is None):
+        result.error(f"--gyro {BOARD} is for a controller with a gyro on its board, on the port of the controller")
     try:
         options.limits = Limits(options.acceleration, options.deceleration or 2.0 * options.acceleration)
     except ValueError as error:

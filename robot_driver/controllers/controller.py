@@ -50,8 +50,8 @@ class Controller(ABC):
     A new object is made for each connection, so it may remember what it learned about the device. The two channels
     are in the controller's own order and sign; which is left is the driver's business. `link` names, for a person, what
     the device must be set to so that it answers. `watchdog_seconds` is after what silence of ours it is to stop the
-    motors by itself. `streams`: the device talks all the time, asked or not. `gyro` is the gyro on the same board, which
-    then overhears all that comes.
+    motors by itself. `streams`: the device talks all the time, asked or not. `gyro` is the gyro on the same board; it
+    overhears all that comes.
     """
 
     default_baud_rate: int

@@ -5,12 +5,14 @@ from collections.abc import Callable
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.dsp3000_device import Dsp3000Device
 from robot_driver.emulator.kvh_binary_device import KvhBinaryDevice
+from robot_driver.emulator.mbot_device import MBotDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import Settings
 
 CONTROLLER_DEVICES: dict[str, Callable[[Settings, Plant], Device]] = {
+    "mbot": MBotDevice,
     "roboclaw": RoboclawDevice,
     "roboteq": RoboteqDevice,
 }

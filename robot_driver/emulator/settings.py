@@ -78,6 +78,18 @@ class Roboteq:
 
 
 @dataclass(frozen=True)
+class Mbot:
+    """The board with wheels and gyro on one port: turns of its loop in Hz, watchdog in s."""
+
+    rate: float
+    watchdog: float
+    ignores_watchdog: bool
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "rate", "watchdog")
+
+
+@dataclass(frozen=True)
 class Dsp3000:
     """The gyro on its serial line: rate in Hz, start-up in s."""
 
@@ -197,6 +209,7 @@ class Settings:
     electrics: Electrics
     roboclaw: Roboclaw
     roboteq: Roboteq
+    mbot: Mbot
     dsp3000: Dsp3000
     kvh_binary: KvhBinary
     imperfections: Imperfections

@@ -1,0 +1,168 @@
+"""The MBot board as a motor controller: it is told duties and the time, and says everything else by itself.
+
+Without the time (TIMESYNC) it stops the motors after 1 s and falls silent; told the time again, it goes on with the
+last duties it was told. So the time is only told together with duties, and after them. It is the time of our monotonic
+clock, in which the board then stamps all it says, late by what the telling took: 1 ms on USB. Each telling sets that
+clock anew, so it is not done more often than needed. Sources: mbot-project/mbot_firmware, src/mbot_classic.c and
+src/mbot_comms.c. Some versions of it take MOTOR_PWM_CMD for velocities: these confirm no duty but zero, and the driver
+gives up at once.
+"""
+
+import math
+import struct
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
+from robot_driver.controllers.mbot.frames import Frame, FrameReader, Topic, packed
+from robot_driver.controllers.mbot.gyro import MBotGyro
+
+T = TypeVar("T")
+
+COUNTER_RANGE = 2**32
+WATCHDOG = 1.0  # s; built in
+TIME_TELLING = 250_000  # us
+WATCHDOG_IGNORED = 1.5  # s of talking after which there is no watchdog
+BATTERY = 7  # index in ANALOG_IN of the battery's voltage, behind four raw values and three other voltages
+EVERYTHING = 4096  # bytes; whatever has come
+DUTIES, MOMENT = struct.Struct("<q3f"), struct.Struct("<q")
+
+
+class MBot(Controller):
+    """An MBot of the classic kind; the left motor is first, the right one second, both positive forward."""
+
+    default_baud_rate = 115200  # has no meaning on USB
+    link = "the LCM serial firmware; it has two ports, and the one to use is the second"
+    watchdog_seconds = WATCHDOG
+    streams = True
+    gyro = MBotGyro
+
+    def __init__(self) -> None:
+        self._reader = FrameReader()
+        self._latest: dict[Topic, Frame] = {}
+        self._watchdog: float | None = None
+        self._told_duties = 0  # us, our monotonic clock
+        self._told_time = -TIME_TELLING  # us
+
+    def identify(self) -> Request[str]:
+        """Wait for anything; the board has no name to tell."""
+        return self._wait("greeting", lambda: "MBot control board" if self._latest else None)
+
+    def learn(self) -> list[Request[None]]:
+        """Return nothing: there are no dialects."""
+        return []
+
+    def set_watchdog(self, seconds: float) -> Request[None]:
+        """Do nothing, as the watchdog is built in. Raises ValueError for any other time than that of the board."""
+        if seconds != WATCHDOG:
+            raise ValueError(f"The watchdog of this board is set to {WATCHDOG:g} s and cannot be set to {seconds:g} s.")
+        return _answered("watchdog", None)
+
+    def read_watchdog(self) -> Request[float]:
+        """See how long the board goes on talking after it was told the time (s), once; a reset does not change that."""
+        if self._watchdog is not None:
+            return _answered("watchdog", self._watchdog)
+        data, _ = self._tell(0.0, 0.0, time_too=True)
+        told = self._told_time
+
+        def talked() -> float:
+            frame = self._latest.get(Topic.MOTOR_PWM)
+            return 0.0 if frame is None else (frame.utime - told) / 1e6
+
+        def parse(_reply: bytes) -> float:
+            seconds = round(talked(), 1)
+            if seconds < WATCHDOG:
+                raise BadReply(f"The board fell silent {seconds:g} s after it was told the time.")
+            self._watchdog = seconds
+            return seconds
+
+        missing = self._missing_until(lambda: talked() > WATCHDOG_IGNORED)
+        return Request("watchdog", data, 0, missing, parse, ends_in_silence=True)
+
+    def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
+        """Tell the duties and the time; the board confirms with the duties in force since then.
+
+        Raises ValueError for a duty outside [-1, 1].
+        """
+        if not max(abs(first), abs(second)) <= 1.0:
+            raise ValueError(f"A duty must be between -1 and 1, not {first}, {second}.")
+        data, in_wire = self._tell(first, -second)
+
+        def confirmed() -> tuple[float, float] | None:
+            frame = self._fresh(Topic.MOTOR_PWM)
+            return (in_wire[0], -in_wire[1]) if frame is not None and frame.values[:2] == in_wire else None
+
+        return self._wait("duties", confirmed, data)
+
+    def read_encoders(self) -> Request[tuple[int, int]]:
+        """Take the newest counts; the right wheel's grow backward."""
+        taken: list[Frame] = []
+
+        def counts() -> tuple[int, int] | None:
+            frame = self._fresh(Topic.ENCODERS)
+            if frame is None:
+                return None
+            taken.append(frame)
+            left, right = (int(count) for count in frame.values[:2])
+            return left % COUNTER_RANGE, -right % COUNTER_RANGE
+
+        return self._wait("encoders", counts, measured=lambda: taken[-1].utime * 1000)
+
+    def read_telemetry(self) -> list[Request[Telemetry]]:
+        """Take the battery's voltage, where the board says it."""
+
+        def battery() -> Telemetry | None:
+            frame = self._fresh(Topic.ANALOG_IN)
+            if frame is None or not math.isfinite(frame.values[BATTERY]):
+                return None
+            return Telemetry(battery_voltage=frame.values[BATTERY])
+
+        return [self._wait("battery", battery)]
+
+    def _tell(self, left: float, right: float, *, time_too: bool = False) -> tuple[bytes, tuple[float, float]]:
+        """Return what sets the board's own duties, and its clock where that is due; and the duties as rounded."""
+        now = time.monotonic_ns() // 1000
+        payload = DUTIES.pack(now, left, right, 0.0)
+        data, self._told_duties = packed(Topic.MOTOR_PWM_COMMAND, payload), now
+        if time_too or now - self._told_time >= TIME_TELLING:
+            data, self._told_time = data + packed(Topic.TIMESYNC, MOMENT.pack(now)), now
+        return data, DUTIES.unpack(payload)[1:3]
+
+    def _fresh(self, topic: Topic) -> Frame | None:
+        """Return the latest frame of a topic if it was said after the board was last told duties."""
+        frame = self._latest.get(topic)
+        fresh = frame is not None and self._told_duties <= frame.utime <= time.monotonic_ns() // 1000
+        return frame if fresh else None
+
+    def _wait(
+        self, name: str, find: Callable[[], T | None], data: bytes = b"", measured: Callable[[], int] | None = None
+    ) -> Request[T]:
+        """Return a request that is answered when `find` finds something in the latest frames."""
+
+        def parse(_reply: bytes) -> T:
+            found = find()
+            if found is None:
+                raise BadReply(f"The board did not say its {name}.")
+            return found
+
+        return Request(name, data, 0, self._missing_until(lambda: find() is not None), parse, measured=measured)
+
+    def _missing_until(self, ready: Callable[[], bool]) -> Callable[[bytes], int]:
+        """Return a function that takes the frames in a growing reply, and asks for more until it is `ready`."""
+        seen = 0
+
+        def missing(reply: bytes) -> int:
+            nonlocal seen
+            seen = min(seen, len(reply))  # a request may be made again
+            for frame in self._reader.feed(reply[seen:]):
+                self._latest[frame.topic] = frame
+            seen = len(reply)
+            return 0 if ready() else EVERYTHING
+
+        return missing
+
+
+def _answered(name: str, answer: T) -> Request[T]:
+    """Return a request that needs nothing from the board."""
+    return Request(name, b"", 0, lambda _reply: 0, lambda _reply: answer)

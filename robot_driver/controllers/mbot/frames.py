@@ -1,0 +1,114 @@
+"""Frames of the MBot board: how they are packed, and how they are found in a stream.
+
+A frame is `FF FE length check topic payload check`: length and topic in 16 bits, low byte first; each check is 255
+minus the sum of the bytes before it modulo 256, the first over the length, the second over topic and payload. Payloads
+are packed little-endian structures. Source: mbot-project/mbot_firmware, comms/src/protocol.c.
+"""
+
+import struct
+from enum import IntEnum
+from typing import NamedTuple
+
+START = b"\xff\xfe"
+HEADER_BYTES = 7  # start, length, check, topic
+OVERHEAD_BYTES = HEADER_BYTES + 1
+
+
+class Topic(IntEnum):
+    """What a frame is about; those that the board says are in LAYOUTS."""
+
+    TIMESYNC = 201
+    IMU = 220
+    ENCODERS = 221
+    ANALOG_IN = 223
+    ODOMETRY = 210
+    MOTOR_PWM_COMMAND = 230
+    MOTOR_VELOCITY = 232
+    MOTOR_PWM = 233
+    VELOCITY = 234
+
+
+# What the board says, as for `struct`. The first number of each is the moment, in us by the board's clock.
+LAYOUTS = {
+    Topic.ODOMETRY: struct.Struct("<q3f"),  # x, y, theta
+    Topic.IMU: struct.Struct("<q17f"),  # rates (rad/s), accelerations, field, roll pitch yaw, quaternion, temperature
+    Topic.ENCODERS: struct.Struct("<q3q3ii"),  # counts, steps, us since the last steps
+    Topic.ANALOG_IN: struct.Struct("<q4h4f"),  # raw, V
+    Topic.MOTOR_VELOCITY: struct.Struct("<q3f"),  # rad/s
+    Topic.MOTOR_PWM: struct.Struct("<q3f"),  # duties
+    Topic.VELOCITY: struct.Struct("<q3f"),  # m/s, m/s, rad/s
+}
+
+
+class Frame(NamedTuple):
+    """What the board said: the moment by its clock (us), the other numbers of the layout.
+
+    `bytes_since` is how many bytes had been received since the frame began.
+    """
+
+    topic: Topic
+    utime: int
+    values: tuple[float, ...]
+    bytes_since: int
+
+
+def packed(topic: int, payload: bytes) -> bytes:
+    """Return a frame."""
+    length, body = struct.pack("<H", len(payload)), struct.pack("<H", topic) + payload
+    return START + length + _check(length) + body + _check(body)
+
+
+class FrameReader:
+    """Finds the board's frames in a stream that comes in pieces of any size.
+
+    A sum of 8 bits misses much: a payload that lost a byte FF, and borrows that of the next frame, has the right sum.
+    So a frame is believed only when the next one begins right behind it, and after a wrong one the search goes on
+    inside it: whatever was damaged costs itself and the frame before it.
+    """
+
+    def __init__(self) -> None:
+        self._data = b""
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Take the next bytes; return the frames that can now be believed."""
+        self._data += data
+        frames: list[Frame] = []
+        position = 0
+        while (start := self._data.find(START, position)) >= 0:
+            end = _end(self._data, start)
+            if end is None or (end and len(self._data) < end + len(START)):
+                break
+            if end and _is_sound(self._data, start, end):
+                frames.append(_frame(self._data, start))
+                position = end
+            else:
+                position = start + len(START)
+        # Where nothing begins, the last byte may still be the first half of a start.
+        self._data = self._data[start if start >= 0 else max(len(self._data) - 1, position) :]
+        return frames
+
+
+def _end(data: bytes, start: int) -> int | None:
+    """Return where the frame ends that seems to begin here; 0 if it is none of the board's, None if it is too early."""
+    header = data[start : start + HEADER_BYTES]
+    if len(header) < HEADER_BYTES:
+        return None
+    length, check, topic = struct.unpack_from("<HBH", header, len(START))
+    layout = LAYOUTS.get(topic)
+    if layout is None or layout.size != length or _check(header[2:4])[0] != check:
+        return 0
+    return start + HEADER_BYTES + layout.size + 1
+
+
+def _is_sound(data: bytes, start: int, end: int) -> bool:
+    return data.startswith(START, end) and _check(data[start + 5 : end - 1]) == data[end - 1 : end]
+
+
+def _frame(data: bytes, start: int) -> Frame:
+    (topic,) = struct.unpack_from("<H", data, start + 5)
+    utime, *values = LAYOUTS[topic].unpack_from(data, start + HEADER_BYTES)
+    return Frame(Topic(topic), utime, tuple(values), len(data) - start)
+
+
+def _check(data: bytes) -> bytes:
+    return bytes((255 - sum(data) % 256,))

@@ -1,0 +1,33 @@
+"""The gyro on the MBot board, overheard on the port that drives the wheels."""
+
+import math
+
+from robot_driver.controllers.mbot.frames import Frame, FrameReader, Topic
+from robot_driver.gyros.gyro import Gyro, GyroReading
+
+LARGEST_RATE = math.radians(2000.0)  # rad/s; the widest range of the sensor
+UPWARD = 2  # index of the vertical axis
+
+
+class MBotGyro(Gyro):
+    """Reads the IMU's rate about the vertical axis, counter-clockwise positive, from all that the board says."""
+
+    baud_rate = 115200  # has no meaning on USB
+
+    def __init__(self) -> None:
+        self._reader = FrameReader()
+
+    @property
+    def wake_up(self) -> bytes:
+        """Nothing: the board talks while it is told the time, and that is the motors' business."""
+        return b""
+
+    def feed(self, data: bytes) -> list[GyroReading]:
+        """Take the next bytes; return the readings among them."""
+        return [_reading(frame) for frame in self._reader.feed(data) if frame.topic is Topic.IMU]
+
+
+def _reading(frame: Frame) -> GyroReading:
+    rate = frame.values[UPWARD]
+    valid = abs(rate) <= LARGEST_RATE  # NaN is not
+    return GyroReading(rate if valid else math.nan, valid, frame.bytes_since, frame.utime * 1000)
