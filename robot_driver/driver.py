@@ -20,7 +20,7 @@ from robot_driver.gyros import GYROS, Gyro
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits
-from robot_driver.serial_port import SerialPort
+from robot_driver.serial_port import SerialPort, numbering_warning
 from robot_driver.stream_port import OverheardPort, StreamPort
 
 BOARD = "board"  # name of the gyro that some controllers have on their board, and say on their port
@@ -54,6 +54,7 @@ class Driver:
 
     def __init__(self, settings: Settings) -> None:
         self.follower = ParameterFollower(settings.robot, settings.parameters)
+        self.warnings = " ".join(filter(None, map(numbering_warning, (settings.port, settings.gyro_port or ""))))
         self._robot_id = settings.robot
         self._outgoing: queue.SimpleQueue[tuple[Stream, Any]] = queue.SimpleQueue()
         self._gate = CommandGate()
@@ -124,7 +125,7 @@ class Driver:
 
     def remarks(self) -> str:
         """Return what else a person might want to know, in sentences."""
-        remarks = [self.follower.message, self._motors.rhythm.sentence()]
+        remarks = [self.warnings, self.follower.message, self._motors.rhythm.sentence()]
         if self._gate.rejected:
             counts = ", ".join(f"{reason} {count}" for reason, count in sorted(self._gate.rejected.items()))
             remarks.append(f"Commands not taken: {counts}.")

@@ -1,6 +1,7 @@
 """cmr-driver: the process that connects one real robot to the bus."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from cmr.bus.process import Process
@@ -31,6 +32,8 @@ def main(arguments: list[str]) -> int:
     options = _options(arguments)
     try:
         with Process("cmr-driver", options.lcm_url) as process, Driver(_settings(options)) as driver:
+            if driver.warnings:
+                print(f"cmr-driver: {driver.warnings}", file=sys.stderr, flush=True)
             process.subscribe(MOTOR_COMMAND, options.robot, every=True)
             process.subscribe(ESTOP, every=True)
             process.subscribe(PARAMETERS, options.robot)
@@ -45,11 +48,13 @@ def main(arguments: list[str]) -> int:
 
 
 def _report(process: Process, driver: Driver) -> None:
-    """Have the next PROCESS_STATUS tell how the driver is."""
+    """Have the next PROCESS_STATUS tell how the driver is; when something was lost or came back, at once."""
     problems = driver.problems()
-    process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
+    before, process.state = process.state, process_status_t.DEGRADED if problems else process_status_t.RUNNING
     process.message = " ".join(text for text in (problems, driver.remarks()) if text)
     process.parameters_sha256 = driver.follower.sha256
+    if process.state != before:
+        process.publish_status()
 
 
 def _settings(options: argparse.Namespace) -> Settings:

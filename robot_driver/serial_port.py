@@ -7,6 +7,7 @@ import errno
 import fcntl
 import math
 import os
+import re
 import select
 import termios
 import time
@@ -30,6 +31,8 @@ WRITE_TIMEOUT = 0.1  # s
 PACKET_GAP = 0.010  # s of silence after which a device drops a half-received packet
 RESYNC_LIMIT = 0.1  # s; a device that never stops talking is not waited for
 PSEUDO_TERMINALS = "/dev/pts/"
+STABLE_NAMES = Path("/dev/serial/by-id")
+NUMBERED = re.compile(r"/dev/tty(USB|ACM)[0-9]+")  # names that go to whatever was plugged in first
 
 
 class PortLost(Exception):  # noqa: N818 - unplugging is an event to live with
@@ -51,6 +54,7 @@ class SerialPort:
     def __init__(self, path: str, baud_rate: int) -> None:
         self.path = path
         self.baud_rate = baud_rate
+        self._stable: str | None = None
         self._serial: serial.Serial | None = None
         self._last_traffic = -math.inf  # when, on the monotonic clock, the last byte was on the wire (s)
 
@@ -61,16 +65,18 @@ class SerialPort:
     def open(self) -> None:
         """Open the port, if it is not open, and lock out every other program.
 
+        A numbered port is opened again by its stable name: its number may belong to another device by then.
         Raises PortLost.
         """
         if self._serial is not None:
             return
+        path = self._stable or self.path
         try:
-            self._serial = serial.Serial(
-                self.path, self.baud_rate, timeout=0, write_timeout=WRITE_TIMEOUT, exclusive=True
-            )
+            self._serial = serial.Serial(path, self.baud_rate, timeout=0, write_timeout=WRITE_TIMEOUT, exclusive=True)
         except (*PORT_ERRORS, ValueError) as error:
-            raise PortLost(why_not_open(self.path, error)) from error
+            raise PortLost(why_not_open(path, error)) from error
+        if NUMBERED.fullmatch(self.path):
+            self._stable = stable_name(self.path)
         with suppress(*PORT_ERRORS, ValueError):  # most adapters have no such mode
             self._serial.set_low_latency_mode(True)
         # The kernel keeps this lock on a pseudo-terminal after we are gone, until its other end closes.
@@ -179,9 +185,24 @@ def why_not_open(path: str, error: Exception) -> str:
     return f"{path} cannot be opened: {error}."
 
 
+def stable_name(path: str) -> str | None:
+    """Return the name of a port that stays the same wherever and whenever it is plugged in; None if it has none."""
+    device = os.path.realpath(path)
+    return next((str(link) for link in sorted(STABLE_NAMES.glob("*")) if os.path.realpath(link) == device), None)
+
+
+def numbering_warning(path: str) -> str:
+    """Return a sentence for a path that may belong to another device tomorrow; "" for one that will not."""
+    if not NUMBERED.fullmatch(path):
+        return ""
+    stable = stable_name(path)
+    advice = f"Use {stable}." if stable else "Give it a name of its own by a udev rule; README shows one."
+    return f"{path} belongs to another device when ports are plugged in in another order. {advice}"
+
+
 def available_ports() -> list[str]:
     """Return the serial ports of this machine; by stable name where there is one."""
-    stable = sorted(str(link) for link in Path("/dev/serial/by-id").glob("*"))
+    stable = sorted(str(link) for link in STABLE_NAMES.glob("*"))
     named = {os.path.realpath(link) for link in stable}
     return stable + sorted(port.device for port in list_ports.comports() if port.device not in named)
 

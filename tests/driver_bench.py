@@ -2,14 +2,20 @@
 
 import dataclasses
 import os
+import signal
 import struct
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from cmr.bus.messages import now_utime
+from cmr.bus.bus import Bus
+from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PROCESS_STATUS
+from cmr.msg import estop_t, motor_command_t
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.emulator.engine import Engine
@@ -23,6 +29,7 @@ from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits
 from robot_driver.serial_port import SerialPort
+from tests.private_bus import private_url
 
 READ_ENCODERS = bytes((0x80, 78))
 
@@ -91,3 +98,86 @@ def bench(folder: Path, faults: Faults | None = None, *, rate_hz: float = 100.0,
             wait_for(lambda: len(result.feedback) > 2)
             yield result
         engine.check()
+
+
+START_DRIVER = [sys.executable, "-c", "import sys; from cmr.commands import driver; sys.exit(driver())"]
+
+
+class Robot:
+    """An emulated RoboClaw behind `folder`/motor that can be unplugged; `drives` holds (time, duty M1, duty M2)."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.drives: list[tuple[float, int, int]] = []
+        self.plug_in()
+
+    def plug_in(self) -> None:
+        """Switch on a robot that knows nothing of the past."""
+        plant = Plant(load_settings().ideal())
+        self.device = RoboclawDevice(load_settings().ideal(), plant)
+        command, now = plant.command, time.monotonic
+
+        def noted(left: float, right: float) -> None:
+            self.drives.append((now(), round(left * 32767), round(right * 32767)))
+            command(left, right)
+
+        plant.command = noted  # type: ignore[method-assign]
+        with ExitStack() as stack:
+            ports = stack.enter_context(Ports(self.folder, ("motor",)))
+            stack.enter_context(Engine(plant, {"motor": self.device}, ports.terminals))
+            self._plugged_in = stack.pop_all()
+
+    def unplug(self) -> None:
+        self._plugged_in.close()
+
+
+class DriverProcess:
+    """A running cmr-driver on a bus of its own, and the commands it gets."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.url = private_url()
+        self.bus = Bus(self.url)
+        self.bus.subscribe(PROCESS_STATUS, every=True)
+        self.statuses: list[Any] = []
+        command = [*START_DRIVER, "--port", str(folder / "motor"), "--lcm-url", self.url, *arguments]
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+    def command_until(self, condition: Callable[[], object], left: float = 0.5, right: float = 0.5) -> None:
+        """Command this duty at 50 Hz until `condition` holds."""
+
+        def commanded() -> object:
+            self.command(left, right)
+            self.listen(0.02)
+            return condition()
+
+        wait_for(commanded)
+
+    def command(self, left: float, right: float) -> None:
+        command = make(motor_command_t, utime=now_utime(), robot_id=0, left=left, right=right)
+        self.bus.publish(MOTOR_COMMAND, command, 0)
+
+    def estop(self, engaged: bool) -> None:
+        self.bus.publish(ESTOP, make(estop_t, utime=now_utime(), engaged=engaged, source="test", reason="test"))
+
+    def listen(self, seconds: float) -> None:
+        self.statuses += [received.message for received in self.bus.receive(seconds)]
+
+    def end(self, signal_number: int = signal.SIGTERM) -> tuple[int, str]:
+        """Send a signal; return the exit code and what was written to stderr."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal_number)
+        _, errors = self.process.communicate(timeout=20.0)
+        return self.process.returncode, errors
+
+
+@contextmanager
+def driving(folder: Path) -> Iterator[tuple[Robot, DriverProcess]]:
+    """A robot that moves because cmr-driver obeys commands of half duty."""
+    robot = Robot(folder)
+    driver = DriverProcess(folder)
+    try:
+        driver.command_until(lambda: robot.device.duty == [16384, 16384])
+        yield robot, driver
+    finally:
+        driver.end(signal.SIGKILL)
+        robot.unplug()

@@ -1,0 +1,94 @@
+"""Promises 6, 7, 8, 9 and 18: whatever happens, the motors stop."""
+
+import random
+import signal
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from robot_driver.driver import Driver, Settings
+from tests.driver_bench import DriverProcess, Robot, driving, number, wait_for
+
+WATCHDOG = 0.5  # s, of the device
+CYCLE = 0.01  # s
+HELD_UP = 0.15  # s; this machine's, not the promise's
+
+
+def test_6_the_motors_stop_when_the_driver_is_killed(tmp_path: Path) -> None:
+    with driving(tmp_path) as (robot, driver):
+        driver.process.kill()
+        driver.process.wait()
+        last = robot.drives[-1]
+        wait_for(lambda: robot.device.duty == [0, 0])
+        assert last[1:] == (16384, 16384)
+        assert robot.drives[-1][0] - last[0] < WATCHDOG + HELD_UP
+
+
+def test_6_the_motors_stop_when_the_driver_is_stopped_and_what_waited_moves_nothing(tmp_path: Path) -> None:
+    with driving(tmp_path) as (robot, driver):
+        driver.process.send_signal(signal.SIGSTOP)
+        driver.command_until(lambda: robot.device.duty == [0, 0])
+        count = len(robot.drives)
+        driver.process.send_signal(signal.SIGCONT)
+        wait_for(lambda: len(robot.drives) > count + 20)
+        assert {drive[1:] for drive in robot.drives[count:]} == {(0, 0)}
+        driver.command_until(lambda: robot.device.duty == [16384, 16384])
+
+
+def test_8_a_stale_command_becomes_zero_in_time_and_nothing_jumps_when_commands_return(tmp_path: Path) -> None:
+    with driving(tmp_path) as (robot, driver):
+        driver.command(0.5, 0.5)
+        commanded = time.monotonic()
+        wait_for(lambda: robot.device.duty == [0, 0])
+        moving = [drive[0] for drive in robot.drives if drive[1]]
+        assert moving[-1] - commanded < WATCHDOG + CYCLE + HELD_UP
+        count = len(robot.drives)
+        driver.command_until(lambda: robot.device.duty == [16384, 16384])
+        returning = [drive[1] for drive in robot.drives[count:]]
+        steps = [after - before for before, after in pairwise(returning)]
+        assert 0 < max(steps) <= 0.2 * 32767 + 1  # two cycles of the ramp, where one was missed
+
+
+@pytest.mark.parametrize("number_of_signal", [signal.SIGTERM, signal.SIGINT])
+def test_9_a_signal_at_any_moment_leaves_the_motors_at_zero_acknowledged(tmp_path: Path, number_of_signal: int) -> None:
+    chance = random.Random(number_of_signal)
+    for _ in range(number("CMR_SIGNALS", 2)):
+        robot, driver = Robot(tmp_path), DriverProcess(tmp_path)
+        end = time.monotonic() + chance.uniform(0.0, 2.0)
+        while time.monotonic() < end:
+            driver.command(0.5, 0.5)
+            driver.listen(0.02)
+        driver.end(number_of_signal)
+        last = robot.drives[-1:]
+        robot.unplug()
+        assert [drive[1:] for drive in last] in ([], [(0, 0)])
+
+
+def test_9_an_exception_leaves_the_motors_at_zero_acknowledged(tmp_path: Path) -> None:
+    robot = Robot(tmp_path)
+    driver = Driver(Settings(port=str(tmp_path / "motor")))
+
+    def fail_while_driving() -> None:
+        with driver:
+            wait_for(lambda: robot.drives)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail_while_driving()
+    robot.unplug()
+    assert robot.drives[-1][1:] == (0, 0)
+
+
+def test_18_a_released_emergency_stop_moves_nothing_until_zero_was_commanded(tmp_path: Path) -> None:
+    with driving(tmp_path) as (robot, driver):
+        driver.estop(True)
+        driver.command_until(lambda: robot.device.duty == [0, 0])
+        driver.estop(False)
+        count = len(robot.drives)
+        driver.command_until(lambda: len(robot.drives) > count + 30)
+        assert {drive[1:] for drive in robot.drives[count:]} == {(0, 0)}
+        driver.command(0.0, 0.0)
+        driver.command_until(lambda: robot.device.duty == [16384, 16384])
+        driver.command_until(lambda: any("not_zero" in status.message for status in driver.statuses))
