@@ -51,7 +51,6 @@ class RoboteqDevice:
 
     def switch_on(self) -> None:
         """Begin anew with what is kept in the flash, as after power-off."""
-        self.duty = [0, 0]
         self._wanted = [0, 0]  # duty to go on with at the next action after the watchdog has stopped the motors
         self._configuration = {
             "RWD": [self._settings.roboteq.watchdog],
@@ -62,12 +61,17 @@ class RoboteqDevice:
         self._line = b""
         self._last_action = -math.inf
         self._encoder_zero = list(self._counts())
+        self._apply(self._wanted)
+
+    @property
+    def watchdog(self) -> int:
+        """How long the motors go on without an action (ms); 0: for ever."""
+        return self._configuration["RWD"][0]
 
     @property
     def wake_time(self) -> float:
         """When the motors stop unless an action comes; infinity while they rest or have no watchdog."""
-        watchdog = self._configuration["RWD"][0]
-        return self._last_action + watchdog / 1000 if watchdog and any(self.duty) else math.inf
+        return self._last_action + self.watchdog / 1000 if self.watchdog and any(self.duty) else math.inf
 
     def wake(self, time: float) -> list[Transmission]:
         """Stop the motors if no action has come for too long; they go on as before at the next one."""

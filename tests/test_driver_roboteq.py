@@ -1,0 +1,255 @@
+"""The whole driver on a pseudo-terminal with an emulated Roboteq: it drives, measures, and above all stops."""
+
+import dataclasses
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cmr.bus.bus import Bus
+from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import MOTOR_COMMAND, MOTOR_FEEDBACK
+from cmr.msg import motor_command_t, motor_feedback_t
+from robot_driver.driver import Driver, Settings
+from robot_driver.emulator.device import Transmission
+from robot_driver.emulator.engine import Engine
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.pseudo_terminal import Ports
+from robot_driver.emulator.roboteq_device import RoboteqDevice
+from robot_driver.emulator.settings import load_settings
+from tests.private_bus import private_url
+
+DRIVER = [sys.executable, "-c", "from cmr.commands import driver; raise SystemExit(driver())"]
+PATIENCE = 20.0  # s
+NOT_ARMED, ESTOP = motor_feedback_t.STATUS_NOT_ARMED, motor_feedback_t.STATUS_ESTOP
+BATTERY = motor_feedback_t.STATUS_BATTERY
+
+
+class Robot:
+    """An emulated robot with a Roboteq, `device`, at `port`; `settings` change those of the emulated one."""
+
+    def __init__(self, folder: Path, device: type[RoboteqDevice] = RoboteqDevice, **settings: Any) -> None:
+        emulated = load_settings().ideal()
+        emulated = dataclasses.replace(emulated, roboteq=dataclasses.replace(emulated.roboteq, **settings))
+        self.plant = Plant(emulated)
+        self.device: Any = device(emulated, self.plant)
+        self._ports = Ports(folder, ("motor",))
+        self.port = str(folder / "motor")
+
+    def __enter__(self) -> "Robot":
+        self._ports.__enter__()
+        self._engine = Engine(self.plant, {"motor": self.device}, self._ports.terminals)
+        self._engine.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._engine.__exit__(*error)
+        self._ports.__exit__(*error)
+        self._engine.check()
+
+    def at_rest(self) -> bool:
+        return bool(self.device.duty == [0, 0])
+
+
+class Client:
+    """What a controller on the bus does: commands at a steady rate, and takes what is measured."""
+
+    def __init__(self, driver: Driver) -> None:
+        self.feedback: list[Any] = []
+        self.left, self.right = 0.0, 0.0
+        self._driver = driver
+
+    def until(self, condition: Callable[[], object]) -> None:
+        """Command until something is true."""
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline, self._driver.problems()
+            utime = now_utime()
+            message = make(motor_command_t, utime=utime, robot_id=0, left=self.left, right=self.right)
+            self._driver.turn()
+            self._driver.handle(utime, MOTOR_COMMAND.channel(0), message)
+            self.feedback += [message for stream, _, message in self._driver.outgoing() if stream is MOTOR_FEEDBACK]
+            time.sleep(0.01)
+
+    def command(self, left: float, right: float) -> None:
+        self.left, self.right = left, right
+
+    def more(self, count: int) -> list[Any]:
+        """Command on until there are so many new measurements; return them."""
+        seen = len(self.feedback)
+        self.until(lambda: len(self.feedback) >= seen + count)
+        return self.feedback[seen:]
+
+
+def total(message: Any) -> tuple[int, int]:
+    return message.ticks_left, message.ticks_right
+
+
+def driving(robot: Robot) -> Driver:
+    return Driver(Settings(port=robot.port, controller="roboteq"))
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Robot]:
+    with Robot(tmp_path / "ports") as robot:
+        yield robot
+
+
+def test_it_drives_as_commanded_and_writes_nothing_to_the_flash(robot: Robot) -> None:
+    with driving(robot) as driver:
+        client = Client(driver)
+        client.command(0.5, -0.25)
+        client.until(lambda: robot.device.duty == [500, -250])
+        client.until(lambda: client.feedback and client.feedback[-1].applied_left == 0.5)
+        assert client.feedback[-1].applied_right == -0.25
+        assert driver.problems() == ""
+    assert robot.device.actions[0] == robot.device.actions[-1] == "!M 0 0"
+    assert robot.at_rest()
+    assert robot.device.saves == 0
+
+
+def test_counts_go_on_across_the_ends_of_32_bits_in_both_directions(tmp_path: Path) -> None:
+    robot = Robot(tmp_path)
+    robot.device.receive(b"!C 1 %d\r!C 2 %d\r" % (2**31 - 50, -(2**31) + 50), 0.0)
+    with robot, driving(robot) as driver:
+        client = Client(driver)
+        client.command(0.4, -0.4)
+        client.until(lambda: client.feedback and client.feedback[-1].ticks_left > 500)
+        client.until(lambda: client.feedback[-1].ticks_right < -500)
+        client.command(0.0, 0.0)
+        client.until(lambda: total(client.feedback[-1]) == pytest.approx(robot.plant.encoder_counts(), abs=1))
+    assert all(message.status & motor_feedback_t.STATUS_ENCODER_JUMP == 0 for message in client.feedback)
+
+
+def test_battery_and_currents_and_temperature_are_told(robot: Robot) -> None:
+    with driving(robot) as driver:
+        client = Client(driver)
+        client.until(lambda: client.feedback and client.feedback[-1].temperature == 32.0)
+        client.until(lambda: client.feedback[-1].battery_voltage == 12.4)
+        client.until(lambda: client.feedback[-1].current_left == client.feedback[-1].current_right == 0.0)
+
+
+def test_faults_of_the_controller_are_told_and_its_emergency_stop_holds_the_motors(robot: Robot) -> None:
+    with driving(robot) as driver:
+        client = Client(driver)
+        robot.device.faults = 0x04
+        client.until(lambda: client.feedback and client.feedback[-1].status & BATTERY)
+        robot.device.faults = 0x10
+        client.command(0.3, 0.3)
+        client.until(lambda: client.feedback[-1].status & ESTOP)
+        assert robot.at_rest()
+        robot.device.faults = 0
+        client.until(lambda: client.feedback[-1].status & (BATTERY | ESTOP) == 0)
+
+
+def test_it_never_drives_when_the_watchdog_does_not_read_back(tmp_path: Path) -> None:
+    with Robot(tmp_path, ignores_watchdog=True) as robot, driving(robot) as driver:
+        client = Client(driver)
+        client.command(0.5, 0.5)
+        assert all(message.status & NOT_ARMED for message in client.more(20))
+        assert "watchdog" in driver.problems()
+        assert set(robot.device.actions) == {"!M 0 0"}
+
+
+@pytest.mark.parametrize("echo", [True, False])
+def test_a_restarted_device_is_armed_anew_before_it_drives_again(tmp_path: Path, echo: bool) -> None:
+    with Robot(tmp_path, echo=echo, watchdog=0) as robot, driving(robot) as driver:
+        client = Client(driver)
+        client.command(0.5, 0.5)
+        client.until(lambda: robot.device.duty == [500, 500])
+        robot.device.switch_on()
+        before = len(robot.device.actions)
+        client.until(lambda: "!M 0 0" in robot.device.actions[before:])
+        client.until(lambda: robot.device.duty == [500, 500])
+        assert robot.device.watchdog == 500
+
+
+def test_a_slow_line_is_waited_for(tmp_path: Path) -> None:
+    settings = Settings(port=str(tmp_path / "motor"), controller="roboteq", baud=9600, rate=10.0)
+    with Robot(tmp_path, baud=9600), Driver(settings) as driver:
+        Client(driver).more(5)
+        assert "lost or damaged" not in driver.remarks()
+
+
+class Noisy(RoboteqDevice):
+    """Its answers are now and then lost, cut short, said twice, or preceded by another line.
+
+    `truth` holds all counts that it ever said.
+    """
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.truth: set[tuple[int, ...]] = set()
+        self.answers = 0
+
+    def receive(self, data: bytes, time: float) -> list[Transmission]:
+        return [Transmission(one.time, self._tampered(one.data)) for one in super().receive(data, time)]
+
+    def _tampered(self, answer: bytes) -> bytes:
+        if answer.startswith(b"C="):
+            self.truth.add(tuple(int(count) for count in answer[2:-1].split(b":")))
+        self.answers += 1
+        if self.answers < 50 or self.answers % 7:  # the connection may come first
+            return answer
+        return [b"", answer[:-2], answer + answer, b"&s=1:2\r" + answer, answer + b"FF=255\r"][self.answers // 7 % 5]
+
+
+def test_lost_cut_doubled_and_foreign_answers_never_become_data(tmp_path: Path) -> None:
+    with Robot(tmp_path, Noisy, echo=False) as robot, driving(robot) as driver:
+        client = Client(driver)
+        client.command(0.2, -0.2)
+        client.more(100)
+        assert "lost or damaged" in driver.remarks()
+        assert driver.problems() == ""
+    for message in client.feedback:
+        assert total(message) in robot.device.truth
+        assert message.status & (ESTOP | BATTERY) == 0
+
+
+class Process:
+    """cmr-driver as a process of its own, commanded over a bus of its own."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.url = private_url()
+        arguments = ["--port", robot.port, "--controller", "roboteq", "--lcm-url", self.url]
+        self.process = subprocess.Popen([*DRIVER, *arguments], stderr=subprocess.PIPE)
+        self._bus = Bus(self.url)
+
+    def command_until(self, condition: Callable[[], object]) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline
+            message = make(motor_command_t, utime=now_utime(), robot_id=0, left=0.5, right=0.5)
+            self._bus.publish(MOTOR_COMMAND, message, 0)
+            time.sleep(0.02)
+
+    def end(self, number: int) -> int:
+        self.process.send_signal(number)
+        self.process.communicate(timeout=PATIENCE)
+        return self.process.returncode
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_while_driving_ends_with_a_zero_that_was_acknowledged(robot: Robot, number: int) -> None:
+    process = Process(robot)
+    process.command_until(lambda: robot.device.duty == [500, 500])
+    assert process.end(number) == 130
+    assert robot.device.actions[-1] == "!M 0 0"
+    assert robot.at_rest()
+    assert robot.device.saves == 0
+
+
+def test_the_devices_own_watchdog_stops_the_motors_when_the_host_dies(robot: Robot) -> None:
+    process = Process(robot)
+    process.command_until(lambda: robot.device.duty == [500, 500])
+    process.end(signal.SIGKILL)
+    deadline = time.monotonic() + PATIENCE
+    while not robot.at_rest():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert robot.device.actions[-1] == "!M 500 500"
