@@ -85,7 +85,7 @@ class MBot(Controller):
 
         Raises ValueError for a duty outside [-1, 1].
         """
-        if not max(abs(first), abs(second)) <= 1.0:
+        if not (abs(first) <= 1.0 and abs(second) <= 1.0):
             raise ValueError(f"A duty must be between -1 and 1, not {first}, {second}.")
         data, in_wire = self._tell(first, -second)
 

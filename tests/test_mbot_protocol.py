@@ -1,0 +1,227 @@
+"""MBot frames: packed as the firmware packs them, found whatever happens to the stream, believed only when sure."""
+
+import itertools
+import math
+import struct
+from typing import Any
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from robot_driver.controllers import BadReply, Request
+from robot_driver.controllers.mbot import MBot, MBotGyro, board
+from robot_driver.controllers.mbot.frames import LAYOUTS, START, Frame, FrameReader, Topic, packed
+
+VELOCITY_COMMAND = "fffe1400ebd6000700000000000000" + "0000003f00000000000080bea5"
+DUTIES_AT_7 = "fffe1400ebe6000700000000000000" + "0000003f000080be00000000" + "95"  # 0.5, -0.25, 0
+TIME_AT_7 = "fffe0800f7c900" + "0700000000000000" + "2f"
+
+
+def said(topic: Topic, utime: int, *values: float) -> bytes:
+    """Return what the board says; numbers that are not given are 0."""
+    layout = LAYOUTS[topic]
+    length = len(layout.unpack(bytes(layout.size)))
+    return packed(topic, layout.pack(utime, *values, *[0] * (length - 1 - len(values))))
+
+
+def without_position(frames: list[Frame]) -> list[tuple[Any, ...]]:
+    return [(frame.topic, frame.utime, repr(frame.values)) for frame in frames]
+
+
+class Clock:
+    """Our monotonic clock, set by the test (us)."""
+
+    def __init__(self, utime: int) -> None:
+        self.utime = utime
+
+    def monotonic_ns(self) -> int:
+        return self.utime * 1000
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    result = Clock(7)
+    monkeypatch.setattr(board, "time", result)
+    return result
+
+
+def answer(request: Request[Any], *stream: bytes) -> Any:
+    """Return the answer to a request in this stream, None if it is not there."""
+    assert request.missing(b"") > 0
+    reply = b"".join(stream) + START  # a frame is believed when the next one begins
+    return request.parse(reply) if request.missing(reply) == 0 else None
+
+
+def test_a_frame_is_that_of_the_published_vector() -> None:
+    payload = struct.pack("<q3f", 7, 0.5, 0.0, -0.25)
+    assert packed(214, payload) == bytes.fromhex(VELOCITY_COMMAND)
+
+
+@pytest.mark.usefixtures("clock")
+def test_duties_are_told_before_the_time_and_the_right_wheel_is_mirrored() -> None:
+    assert MBot().drive(0.5, 0.25).data == bytes.fromhex(DUTIES_AT_7 + TIME_AT_7)
+
+
+def test_the_time_is_told_four_times_a_second_and_never_without_duties(clock: Clock) -> None:
+    mbot, told = MBot(), []
+    for clock.utime in range(1000, 1_001_000, 10_000):
+        data = mbot.drive(0.0, 0.0).data
+        assert data.startswith(bytes.fromhex("fffe1400ebe600"))
+        told += [clock.utime] * (packed(Topic.TIMESYNC, struct.pack("<q", clock.utime)) in data)
+    assert [later - earlier for earlier, later in itertools.pairwise(told)] == [250_000] * 3
+
+
+def test_only_these_duties_in_force_since_they_were_told_confirm_them(clock: Clock) -> None:
+    mbot = MBot()
+    clock.utime = 1000
+    request = mbot.drive(0.1, 0.2)
+    clock.utime = 2000
+    left, right = struct.unpack("<2f", struct.pack("<2f", 0.1, 0.2))
+    assert answer(request, said(Topic.MOTOR_PWM, 999, left, -right)) is None
+    assert answer(request, said(Topic.MOTOR_PWM, 2001, left, -right)) is None
+    assert answer(request, said(Topic.MOTOR_PWM, 1500, left, right)) is None
+    with pytest.raises(BadReply):
+        request.parse(b"")
+    assert answer(request, said(Topic.MOTOR_PWM, 1500, left, -right)) == (left, right)
+
+
+def test_encoders_count_forward_modulo_and_tell_when(clock: Clock) -> None:
+    mbot = MBot()
+    mbot.drive(0.0, 0.0)
+    clock.utime = 50
+    request = mbot.read_encoders()
+    assert answer(request, said(Topic.ENCODERS, 40, -1, 5)) == (2**32 - 1, 2**32 - 5)
+    assert request.measured is not None
+    assert request.measured() == 40_000
+
+
+@pytest.mark.usefixtures("clock")
+def test_what_came_with_the_confirmation_is_not_waited_for() -> None:
+    mbot = MBot()
+    request = mbot.drive(0.0, 0.0)
+    everything = [said(Topic.ENCODERS, 7, 3, -4), said(Topic.ANALOG_IN, 7, 0, 0, 0, 0, 0, 0, 0, 12.5)]
+    assert answer(request, *everything, said(Topic.MOTOR_PWM, 7)) == (0.0, 0.0)
+    encoders, (battery,) = mbot.read_encoders(), mbot.read_telemetry()
+    assert encoders.missing(b"") == battery.missing(b"") == 0
+    assert encoders.parse(b"") == (3, 4)
+    assert battery.parse(b"") == {"battery_voltage": 12.5}
+
+
+@pytest.mark.parametrize("duties", [(1.01, 0.0), (0.0, -1.01), (math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0)])
+def test_an_impossible_duty_is_refused(duties: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match="duty"):
+        MBot().drive(*duties)
+
+
+@pytest.mark.usefixtures("clock")
+def test_the_watchdog_is_what_the_board_shows() -> None:
+    mbot = MBot()
+    with pytest.raises(ValueError, match="cannot be set"):
+        mbot.set_watchdog(0.5)
+    request = mbot.read_watchdog()
+    assert answer(request, said(Topic.MOTOR_PWM, 400_007)) is None
+    with pytest.raises(BadReply):
+        request.parse(b"")
+    assert answer(request, said(Topic.MOTOR_PWM, 1_004_000)) is None
+    assert request.parse(b"") == 1.0
+    assert mbot.read_watchdog().parse(b"") == 1.0
+    ignored = MBot().read_watchdog()
+    assert answer(ignored, said(Topic.MOTOR_PWM, 1_510_000)) == 1.5
+
+
+def test_a_gyro_reading_is_the_upward_rate_at_the_boards_time() -> None:
+    (reading,) = MBotGyro().feed(said(Topic.IMU, 40, 0.1, 0.2, 0.75) + START)
+    assert (reading.yaw_rate, reading.valid, reading.measured) == (0.75, True, 40_000)
+
+
+@pytest.mark.parametrize("rate", [math.nan, math.inf, 35.0, -35.0])
+def test_an_impossible_rate_is_no_rate(rate: float) -> None:
+    (reading,) = MBotGyro().feed(said(Topic.IMU, 40, 0.0, 0.0, rate) + START)
+    assert not reading.valid
+    assert math.isnan(reading.yaw_rate)
+
+
+def test_a_lost_byte_that_the_checksum_does_not_miss_is_noticed() -> None:
+    one, other = said(Topic.ENCODERS, 40, -1, 1), said(Topic.MOTOR_PWM, 40)
+    damaged = one[:15] + one[16:]
+    assert one[15] == 0xFF
+    assert sum(damaged[5:] + other[:1]) % 256 == 255  # the sum is right
+    frames = FrameReader().feed(damaged + other + START)
+    assert [frame.topic for frame in frames] == [Topic.MOTOR_PWM]
+
+
+numbers = st.one_of(st.just(-1), st.just(255), st.integers(-(2**31), 2**31 - 1))
+
+
+@st.composite
+def board_frames(draw: st.DrawFn) -> bytes:
+    topic = draw(st.sampled_from(list(LAYOUTS)))
+    utime = draw(st.one_of(st.just(-1), st.integers(0, 2**50)))
+    if topic is Topic.ENCODERS:
+        return said(topic, utime, draw(numbers), draw(numbers))
+    if topic is Topic.ANALOG_IN:
+        return said(topic, utime)
+    return said(topic, utime, *draw(st.lists(st.floats(width=32), max_size=3)))
+
+
+faults = st.one_of(
+    st.tuples(st.just("flip"), st.integers(0, 8 * 84 - 1), st.just(b"")),
+    st.tuples(st.just("drop"), st.integers(0, 83), st.binary(min_size=1, max_size=5)),
+    st.tuples(st.just("insert"), st.integers(0, 83), st.binary(min_size=1, max_size=5)),
+)
+
+
+def damage(frame: bytes, fault: tuple[str, int, bytes]) -> bytes:
+    kind, place, extra = fault
+    if kind == "flip":
+        place %= 8 * len(frame)
+        return frame[: place // 8] + bytes((frame[place // 8] ^ 1 << place % 8,)) + frame[place // 8 + 1 :]
+    place %= len(frame)
+    return frame[:place] + (extra if kind == "insert" else b"") + frame[place + len(extra) * (kind == "drop") :]
+
+
+def in_pieces(stream: bytes, sizes: list[int]) -> list[Frame]:
+    reader = FrameReader()
+    frames: list[Frame] = []
+    for size in itertools.chain(sizes, itertools.repeat(1)):
+        if not stream:
+            return frames
+        frames += reader.feed(stream[:size])
+        stream = stream[size:]
+    return frames
+
+
+@given(st.lists(board_frames(), max_size=8), st.lists(st.integers(1, 100), max_size=10))
+def test_pieces_of_any_size_give_the_same_frames(stream: list[bytes], sizes: list[int]) -> None:
+    whole = FrameReader().feed(b"".join(stream) + START)
+    assert len(whole) == len(stream)
+    assert without_position(in_pieces(b"".join(stream) + START, sizes)) == without_position(whole)
+
+
+@given(
+    st.lists(board_frames(), min_size=6, max_size=10),
+    st.dictionaries(st.integers(0, 9), faults, min_size=1, max_size=3),
+    st.lists(st.integers(1, 100), max_size=5),
+)
+@example([said(Topic.ENCODERS, 9, -1, -1)] * 6, {2: ("drop", 15, b"x")}, [])
+@example([said(Topic.MOTOR_PWM, 9)] * 6, {2: ("insert", 20, said(Topic.MOTOR_PWM, 9)[-1:])}, [])
+def test_damage_never_becomes_data_and_costs_itself_and_the_frame_before(
+    truth: list[bytes], damaged: dict[int, tuple[str, int, bytes]], sizes: list[int]
+) -> None:
+    stream = [damage(frame, damaged[index]) if index in damaged else frame for index, frame in enumerate(truth)]
+    true = without_position(FrameReader().feed(b"".join(truth) + START))
+    found = without_position(in_pieces(b"".join(stream) + START, sizes))
+    remaining = iter(true)
+    assert all(frame in remaining for frame in found)  # in order, too
+    spared = [frame for index, frame in enumerate(true) if not {index, index + 1} & set(damaged)]
+    remaining = iter(found)
+    assert all(frame in remaining for frame in spared)
+
+
+@given(st.lists(st.binary(max_size=300), max_size=10))
+def test_garbage_does_not_fill_the_memory(pieces: list[bytes]) -> None:
+    reader = FrameReader()
+    for piece in pieces:
+        reader.feed(piece)
+        assert len(reader._data) < 100
