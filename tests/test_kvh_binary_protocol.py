@@ -35,11 +35,16 @@ def interviewed(settings: dict[str, str], name: str = "kvh-binary") -> KvhBinary
     gyro = GYROS[name]()
     assert isinstance(gyro, KvhBinary)
     assert gyro.next_request() == b""
+    interview(gyro, settings)
+    return gyro
+
+
+def interview(gyro: KvhBinary, settings: dict[str, str]) -> None:
+    """Answer all questions as a device does that is in configuration mode, and does not know what is not set."""
     gyro.feed(b"CONFIG,1\r\n")
     while (request := gyro.next_request()) != LEAVE_CONFIGURATION:
         query = request.decode().strip().removeprefix("?")
         gyro.feed(f"CFG>{query},{settings[query]}\r\n".encode() if query in settings else b"INVALID," + request)
-    return gyro
 
 
 def rates(readings: Sequence[GyroReading]) -> list[float]:
@@ -120,6 +125,14 @@ def test_a_self_test_tells_of_a_power_cycle_and_everything_is_asked_anew() -> No
     assert gyro.next_request() == ENTER_CONFIGURATION
     assert gyro.feed(message(0.5)) == []
     assert gyro.next_request() == b""
+    interview(gyro, FACTORY | {"DR": "50"})
+    assert rates(gyro.feed(message(0.25, 77))) == [12.5]
+    assert gyro.lost == 0
+
+
+def test_a_damaged_self_test_is_none() -> None:
+    gyro = interviewed(RATES)
+    assert len(gyro.feed(message(0.5) + SELF_TEST[:-1] + b"\x24" + message(0.5, 1))) == 2
 
 
 def test_only_queries_and_configuration_mode_are_ever_sent() -> None:
@@ -177,7 +190,15 @@ def test_a_reading_tells_how_long_ago_it_began() -> None:
 
 
 def test_answers_are_found_behind_the_rest_of_a_damaged_message() -> None:
-    assert Stream().feed(GOLDEN[20:] + GOLDEN + b"CONFIG,1\r\n" + SELF_TEST)[1:] == [Answer("CONFIG", "1"), SelfTest()]
+    stream = GOLDEN[20:] + b"LETTERS" + GOLDEN + b"CONFIG,1\r\n" + SELF_TEST
+    assert Stream().feed(stream)[1:] == [Answer("CONFIG", "1"), SelfTest()]
+
+
+def test_a_line_without_end_is_not_kept() -> None:
+    stream = Stream()
+    for _ in range(10):
+        assert stream.feed(b"A," * 1000) == []
+        assert len(stream._line) <= 256
 
 
 faults = st.lists(
