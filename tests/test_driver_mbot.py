@@ -1,0 +1,185 @@
+"""The whole driver on the one port of an emulated MBot board: it drives, its gyro is read, and above all it stops."""
+
+import dataclasses
+import signal
+import struct
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK
+from cmr.msg import gyro_t, motor_command_t, motor_feedback_t
+from robot_driver.driver import Driver, Settings
+from robot_driver.emulator.device import Transmission
+from robot_driver.emulator.engine import Engine
+from robot_driver.emulator.faults import Faults, FaultyLine
+from robot_driver.emulator.mbot_device import MBotDevice
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.pseudo_terminal import Ports
+from robot_driver.emulator.settings import load_settings
+from robot_driver.main import main
+from tests.driver_bench import DriverProcess, wait_for
+
+HALF, MIRRORED = (0.5, 0.5), (0.5, -0.5)
+WATCHDOG = 1.0  # s, of the board
+PERIOD = 1.0 / 220.0  # s, of its loop
+COUNTS = 7 + 8  # where they are in what the board says in one turn: after a header and the time
+YAW_RATE = 56 + 28 + 7 + 8 + 2 * 4  # after encoders, odometry, a header, the time and two other rates
+
+
+class Noted(MBotDevice):
+    """Notes when it drove what, in its own time (s), and all counts and rates that it ever said."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.drives: list[tuple[float, tuple[float, float]]] = []
+        self.counts: set[tuple[int, int]] = set()
+        self.rates: set[float] = set()
+
+    def wake(self, time: float) -> list[Transmission]:
+        said = super().wake(time)
+        self.drives.append((time, self.duty))
+        for transmission in said:
+            left, right = struct.unpack_from("<2q", transmission.data, COUNTS)
+            self.counts.add((left, -right))
+            self.rates.add(struct.unpack_from("<f", transmission.data, YAW_RATE)[0])
+        return said
+
+    @property
+    def told_time(self) -> float:
+        """When it was last told the time (s)."""
+        return self._told_time
+
+
+@contextmanager
+def board(folder: Path, faults: Faults | None = None, **mbot: Any) -> Iterator[Noted]:
+    settings = load_settings().ideal()
+    settings = dataclasses.replace(settings, mbot=dataclasses.replace(settings.mbot, **mbot))
+    plant = Plant(settings)
+    device = Noted(settings, plant)
+    line = FaultyLine(device, faults or Faults())
+    with Ports(folder, ("motor",)) as ports, Engine(plant, {"motor": line}, ports.terminals) as engine:
+        yield device
+        engine.check()
+
+
+class Client:
+    """Commands a driver in this process, and takes what is measured."""
+
+    def __init__(self, driver: Driver) -> None:
+        self.driver = driver
+        self.feedback: list[Any] = []
+        self.gyro: list[Any] = []
+
+    def until(self, condition: Any, left: float = 0.5, right: float = 0.5) -> None:
+        def commanded() -> object:
+            utime = now_utime()
+            command = make(motor_command_t, utime=utime, robot_id=0, left=left, right=right)
+            self.driver.turn()
+            self.driver.handle(utime, MOTOR_COMMAND.channel(0), command)
+            for stream, _, message in self.driver.outgoing():
+                (self.gyro if stream is GYRO else self.feedback).append(message)
+            return condition()
+
+        wait_for(commanded)
+
+    def more(self, count: int, left: float = 0.5, right: float = 0.5) -> None:
+        seen = len(self.feedback)
+        self.until(lambda: len(self.feedback) >= seen + count, left, right)
+
+
+def settings(folder: Path) -> Settings:
+    return Settings(port=str(folder / "motor"), controller="mbot")
+
+
+def test_wheels_and_gyro_are_measured_through_one_port(tmp_path: Path) -> None:
+    with board(tmp_path) as device, Driver(settings(tmp_path)) as driver:
+        client = Client(driver)
+        client.until(lambda: device.duty == (0.25, -0.5), 0.25, 0.5)
+        client.more(100, 0.25, 0.5)
+        assert driver.problems() == ""
+        assert "lost or damaged" not in driver.remarks()
+    last = client.feedback[-1]
+    assert (last.applied_left, last.applied_right, last.status) == (0.25, 0.5, 0)
+    assert last.battery_voltage == pytest.approx(12.4)
+    assert 0 < last.ticks_left < last.ticks_right
+    assert {(message.ticks_left, message.ticks_right) for message in client.feedback} <= device.counts
+    assert len(client.gyro) > 1.5 * 100
+    assert client.gyro[-1].yaw_rate == pytest.approx(0.04 * (last.psi_right - last.psi_left) / 0.161, abs=0.2)
+    assert all(message.valid and message.yaw_rate in device.rates for message in client.gyro)
+    for messages in (client.feedback, client.gyro):
+        assert all(earlier.utime < later.utime for earlier, later in pairwise(messages))
+
+
+def test_it_never_drives_when_the_board_has_no_watchdog(tmp_path: Path) -> None:
+    with board(tmp_path, ignores_watchdog=True) as device, Driver(settings(tmp_path)) as driver:
+        client = Client(driver)
+        client.more(10)
+        assert "watchdog" in driver.problems()
+    assert all(message.status & motor_feedback_t.STATUS_NOT_ARMED for message in client.feedback)
+    assert {duty for _, duty in device.drives} == {(0.0, 0.0)}
+
+
+def test_damage_on_the_line_never_becomes_data(tmp_path: Path) -> None:
+    faults = Faults()
+    with board(tmp_path, faults) as device, Driver(settings(tmp_path)) as driver:
+        client = Client(driver)
+        client.more(10)
+        faults.lose = faults.flip = faults.drop = faults.insert = 0.05
+        client.more(200, 0.3, -0.3)
+        assert driver.problems() == ""
+    assert {(message.ticks_left, message.ticks_right) for message in client.feedback} <= device.counts
+    assert {message.yaw_rate for message in client.gyro} <= device.rates
+
+
+@contextmanager
+def driving(folder: Path) -> Iterator[tuple[Noted, DriverProcess]]:
+    """A board that moves because cmr-driver obeys commands of half duty."""
+    with ExitStack() as stack:
+        device = stack.enter_context(board(folder))
+        driver = DriverProcess(folder, "--controller", "mbot")
+        stack.callback(driver.end, signal.SIGKILL)
+        driver.bus.subscribe(GYRO, 0, every=True)
+        driver.bus.subscribe(MOTOR_FEEDBACK, 0, every=True)
+        driver.command_until(lambda: device.duty == MIRRORED, *HALF)
+        yield device, driver
+
+
+def test_the_process_publishes_both_and_a_signal_leaves_the_motors_at_zero(tmp_path: Path) -> None:
+    with driving(tmp_path) as (device, driver):
+        published = {gyro_t, motor_feedback_t}
+        driver.command_until(lambda: published <= {type(message) for message in driver.statuses})
+        assert driver.end(signal.SIGTERM)[0] == 130
+        assert device.duty == (0.0, 0.0)
+        assert device.drives[-1][0] - device.told_time < WATCHDOG  # by the driver, not by the watchdog
+
+
+def test_the_board_stops_the_motors_when_the_driver_is_killed(tmp_path: Path) -> None:
+    with driving(tmp_path) as (device, driver):
+        driver.end(signal.SIGKILL)
+        wait_for(lambda: device.duty == (0.0, 0.0))
+        moving = [time for time, duty in device.drives if duty != (0.0, 0.0)]
+        assert moving[-1] - device.told_time < WATCHDOG + 2 * PERIOD
+
+
+def test_the_board_stops_the_motors_when_the_driver_is_stopped_and_they_stay_so(tmp_path: Path) -> None:
+    with driving(tmp_path) as (device, driver):
+        driver.process.send_signal(signal.SIGSTOP)
+        driver.command_until(lambda: device.duty == (0.0, 0.0))
+        count, told = len(device.drives), device.told_time
+        driver.process.send_signal(signal.SIGCONT)
+        wait_for(lambda: device.told_time > told and len(device.drives) > count + 100)
+        assert {duty for _, duty in device.drives[count:]} == {(0.0, 0.0)}
+
+
+@pytest.mark.parametrize("wrong", [["--controller", "roboclaw"], ["--controller", "mbot", "--gyro-port", "/dev/null"]])
+def test_a_gyro_on_a_board_that_has_none_is_wrong_usage(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["--port", "/dev/null", "--gyro", "board", *wrong])
+    assert end.value.code == 2
+    assert "--gyro board" in capsys.readouterr().err
