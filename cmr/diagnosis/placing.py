@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from cmr.diagnosis.candidates import lanes_of, locality
+from cmr.diagnosis.candidates import locality
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.study import Fit, Study, moved
 from cmr.model.catalogue import definition
@@ -43,7 +43,7 @@ def _best_place(study: Study, effect: Effect, values: Mapping[str, float], noise
         for east, north, larger in product(SIDES, SIDES, RADII):
             place = {x: best[x] + east * reach, y: best[y] + north * reach}
             tried.append({**best, **place, radius: max(best[radius] + larger * reach, SMALLEST)})
-        squares = np.sum(study.white(lanes_of(tried), noise) ** 2, axis=0)
+        squares = study.squares(tried, noise)
         best = tried[int(np.argmin(squares))]
     return best
 
@@ -72,8 +72,7 @@ def explored(study: Study, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[st
 
 
 def _squares(study: Study, fit: Fit, names: Sequence[str], at: Floats) -> Floats:
-    lanes = lanes_of([moved(fit.values, names, step) for step in at])
-    return np.asarray(np.sum(study.white(lanes, fit.noise) ** 2, axis=0))
+    return study.squares([moved(fit.values, names, step) for step in at], fit.noise)
 
 
 def _strides(at: Floats, step: int, chance: np.random.Generator) -> Floats:

@@ -9,15 +9,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cmr.diagnosis.candidates import lanes_of
 from cmr.diagnosis.study import Fit, Study, moved
 from cmr.model.catalogue import definition
 from cmr.recordings.signal import Floats
 
-POINTS = 16  # of a scan, in two blocks of the compiled model
+POINTS, FEWEST_POINTS = 16, 6  # of a scan, in one block of the compiled model; of those at which the model holds
 FARTHEST = 0.12  # of the value,
 FARTHEST_OF = {"m": 0.25, "s": 1.0, "rad": 0.4}  # of places, times and angles
 FEWEST_STDS = 4.0  # or so many standard deviations, if that is more
+BEYOND = 100.0  # times the least sum of squares the model no longer holds
 ROUGH = 10.0  # scatter of the sum of squares about a parabola from which the ground is rough
 LOWER = 1.0  # than the fit: a scan that finds as much is followed
 STARTS = 2  # of new fits on rough ground
@@ -52,8 +52,7 @@ def scan(study: Study, fit: Fit, name: str) -> tuple[Floats, Floats]:
     farthest = FARTHEST * abs(value) if known.switches else FARTHEST_OF.get(known.unit, FARTHEST)
     reach = max(farthest, FEWEST_STDS * std)
     offsets = np.linspace(-reach, reach, POINTS)
-    white = study.white(lanes_of([along(fit, name, offset) for offset in offsets]), fit.noise)
-    return offsets, np.asarray(np.sum(white**2, axis=0))
+    return offsets, study.squares([along(fit, name, offset) for offset in offsets], fit.noise)
 
 
 def along(fit: Fit, name: str, offset: float) -> dict[str, float]:
@@ -66,7 +65,10 @@ def along(fit: Fit, name: str, offset: float) -> dict[str, float]:
 def parabola(offsets: Floats, squares: Floats) -> tuple[float, float]:
     """Return the standard deviation of where a parabola through the sums of squares is lowest, and their scatter."""
     unit = float(np.max(np.abs(offsets)))
-    x = offsets / unit
+    holds = squares < BEYOND * np.min(squares)
+    if np.count_nonzero(holds) < FEWEST_POINTS:
+        return unit, np.inf
+    x, squares = offsets[holds] / unit, squares[holds]
     design = np.stack([np.ones(len(x)), x, x**2], axis=1)
     weights, *_ = np.linalg.lstsq(design, squares, rcond=None)
     scatter = float(np.sqrt(np.sum((squares - design @ weights) ** 2) / (len(x) - 3)))

@@ -64,12 +64,14 @@ class Predictor:
         """Return the prediction errors of an observer's candidates; `luck` is as in `observe`."""
         innovations = observer.observe(self.piece.heard, **luck)
         east, north = innovations.pose[:, 0], innovations.pose[:, 1]
+        with np.errstate(invalid="ignore"):  # a candidate that makes no sense may lose its way altogether
+            forward, sideways = self._cosine * east + self._sine * north, self._cosine * north - self._sine * east
         of = {
             "psi_left": innovations.wheel[self._used["psi_left"], 0],
             "psi_right": innovations.wheel[self._used["psi_right"], 1],
             "yaw_rate": innovations.gyro,
-            "forward": self._cosine * east + self._sine * north,
-            "sideways": self._cosine * north - self._sine * east,
+            "forward": forward,
+            "sideways": sideways,
             "heading": innovations.pose[:, 2],
         }
         for name in POSE_SIGNALS:

@@ -89,6 +89,11 @@ class Study:
         """Return all prediction errors made white and tempered, shape (n, C)."""
         return tempered(self.made_white(self.errors(values), noise))
 
+    def squares(self, sets: Sequence[Mapping[str, float]], noise: Noise) -> Floats:
+        """Return the sum of squared white errors with each of several sets of values; infinite where nothing holds."""
+        white = self.white(lanes_of(sets), noise)
+        return np.asarray(np.nan_to_num(np.einsum("nc,nc->c", white, white), nan=np.inf))
+
     def made_white(self, errors: Sequence[Errors], noise: Noise) -> Floats:
         """Return prediction errors made white, shape (n, C), piece by piece and signal by signal."""
         parts = [
@@ -203,7 +208,7 @@ class Study:
         """Return the best values of many shortened and damped steps, and by how much they drop the sum of squares."""
         steps = [share * step for step in _newton_steps(slopes, rest, DAMPINGS) for share in SHARES]
         tried = [moved(values, names, step) for step in steps]
-        squares = np.sum(self.white(lanes_of(tried), noise) ** 2, axis=0)
+        squares = self.squares(tried, noise)
         best = int(np.argmin(squares))
         return tried[best], float(rest @ rest) - float(squares[best])
 
@@ -246,7 +251,13 @@ class Study:
         """
         moves = self._moves(values, names, stride)
         white = self.white(lanes_of([values, *one_by_one(values, names, moves)]), noise)
-        return white[:, 0], (white[:, 1:] - white[:, :1]) / moves
+        lost = ~np.isfinite(white[:, 1:]).all(axis=0)
+        if lost.any():  # so far the model no longer holds; it may on the other side
+            moves = np.where(lost, -moves, moves)
+            white = self.white(lanes_of([values, *one_by_one(values, names, moves)]), noise)
+            white[:, 1:] = np.where(np.isfinite(white[:, 1:]), white[:, 1:], white[:, :1])
+        with np.errstate(invalid="ignore"):  # where the model does not hold at all the step that led here is not taken
+            return white[:, 0], (white[:, 1:] - white[:, :1]) / moves
 
 
 def one_by_one(values: Mapping[str, float], names: Sequence[str], moves: Floats) -> list[dict[str, float]]:
