@@ -11,6 +11,18 @@ def utime_at(monotonic_nanoseconds: int) -> int:
     return (monotonic_nanoseconds + offset) // 1000
 
 
+class Stamps:
+    """Times of day of one stream of messages: strictly increasing, whatever happens to the clocks meanwhile."""
+
+    def __init__(self) -> None:
+        self._last = 0
+
+    def next(self, monotonic_nanoseconds: int) -> int:
+        """Return the time of day (us) of a moment, but later than all before it."""
+        self._last = max(utime_at(monotonic_nanoseconds), self._last + 1)
+        return self._last
+
+
 def _compare() -> tuple[int, int]:
     """Return how uncertain this comparison is, and time of day minus monotonic time (ns)."""
     before = time.monotonic_ns()

@@ -7,7 +7,8 @@ from typing import Any
 
 from cmr.bus.messages import make
 from cmr.msg import gyro_t
-from robot_driver.clock import utime_at
+from robot_driver.clock import Stamps, utime_at
+from robot_driver.clock_fit import ClockFit
 from robot_driver.gyros import Gyro, GyroReading
 from robot_driver.port_thread import Device
 from robot_driver.serial_port import SerialPort
@@ -32,6 +33,9 @@ class GyroDevice(Device):
         self._publish = publish
         self._last_reading = 0.0
         self._lost_before = 0
+        self._stamps = Stamps()
+        self._clock_fit: ClockFit | None = None
+        self._count = 0
 
     @property
     def lost(self) -> int:
@@ -48,8 +52,8 @@ class GyroDevice(Device):
         data = self._port.read(READ_SIZE, LONGEST_READ)
         arrived = time.monotonic_ns()
         readings = self._gyro.feed(data)
-        for reading in readings:
-            self._publish(self._message(reading, arrived))
+        for reading, measured in zip(readings, self._measured(readings, arrived), strict=True):
+            self._publish(self._message(reading, measured, arrived))
         if request := self._gyro.next_request():
             self._port.write(request)
         if readings:
@@ -69,15 +73,26 @@ class GyroDevice(Device):
         self._lost_before = self.lost
         self._gyro = self._gyro_type()
         self._port.write(self._gyro.wake_up)
+        self._clock_fit = None
         self._last_reading = time.monotonic()
 
-    def _message(self, reading: GyroReading, arrived: int) -> Any:
-        began = arrived - round(self._port.wire_time(reading.bytes_since) * 1e9)
-        if reading.measured is not None and 0 <= arrived - reading.measured < LONGEST_DELAY:
-            began = reading.measured
+    def _measured(self, readings: list[GyroReading], arrived: int) -> list[int]:
+        """Return when readings that came together were taken (monotonic ns), as well as can be known."""
+        latest = [arrived - round(self._port.wire_time(reading.bytes_since) * 1e9) for reading in readings]
+        if readings and self._gyro.nominal_rate:
+            self._clock_fit = self._clock_fit or ClockFit(self._gyro.nominal_rate)
+            first = self._count + self.lost
+            self._count += len(readings)
+            latest = self._clock_fit.times_of(list(enumerate(latest, first)))
+        return [
+            reading.measured if reading.measured and 0 <= arrived - reading.measured < LONGEST_DELAY else fitted
+            for reading, fitted in zip(readings, latest, strict=True)
+        ]
+
+    def _message(self, reading: GyroReading, measured: int, arrived: int) -> Any:
         return make(
             gyro_t,
-            utime=utime_at(began),
+            utime=self._stamps.next(measured),
             robot_id=self._robot_id,
             yaw_rate=self._sign * reading.yaw_rate,
             valid=int(reading.valid),

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t
-from robot_driver.clock import utime_at
+from robot_driver.clock import Stamps, utime_at
 from robot_driver.command_gate import CommandGate, Drive, Stop
 from robot_driver.controllers import BadReply, Controller, Request, Telemetry
 from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, WheelMotion, Wiring
@@ -73,6 +73,7 @@ class Motors(Device):
         self._publish = publish
         self._connection: _Connection | None = None
         self._jumps_told = 0
+        self._stamps = Stamps()
         self._last_answer = 0.0
         self._due = 0.0
 
@@ -177,7 +178,7 @@ class Motors(Device):
         currents = self._wiring.sides(*telemetry.get("currents", (math.nan, math.nan)))
         return make(
             motor_feedback_t,
-            utime=utime_at(answer.measured),
+            utime=self._stamps.next(answer.measured),
             robot_id=self._robot_id,
             ticks_left=motion.ticks[0],
             ticks_right=motion.ticks[1],

@@ -20,8 +20,6 @@ from cmr.msg import motor_feedback_t
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.encoders import Wiring
-from robot_driver.gyro_device import GyroDevice
-from robot_driver.gyros.dsp3000 import Dsp3000
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits
@@ -358,26 +356,3 @@ def test_a_port_in_use_is_refused_with_a_sentence(bench: Bench) -> None:
 def test_a_missing_port_is_refused_with_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(PortLost, match="There is no serial port"):
         SerialPort(str(tmp_path / "nothing"), 115200).open()
-
-
-def test_a_gyro_is_put_into_its_mode_read_and_woken_up_again() -> None:
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    port = SerialPort(os.ttyname(slave), 38400)
-    published: list[Any] = []
-    with PortThread(port, GyroDevice(port, Dsp3000, robot_id=0, sign=1, publish=published.append)) as thread:
-        assert os.read(master, 10) == b"RRR"
-        os.write(master, b"5 1\r\n       1.000000   1\r\n       2.0000")
-        time.sleep(0.01)
-        os.write(master, b"00   0\r\n")
-        wait_for(lambda: len(published) == 2)
-        assert thread.problem == ""
-        assert select.select([master], [], [], 5.0)[0]
-        assert os.read(master, 10) == b"RRR"
-        wait_for(lambda: "sends no readings" in thread.problem)
-    assert published[0].yaw_rate == pytest.approx(-math.radians(1.0))
-    assert (published[0].valid, published[1].valid) == (1, 0)
-    assert math.isnan(published[1].yaw_rate)
-    assert published[0].utime < published[1].utime < published[1].received_utime
-    os.close(master)
-    os.close(slave)

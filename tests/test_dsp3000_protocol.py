@@ -7,16 +7,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_driver.gyros import GyroReading
-from robot_driver.gyros.dsp3000 import Dsp3000
+from robot_driver.gyros.dsp3000 import SETTLING, Dsp3000
 
 GOLDEN = b"       0.015733   1\r\n"
 
 
+def settled() -> Dsp3000:
+    """Return the protocol of a gyro that has been running in rate mode for a while; a line is about to begin."""
+    gyro = Dsp3000()
+    gyro.feed(b"\n" + SETTLING * GOLDEN)
+    gyro.next_request()
+    return gyro
+
+
 def readings(stream: bytes) -> list[GyroReading]:
     """Return the readings of a stream that begins at the start of a line."""
-    gyro = Dsp3000()
-    gyro.feed(b"\n")
-    return gyro.feed(stream)
+    return settled().feed(stream)
 
 
 @pytest.mark.parametrize("line", [GOLDEN, GOLDEN.replace(b"\r", b""), b"0.015733 1\n", b"\t0.015733\t1 \r\n"])
@@ -64,6 +70,21 @@ def test_what_makes_no_sense_is_no_reading(line: bytes) -> None:
 def test_a_reading_tells_how_long_ago_it_began() -> None:
     first, second = readings(GOLDEN + GOLDEN + b"    ")
     assert (first.bytes_since, second.bytes_since) == (46, 25)
+
+
+def test_15_a_gyro_that_may_have_been_off_is_put_back_into_its_mode_and_not_believed_until_then() -> None:
+    gyro = Dsp3000()
+    assert gyro.feed(b"\n") == []
+    assert gyro.next_request() == b""
+    in_another_mode = gyro.feed(SETTLING * GOLDEN)
+    assert gyro.next_request() == b"RRR"
+    assert gyro.next_request() == b""
+    assert not any(reading.valid or reading.yaw_rate == reading.yaw_rate for reading in in_another_mode)
+    assert gyro.feed(GOLDEN)[0].valid
+    assert not gyro.feed(b"       0.015733   0\r\n")[0].valid  # as after a dip of its supply
+    assert gyro.next_request() == b""
+    assert not gyro.feed(GOLDEN)[0].valid
+    assert gyro.next_request() == b"RRR"
 
 
 def test_the_mode_letter_is_sent_three_times() -> None:

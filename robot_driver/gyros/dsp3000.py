@@ -10,6 +10,7 @@ import re
 from robot_driver.gyros.gyro import Gyro, GyroReading
 
 LARGEST_RATE = 500.0  # deg/s; beyond it the output is unreliable whatever the validity digit says
+SETTLING = 10  # readings after a mode letter that may still be in another mode
 LONGEST_LINE = 64  # bytes; real lines have 21, a run of more without an LF is another protocol or noise
 RATE_MODE = b"R"
 
@@ -17,13 +18,22 @@ _LINE = re.compile(rb"[ \t]*(-?[0-9]{1,9}(?:\.[0-9]{0,9})?)[ \t]+([01])[ \t]*\r?
 
 
 class Dsp3000(Gyro):
-    """A DSP-3000 in rate mode, mounted upright."""
+    """A DSP-3000 in rate mode, mounted upright.
+
+    Which mode it is in cannot be seen in what it sends. So the letter is sent again when its readings become valid:
+    at the first one, when nobody knows how long it has been on, and whenever it may just have been switched on. The
+    readings that follow are told as not valid until they are sure to be rates.
+    """
 
     baud_rate = 38400
+    nominal_rate = 100.0
 
     def __init__(self) -> None:
         self._line = b""
         self._at_line_start = False  # what comes first is the rest of a line that began before we listened
+        self._was_valid = False
+        self._unsettled = 0
+        self._request = b""
 
     @property
     def wake_up(self) -> bytes:
@@ -40,11 +50,26 @@ class Dsp3000(Gyro):
             self._at_line_start = True
             remaining -= len(line) + 1
             if reading is not None:
-                readings.append(reading)
+                readings.append(self._settled(reading))
         if len(rest) > LONGEST_LINE:
             self._at_line_start, rest = False, b""
         self._line = rest
         return readings
+
+    def next_request(self) -> bytes:
+        """Return the letter of the rate mode, three times, once after readings have become valid."""
+        request, self._request = self._request, b""
+        return request
+
+    def _settled(self, reading: GyroReading) -> GyroReading:
+        """Return the reading, as not valid where it may be something else than a rate."""
+        if reading.valid and not self._was_valid:
+            self._request, self._unsettled = self.wake_up, SETTLING
+        self._was_valid = reading.valid
+        if not self._unsettled:
+            return reading
+        self._unsettled -= 1
+        return GyroReading(math.nan, False, reading.bytes_since)
 
 
 def _reading(line: bytes, bytes_since: int) -> GyroReading | None:

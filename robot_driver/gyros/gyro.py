@@ -24,12 +24,14 @@ class Gyro(ABC):
 
     A new object is made for each connection and after each silence, since the gyro may have been off. `problem` is a
     sentence on why what comes cannot be used as it is, or "". `lost` is how many readings were sent but never came,
-    where the protocol tells.
+    where the protocol tells. `nominal_rate` (Hz) is how often readings come by the device's own clock, 0 where that
+    is not known or not steady.
     """
 
     baud_rate: int
     problem = ""
     lost = 0
+    nominal_rate = 0.0
 
     @property
     @abstractmethod

@@ -1,0 +1,147 @@
+"""Promises 14 and 15: readings are stamped when they were taken, and what is no rate is never told as one."""
+
+import math
+import os
+import random
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_driver.clock import Stamps, utime_at
+from robot_driver.clock_fit import ClockFit
+from robot_driver.emulator.dsp3000_device import INCREMENTAL_ANGLE, Dsp3000Device
+from robot_driver.emulator.engine import Engine
+from robot_driver.emulator.faults import Faults, FaultyLine
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.pseudo_terminal import Ports
+from robot_driver.emulator.settings import load_settings
+from robot_driver.gyro_device import GyroDevice
+from robot_driver.gyros.dsp3000 import SETTLING, Dsp3000
+from robot_driver.port_thread import PortThread
+from robot_driver.serial_port import SerialPort
+from tests.driver_bench import number, wait_for
+
+LINE = b"       1.000000   1\r\n"
+WIRE_TIME = len(LINE) * 10 / 38400  # s
+
+
+@contextmanager
+def listening(path: str) -> Iterator[tuple[list[Any], PortThread]]:
+    """What the driver's gyro thread publishes while it reads the port at `path`."""
+    published: list[Any] = []
+    port = SerialPort(path, 38400)
+    with PortThread(port, GyroDevice(port, Dsp3000, robot_id=0, sign=1, publish=published.append)) as thread:
+        yield published, thread
+
+
+@contextmanager
+def line_end() -> Iterator[tuple[int, str]]:
+    """The device's end of a serial line, and the path of the driver's."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    yield master, os.ttyname(slave)
+    os.close(master)
+    os.close(slave)
+
+
+def test_14_bursts_of_five_lines_are_spread_over_the_time_in_which_they_were_measured() -> None:
+    rate, begin, late = 102.0, time.monotonic() + 0.1, []
+
+    def send(master: int) -> None:
+        os.write(master, b"\n")
+        for burst in range(number("CMR_GYRO_BURSTS", 40)):
+            due = begin + (5 * burst + 4) / rate + WIRE_TIME  # when the last of its lines has come
+            time.sleep(max(due - time.monotonic(), 0.0))
+            late.append(time.monotonic() - due)
+            os.write(master, 5 * LINE)
+
+    with line_end() as (master, path), listening(path) as (published, _):
+        sender = threading.Thread(target=send, args=(master,))
+        sender.start()
+        sender.join()
+        wait_for(lambda: len(published) == 5 * len(late))
+    true = [begin + number_of_line / rate + min(late) for number_of_line in range(len(published))]
+    offset = utime_at(0)
+    errors = [(message.utime - offset) / 1e6 - moment for message, moment in zip(published, true, strict=True)]
+    print(f"largest error {1e3 * max(map(abs, errors[50:])):.2f} ms")
+    assert max(map(abs, errors[50:])) < 0.002
+    assert all(before.utime < after.utime for before, after in pairwise(published))
+
+
+@pytest.mark.parametrize("rate", [97.5, 100.0, 102.5])
+def test_14_the_gyros_own_rate_is_found_under_any_delay(rate: float) -> None:
+    chance, fit, errors = random.Random(0), ClockFit(100.0), []
+    for burst in range(1000):
+        arrived = (5 * burst + 4) / rate + chance.expovariate(1 / 0.002)
+        lines = [(5 * burst + i, round(1e9 * (arrived - (4 - i) * WIRE_TIME))) for i in range(5)]
+        errors += [fitted / 1e9 - line / rate for fitted, (line, _) in zip(fit.times_of(lines), lines, strict=True)]
+    assert max(map(abs, errors[100:])) < 0.002
+    assert max(map(abs, errors[2000:])) < 0.0005
+
+
+def test_14_after_readings_were_lost_unnoticed_or_a_pause_the_fit_finds_back() -> None:
+    fit, errors = ClockFit(100.0), []
+    for taken in range(2000):
+        if taken in (700, 701):
+            continue
+        moment = taken * 0.0099 + (3.0 if taken > 1500 else 0.0)
+        (fitted,) = fit.times_of([(taken - (2 if taken > 700 else 0), round(1e9 * moment))])
+        errors.append(abs(fitted / 1e9 - moment))
+    assert max(errors[:700]) < 0.002
+    assert max(errors[800:]) < 0.002
+
+
+@given(st.lists(st.integers(-(10**9), 10**9), min_size=1, max_size=50))
+def test_14_stamps_strictly_increase(moments: list[int]) -> None:
+    stamps = Stamps()
+    told = [stamps.next(10**12 + moment) for moment in moments]
+    assert all(before < after for before, after in pairwise(told))
+
+
+def test_15_a_gyro_is_put_into_its_mode_read_and_woken_up_again() -> None:
+    with line_end() as (master, path), listening(path) as (published, thread):
+        assert os.read(master, 10) == b"RRR"
+        os.write(master, b"5 1\r\n" + SETTLING * LINE + LINE + b"       2.0000")
+        time.sleep(0.01)
+        os.write(master, b"00   0\r\n")
+        wait_for(lambda: len(published) == SETTLING + 2)
+        assert thread.problem == ""
+        assert os.read(master, 10) == b"RRR"
+        wait_for(lambda: "sends no readings" in thread.problem)
+        assert os.read(master, 10) == b"RRR"
+    assert [message.valid for message in published] == SETTLING * [0] + [1, 0]
+    assert published[-2].yaw_rate == pytest.approx(-math.radians(1.0))
+    assert all(math.isnan(message.yaw_rate) for message in published if not message.valid)
+
+
+def test_15_a_gyro_that_comes_back_in_another_mode_never_tells_an_angle_as_a_rate(tmp_path: Path) -> None:
+    settings = load_settings().ideal()
+    plant = Plant(settings)
+    gyro = Dsp3000Device(settings, plant)
+    line = FaultyLine(gyro, Faults())
+    plant.command(-0.3, 0.3)
+    plant.left.velocity, plant.right.velocity = -0.3 / 0.054, 0.3 / 0.054  # it turns steadily
+    rate = 2 * 0.3 / 0.054 * 0.04 / 0.161
+    with (
+        Ports(tmp_path, ("gyro",)) as ports,
+        Engine(plant, {"gyro": line}, ports.terminals),
+        listening(str(tmp_path / "gyro")) as (published, thread),
+    ):
+        wait_for(lambda: published and published[-1].valid)
+        line.faults.silent = True
+        wait_for(lambda: thread.problem)
+        gyro._mode, seen = INCREMENTAL_ANGLE, len(published)
+        line.faults.silent = False
+        wait_for(lambda: len(published) > seen + 2 * SETTLING and published[-1].valid)
+    assert thread.problem == ""
+    rates = [message.yaw_rate for message in published[20:] if message.valid]
+    assert min(rates) == pytest.approx(rate, abs=0.1)
