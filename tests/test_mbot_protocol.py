@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import random
 import struct
 from typing import Any
 
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from robot_driver.controllers import BadReply, Request
 from robot_driver.controllers.mbot import MBot, MBotGyro, board
+from robot_driver.controllers.mbot.clock import JITTER, SteadyClock
 from robot_driver.controllers.mbot.frames import LAYOUTS, START, Frame, FrameReader, Topic, packed
 
 VELOCITY_COMMAND = "fffe1400ebd6000700000000000000" + "0000003f00000000000080bea5"
@@ -25,7 +27,7 @@ def said(topic: Topic, utime: int, *values: float) -> bytes:
     return packed(topic, layout.pack(utime, *values, *[0] * (length - 1 - len(values))))
 
 
-def without_position(frames: list[Frame]) -> list[tuple[Any, ...]]:
+def without_arrival(frames: list[Frame]) -> list[tuple[Any, ...]]:
     return [(frame.topic, frame.utime, repr(frame.values)) for frame in frames]
 
 
@@ -135,6 +137,27 @@ def test_a_gyro_reading_is_the_upward_rate_at_the_boards_time() -> None:
     assert (reading.yaw_rate, reading.valid, reading.measured) == (0.75, True, 40_000)
 
 
+def test_the_boards_clock_keeps_its_pace_through_all_its_jumps() -> None:
+    chance, steady = random.Random(0), SteadyClock()
+    late, times, turns = 0, [], [turn for turn in range(4400) if turn % 97 != 5]  # some are lost
+    for turn in turns:
+        if turn % 55 == 0:
+            late = chance.randrange(1000)
+        true = 1_000_000 + round(turn * 1e6 / 220)
+        for _ in range(2):
+            times.append((true, steady.read(true - late)))
+    pace = [(after[1] - before[1]) - (after[0] - before[0]) for before, after in itertools.pairwise(times[100:])]
+    assert max(map(abs, pace)) < JITTER + 5
+    assert all(-1000 <= shown - true <= 0 for true, shown in times)
+
+
+def test_a_clock_that_is_set_for_the_first_time_is_followed_at_once() -> None:
+    steady = SteadyClock()
+    for utime in range(0, 200_000, 4545):
+        steady.read(utime)
+    assert steady.read(1_700_000_000_000_000) == 1_700_000_000_000_000
+
+
 @pytest.mark.parametrize("rate", [math.nan, math.inf, 35.0, -35.0])
 def test_an_impossible_rate_is_no_rate(rate: float) -> None:
     (reading,) = MBotGyro().feed(said(Topic.IMU, 40, 0.0, 0.0, rate) + START)
@@ -196,7 +219,7 @@ def in_pieces(stream: bytes, sizes: list[int]) -> list[Frame]:
 def test_pieces_of_any_size_give_the_same_frames(stream: list[bytes], sizes: list[int]) -> None:
     whole = FrameReader().feed(b"".join(stream) + START)
     assert len(whole) == len(stream)
-    assert without_position(in_pieces(b"".join(stream) + START, sizes)) == without_position(whole)
+    assert without_arrival(in_pieces(b"".join(stream) + START, sizes)) == without_arrival(whole)
 
 
 @given(
@@ -210,8 +233,8 @@ def test_damage_never_becomes_data_and_costs_itself_and_the_frame_before(
     truth: list[bytes], damaged: dict[int, tuple[str, int, bytes]], sizes: list[int]
 ) -> None:
     stream = [damage(frame, damaged[index]) if index in damaged else frame for index, frame in enumerate(truth)]
-    true = without_position(FrameReader().feed(b"".join(truth) + START))
-    found = without_position(in_pieces(b"".join(stream) + START, sizes))
+    true = without_arrival(FrameReader().feed(b"".join(truth) + START))
+    found = without_arrival(in_pieces(b"".join(stream) + START, sizes))
     remaining = iter(true)
     assert all(frame in remaining for frame in found)  # in order, too
     spared = [frame for index, frame in enumerate(true) if not {index, index + 1} & set(damaged)]

@@ -107,7 +107,7 @@ class MBot(Controller):
             left, right = (int(count) for count in frame.values[:2])
             return left % COUNTER_RANGE, -right % COUNTER_RANGE
 
-        return self._wait("encoders", counts, measured=lambda: taken[-1].utime * 1000)
+        return self._wait("encoders", counts, measured=lambda: taken[-1].measured)
 
     def read_telemetry(self) -> list[Request[Telemetry]]:
         """Take the battery's voltage, where the board says it."""

@@ -9,6 +9,8 @@ import struct
 from enum import IntEnum
 from typing import NamedTuple
 
+from robot_driver.controllers.mbot.clock import SteadyClock
+
 START = b"\xff\xfe"
 HEADER_BYTES = 7  # start, length, check, topic
 OVERHEAD_BYTES = HEADER_BYTES + 1
@@ -43,12 +45,14 @@ LAYOUTS = {
 class Frame(NamedTuple):
     """What the board said: the moment by its clock (us), the other numbers of the layout.
 
-    `bytes_since` is how many bytes had been received since the frame began.
+    `measured` is the same moment without the jumps of that clock (ns). `bytes_since` is how many bytes had been
+    received since the frame began.
     """
 
     topic: Topic
     utime: int
     values: tuple[float, ...]
+    measured: int
     bytes_since: int
 
 
@@ -68,6 +72,7 @@ class FrameReader:
 
     def __init__(self) -> None:
         self._data = b""
+        self._clock = SteadyClock()
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take the next bytes; return the frames that can now be believed."""
@@ -79,13 +84,18 @@ class FrameReader:
             if end is None or (end and len(self._data) < end + len(START)):
                 break
             if end and _is_sound(self._data, start, end):
-                frames.append(_frame(self._data, start))
+                frames.append(self._frame(start))
                 position = end
             else:
                 position = start + len(START)
         # Where nothing begins, the last byte may still be the first half of a start.
         self._data = self._data[start if start >= 0 else max(len(self._data) - 1, position) :]
         return frames
+
+    def _frame(self, start: int) -> Frame:
+        (topic,) = struct.unpack_from("<H", self._data, start + 5)
+        utime, *values = LAYOUTS[topic].unpack_from(self._data, start + HEADER_BYTES)
+        return Frame(Topic(topic), utime, tuple(values), 1000 * self._clock.read(utime), len(self._data) - start)
 
 
 def _end(data: bytes, start: int) -> int | None:
@@ -102,12 +112,6 @@ def _end(data: bytes, start: int) -> int | None:
 
 def _is_sound(data: bytes, start: int, end: int) -> bool:
     return data.startswith(START, end) and _check(data[start + 5 : end - 1]) == data[end - 1 : end]
-
-
-def _frame(data: bytes, start: int) -> Frame:
-    (topic,) = struct.unpack_from("<H", data, start + 5)
-    utime, *values = LAYOUTS[topic].unpack_from(data, start + HEADER_BYTES)
-    return Frame(Topic(topic), utime, tuple(values), len(data) - start)
 
 
 def _check(data: bytes) -> bytes:

@@ -30,4 +30,4 @@ class MBotGyro(Gyro):
 def _reading(frame: Frame) -> GyroReading:
     rate = frame.values[UPWARD]
     valid = abs(rate) <= LARGEST_RATE  # NaN is not
-    return GyroReading(rate if valid else math.nan, valid, frame.bytes_since, frame.utime * 1000)
+    return GyroReading(rate if valid else math.nan, valid, frame.bytes_since, frame.measured)
