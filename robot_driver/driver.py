@@ -12,6 +12,7 @@ from typing import Any
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, Stream
 from cmr.parameters.following import ParameterFollower
+from robot_driver.battery import Thresholds
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.encoders import FASTEST_WHEEL, Wiring
@@ -41,6 +42,7 @@ class Settings:
     ticks_per_turn: int = 2048
     wiring: Wiring = field(default_factory=Wiring)
     limits: Limits = field(default_factory=Limits)
+    thresholds: Thresholds = field(default_factory=Thresholds)
     invert_gyro: bool = False
     parameters: Path | None = None
 
@@ -71,6 +73,7 @@ class Driver:
             ticks_per_turn=settings.ticks_per_turn,
             wiring=settings.wiring,
             limits=settings.limits,
+            thresholds=settings.thresholds,
             publish=lambda message: self._outgoing.put((MOTOR_FEEDBACK, message)),
         )
         self._threads = [PortThread(port, self._motors)]

@@ -8,6 +8,7 @@ from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import process_status_t
+from robot_driver.battery import Thresholds
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import BOARD, Driver, Settings
 from robot_driver.encoders import Wiring
@@ -69,6 +70,7 @@ def _settings(options: argparse.Namespace) -> Settings:
         ticks_per_turn=options.ticks_per_turn,
         wiring=Wiring(options.swap, options.invert_left, options.invert_right),
         limits=options.limits,
+        thresholds=options.thresholds,
         invert_gyro=options.invert_gyro,
         parameters=options.parameters,
     )
@@ -86,6 +88,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     add("--rate", type=_positive_number, default=100.0, metavar="HZ", help="how often the motors are served")
     add("--acceleration", type=_positive_number, default=10.0, metavar="DUTY/S", help="how fast duty may grow")
     add("--deceleration", type=_positive_number, metavar="DUTY/S", help="how fast it may shrink; else twice that")
+    add("--battery-warn", type=_positive_number, default=0.0, metavar="VOLT", help="warn when the battery is below")
+    add("--battery-stop", type=_positive_number, default=0.0, metavar="VOLT", help="below, stop until restarted")
     add("--ticks-per-turn", type=_positive, default=2048, metavar="TICKS", help="encoder counts per turn of a wheel")
     add("--swap", action="store_true", help="the controller's first channel is the right side, not the left")
     add("--invert-left", action="store_true", help="motor and encoder of the left side are mounted backwards")
@@ -97,6 +101,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         result.error(f"--gyro {BOARD} is for a controller with a gyro on its board, on the port of the controller")
     try:
         options.limits = Limits(options.acceleration, options.deceleration or 2.0 * options.acceleration)
+        options.thresholds = Thresholds(options.battery_warn, options.battery_stop)
     except ValueError as error:
         result.error(str(error))
     return options

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t
+from robot_driver.battery import BatteryGuard, Thresholds
 from robot_driver.clock import Stamps, utime_at
 from robot_driver.command_gate import CommandGate, Drive, Stop
 from robot_driver.controllers import BadReply, Controller, Request, Telemetry
@@ -57,6 +58,7 @@ class Motors(Device):
         ticks_per_turn: int,
         wiring: Wiring,
         limits: Limits,
+        thresholds: Thresholds,
         publish: Callable[[Any], None],
     ) -> None:
         self.fastest_wheel = FASTEST_WHEEL
@@ -70,6 +72,7 @@ class Motors(Device):
         self._encoders = WheelEncoders(ticks_per_turn)
         self._wiring = wiring
         self._ramp = Ramp(limits, longest_step=2 * self._period)
+        self._battery = BatteryGuard(thresholds)
         self._publish = publish
         self._connection: _Connection | None = None
         self._jumps_told = 0
@@ -205,6 +208,7 @@ class Motors(Device):
         try:
             connection.telemetry.update(self._ask(request).value)
             self._obey_controller(connection.telemetry)
+            self._watch_battery(connection)
             connection.failures[request.name] = 0
         except BadReply:
             connection.failures[request.name] = connection.failures.get(request.name, 0) + 1
@@ -232,6 +236,14 @@ class Motors(Device):
             self._gate.hold(Stop.CONTROLLER)
         else:
             self._gate.release(Stop.CONTROLLER, now=time.monotonic())
+
+    def _watch_battery(self, connection: _Connection) -> None:
+        """Warn of a low battery; hold the motors for good when it is empty."""
+        self._battery.take(connection.telemetry.get("battery_voltage", math.nan), time.monotonic())
+        if self._battery.empty:
+            self._gate.hold(Stop.BATTERY)
+        conditions = connection.telemetry.get("conditions", ())
+        self.problem = " ".join(filter(None, (connection.unarmed, self._battery.sentence, *conditions)))
 
     def _ask(self, request: Request[T]) -> Answer[T]:
         asked = time.monotonic()

@@ -16,6 +16,7 @@ from cmr.bus.bus import Bus
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PROCESS_STATUS
 from cmr.msg import estop_t, motor_command_t
+from robot_driver.battery import Thresholds
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.emulator.engine import Engine
@@ -60,6 +61,21 @@ class Bench:
     def command(self, left: float, right: float) -> None:
         self.gate.offer(now_utime(), left, right, now=time.monotonic(), utime=now_utime())
 
+    def until(self, condition: Callable[[], object]) -> None:
+        """Command some duty until the condition holds."""
+
+        def commanded() -> object:
+            self.command(0.2, 0.2)
+            return condition()
+
+        wait_for(commanded)
+
+    def until_moving(self) -> None:
+        self.until(lambda: self.device.duty == [6553, 6553])
+
+    def set_battery(self, voltage: float) -> None:
+        self.device._plant._electrics = dataclasses.replace(load_settings().electrics, battery_voltage=voltage)
+
     def until_transactions(self, count: int) -> None:
         """Drive to and fro until the device has been asked so many times more."""
         end = len(self.line.truth) + count
@@ -74,7 +90,14 @@ class Bench:
 
 
 @contextmanager
-def bench(folder: Path, faults: Faults | None = None, *, rate_hz: float = 100.0, baud: int = 115200) -> Iterator[Bench]:
+def bench(
+    folder: Path,
+    faults: Faults | None = None,
+    *,
+    rate_hz: float = 100.0,
+    baud: int = 115200,
+    thresholds: Thresholds = Thresholds(),  # noqa: B008 - it is frozen
+) -> Iterator[Bench]:
     settings = load_settings().ideal()
     settings = dataclasses.replace(settings, roboclaw=dataclasses.replace(settings.roboclaw, baud=baud))
     plant = Plant(settings)
@@ -90,6 +113,7 @@ def bench(folder: Path, faults: Faults | None = None, *, rate_hz: float = 100.0,
         ticks_per_turn=2048,
         wiring=Wiring(),
         limits=Limits(),
+        thresholds=thresholds,
         publish=lambda message: result.feedback.append(message),
     )
     result = Bench(line, device, motors, gate)

@@ -17,6 +17,7 @@ import pytest
 
 from cmr.bus.messages import now_utime
 from cmr.msg import motor_feedback_t
+from robot_driver.battery import Thresholds
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.encoders import Wiring
@@ -123,6 +124,7 @@ class Bench:
             ticks_per_turn=2048,
             wiring=Wiring(),
             limits=Limits(),
+            thresholds=Thresholds(),
             publish=self.feedback.append,
         )
         return PortThread(port, self.motors)
