@@ -21,7 +21,7 @@ LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published
 DESCRIPTION = """Drive a real robot: MOTOR_COMMAND_N in; MOTOR_FEEDBACK_N and GYRO_N out.
 
 The motors stop when no command has come for 0.5 s, when ESTOP is engaged, and when this process ends. If this
-computer fails, the motor controller stops them by itself after 0.5 s."""
+computer fails, the motor controller stops them by itself after 0.5 s, an MBot board after 1 s."""
 EXAMPLE = "cmr-driver --port /dev/serial/by-id/usb-Basicmicro_RoboClaw-if00 --gyro-port /dev/ttyUSB0 --robot 0"
 
 

@@ -23,10 +23,11 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
 from robot_driver.main import main
-from tests.driver_bench import DriverProcess, wait_for
+from tests.driver_bench import DriverProcess, number, wait_for
 
 HALF, MIRRORED = (0.5, 0.5), (0.5, -0.5)
 WATCHDOG = 1.0  # s, of the board
+PATIENCE = 20.0 + 0.1 * number("CMR_TRANSACTIONS_WITH_DAMAGE", 0)  # s
 PERIOD = 1.0 / 220.0  # s, of its loop
 COUNTS = 7 + 8  # where they are in what the board says in one turn: after a header and the time
 YAW_RATE = 56 + 28 + 7 + 8 + 2 * 4  # after encoders, odometry, a header, the time and two other rates
@@ -86,7 +87,7 @@ class Client:
                 (self.gyro if stream is GYRO else self.feedback).append(message)
             return condition()
 
-        wait_for(commanded)
+        wait_for(commanded, PATIENCE)
 
     def more(self, count: int, left: float = 0.5, right: float = 0.5) -> None:
         seen = len(self.feedback)
@@ -131,7 +132,7 @@ def test_damage_on_the_line_never_becomes_data(tmp_path: Path) -> None:
         client = Client(driver)
         client.more(10)
         faults.lose = faults.flip = faults.drop = faults.insert = 0.05
-        client.more(200, 0.3, -0.3)
+        client.more(number("CMR_TRANSACTIONS_WITH_DAMAGE", 200), 0.3, -0.3)
         assert driver.problems() == ""
     assert {(message.ticks_left, message.ticks_right) for message in client.feedback} <= device.counts
     assert {message.yaw_rate for message in client.gyro} <= device.rates
