@@ -10,6 +10,7 @@ from cmr.diagnosis.data import findings_of, looked_at, require_of_use_held_out
 from cmr.diagnosis.engine import Ready, prepare
 from cmr.diagnosis.experiment import Piece
 from cmr.diagnosis.free_runs import WINDOW
+from cmr.diagnosis.inexactness import inexactness
 from cmr.diagnosis.judging import Named, Tried
 from cmr.diagnosis.looking import look
 from cmr.diagnosis.measuring import Measured, measure
@@ -47,11 +48,6 @@ from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 
-# No equation, no raster of 10 ms and no stamp is exact: measured on logs of a plant that shares no code with the
-# model (scripts/study_diagnosis), sizes of effects are off by so much of their value however little noise there is.
-INEXACT = 0.008
-INEXACT_FRICTION = 0.07  # the same of dry friction: how it depends on the speed differs from one motor to the next
-FRICTION = ("coulomb_friction", "static_friction", "surface_patch_friction")
 BY_COURSES = (  # whose errors last, and go with much by chance
     "Effects were looked for in the course of the motion, not moment by moment. What remains beside them is not judged."
 )
@@ -250,8 +246,7 @@ def _estimates(fit: Fit, found: Search) -> dict[str, Estimate]:
 
 def _estimate(fit: Fit, name: str, found: Search) -> Estimate:
     value = fit.values[name]
-    inexact = 0.0 if name in PAPER else INEXACT_FRICTION if name in FRICTION else INEXACT
-    doubt = np.hypot(found.doubts.get(name, 0.0), inexact * value)
+    doubt = np.hypot(found.doubts.get(name, 0.0), inexactness(name, value, found.study.scene))
     return Estimate(value, float(np.sqrt(found.inflation * fit.std(name) ** 2 + doubt**2)))
 
 

@@ -1,0 +1,25 @@
+"""By how much sizes of effects are off however little noise there is: no equation, raster or stamp is exact.
+
+Measured on logs of a plant that shares no code with the model (scripts/study_diagnosis).
+"""
+
+import numpy as np
+
+from cmr.diagnosis.candidates import Scene, is_limit, size
+from cmr.model.catalogue import definition
+from cmr.model.parameters import DEFINITIONS as PAPER
+
+OF_VALUE = 0.008
+OF_TYPICAL = 0.012  # of the typical size: robots without the effect seem to have so much of some
+OF_FRICTION = 0.07  # of the value: how dry friction depends on the speed differs from one motor to the next
+FRICTION = ("coulomb_friction", "static_friction", "surface_patch_friction")
+
+
+def inexactness(name: str, value: float, scene: Scene) -> float:
+    """Return the standard deviation to be added to a parameter for this, in its unit; none to those of the paper."""
+    if name in PAPER:
+        return 0.0
+    parameter = definition(name)
+    share = OF_FRICTION if name in FRICTION else OF_VALUE
+    grows = parameter.switches and not is_limit(parameter)
+    return float(np.hypot(share * value, OF_TYPICAL * size(parameter, scene) if grows else 0.0))
