@@ -20,7 +20,10 @@ LONGEST_DELAY = 100_000_000  # ns; a sensor's clock that says a reading took lon
 
 
 class GyroDevice(Device):
-    """Publishes a gyro_t for every reading; `sign` -1 is for a sensor mounted upside down."""
+    """Publishes a gyro_t for every reading; `sign` -1 is for a sensor mounted upside down.
+
+    `lost` counts the readings that the gyro sent and that never came, as far as its protocol tells.
+    """
 
     def __init__(
         self, port: SerialPort, gyro_type: type[Gyro], *, robot_id: int, sign: int, publish: Callable[[Any], None]
@@ -32,15 +35,10 @@ class GyroDevice(Device):
         self._sign = sign
         self._publish = publish
         self._last_reading = 0.0
-        self._lost_before = 0
+        self.lost = 0
         self._stamps = Stamps()
         self._clock_fit: ClockFit | None = None
         self._count = 0
-
-    @property
-    def lost(self) -> int:
-        """How many readings the gyro sent that never came, as far as its protocol tells."""
-        return self._lost_before + self._gyro.lost
 
     def connect(self, stop: threading.Event) -> None:  # noqa: ARG002 - nothing here takes long
         """Put the gyro into its mode."""
@@ -70,7 +68,6 @@ class GyroDevice(Device):
 
     def _wake_up(self) -> None:
         """Begin anew with a gyro of which nothing is known."""
-        self._lost_before = self.lost
         self._gyro = self._gyro_type()
         self._port.write(self._gyro.wake_up)
         self._clock_fit = None
@@ -79,15 +76,22 @@ class GyroDevice(Device):
     def _measured(self, readings: list[GyroReading], arrived: int) -> list[int]:
         """Return when readings that came together were taken (monotonic ns), as well as can be known."""
         latest = [arrived - round(self._port.wire_time(reading.bytes_since) * 1e9) for reading in readings]
-        if readings and self._gyro.nominal_rate:
+        numbers = [self._number(reading) for reading in readings]
+        if not self._gyro.nominal_rate:
+            self._clock_fit = None
+        elif readings:
             self._clock_fit = self._clock_fit or ClockFit(self._gyro.nominal_rate)
-            first = self._count + self.lost
-            self._count += len(readings)
-            latest = self._clock_fit.times_of(list(enumerate(latest, first)))
+            latest = self._clock_fit.times_of(list(zip(numbers, latest, strict=True)))
         return [
             reading.measured if reading.measured and 0 <= arrived - reading.measured < LONGEST_DELAY else fitted
             for reading, fitted in zip(readings, latest, strict=True)
         ]
+
+    def _number(self, reading: GyroReading) -> int:
+        """Return the number of a reading, the lost ones being counted too."""
+        self.lost += reading.lost_before
+        self._count += reading.lost_before + 1
+        return self._count
 
     def _message(self, reading: GyroReading, measured: int, arrived: int) -> Any:
         return make(

@@ -122,12 +122,14 @@ def test_nothing_is_read_before_the_settings_are_known() -> None:
 def test_a_self_test_tells_of_a_power_cycle_and_everything_is_asked_anew() -> None:
     gyro = interviewed(RATES)
     assert len(gyro.feed(message(0.5) + SELF_TEST + message(0.5))) == 1
+    assert gyro.nominal_rate == 0.0
     assert gyro.next_request() == ENTER_CONFIGURATION
     assert gyro.feed(message(0.5)) == []
     assert gyro.next_request() == b""
     interview(gyro, FACTORY | {"DR": "50"})
-    assert rates(gyro.feed(message(0.25, 77))) == [12.5]
-    assert gyro.lost == 0
+    assert gyro.nominal_rate == 50.0
+    (reading,) = gyro.feed(message(0.25, 77))
+    assert (reading.yaw_rate, reading.lost_before) == (12.5, 0)
 
 
 def test_a_damaged_self_test_is_none() -> None:
@@ -179,9 +181,16 @@ def test_a_device_that_does_not_know_of_turned_axes_has_none() -> None:
 
 
 def test_lost_messages_are_counted_also_where_the_numbers_begin_again() -> None:
-    gyro = interviewed(RATES)
-    gyro.feed(b"".join(message(0.1, number) for number in [*range(5), *range(7, 250), *range(260, 300)]))
-    assert gyro.lost == 2 + 10
+    numbers = [*range(5), *range(7, 250), *range(260, 300)]
+    readings = interviewed(RATES).feed(b"".join(message(0.1, number) for number in numbers))
+    lost = {number: reading.lost_before for number, reading in zip(numbers, readings, strict=True)}
+    assert {number: count for number, count in lost.items() if count} == {7: 2, 260: 10}
+
+
+@pytest.mark.parametrize(("changes", "hertz"), [({}, 1000.0), ({"DR": "50"}, 50.0), ({"MSYNC": "EXT"}, 0.0)])
+def test_the_devices_own_clock_is_known_unless_it_is_asked_for_messages(changes: dict[str, str], hertz: float) -> None:
+    assert interviewed(RATES | changes).nominal_rate == hertz
+    assert KvhBinary().nominal_rate == 0.0
 
 
 def test_a_reading_tells_how_long_ago_it_began() -> None:
@@ -242,7 +251,7 @@ def test_whatever_happens_on_the_line_all_whole_messages_come_and_nothing_else(
     assert set(rates(received)) <= set(truth)
     assert sorted(rates(received)) == rates(received)
     assert {rate for n, rate in enumerate(truth) if n not in suffered} <= set(rates(received))
-    assert gyro.lost <= len(suffered)
+    assert sum(reading.lost_before for reading in received) <= len(suffered)
 
 
 @given(st.lists(st.one_of(st.binary(max_size=200), st.sampled_from([GOLDEN, SELF_TEST, b"CONFIG,1\r\n"])), max_size=20))
@@ -299,8 +308,8 @@ class NoisyLine:
             if readings:
                 last_reading = time
                 self.received += rates(readings)
+                self.lost += sum(reading.lost_before for reading in readings)
             elif time - last_reading > 0.5:
-                self.lost += self.gyro.lost
                 self.gyro, last_reading = KvhBinary(), time
                 self._deliver(self.device.receive(self.spoilt(self.gyro.wake_up), time), time)
 

@@ -11,26 +11,26 @@ class GyroReading:
     `yaw_rate` is in rad/s, counter-clockwise positive seen from above with the sensor upright; NaN if not `valid`.
     `bytes_since` is how many bytes of the stream had been received since the reading began: what the time stamp is
     computed from, unless the sensor's clock runs with ours and says when it `measured` (monotonic ns).
+    `lost_before` is how many readings were sent just before this one but never came, where the protocol tells.
     """
 
     yaw_rate: float
     valid: bool
     bytes_since: int = field(compare=False, default=0)
     measured: int | None = field(compare=False, default=None)
+    lost_before: int = field(compare=False, default=0)
 
 
 class Gyro(ABC):
     """The protocol of a gyro; it does no I/O.
 
     A new object is made for each connection and after each silence, since the gyro may have been off. `problem` is a
-    sentence on why what comes cannot be used as it is, or "". `lost` is how many readings were sent but never came,
-    where the protocol tells. `nominal_rate` (Hz) is how often readings come by the device's own clock, 0 where that
-    is not known or not steady.
+    sentence on why what comes cannot be used as it is, or "". `nominal_rate` (Hz) is how often readings come by the
+    device's own clock, 0 where and while that is not known or not steady.
     """
 
     baud_rate: int
     problem = ""
-    lost = 0
     nominal_rate = 0.0
 
     @property

@@ -97,10 +97,10 @@ class KvhBinary(Gyro):
             if isinstance(said, Answer):
                 self._hear(said)
             elif isinstance(said, SelfTest):
-                self._interview, self._reading, self._request = None, None, ENTER_CONFIGURATION
+                self._forget()
+                self._request = ENTER_CONFIGURATION
             elif self._reading is not None:
-                self._count(said.sequence)
-                readings.append(_reading(said, self.axis, self._reading))
+                readings.append(_reading(said, self.axis, self._reading, self._lost_before(said.sequence)))
         return readings
 
     def next_request(self) -> bytes:
@@ -110,8 +110,8 @@ class KvhBinary(Gyro):
 
     def _hear(self, answer: Answer) -> None:
         if answer == Answer("CONFIG", "1"):
-            self._interview, self._reading, self._sequence = Interview(), None, None
-            self._request = self._interview.question
+            self._forget()
+            self._ask_all()
         elif self._interview is not None and self._interview.hear(answer):
             if self._interview.is_complete:
                 self._conclude(self._interview.agreed)
@@ -121,20 +121,27 @@ class KvhBinary(Gyro):
     def _conclude(self, settings: Mapping[str, str] | None) -> None:
         """Let the device send data if its settings are known; else ask again."""
         if settings is None:
-            self._interview = Interview()
-            self._request = self._interview.question
+            self._ask_all()
             return
         self._interview, self._request = None, LEAVE_CONFIGURATION
         try:
             self._reading = Reading(_scale(settings), _vouching(settings, self.axis))
+            self.nominal_rate = float(settings["DR"]) if settings["MSYNC"] != "EXT" else 0.0
         except Unreadable as unreadable:
             self.problem = str(unreadable)
 
-    def _count(self, sequence: int) -> None:
-        """Count the messages missing before this one."""
-        if self._sequence is not None:
-            self.lost += (sequence - self._sequence - 1) % SEQUENCE
-        self._sequence = sequence
+    def _ask_all(self) -> None:
+        self._interview = Interview()
+        self._request = self._interview.question
+
+    def _forget(self) -> None:
+        """Take the device for one of which nothing is known."""
+        self._interview, self._reading, self._sequence, self.nominal_rate = None, None, None, 0.0
+
+    def _lost_before(self, sequence: int) -> int:
+        """Return how many messages are missing before this one."""
+        before, self._sequence = self._sequence, sequence
+        return 0 if before is None else (sequence - before - 1) % SEQUENCE
 
 
 class KvhBinaryX(KvhBinary):
@@ -149,12 +156,11 @@ class KvhBinaryY(KvhBinary):
     axis = Y
 
 
-def _reading(sample: Sample, axis: int, how: Reading) -> GyroReading:
+def _reading(sample: Sample, axis: int, how: Reading, lost_before: int) -> GyroReading:
     rate = sample.rotation[axis] * how.scale
-    vouched = sample.status & how.vouching == how.vouching
-    if vouched and abs(rate) <= LARGEST_RATE:  # not so for NaN
-        return GyroReading(rate, True, sample.bytes_since)
-    return GyroReading(math.nan, False, sample.bytes_since)
+    # Not valid either is NaN, which is never smaller than anything.
+    valid = sample.status & how.vouching == how.vouching and abs(rate) <= LARGEST_RATE
+    return GyroReading(rate if valid else math.nan, valid, sample.bytes_since, lost_before=lost_before)
 
 
 def _scale(settings: Mapping[str, str]) -> float:
