@@ -25,6 +25,7 @@ from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
 from tests.private_bus import private_url
 from tests.test_emulator_kvh_binary import RATE, kvh_settings
+from tests.test_kvh_binary_protocol import RATES, interviewed, message
 
 DRIVER = [sys.executable, "-c", "from cmr.commands import driver; raise SystemExit(driver())"]
 PATIENCE = 20.0  # s; far more than anything here takes on a loaded machine
@@ -143,6 +144,21 @@ def test_settings_that_give_no_rates_are_explained_and_read_as_soon_as_a_person_
             wait_for(lambda: sum(reading.valid for reading in published) > 20 and thread.problem == "")
     assert all(reading.yaw_rate < 0.0 for reading in published if reading.valid)
     assert all(reading.utime < reading.received_utime for reading in published)
+
+
+def test_a_message_lost_amid_a_burst_bends_no_time_stamps() -> None:
+    port = SerialPort("no port", KvhBinary.baud_rate)
+    device = GyroDevice(port, KvhBinary, robot_id=0, sign=1, publish=print)
+    device._gyro = interviewed(RATES | {"DR": "100"})
+    errors, lost = [], {number for number in range(1000) if number % 35 in (7, 8, 32)}
+    for burst in range(0, 1000, 5):
+        numbers = [number for number in range(burst, burst + 5) if number not in lost]
+        readings = device._gyro.feed(b"".join(message(0.1, number) for number in numbers))
+        began = 10**12 + numbers[-1] * 10**7  # ns, of the last message, with which all of them come
+        moments = device._measured(readings, began + round(1e9 * port.wire_time(36)))
+        errors += [abs(moment - 10**12 - number * 10**7) / 1e9 for moment, number in zip(moments, numbers, strict=True)]
+    assert max(errors[50:]) < 0.002
+    assert device.lost == len(lost)
 
 
 def wait_for(condition: Any) -> None:
