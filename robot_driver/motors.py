@@ -122,9 +122,13 @@ class Motors(Device):
         controller = self._connection.controller if self._connection else self._controller_type()
         self._connection = None
         self.rhythm.pause()
+        for request in controller.stops():
+            self._stop(request)
+
+    def _stop(self, request: Request[tuple[float, float]]) -> None:
         for _ in range(STOP_ATTEMPTS):
             try:
-                self._port.exchange(controller.drive(0.0, 0.0))
+                self._port.exchange(request)
                 return
             except BadReply:
                 self._recover()
@@ -242,8 +246,9 @@ class Motors(Device):
         self._battery.take(connection.telemetry.get("battery_voltage", math.nan), time.monotonic())
         if self._battery.empty:
             self._gate.hold(Stop.BATTERY)
-        conditions = connection.telemetry.get("conditions", ())
-        self.problem = " ".join(filter(None, (connection.unarmed, self._battery.sentence, *conditions)))
+        conditions = ", ".join(connection.telemetry.get("conditions", ()))
+        reported = f"The motor controller reports: {conditions}." if conditions else ""
+        self.problem = " ".join(filter(None, (connection.unarmed, self._battery.sentence, reported)))
 
     def _ask(self, request: Request[T]) -> Answer[T]:
         asked = time.monotonic()

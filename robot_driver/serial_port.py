@@ -143,7 +143,11 @@ class SerialPort:
         # delays are alike. A reply is longer than its request, so the middle of the whole exchange would be late.
         asked = sent + int(1e9 * self.wire_time(len(request.data)))
         answered = arrived - int(1e9 * self.wire_time(len(reply)))
-        return Answer(request.parse(reply), (asked + answered) // 2, arrived)
+        answer = Answer(request.parse(reply), (asked + answered) // 2, arrived)
+        if request.then is None:
+            return answer
+        further = self.exchange(request.then(answer.value))
+        return Answer(further.value, (answer.measured + further.measured) // 2, further.arrived)
 
     def resynchronise(self) -> None:
         """Be silent until the line is silent, for long enough that the device drops what it has half received.

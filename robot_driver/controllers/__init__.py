@@ -6,8 +6,14 @@ A new controller is one module with a subclass of `Controller` and one entry in 
 from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
 from robot_driver.controllers.mbot import MBot
 from robot_driver.controllers.roboclaw import RoboClaw
+from robot_driver.controllers.roboclaw_pair import RoboClawPair
 from robot_driver.controllers.roboteq import Roboteq
 
-CONTROLLERS: dict[str, type[Controller]] = {"mbot": MBot, "roboclaw": RoboClaw, "roboteq": Roboteq}
+CONTROLLERS: dict[str, type[Controller]] = {
+    "mbot": MBot,
+    "roboclaw": RoboClaw,
+    "roboclaw-pair": RoboClawPair,
+    "roboteq": Roboteq,
+}
 
 __all__ = ["CONTROLLERS", "BadReply", "Controller", "Request", "Telemetry"]

@@ -32,7 +32,8 @@ class Request(Generic[T]):
     many bytes at least are still to come after those given (0: the reply is complete). `parse` turns a reply into
     what it says, or raises BadReply. `ends_in_silence`: a reply shorter than `longest_reply` may be complete; only
     silence tells. `measured` tells, once `parse` has returned, when the device took the reading (monotonic ns), where
-    its own clock says so.
+    its own clock says so. `then` makes, from what the reply says, a further request to be made at once; what that
+    is answered is the answer to both.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Request(Generic[T]):
     parse: Callable[[bytes], T]
     ends_in_silence: bool = False
     measured: Callable[[], int] | None = None
+    then: "Callable[[T], Request[T]] | None" = None
 
 
 class Controller(ABC):
@@ -79,6 +81,10 @@ class Controller(ABC):
     @abstractmethod
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
         """Set the duty of both channels (-1 to 1); the answer is the duty really sent, rounded as the wire rounds."""
+
+    def stops(self) -> list[Request[tuple[float, float]]]:
+        """Return the requests that stop all motors; each is made for itself, whether the others are answered or not."""
+        return [self.drive(0.0, 0.0)]
 
     @abstractmethod
     def read_encoders(self) -> Request[tuple[int, int]]:

@@ -15,7 +15,7 @@ from robot_driver.controllers.controller import BadReply, Controller, Request, T
 
 T = TypeVar("T")
 
-ADDRESS = 0x80
+FIRST_ADDRESS = 0x80
 ACKNOWLEDGED = b"\xff"
 FULL_DUTY = 32767  # -32768 is to be avoided
 CRC_BYTES = 2
@@ -52,22 +52,23 @@ def crc(data: bytes) -> int:
 
 
 class RoboClaw(Controller):
-    """One RoboClaw at address 0x80; channel M1 is first, M2 second."""
+    """One RoboClaw, at address 0x80 unless told otherwise; channel M1 is first, M2 second."""
 
     default_baud_rate = 115200
     link = "packet serial, address 0x80,"
 
-    def __init__(self) -> None:
+    def __init__(self, address: int = FIRST_ADDRESS) -> None:
+        self._address = address
         self._status_length = STATUS_LENGTHS[0]
 
     def identify(self) -> Request[str]:
         """Ask for the firmware's name, for example "USB Roboclaw 2x15a v4.2.8" (command 21)."""
         return Request(
             "version",
-            _header(READ_VERSION),
+            self._header(READ_VERSION),
             LONGEST_VERSION + CRC_BYTES,
             _missing_of_version,
-            lambda reply: _checked(READ_VERSION, reply)[:-1].decode("ascii", "replace").strip(),
+            lambda reply: _checked(self._header(READ_VERSION), reply)[:-1].decode("ascii", "replace").strip(),
         )
 
     def learn(self) -> list[Request[None]]:
@@ -75,7 +76,7 @@ class RoboClaw(Controller):
         return [
             Request(
                 "status format",
-                _header(READ_STATUS),
+                self._header(READ_STATUS),
                 STATUS_LENGTHS[0] + CRC_BYTES,
                 lambda reply: STATUS_LENGTHS[0] + CRC_BYTES - len(reply),
                 self._learn_status_length,
@@ -85,11 +86,11 @@ class RoboClaw(Controller):
 
     def set_watchdog(self, seconds: float) -> Request[None]:
         """Stop the motors after a silence of up to 25.5 s, in steps of 0.1 s (command 14). Not kept over power-off."""
-        return _write(SET_WATCHDOG, struct.pack(">B", round(seconds / WATCHDOG_STEP)), None)
+        return _write(self._header(SET_WATCHDOG), struct.pack(">B", round(seconds / WATCHDOG_STEP)), None)
 
     def read_watchdog(self) -> Request[float]:
         """Ask for the time after which the motors stop (s, command 15)."""
-        return _read(READ_WATCHDOG, ">B", lambda steps: steps * WATCHDOG_STEP)
+        return _read(self._header(READ_WATCHDOG), ">B", lambda steps: steps * WATCHDOG_STEP)
 
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
         """Set the duty of M1 and M2 (command 34).
@@ -99,24 +100,33 @@ class RoboClaw(Controller):
         steps = [round(duty * FULL_DUTY) for duty in (first, second)]
         if max(map(abs, steps)) > FULL_DUTY:
             raise ValueError(f"A duty must be between -1 and 1, not {first}, {second}.")
-        return _write(DRIVE_BOTH, struct.pack(">hh", *steps), (steps[0] / FULL_DUTY, steps[1] / FULL_DUTY))
+        return _write(
+            self._header(DRIVE_BOTH), struct.pack(">hh", *steps), (steps[0] / FULL_DUTY, steps[1] / FULL_DUTY)
+        )
 
     def read_encoders(self) -> Request[tuple[int, int]]:
         """Ask for both encoder counts (command 78)."""
-        return _read(READ_ENCODERS, ">II", lambda first, second: (first, second))
+        return _read(self._header(READ_ENCODERS), ">II", lambda first, second: (first, second))
 
     def read_telemetry(self) -> list[Request[Telemetry]]:
         """Ask for battery (command 24), motor currents (49), temperature (82) and status (90)."""
         status_format = {4: ">I", 2: ">H", 1: ">B"}[self._status_length]
         return [
-            _read(READ_BATTERY, ">H", lambda tenths: Telemetry(battery_voltage=tenths / 10)),
-            _read(READ_CURRENTS, ">hh", lambda *hundredths: Telemetry(currents=_pair_of_amperes(*hundredths))),
-            _read(READ_TEMPERATURE, ">H", lambda tenths: Telemetry(temperature=tenths / 10)),
-            _read(READ_STATUS, status_format, lambda word: Telemetry(status=self._status(word))),
+            _read(self._header(READ_BATTERY), ">H", lambda tenths: Telemetry(battery_voltage=tenths / 10)),
+            _read(
+                self._header(READ_CURRENTS),
+                ">hh",
+                lambda *hundredths: Telemetry(currents=_pair_of_amperes(*hundredths)),
+            ),
+            _read(self._header(READ_TEMPERATURE), ">H", lambda tenths: Telemetry(temperature=tenths / 10)),
+            _read(self._header(READ_STATUS), status_format, lambda word: Telemetry(status=self._status(word))),
         ]
 
+    def _header(self, command: int) -> bytes:
+        return bytes((self._address, command))
+
     def _learn_status_length(self, reply: bytes) -> None:
-        _checked(READ_STATUS, reply)
+        _checked(self._header(READ_STATUS), reply)
         if len(reply) - CRC_BYTES not in STATUS_LENGTHS:
             raise BadReply(f"A status of {len(reply) - CRC_BYTES} bytes is none of the known formats.")
         self._status_length = len(reply) - CRC_BYTES
@@ -125,43 +135,43 @@ class RoboClaw(Controller):
         return sum(ours for ours, theirs in STATUS_BITS[self._status_length].items() if word & theirs)
 
 
-def _header(command: int) -> bytes:
-    return bytes((ADDRESS, command))
+def _name(header: bytes) -> str:
+    return f"command {header[1]} of unit 0x{header[0]:x}"
 
 
-def _write(command: int, data: bytes, done: T) -> Request[T]:
+def _write(header: bytes, data: bytes, done: T) -> Request[T]:
     """Return a request that sets something; the answer to its acknowledgement is `done`."""
 
     def parse(reply: bytes) -> T:
         if reply != ACKNOWLEDGED:
-            raise BadReply(f"Command {command} was answered with {reply.hex()} instead of ff.")
+            raise BadReply(f"{_name(header)} was answered with {reply.hex()} instead of ff.")
         return done
 
-    packet = _header(command) + data
+    packet = header + data
     packet += struct.pack(">H", crc(packet))
-    return Request(f"command {command}", packet, 1, lambda reply: 1 - len(reply), parse)
+    return Request(_name(header), packet, 1, lambda reply: 1 - len(reply), parse)
 
 
-def _read(command: int, layout: str, convert: Callable[..., T]) -> Request[T]:
+def _read(header: bytes, layout: str, convert: Callable[..., T]) -> Request[T]:
     """Return a request whose answer is `convert` of the numbers in the reply, laid out as for `struct`."""
     length = struct.calcsize(layout) + CRC_BYTES
 
     def parse(reply: bytes) -> T:
         if len(reply) != length:
-            raise BadReply(f"Command {command} was answered with {len(reply)} bytes instead of {length}.")
-        return convert(*struct.unpack(layout, _checked(command, reply)))
+            raise BadReply(f"{_name(header)} was answered with {len(reply)} bytes instead of {length}.")
+        return convert(*struct.unpack(layout, _checked(header, reply)))
 
-    return Request(f"command {command}", _header(command), length, lambda reply: length - len(reply), parse)
+    return Request(_name(header), header, length, lambda reply: length - len(reply), parse)
 
 
-def _checked(command: int, reply: bytes) -> bytes:
+def _checked(header: bytes, reply: bytes) -> bytes:
     """Return the data of a reply without its CRC.
 
     Raises BadReply when the CRC over address, command and data does not match.
     """
     data, received = reply[:-CRC_BYTES], reply[-CRC_BYTES:]
-    if struct.pack(">H", crc(_header(command) + data)) != received:
-        raise BadReply(f"The reply {reply.hex()} to command {command} has a wrong CRC.")
+    if struct.pack(">H", crc(header + data)) != received:
+        raise BadReply(f"The reply {reply.hex()} to {_name(header)} has a wrong CRC.")
     return data
 
 

@@ -16,6 +16,7 @@ from robot_driver.emulator.settings import Settings
 
 PACKET_GAP = 0.010  # s; a longer silence within a packet makes the device drop it
 FULL_DUTY = 32767
+ADDRESSES = range(0x80, 0x88)  # of the units that can share a line
 ACKNOWLEDGED = b"\xff"
 BUFFER_EMPTY = 0x80
 TIMEOUT_UNIT = 0.1  # s
@@ -26,9 +27,10 @@ VERSION = b"USB Roboclaw 2x15a v4.2.8\n\x00"
 
 
 class RoboclawDevice:
-    """A RoboClaw that drives `plant`; it answers one address and ignores the others."""
+    """A RoboClaw that drives `plant`, by `command` if that is given; it answers one address and ignores the others."""
 
-    def __init__(self, settings: Settings, plant: Plant) -> None:
+    def __init__(self, settings: Settings, plant: Plant, command: Callable[[float, float], None] | None = None) -> None:
+        self._command = command or plant.command
         self.byte_time = byte_time(settings.roboclaw.baud)
         self.duty = [0, 0]
         self._plant = plant
@@ -84,9 +86,10 @@ class RoboclawDevice:
             return b""
         self._packet += bytes([byte])
         packet = self._packet
-        if packet[0] != self._settings.roboclaw.address:
-            # Another unit's packet, or noise: where it ends cannot be known, so wait for silence.
-            self._deaf = True
+        if packet[0] not in ADDRESSES:
+            self._deaf = True  # noise: where it ends cannot be known, so wait for silence
+        elif packet[0] != self._settings.roboclaw.address:
+            self._pass_over(packet)
         elif len(packet) >= 2 and packet[1] in self._reads:
             self._packet = b""
             return self._with_crc(packet, self._reads[packet[1]]())
@@ -98,6 +101,17 @@ class RoboclawDevice:
         elif len(packet) >= 2:
             self._deaf = True
         return b""
+
+    def _pass_over(self, packet: bytes) -> None:
+        """Let another unit's packet end where its command says."""
+        if len(packet) < 2:
+            return
+        if packet[1] in self._reads:
+            self._packet = b""
+        elif packet[1] not in self._writes:
+            self._deaf = True
+        elif len(packet) == 2 + struct.calcsize(self._writes[packet[1]][0]) + 2:
+            self._packet = b""
 
     def _write(self, packet: bytes, layout: str, action: Callable[..., None]) -> bytes:
         if int.from_bytes(packet[-2:], "big") != checksum(packet[:-2]):
@@ -148,7 +162,7 @@ class RoboclawDevice:
 
     def _drive(self, left: int, right: int) -> None:
         self.duty = [left, right]
-        self._plant.command(left / FULL_DUTY, right / FULL_DUTY)
+        self._command(left / FULL_DUTY, right / FULL_DUTY)
 
     def _set_timeout(self, tenths: int) -> None:
         self._timeout = tenths * TIMEOUT_UNIT

@@ -1,0 +1,92 @@
+"""Two RoboClaws on one line, for four motors: unit 0x80 in front, 0x81 behind, M1 on the same side in both."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from robot_driver.controllers.controller import Controller, Request, Telemetry
+from robot_driver.controllers.roboclaw import RoboClaw
+from robot_driver.encoders import COUNTER_RANGE, signed_step
+
+T = TypeVar("T")
+
+ADDRESSES = (0x80, 0x81)
+
+
+class RoboClawPair(Controller):
+    """Both units get the same duty; a side has gone as far as the mean of its two wheels.
+
+    Each unit is spoken to when the other has answered. Both must be armed, and either can say that something is wrong.
+    """
+
+    default_baud_rate = RoboClaw.default_baud_rate
+    link = "packet serial, addresses 0x80 and 0x81,"
+
+    def __init__(self) -> None:
+        self._front, self._rear = (RoboClaw(address) for address in ADDRESSES)
+        self._before: tuple[int, int, int, int] | None = None
+        self._steps = [0, 0]  # of both sides since the connection was made, front and rear added up
+
+    def identify(self) -> Request[str]:
+        """Ask both for the firmware's name."""
+        return _both(self._front.identify(), self._rear.identify(), lambda front, rear: f"{front} and {rear}")
+
+    def learn(self) -> list[Request[None]]:
+        """Find out the status format of each; they may be of different age."""
+        return [*self._front.learn(), *self._rear.learn()]
+
+    def set_watchdog(self, seconds: float) -> Request[None]:
+        """Set it in both."""
+        return _both(self._front.set_watchdog(seconds), self._rear.set_watchdog(seconds), lambda _front, _rear: None)
+
+    def read_watchdog(self) -> Request[float]:
+        """Ask both; where they differ, the answer is the one that is not as it should be."""
+
+        def wrong_one(front: float, rear: float) -> float:
+            return max(front, rear, key=lambda seconds: abs(seconds - self.watchdog_seconds))
+
+        return _both(self._front.read_watchdog(), self._rear.read_watchdog(), wrong_one)
+
+    def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
+        """Set the duty of M1 and of M2 in both."""
+        return _both(self._front.drive(first, second), self._rear.drive(first, second), lambda front, _rear: front)
+
+    def stops(self) -> list[Request[tuple[float, float]]]:
+        """Stop each for itself: if one is dead, the other must hear it all the more."""
+        return [self._front.drive(0.0, 0.0), self._rear.drive(0.0, 0.0)]
+
+    def read_encoders(self) -> Request[tuple[int, int]]:
+        """Ask both for their counts; the answer counts, for each side, the mean of what both wheels have gone."""
+        return _both(self._front.read_encoders(), self._rear.read_encoders(), self._mean_counts)
+
+    def read_telemetry(self) -> list[Request[Telemetry]]:
+        """Ask both for the same, in turn."""
+        pairs = zip(self._front.read_telemetry(), self._rear.read_telemetry(), strict=True)
+        return [_both(front, rear, together) for front, rear in pairs]
+
+    def _mean_counts(self, front: tuple[int, int], rear: tuple[int, int]) -> tuple[int, int]:
+        counts = (*front, *rear)
+        before = self._before or counts
+        steps = [signed_step(then, now) for then, now in zip(before, counts, strict=True)]
+        self._before = counts
+        self._steps = [self._steps[side] + steps[side] + steps[side + 2] for side in (0, 1)]
+        return self._steps[0] // 2 % COUNTER_RANGE, self._steps[1] // 2 % COUNTER_RANGE
+
+
+def together(front: Telemetry, rear: Telemetry) -> Telemetry:
+    """Return what two units with one battery measure: the lower voltage, all current, the higher temperature."""
+    result = Telemetry()
+    if "battery_voltage" in front:
+        result["battery_voltage"] = min(front["battery_voltage"], rear["battery_voltage"])
+    if "currents" in front:
+        result["currents"] = (front["currents"][0] + rear["currents"][0], front["currents"][1] + rear["currents"][1])
+    if "temperature" in front:
+        result["temperature"] = max(front["temperature"], rear["temperature"])
+    if "status" in front:
+        result["status"] = front["status"] | rear["status"]
+    return result
+
+
+def _both(front: Request[T], rear: Request[T], combine: Callable[[T, T], Any]) -> Request[Any]:
+    """Return a request to the front unit that is followed by one to the rear unit, with a common answer."""
+    return replace(front, then=lambda said: replace(rear, parse=lambda reply: combine(said, rear.parse(reply))))
