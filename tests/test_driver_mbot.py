@@ -126,6 +126,15 @@ def test_it_never_drives_when_the_board_has_no_watchdog(tmp_path: Path) -> None:
     assert {duty for _, duty in device.drives} == {(0.0, 0.0)}
 
 
+def test_a_board_that_talks_25_times_a_second_is_waited_for(tmp_path: Path) -> None:
+    with board(tmp_path, rate=25.0) as device, Driver(settings(tmp_path)) as driver:
+        client = Client(driver)
+        client.until(lambda: device.duty == MIRRORED)
+        client.more(10)
+        assert driver.problems() == ""
+        assert "lost or damaged" not in driver.remarks()
+
+
 def test_damage_on_the_line_never_becomes_data(tmp_path: Path) -> None:
     faults = Faults()
     with board(tmp_path, faults) as device, Driver(settings(tmp_path)) as driver:

@@ -4,8 +4,8 @@ Without the time (TIMESYNC) it stops the motors after 1 s and falls silent; told
 last duties it was told. So the time is only told together with duties, and after them. It is the time of our monotonic
 clock, in which the board then stamps all it says, late by what the telling took: 1 ms on USB. Each telling sets that
 clock anew, so it is not done more often than needed. Sources: mbot-project/mbot_firmware, src/mbot_classic.c and
-src/mbot_comms.c. Some versions of it take MOTOR_PWM_CMD for velocities: these confirm no duty but zero, and the driver
-gives up at once.
+src/mbot_comms.c. Some versions of it take MOTOR_PWM_CMD for velocities: these confirm no duty but zero, so the
+driver stops and says that they do not answer.
 """
 
 import math
@@ -33,7 +33,7 @@ class MBot(Controller):
     """An MBot of the classic kind; the left motor is first, the right one second, both positive forward."""
 
     default_baud_rate = 115200  # has no meaning on USB
-    link = "the LCM serial firmware; it has two ports, and the one to use is the second"
+    link = "firmware that talks to LCM and confirms the duties it is told, on the second of its two ports,"
     watchdog_seconds = WATCHDOG
     streams = True
     gyro = MBotGyro
