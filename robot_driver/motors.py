@@ -254,7 +254,8 @@ class Motors(Device):
         asked = time.monotonic()
         answer = self._port.exchange(request)
         self._last_answer = time.monotonic()
-        self.rhythm.round_trips.append(self._last_answer - asked)
+        if request.data and not request.ends_in_silence:  # else it was known already, or it took a silence to know it
+            self.rhythm.round_trips.append(self._last_answer - asked)
         return answer
 
     def _insist(self, request: Request[T], stop: threading.Event) -> T:
