@@ -13,8 +13,9 @@ from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import BOARD, Driver, Settings
 from robot_driver.encoders import Wiring
 from robot_driver.gyros import GYROS
+from robot_driver.listing import describe
 from robot_driver.ramp import Limits
-from robot_driver.serial_port import PortLost
+from robot_driver.serial_port import PortLost, available_ports
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 
@@ -31,6 +32,8 @@ def main(arguments: list[str]) -> int:
     Raises CommandError when a port cannot be opened, BusError when there is no bus.
     """
     options = _options(arguments)
+    if options.list_devices:
+        return _list_devices([path for path in (options.port, options.gyro_port) if path])
     try:
         with Process("cmr-driver", options.lcm_url) as process, Driver(_settings(options)) as driver:
             if driver.warnings:
@@ -46,6 +49,16 @@ def main(arguments: list[str]) -> int:
             return process.exit_code
     except PortLost as lost:
         raise CommandError(str(lost)) from lost
+
+
+def _list_devices(paths: list[str]) -> int:
+    """Print what answers at these ports, or at all there are."""
+    ports = paths or available_ports()
+    for port in ports:
+        print(describe(port), flush=True)
+    if not ports:
+        print("There are no serial ports. Plug the devices in; on a laptop, install the driver of the USB adapter.")
+    return 0
 
 
 def _report(process: Process, driver: Driver) -> None:
@@ -79,7 +92,8 @@ def _settings(options: argparse.Namespace) -> Settings:
 def _options(arguments: list[str]) -> argparse.Namespace:
     result = parser("cmr-driver", DESCRIPTION, EXAMPLE)
     add = result.add_argument
-    add("--port", required=True, metavar="DEVICE", help="serial port of the motor controller")
+    add("--list-devices", action="store_true", help="show serial ports and what answers there; nothing moves")
+    add("--port", metavar="DEVICE", help="serial port of the motor controller")
     add("--gyro-port", metavar="DEVICE", help="serial port of the gyro, if it has one of its own")
     add("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
     add("--controller", choices=sorted(CONTROLLERS), default="roboclaw", help="kind of motor controller")
@@ -97,6 +111,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     add("--invert-gyro", action="store_true", help="the gyro is mounted upside down")
     add("--parameters", type=Path, metavar="FILE", help="parameter file of the robot; followed while it changes")
     options = result.parse_args(arguments)
+    if options.port is None and not options.list_devices:
+        result.error("--port is needed: --list-devices shows which there are")
     if options.gyro == BOARD and (options.gyro_port or CONTROLLERS[options.controller].gyro is None):
         result.error(f"--gyro {BOARD} is for a controller with a gyro on its board, on the port of the controller")
     try:

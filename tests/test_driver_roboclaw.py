@@ -94,7 +94,7 @@ def test_when_one_of_two_units_falls_silent_the_other_is_stopped(tmp_path: Path,
     plant, device = pair()
     with running(tmp_path, "roboclaw-pair", plant, device) as run:
         run.until(lambda: device.units[1 - dead].duty == [16384, -8192])
-        device.units[dead].receive = lambda _data, _time: []  # type: ignore[method-assign]
+        device.units[dead].receive = lambda data, time: []  # type: ignore[method-assign]  # noqa: ARG005
         run.until(lambda: "0x80 and 0x81" in run.driver.problems())
         run.until(lambda: device.units[1 - dead].duty == [0, 0])
 

@@ -1,0 +1,103 @@
+"""Which serial ports there are, by stable name, and what answers there; asking moves nothing.
+
+A gyro that talks is recognised by listening. Only to the others is anything sent: a question for the device's name, to
+boards that are silent until they are told the time also zero duty. A port that another program uses is left alone.
+"""
+
+import os
+import time
+from contextlib import suppress
+
+from robot_driver.controllers import CONTROLLERS, BadReply, Controller
+from robot_driver.gyros import GYROS, Gyro
+from robot_driver.serial_port import PortLost, SerialPort, numbering_warning
+from robot_driver.stream_port import StreamPort
+
+LISTENING = 0.2  # s in which a gyro that is on sends something
+CONVERSATION = 1.5  # s in which a gyro that has to be asked how it is set has answered
+ENOUGH = 3  # readings that no noise brings about
+ATTEMPTS = 3  # a device may first have to get rid of what others were asked
+READ_SIZE = 4096  # bytes
+
+
+def describe(path: str) -> str:
+    """Return lines for a person: the port, what answers there, and how to start the driver with it."""
+    device = os.path.realpath(path)
+    title = path if device == path else f"{path} (now {device})"
+    try:
+        found = devices_at(path)
+    except PortLost as lost:
+        found = [f"not asked: {lost}"]
+    warning = numbering_warning(path)
+    lines = [title, *(found or ["nothing that cmr-driver knows answers"]), *([warning] if warning else [])]
+    return "\n    ".join(lines)
+
+
+def devices_at(path: str) -> list[str]:
+    """Return what answers at a port, each as a few words.
+
+    Raises PortLost when it cannot be opened or is lost meanwhile.
+    """
+    silent_at: set[int] = set()  # baud rates at which nothing comes
+    for name, gyro in sorted(GYROS.items()):
+        if gyro.baud_rate not in silent_at and _talks(path, gyro, silent_at):
+            return [f"gyro: --gyro {name}"]
+    names = {name: _name_of(path, controller) for name, controller in sorted(CONTROLLERS.items())}
+    return [f"motor controller: --controller {name} ({said})" for name, said in names.items() if said]
+
+
+def _talks(path: str, gyro_type: type[Gyro], silent_at: set[int]) -> bool:
+    """Tell whether a gyro of this kind sends readings; it is only spoken to when it sends what needs explanation.
+
+    Where nothing comes at all, its baud rate is added to `silent_at`.
+    """
+    with _Opened(SerialPort(path, gyro_type.baud_rate)) as port:
+        gyro = gyro_type()
+        heard, readings = _listen(port, gyro, LISTENING)
+        if not heard:
+            silent_at.add(gyro_type.baud_rate)
+        elif not readings:
+            port.write(gyro.wake_up)
+            _, readings = _listen(port, gyro, CONVERSATION)
+        return readings >= ENOUGH
+
+
+def _listen(port: SerialPort, gyro: Gyro, seconds: float) -> tuple[int, int]:
+    """Return how many bytes and readings came, at the latest after `seconds`; answer what the gyro wants to know."""
+    heard = readings = 0
+    end = time.monotonic() + seconds
+    while readings < ENOUGH and (remaining := end - time.monotonic()) > 0.0:
+        data = port.read(READ_SIZE, remaining)
+        heard += len(data)
+        readings += len(gyro.feed(data))
+        if request := gyro.next_request():
+            port.write(request)
+    return heard, readings
+
+
+def _name_of(path: str, controller_type: type[Controller]) -> str:
+    """Return what a controller of this kind calls itself; "" when none answers."""
+    port_type = StreamPort if controller_type.streams else SerialPort
+    with _Opened(port_type(path, controller_type.default_baud_rate)) as port:
+        controller = controller_type()
+        for _ in range(ATTEMPTS):
+            with suppress(BadReply):
+                port.resynchronise()
+                if controller_type.streams:
+                    port.exchange(controller.drive(0.0, 0.0))
+                return port.exchange(controller.identify()).value
+        return ""
+
+
+class _Opened:
+    """A port that is open for the duration of a with statement."""
+
+    def __init__(self, port: SerialPort) -> None:
+        self._port = port
+
+    def __enter__(self) -> SerialPort:
+        self._port.open()
+        return self._port
+
+    def __exit__(self, *_: object) -> None:
+        self._port.close()
