@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
+from robot_driver.emulator.pseudo_terminal import Ports, PseudoTerminal
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import load_settings
 from robot_driver.encoders import Wiring
@@ -56,6 +57,7 @@ class Bench:
         self.motors = motors
         self.gate = gate
         self.feedback: list[Any] = []
+        self.written: list[float] = []  # when the emulator wrote to the line (s)
         self.thread: PortThread
 
     def command(self, left: float, right: float) -> None:
@@ -118,12 +120,32 @@ def bench(
     )
     result = Bench(line, device, motors, gate)
     with Ports(folder, ("motor",)) as ports, Engine(plant, {"motor": line}, ports.terminals) as engine:
+        _note_writes(ports.terminals["motor"], result.written)
         with PortThread(port, motors) as result.thread:
             wait_for(lambda: len(result.feedback) > 2)
             yield result
         engine.check()
 
 
+def _note_writes(terminal: PseudoTerminal, written: list[float]) -> None:
+    write = terminal.write
+
+    def noted(data: bytes) -> None:
+        written.append(time.monotonic())
+        write(data)
+
+    terminal.write = noted  # type: ignore[method-assign]
+
+
+@cache
+def _bus(url: str) -> Bus:
+    """Return a bus for all tests of a session: LCM keeps what it has opened."""
+    bus = Bus(url)
+    bus.subscribe(PROCESS_STATUS, every=True)
+    return bus
+
+
+URL = private_url()
 START_DRIVER = [sys.executable, "-c", "import sys; from cmr.commands import driver; sys.exit(driver())"]
 
 
@@ -138,14 +160,12 @@ class Robot:
     def plug_in(self) -> None:
         """Switch on a robot that knows nothing of the past."""
         plant = Plant(load_settings().ideal())
-        self.device = RoboclawDevice(load_settings().ideal(), plant)
-        command, now = plant.command, time.monotonic
 
         def noted(left: float, right: float) -> None:
-            self.drives.append((now(), round(left * 32767), round(right * 32767)))
-            command(left, right)
+            self.drives.append((time.monotonic(), round(left * 32767), round(right * 32767)))
+            plant.command(left, right)
 
-        plant.command = noted  # type: ignore[method-assign]
+        self.device = RoboclawDevice(load_settings().ideal(), plant, noted)
         with ExitStack() as stack:
             ports = stack.enter_context(Ports(self.folder, ("motor",)))
             stack.enter_context(Engine(plant, {"motor": self.device}, ports.terminals))
@@ -159,11 +179,10 @@ class DriverProcess:
     """A running cmr-driver on a bus of its own, and the commands it gets."""
 
     def __init__(self, folder: Path, *arguments: str) -> None:
-        self.url = private_url()
-        self.bus = Bus(self.url)
-        self.bus.subscribe(PROCESS_STATUS, every=True)
+        self.bus = _bus(URL)
+        self.bus.receive(0.0)
         self.statuses: list[Any] = []
-        command = [*START_DRIVER, "--port", str(folder / "motor"), "--lcm-url", self.url, *arguments]
+        command = [*START_DRIVER, "--port", str(folder / "motor"), "--lcm-url", URL, *arguments]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
     def command_until(self, condition: Callable[[], object], left: float = 0.5, right: float = 0.5) -> None:
