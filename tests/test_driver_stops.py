@@ -1,5 +1,6 @@
-"""Promises 6, 7, 8, 9 and 18: whatever happens, the motors stop."""
+"""Promises 6, 8, 9 and 18: whatever happens, the motors stop; and nothing but a fresh, sane command moves them."""
 
+import math
 import random
 import signal
 import time
@@ -8,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import MOTOR_COMMAND
+from cmr.msg import motor_command_t
 from robot_driver.driver import Driver, Settings
 from tests.driver_bench import DriverProcess, Robot, driving, number, wait_for
 
@@ -92,3 +96,29 @@ def test_18_a_released_emergency_stop_moves_nothing_until_zero_was_commanded(tmp
         driver.command(0.0, 0.0)
         driver.command_until(lambda: robot.device.duty == [16384, 16384])
         driver.command_until(lambda: any("not_zero" in status.message for status in driver.statuses))
+
+
+def test_commands_that_are_insane_old_or_for_another_robot_move_nothing_and_are_counted_on_the_bus(
+    tmp_path: Path,
+) -> None:
+    robot, driver = Robot(tmp_path), DriverProcess(tmp_path)
+    hour = 3_600_000_000  # us
+    bad = {
+        "not_finite": (0, 0, math.nan),
+        "out_of_range": (0, 0, 1.5),
+        "old": (-hour, 0, 0.5),
+        "future": (hour, 0, 0.5),
+        "MOTOR_COMMAND_0 wrong_robot": (0, 7, 0.5),
+    }
+
+    def all_are_counted() -> bool:
+        for shift, robot_id, duty in bad.values():
+            command = make(motor_command_t, utime=now_utime() + shift, robot_id=robot_id, left=duty, right=duty)
+            driver.bus.publish(MOTOR_COMMAND, command, 0)
+        driver.listen(0.05)
+        return bool(driver.statuses) and all(reason in driver.statuses[-1].message for reason in bad)
+
+    wait_for(all_are_counted)
+    driver.end()
+    robot.unplug()
+    assert {drive[1:] for drive in robot.drives} == {(0, 0)}
