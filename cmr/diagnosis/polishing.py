@@ -17,7 +17,7 @@ POINTS, FEWEST_POINTS = 16, 6  # of a scan, in one block of the compiled model; 
 FARTHEST = 0.12  # of the value,
 FARTHEST_OF = {"m": 0.25, "s": 1.0, "rad": 0.4}  # of places, times and angles
 FEWEST_STDS = 4.0  # or so many standard deviations, if that is more
-BEYOND = 100.0  # times the least sum of squares the model no longer holds
+BEYOND = 1e4  # times as high above the valley as the lower quarter of a scan the model no longer holds
 ROUGH = 10.0  # scatter of the sum of squares about a parabola from which the ground is rough
 LOWER = 1.0  # than the fit: a scan that finds as much is followed
 STARTS = 2  # of new fits on rough ground
@@ -65,7 +65,8 @@ def along(fit: Fit, name: str, offset: float) -> dict[str, float]:
 def parabola(offsets: Floats, squares: Floats) -> tuple[float, float]:
     """Return the standard deviation of where a parabola through the sums of squares is lowest, and their scatter."""
     unit = float(np.max(np.abs(offsets)))
-    holds = squares < BEYOND * np.min(squares)
+    higher = squares - np.min(squares)
+    holds = higher <= BEYOND * np.quantile(higher, 0.25)
     if np.count_nonzero(holds) < FEWEST_POINTS:
         return unit, np.inf
     x, squares = offsets[holds] / unit, squares[holds]
