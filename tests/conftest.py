@@ -1,6 +1,7 @@
 """What several test files share."""
 
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -12,6 +13,17 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # The first example may wait for a compiler, and any for a busy machine: no test of a promise fails for that.
 settings.register_profile("patient", deadline=None)
 settings.load_profile("patient")
+
+
+# Drivers, emulated devices and the bus keep time: their tests do not share the machine with others (scripts/test).
+REAL_TIME = ("test_bus", "test_demo", "test_driver", "test_emulator", "test_kvh", "test_mbot", "test_roboteq")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that keep time."""
+    for item in items:
+        if Path(item.path).name.startswith(REAL_TIME):
+            item.add_marker(pytest.mark.real_time)
 
 
 @pytest.fixture
