@@ -27,7 +27,7 @@ def assert_all_true(run: Bench) -> None:
 
 def test_1_replies_one_byte_at_a_time_lose_and_corrupt_nothing(tmp_path: Path) -> None:
     transactions = number("CMR_TRANSACTIONS_IN_PIECES", 30)
-    with bench(tmp_path, Faults(byte_gap=0.008)) as run:
+    with bench(tmp_path, Faults(byte_gap=number("CMR_BYTE_GAP_MS", 8) / 1e3)) as run:
         run.until_transactions(transactions)
         late = sum(after - before > 0.010 for before, after in pairwise(list(run.written)))
         print(f"{run.motors.faults} errors in {len(run.line.truth)} transactions; {late} gaps were longer than 10 ms")
