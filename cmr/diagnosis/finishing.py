@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from cmr.diagnosis.candidates import locality, worth_naming
+from cmr.diagnosis.inflation import Inflation
 from cmr.diagnosis.judging import TOO_SMALL, Named, Tried, held_out_gain, needed, why_not
 from cmr.diagnosis.placing import explored
 from cmr.diagnosis.polishing import polished
@@ -24,7 +25,7 @@ class Finished:
     doubts: Mapping[str, float]
 
 
-def finished(study: Study, named: Sequence[Named], current: Fit, inflation: float) -> Finished:
+def finished(study: Study, named: Sequence[Named], current: Fit, inflation: Inflation) -> Finished:
     """Finish a search that named some effects, with `current` as its last fit."""
     standing, small, final = _without_small(study, named, current)
     dropped = [(tried, TOO_SMALL) for tried in small]
@@ -87,14 +88,14 @@ def _matters(study: Study, one: Named, fit: Fit) -> bool:
     return worth_naming(values, stds, study.scene)
 
 
-def pruned(study: Study, named: list[Named], current: Fit, inflation: float) -> tuple[list[Named], Fit]:
+def pruned(study: Study, named: list[Named], current: Fit, inflation: Inflation) -> tuple[list[Named], Fit]:
     """Drop effects that the others have made redundant."""
     for one in list(named):
         own = {parameter.name for parameter in one.tried.effect.parameters}
         names = tuple(name for name in current.names if name not in own)
         values = {name: value for name, value in current.values.items() if name not in own}
         without = study.fit(values, names, current.noise, renew=0)
-        if without.squares - current.squares < needed(one.tried.effect) * inflation:
+        if without.squares - current.squares < needed(one.tried.effect) * inflation.of(one.tried.effect.name):
             named = [other for other in named if other is not one]
             current = without
     return named, current

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.diagnosis.experiment import Piece
+from cmr.diagnosis.prediction import WHEELS
 from cmr.model.catalogue import definition
 from cmr.model.motion import RobotState, Trajectory, roll
 from cmr.model.observer import FOLLOWED, MOTION, RESTART, Gains, Heard, Innovations, observe
@@ -31,7 +32,6 @@ COMPLETE = 0.95  # share of a window that its poses must span
 LEAST = 0.5  # of a window; a stretch that is shorter tells too little
 SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
 SMOOTHED = 0.3  # s before and after a moment, whose poses tell the pose at that moment
-WHEELS = ("psi_left", "psi_right")
 SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
 FREE = Gains(0.0, 0.0, 0.0, 0.0)  # nothing is followed
 

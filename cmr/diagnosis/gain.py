@@ -5,7 +5,8 @@ from statistics import NormalDist
 
 import numpy as np
 
-from cmr.diagnosis.free_runs import WHEELS, Errors
+from cmr.diagnosis.free_runs import Errors
+from cmr.diagnosis.prediction import WHEELS
 from cmr.diagnosis.result import Gain
 from cmr.recordings.signal import Floats
 

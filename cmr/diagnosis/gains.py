@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cmr.diagnosis.noise import foretold
-from cmr.diagnosis.prediction import POSE_SIGNALS, Predictor
+from cmr.diagnosis.prediction import POSE_SIGNALS, WHEELS, Predictor
 from cmr.model.observer import Gains
 from cmr.recordings.signal import Floats
 
-WHEELS = ("psi_left", "psi_right")
 USUAL_ANGLE, USUAL_POSE = 0.2, 0.15
 ANGLES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)  # shares of a wheel's error that are followed
 POSES = (0.05, 0.1, 0.15, 0.25, 0.4, 0.6, 1.0)

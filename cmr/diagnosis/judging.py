@@ -8,6 +8,7 @@ import numpy as np
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import USUAL_RATE, worth_naming
 from cmr.diagnosis.holding import contradicted
+from cmr.diagnosis.inflation import Inflation
 from cmr.diagnosis.study import Fit, Study
 from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
@@ -54,9 +55,9 @@ class Named:
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
 
 
-def why_not(study: Study, before: Fit, tried: Tried, inflation: float) -> str:
+def why_not(study: Study, before: Fit, tried: Tried, inflation: Inflation) -> str:
     """Return why an effect is not named, empty if nothing speaks against it; TOO_SMALL if nothing else does."""
-    if tried.drop < needed(tried.effect) * inflation:
+    if tried.drop < needed(tried.effect) * inflation.of(tried.effect.name):
         return "What it explains may be chance."
     names = [parameter.name for parameter in tried.effect.parameters]
     moment = tried.values.get(f"{tried.effect.name}_time")
@@ -105,12 +106,17 @@ def held_out_gain(study: Study, before: Fit, after: Fit) -> float:
 
 
 def left_out(fit: Fit, folds: np.typing.NDArray[np.int64]) -> float:
-    """Return the sum of squared white errors of folds, each foretold by a fit without it (to first order)."""
+    """Return the sum of squared white errors of folds, each foretold by a fit without it (to first order).
+
+    When and where an effect acts stays as found: without the moment itself, slopes say nothing of it.
+    """
     total = 0.0
-    normal, right = fit.slopes.T @ fit.slopes, fit.slopes.T @ fit.rest
+    refitted = [name in PAPER or definition(name).switches for name in fit.names]
+    every = fit.slopes[:, refitted]
+    normal, right = every.T @ every, every.T @ fit.rest
     for fold in np.unique(folds):
         inside = folds == fold
-        slopes, rest = fit.slopes[inside], fit.rest[inside]
+        slopes, rest = every[inside], fit.rest[inside]
         remaining = normal - slopes.T @ slopes
         step = -np.linalg.lstsq(remaining, right - slopes.T @ rest, rcond=1e-10)[0]
         foretold = rest + slopes @ step

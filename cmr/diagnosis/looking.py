@@ -6,9 +6,10 @@ import numpy as np
 
 from cmr.diagnosis.courses import CourseStudy
 from cmr.diagnosis.engine import Ready
-from cmr.diagnosis.free_runs import WHEELS, Fold, errors_of, joined
+from cmr.diagnosis.free_runs import Fold, errors_of, joined
 from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.naming import Search, search
+from cmr.diagnosis.prediction import WHEELS
 from cmr.model.parameters import DEFINITIONS as PAPER
 
 TRUSTED = 4.0  # inflation up to which errors of moments are what they are taken for

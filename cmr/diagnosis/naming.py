@@ -10,6 +10,7 @@ from cmr.diagnosis.candidates import worth_naming
 from cmr.diagnosis.finishing import finished, pruned
 from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.holding import alternatives, elsewhere, why_not_elsewhere
+from cmr.diagnosis.inflation import Inflation
 from cmr.diagnosis.judging import THRESHOLD, TOO_SMALL, Named, Tried, held_out_gain, needed, why_not
 from cmr.diagnosis.packets import JITTER, LOSS, Spread, share_lost, spread_of, without_jitter, without_loss
 from cmr.diagnosis.placing import placed
@@ -86,14 +87,14 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
     current = base
     named: list[Named] = []
     others: list[tuple[Tried, str]] = []
-    inflation = 1.0
+    inflation = Inflation(1.0)
     while len(named) < MOST_EFFECTS:
         taken = [one.tried.effect.name for one in named]
         say(f"Trying {len(CATALOGUE) - len(taken)} effects beside {', '.join(taken) or 'the paper model'} ...")
         screening = screen(study, current.values, current.names, taken, current.noise if named else None)
         current = study.renewed(current, screening.noise)
-        inflation = max(screening.inflation, COARSE_INFLATION if _tick(study) > COARSE else 1.0)
-        inflation = inflation if study.by_moments else COURSE_INFLATION
+        inflation = screening.inflation.at_least(COARSE_INFLATION if _tick(study) > COARSE else 1.0)
+        inflation = inflation if study.by_moments else Inflation(COURSE_INFLATION)
         ranked = _fitted(study, current, screening)
         chosen, others = _choose(study, current, ranked, inflation)
         if chosen is None:
@@ -105,13 +106,15 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
             named, current = pruned(study, named, current, inflation)
     last = finished(study, named, current, inflation)
     others = [*last.dropped, *others]
-    return Search(study, base, last.final, last.named, others, inflation, last.doubts, _unseen(screening))
+    return Search(study, base, last.final, last.named, others, inflation.all, last.doubts, _unseen(screening))
 
 
 def _unseen(screening: Screening) -> tuple[str, ...]:
     """Return effects whose typical size these drives would not show."""
     return tuple(
-        name for name, trace in screening.traces.items() if trace < needed(CATALOGUE[name]) * screening.inflation
+        name
+        for name, trace in screening.traces.items()
+        if trace < needed(CATALOGUE[name]) * screening.inflation.of(name)
     )
 
 
@@ -183,7 +186,7 @@ def _tick(study: Study) -> float:
 
 
 def _choose(
-    study: Study, current: Fit, ranked: list[Tried], inflation: float
+    study: Study, current: Fit, ranked: list[Tried], inflation: Inflation
 ) -> tuple[Named | None, list[tuple[Tried, str]]]:
     """Return the best effect that holds, with its rivals, and why each of the others is not named.
 
@@ -206,7 +209,7 @@ def _choose(
     if small is not None:
         others = [(chosen, LESS), *(other for other in others if other[0] is not small)]
         chosen = small
-    margin = max(ALIKE * inflation, ALIKE_SHARE * chosen.drop)
+    margin = max(ALIKE * inflation.of(chosen.effect.name), ALIKE_SHARE * chosen.drop)
     close = [tried for tried, _ in others if chosen.drop - tried.drop < margin]
     if small is None and not study.by_moments:
         return _named_by_courses(study, current, chosen, others, close)
@@ -221,7 +224,7 @@ def _named_by_courses(
 
     It is the one that holds best elsewhere; of equals, the catalogue's first.
     """
-    judged = [_judged(study, current, one, COURSE_INFLATION) for one in close]
+    judged = [_judged(study, current, one, Inflation(COURSE_INFLATION)) for one in close]
     alike = [chosen, *(one for one, why in judged if not why and alternatives(current, chosen.fit, one.fit))]
     gains = [elsewhere(study, current, one.fit).gain if one.fit else -np.inf for one in alike]
     equals = [one for one, gain in zip(alike, gains, strict=True) if gain > max(gains) - EQUAL]
@@ -230,7 +233,7 @@ def _named_by_courses(
     return Named(best, tuple(one.effect.name for one in alike if one is not best), current), others
 
 
-def _judged(study: Study, current: Fit, tried: Tried, inflation: float) -> tuple[Tried, str]:
+def _judged(study: Study, current: Fit, tried: Tried, inflation: Inflation) -> tuple[Tried, str]:
     """Return an effect and why it is not named; what would be is fitted with everything free."""
     why = why_not(study, current, tried, inflation)
     if tried.fit is None and why in ("", TOO_SMALL):

@@ -12,7 +12,7 @@ from cmr.model.observer import RESTART, Gains, Observer
 from cmr.recordings.signal import Floats
 
 SIGNALS = ("psi_left", "psi_right", "yaw_rate", "forward", "sideways", "heading")
-POSE_SIGNALS = SIGNALS[3:]
+WHEELS, POSE_SIGNALS = SIGNALS[:2], SIGNALS[3:]
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.diagnosis.candidates import Trial, lanes_of, step_of, trials
+from cmr.diagnosis.inflation import NOTHING, Inflation, inflation_of
 from cmr.diagnosis.localising import NOWHERE, Local, best_moment, best_place
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors
@@ -20,10 +21,6 @@ from cmr.recordings.signal import Floats
 LARGEST_SHARE = 3.0  # of a trial's size that the noise's model may use
 MOST_AT_ONCE = 1.5  # of a trial's size with which a fit of several parameters begins
 MOST_OF_A_LIMIT = 1.3  # of a trial's size that a limit's score may use
-NOTHING = 1e-6  # white errors squared; a trial that changes less says nothing
-SET_ASIDE, FEWEST = 6, 10  # best trials that do not count for the inflation; others that must be left
-LEFT = 0.1  # of a trial's size that must be its own to count
-MEDIAN_OF_CHI2 = 0.4549  # with one degree of freedom
 
 
 @dataclass(frozen=True)
@@ -39,14 +36,12 @@ class Score:
 class Screening:
     """The noise, the best score of each effect, best first, and the white errors (n,) with slopes (n, p) of the model.
 
-    `inflation` is how much larger the scores of effects that explain nothing are than chance would have them, at
-    least 1: it stands for whatever is not quite as assumed (genomic control; Devlin and Roeder, Biometrics 55, 1999).
     `traces` tells by effect how much of its typical size would show: the sum of squared white errors that it makes.
     """
 
     noise: Noise
     scores: tuple[Score, ...]
-    inflation: float
+    inflation: Inflation
     traces: Mapping[str, float]
 
 
@@ -77,7 +72,8 @@ def screen(
     traces: dict[str, float] = {}
     for trial, size in zip(attempts, sizes, strict=True):
         traces[trial.effect] = max(float(size), traces.get(trial.effect, 0.0))
-    return Screening(noise, tuple(best.values()), _inflation(moves, rest), traces)
+    inflation = inflation_of([trial.effect for trial in attempts], moves, rest, study.of_wheels)
+    return Screening(noise, tuple(best.values()), inflation, traces)
 
 
 def _together(best: Score, scores: Sequence[Score]) -> Score:
@@ -195,23 +191,3 @@ def _one_sided(trial: Trial) -> bool:
         if definition(name).switches and value != definition(name).neutral
     ]
     return all(parameter.lower == parameter.neutral for parameter in switches)
-
-
-def _inflation(moves: Floats, rest: Floats) -> float:
-    """Return how much larger than chance the usual score is, once the few best trials have explained their share.
-
-    `moves` (n, trials) and `rest` (n,) are free of what the model itself explains.
-    """
-    normal, pulls = moves.T @ moves, moves.T @ rest
-    before = np.diag(normal).copy()
-    for _ in range(SET_ASIDE):
-        sizes, free = np.diag(normal), np.diag(normal) > NOTHING
-        drops = np.where(free, pulls**2 / np.where(free, sizes, 1.0), 0.0)
-        best = int(np.argmax(drops))
-        share = normal[:, best] / max(sizes[best], NOTHING)
-        pulls = pulls - share * pulls[best]
-        normal = normal - np.outer(share, normal[best])
-    free = np.diag(normal) > np.maximum(NOTHING, LEFT * before)
-    if np.count_nonzero(free) < FEWEST:
-        return 1.0
-    return max(1.0, float(np.median(pulls[free] ** 2 / np.diag(normal)[free])) / MEDIAN_OF_CHI2)

@@ -13,7 +13,6 @@ import numpy as np
 from cmr.diagnosis.experiment import Piece
 from cmr.diagnosis.free_runs import (
     OVERLAP,
-    WHEELS,
     Averages,
     Indices,
     Values,
@@ -24,6 +23,7 @@ from cmr.diagnosis.free_runs import (
     told_errors,
     windows_of,
 )
+from cmr.diagnosis.prediction import WHEELS
 from cmr.diagnosis.result import DENSE, Path, Residual
 from cmr.model.body import forward, wrap
 from cmr.model.catalogue import effects_on

@@ -9,7 +9,7 @@ import numpy as np
 
 from cmr.diagnosis.candidates import Scene, effects_of_rolling, lanes_of, step_of
 from cmr.diagnosis.noise import Noise
-from cmr.diagnosis.prediction import Errors, Predictor
+from cmr.diagnosis.prediction import WHEELS, Errors, Predictor
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
 from cmr.model.observer import MOTION, Gains, Observer
@@ -128,6 +128,12 @@ class Study:
             spans.append(heard.time + heard.wheel_time[inside])
         times = np.concatenate(spans)
         return (float(times.min()), float(times.max())) if len(times) else (0.0, 0.0)
+
+    @cached_property
+    def of_wheels(self) -> Mask:
+        """Which white errors are those of wheels, shape (n,)."""
+        times = [(name, len(of)) for predictor in self.predictors for name, of in predictor.times.items()]
+        return np.concatenate([np.full(count, name in WHEELS) for name, count in times])
 
     def rows(self, errors: Sequence[Errors]) -> Floats:
         """Return when [s] and where [m] each white error arises, shape (n, 3): time, x, y."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from cmr.diagnosis.candidates import lanes_of
 from cmr.diagnosis.gains import COARSE
+from cmr.diagnosis.prediction import WHEELS
 from cmr.diagnosis.result import Unexplained
 from cmr.diagnosis.study import Fit, Study, tempered
 from cmr.diagnosis.unexplained_bursts import Bursts, bursts
@@ -23,7 +24,6 @@ AGREED = 5e-5  # or less, on which all parts of the drive agree as chance does s
 PER_COEFFICIENT = 3.0  # drop that one more coefficient must bring for a term to be the better one
 HOLDS = 0.5  # of the drop must hold on data that it was not fitted on
 LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is exactly as the catalogue says
-WHEELS = ("psi_left", "psi_right")
 BURSTS, BURST_SHARE = 3, 0.1  # fewest bursts, and least share that they have in all of a signal's squared errors
 BURSTS_LEFT_BY_EFFECTS = 0.2  # of what the effects named explain may remain in bursts
 
