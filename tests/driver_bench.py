@@ -181,6 +181,7 @@ class DriverProcess:
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.bus = _bus(URL)
         self.bus.receive(0.0)
+        self.heard: list[Any] = []
         self.statuses: list[Any] = []
         command = [*START_DRIVER, "--port", str(folder / "motor"), "--lcm-url", URL, *arguments]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
@@ -203,8 +204,8 @@ class DriverProcess:
         self.bus.publish(ESTOP, make(estop_t, utime=now_utime(), engaged=engaged, source="test", reason="test"))
 
     def listen(self, seconds: float) -> None:
-        # The bus is that of all tests; some hear more than this.
         heard = [received.message for received in self.bus.receive(seconds)]
+        self.heard += heard
         self.statuses += [message for message in heard if isinstance(message, process_status_t)]
 
     def end(self, signal_number: int = signal.SIGTERM) -> tuple[int, str]:

@@ -163,7 +163,7 @@ def driving(folder: Path) -> Iterator[tuple[Noted, DriverProcess]]:
 def test_the_process_publishes_both_and_a_signal_leaves_the_motors_at_zero(tmp_path: Path) -> None:
     with driving(tmp_path) as (device, driver):
         published = {gyro_t, motor_feedback_t}
-        driver.command_until(lambda: published <= {type(message) for message in driver.statuses})
+        driver.command_until(lambda: published <= {type(message) for message in driver.heard})
         assert driver.end(signal.SIGTERM)[0] == 130
         assert device.duty == (0.0, 0.0)
         assert device.drives[-1][0] - device.told_time < WATCHDOG  # by the driver, not by the watchdog
