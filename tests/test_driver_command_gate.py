@@ -107,22 +107,22 @@ def test_estop_holds_until_released_and_then_zero_must_be_commanded_first() -> N
     assert gate.drive(10.6) == Drive(0.5, 0.5, 0)
 
 
-def test_whoever_commands_zero_at_the_release_need_not_do_it_again() -> None:
+def drive_after_release(released: float) -> Drive:
+    """What a command drives after an emergency stop; zero was commanded at 10.1 s, the release comes at `released`."""
     gate = Gate()
     gate.estop(10.0, True)
     gate.command(10.1, 0.0, 0.0)
-    gate.estop(10.2, False)
-    gate.command(10.3, 0.5, 0.5)
-    assert gate.drive(10.3) == Drive(0.5, 0.5, 0)
+    gate.estop(released, False)
+    gate.command(released + 0.1, 0.5, 0.5)
+    return gate.drive(released + 0.1)
+
+
+def test_whoever_commands_zero_at_the_release_need_not_do_it_again() -> None:
+    assert drive_after_release(10.2) == Drive(0.5, 0.5, 0)
 
 
 def test_a_zero_commanded_long_before_the_release_does_not_count() -> None:
-    gate = Gate()
-    gate.estop(10.0, True)
-    gate.command(10.1, 0.0, 0.0)
-    gate.estop(11.0, False)
-    gate.command(11.1, 0.5, 0.5)
-    assert gate.drive(11.1) == ZERO
+    assert drive_after_release(11.0) == ZERO
 
 
 @pytest.mark.parametrize(("engaged_ago", "released_ago"), [(0.1, 0.2), (5.0, 0.6), (0.0, -0.6)])
