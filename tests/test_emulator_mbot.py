@@ -9,6 +9,7 @@ import pytest
 from robot_driver.emulator.mbot_device import MBotDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import load_settings
+from tests.emulated_device import said_until
 
 TIME = "fffe0800f7c900" + "0700000000000000" + "2f"  # 7 us
 DUTIES = "fffe1400ebe600" + "0700000000000000" + "0000003f000080be00000000" + "95"  # 0.5, -0.25
@@ -20,17 +21,6 @@ def make_device(**mbot: Any) -> tuple[MBotDevice, Plant]:
     settings = load_settings().ideal()
     plant = Plant(settings)
     return MBotDevice(dataclasses.replace(settings, mbot=dataclasses.replace(settings.mbot, **mbot)), plant), plant
-
-
-def said_until(device: MBotDevice, plant: Plant, until: float) -> list[bytes]:
-    """Let time pass as the engine does; return what the device says in each turn."""
-    said = []
-    while device.wake_time <= until:
-        time = device.wake_time
-        plant.advance(time)
-        said += [transmission.data for transmission in device.wake(time)]
-    plant.advance(until)
-    return said
 
 
 def payload(said: bytes, topic: int, layout: str) -> tuple[Any, ...]:

@@ -9,6 +9,7 @@ import pytest
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice, checksum
 from robot_driver.emulator.settings import Settings, load_settings
+from tests.emulated_device import answer, let_pass
 
 DUTY_BOTH_8000_BACK_8000 = bytes.fromhex("80 22 1f40 e0c0 830d")
 DUTY_ZERO = bytes.fromhex("80 22 0000 0000 9817")
@@ -23,25 +24,12 @@ def make_device(settings: Settings | None = None, **roboclaw: int) -> tuple[Robo
     return RoboclawDevice(settings, plant), plant
 
 
-def answer(device: RoboclawDevice, request: bytes, time: float = 1.0) -> bytes:
-    return b"".join(transmission.data for transmission in device.receive(request, time))
-
-
 def read(device: RoboclawDevice, command: int, time: float = 1.0) -> bytes:
     """Return the data of an answer after a look at its CRC, which covers the request too."""
     request = bytes([0x80, command])
     reply = answer(device, request, time)
     assert int.from_bytes(reply[-2:], "big") == checksum(request + reply[:-2])
     return reply[:-2]
-
-
-def let_pass(device: RoboclawDevice, plant: Plant, until: float) -> None:
-    """Let time pass as the engine does."""
-    while device.wake_time <= until:
-        time = device.wake_time
-        plant.advance(time)
-        assert device.wake(time) == []
-    plant.advance(until)
 
 
 def test_the_checksum_is_the_published_one() -> None:

@@ -9,6 +9,7 @@ import pytest
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import load_settings
+from tests.emulated_device import answer, let_pass
 
 
 def make_device(*, battery: float = 24.6, **roboteq: Any) -> tuple[RoboteqDevice, Plant]:
@@ -20,19 +21,6 @@ def make_device(*, battery: float = 24.6, **roboteq: Any) -> tuple[RoboteqDevice
     )
     plant = Plant(settings)
     return RoboteqDevice(settings, plant), plant
-
-
-def answer(device: RoboteqDevice, line: bytes, time: float = 1.0) -> bytes:
-    return b"".join(transmission.data for transmission in device.receive(line, time))
-
-
-def let_pass(device: RoboteqDevice, plant: Plant, until: float) -> None:
-    """Let time pass as the engine does."""
-    while device.wake_time <= until:
-        time = device.wake_time
-        plant.advance(time)
-        assert device.wake(time) == []
-    plant.advance(until)
 
 
 @pytest.mark.parametrize(
