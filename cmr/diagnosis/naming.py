@@ -21,6 +21,7 @@ from cmr.model.catalogue import CATALOGUE, definition
 PROMISING = 12  # effects that are fitted after the score test,
 PROMISING_SHARE = 0.08  # if they explain this share of what the best explains
 FINALISTS = 3  # that are fitted with everything free
+TRUSTED_SHARE = 0.3  # of a trial's size: a score made nearer to it than this is to be trusted
 CLOSE = 0.7  # of the best drop: an effect that explains less is no finalist
 LEAST_DROP = 20.0
 LEAST_SCORE = 10.0  # drop of the sum of squares from which a fit is worth while
@@ -257,10 +258,22 @@ def _fitted(study: Study, current: Fit, screening: Screening) -> list[Tried]:
         Tried(effect, current.squares - squares, values)
         for effect, (values, squares) in zip(effects, quick, strict=True)
     ]
+    tried = [
+        _with_everything(study, current, one) if _stuck(one, score) else one
+        for one, score in zip(tried, promising, strict=True)
+    ]
     tried.sort(key=lambda one: -one.evidence)
     least = max(CLOSE * tried[0].drop, LEAST_DROP)
-    finalists = [_with_everything(study, current, one) if one.drop > least else one for one in tried[:FINALISTS]]
+    finalists = [
+        _with_everything(study, current, one) if one.fit is None and one.drop > least else one
+        for one in tried[:FINALISTS]
+    ]
     return sorted([*finalists, *tried[FINALISTS:]], key=lambda one: -one.evidence)
+
+
+def _stuck(tried: Tried, score: Score) -> bool:
+    """Tell whether a quick fit made things worse although the score, made near this size, foretold better ones."""
+    return tried.drop < 0.0 and TRUSTED_SHARE < abs(score.share) < 1.0 / TRUSTED_SHARE
 
 
 def start_of(score: Score) -> dict[str, float]:
