@@ -70,12 +70,11 @@ class CommandGate:
             if reason:
                 self.rejected[reason] += 1
                 return
-            # While a stop holds, zero may be commanded in advance; whatever else is commanded takes that back.
-            self._zero_first = bool(self._stops) and (left, right) != (0.0, 0.0)
+            self._zero_first = bool(self._stops)
             self._command, self._last_decided = (left, right), decided
             self._expires = now + COMMAND_LIFETIME - max(utime - decided, 0) / 1e6
 
-    def take_estop(self, engaged: bool, decided: int, *, now: float, utime: int) -> None:
+    def take_estop(self, engaged: bool, decided: int, *, utime: int) -> None:
         """Engage or release the emergency stop of the bus.
 
         It is engaged whatever the time; a release must be recent and not older than what engaged it.
@@ -87,7 +86,7 @@ class CommandGate:
             if decided < self._engaged_utime or abs(utime - decided) > streams.COMMAND_LIFETIME:
                 self.releases_rejected += 1
             else:
-                self.release(Stop.BUS, now=now)
+                self.release(Stop.BUS)
 
     def hold(self, stop: Stop) -> None:
         """Hold the motors at zero from now on; the command in force is forgotten."""
@@ -96,12 +95,11 @@ class CommandGate:
                 self._stops.add(stop)
                 self._command, self._zero_first = None, True
 
-    def release(self, stop: Stop, *, now: float) -> None:
-        """End one stop. Motors that were commanded otherwise in the meantime wait for zero to be commanded."""
+    def release(self, stop: Stop) -> None:
+        """End one stop. Nothing moves before zero has been commanded; what was commanded meanwhile does not count."""
         with self._lock:
             if stop in self._stops:
                 self._stops.remove(stop)
-                self._zero_first = self._zero_first or now > self._expires
                 self._command = None
 
     def note_held_up(self, now: float) -> None:

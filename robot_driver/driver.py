@@ -109,7 +109,7 @@ class Driver:
         if channel == MOTOR_COMMAND.channel(self._robot_id):
             self._gate.offer(utime, message.left, message.right, now=time.monotonic(), utime=now_utime())
         elif channel == ESTOP.channel():
-            self._gate.take_estop(bool(message.engaged), utime, now=time.monotonic(), utime=now_utime())
+            self._gate.take_estop(bool(message.engaged), utime, utime=now_utime())
         elif self.follower.handle(utime, channel, message):
             self._use_parameters()
 

@@ -239,7 +239,7 @@ class Motors(Device):
         if telemetry.get("status", 0) & motor_feedback_t.STATUS_ESTOP:
             self._gate.hold(Stop.CONTROLLER)
         else:
-            self._gate.release(Stop.CONTROLLER, now=time.monotonic())
+            self._gate.release(Stop.CONTROLLER)
 
     def _watch_battery(self, connection: _Connection) -> None:
         """Warn of a low battery; hold the motors for good when it is empty."""

@@ -89,6 +89,7 @@ def test_18_a_released_emergency_stop_moves_nothing_until_zero_was_commanded(tmp
     with driving(tmp_path) as (robot, driver):
         driver.estop(True)
         driver.command_until(lambda: robot.device.duty == [0, 0])
+        driver.command(0.0, 0.0)  # in advance, which does not count
         driver.estop(False)
         count = len(robot.drives)
         driver.command_until(lambda: len(robot.drives) > count + 30)

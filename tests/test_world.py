@@ -326,6 +326,15 @@ class TestPilot:
             assert (last.left == 0.0) == engaged
             assert ("a child in the lab" in pilot.waiting_for) == engaged
 
+    def test_commands_zero_first_when_an_emergency_stop_was_released(self, pilot: Pilot) -> None:
+        self.drive(pilot, EPOCH)
+        for engaged in (True, False):
+            message = make(estop_t, utime=EPOCH, engaged=engaged, source="hand", reason="a child in the lab")
+            pilot.handle(EPOCH, ESTOP.name, message)
+            command = pilot.command(EPOCH + 400_000)
+            assert (command.left, command.right) == (0.0, 0.0)
+        assert "zero" in pilot.waiting_for
+
     def test_stops_when_the_leader_leaves_the_world(self, pilot: Pilot) -> None:
         self.drive(pilot, EPOCH)
         utime = EPOCH + 2_000_000

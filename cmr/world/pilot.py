@@ -12,6 +12,7 @@ from cmr.world.behaviours import Behaviour
 from cmr.world.view import WorldView
 
 OLDEST_WORLD = 500_000  # us; with older knowledge of the world the robot stops
+ZEROS_AFTER_RELEASE = 10  # commands; a driver takes nothing else before one, and any message may be lost
 
 
 class Pilot:
@@ -24,6 +25,7 @@ class Pilot:
         self.waiting_for = "the world"
         self._world = WorldView()
         self._estop = EmergencyStop()
+        self._zeros_to_send = 0
 
     def handle(self, utime: int, channel: str, message: Any) -> None:
         """Take WORLD_STATE, PARAMETERS_N, WAYPOINTS_N or ESTOP."""
@@ -50,6 +52,10 @@ class Pilot:
         me = self._world.robot(self.robot_id)
         if self._estop.engaged:
             self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
+            self._zeros_to_send = ZEROS_AFTER_RELEASE
+        elif self._zeros_to_send:
+            self.waiting_for = "the driver to hear of zero after the emergency stop"
+            self._zeros_to_send -= 1
         elif me is None or utime - me.utime > OLDEST_WORLD:
             self.waiting_for = f"robot {self.robot_id} in WORLD_STATE (from cmr-sim and its driver)"
         elif self.parameters.parameters is None:
