@@ -244,9 +244,11 @@ def test_ctrl_c_of_a_terminal_which_all_processes_get_leaves_no_traceback(sleepe
 
 
 def test_a_command_that_is_killed_leaves_no_process_behind(sleepers: Sleepers) -> None:
+    assert all(map(exists, sleepers.workers))
     sleepers.command.kill()
     sleepers.command.communicate(timeout=PATIENCE)
     wait_until(lambda: not any(map(exists, sleepers.workers)))
+    assert not any(map(exists, sleepers.workers))
 
 
 def test_a_terminal_shows_a_bar_that_is_gone_in_the_end(logs: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import struct
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,7 @@ from robot_driver.emulator.roboclaw_pair_device import RoboclawPairDevice
 from tests.driver_bench import wait_for
 
 SAVE_TO_MEMORY = 94
+COMMANDED_ON = 0.3  # s for which a robot that has been stopped goes on being commanded
 
 
 class Run:
@@ -97,6 +99,10 @@ def test_when_one_of_two_units_falls_silent_the_other_is_stopped(tmp_path: Path,
         device.units[dead].receive = lambda data, time: []  # type: ignore[method-assign]  # noqa: ARG005
         run.until(lambda: "0x80 and 0x81" in run.driver.problems())
         run.until(lambda: device.units[1 - dead].duty == [0, 0])
+        later = time.monotonic() + COMMANDED_ON
+        run.until(lambda: time.monotonic() > later)
+        assert device.units[1 - dead].duty == [0, 0]
+        assert "0x80 and 0x81" in run.driver.problems()
 
 
 def test_when_one_of_two_units_is_reset_both_are_armed_anew(tmp_path: Path) -> None:
