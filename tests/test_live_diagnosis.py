@@ -95,7 +95,7 @@ def test_a_heavier_load_is_named(seed: int) -> None:
     load = {"payload_change_share": 0.25, "payload_change_time": CHANGE}
     steps = in_turn([(25.0, reversals(0.5))] * 4)
     said = watch(messages(driven(steps, load, seed=seed).recording))
-    only(said, "longer to follow", "a heavier load", "effect payload_change")
+    assert "Suspected: a heavier load" in only(said, "longer to follow", "(effect payload_change)")
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -110,7 +110,8 @@ def test_a_battery_that_runs_down_is_named_with_its_voltage_and_said_again_when_
 
 def test_slower_wheels_are_not_blamed_on_a_battery_whose_voltage_stays() -> None:
     ride = driven(eight(END), {"surface_change_k1": 0.08, "surface_change_time": CHANGE})
-    only(watch(messages(ride.recording, voltage=lambda _time: 12.4)), "7 % slower", "not the battery")
+    said = watch(messages(ride.recording, voltage=lambda _time: 12.4))
+    assert "not the battery" in only(said, "7 % slower")
 
 
 def test_what_has_been_said_stays_visible_once_and_is_not_news_again() -> None:
@@ -127,7 +128,7 @@ def test_what_has_been_said_stays_visible_once_and_is_not_news_again() -> None:
 
 def test_a_voltage_that_falls_is_enough() -> None:
     heard = messages(undisturbed(1).recording, voltage=lambda time: 12.4 if time < CHANGE else 10.9)
-    only(watch(heard), "10.9 V, 12.4 V at the start", "Charge it")
+    assert "Charge it" in only(watch(heard), "10.9 V, 12.4 V at the start")
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -149,7 +150,7 @@ def test_slip_is_named_with_its_side_and_size(left: float, right: float, cause: 
 @pytest.mark.parametrize("missing", ["gyro", "poses"])
 def test_a_slipping_wheel_is_seen_without_gyro_and_without_poses(missing: str) -> None:
     said = watch(messages(without(slipping(undisturbed(1), 0.5, 0.0), missing)))
-    only(said, "Suspected: the left wheel slips")
+    assert "Suspected: the left wheel slips" in only(said)
 
 
 def test_slip_that_ends_is_said_to_be_over_and_the_next_is_seen_again() -> None:
@@ -174,18 +175,18 @@ def test_a_suspicion_that_comes_and_goes_is_not_said_more_than_once_a_minute() -
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_gyro_whose_zero_moves_is_at_fault_and_not_the_robot(seed: int) -> None:
     recording = edited(undisturbed(seed).recording, "gyro", yaw_rate=lambda since, rate: rate + 0.02 * (since > 0.0))
-    only(watch(messages(recording)), "Robot 0: The gyro", "the gyro's zero has moved, the robot has not")
+    assert "the gyro's zero has moved, the robot has not" in only(watch(messages(recording)), "Robot 0: The gyro")
 
 
 def test_a_gyro_whose_zero_moves_is_seen_at_rest() -> None:
     still = driven(constant(0.0, 0.0), {})
     recording = edited(still.recording, "gyro", yaw_rate=lambda since, rate: rate + 0.01 * (since > 0.0))
-    only(watch(messages(recording)), "the gyro reads 0.010 rad/s more".capitalize()[4:], "gyro_bias")
+    assert "gyro reads 0.010 rad/s more" in only(watch(messages(recording)), "gyro_bias")
 
 
 def test_a_gyro_that_stops_telling_turns_is_at_fault() -> None:
     recording = edited(undisturbed(1).recording, "gyro", yaw_rate=gone)
-    only(watch(messages(recording)), "the gyro has stopped telling turns")
+    assert "the gyro has stopped telling turns" in only(watch(messages(recording)))
 
 
 def test_frozen_poses_are_the_localisations_fault_until_they_move_again() -> None:
@@ -209,7 +210,8 @@ def test_frozen_poses_are_the_localisations_fault_until_they_move_again() -> Non
 
 def test_a_pose_that_jumps_is_the_localisations_fault() -> None:
     recording = edited(undisturbed(1).recording, "poses", x=lambda since, x: x + 0.4 * (since > 0.0))
-    only(watch(messages(recording)), "The pose jumped by 0.4", "not the robot", before=CHANGE + 4.0)
+    sentence = only(watch(messages(recording)), "The pose jumped by 0.4", before=CHANGE + 4.0)
+    assert "not the robot" in sentence
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -229,7 +231,8 @@ def test_poses_that_come_to_be_stamped_late_are_the_localisations_fault(seed: in
 @pytest.mark.parametrize(("signal", "name"), [("poses", "poses"), ("gyro", "gyro readings")])
 def test_a_robot_whose_sensor_ends_is_not_blamed(signal: str, name: str) -> None:
     said = watch(messages(without(undisturbed(1).recording, signal, since=CHANGE)))
-    only(said, f"no usable {name}", "the sensor or its process has stopped", before=CHANGE + 6.0)
+    sentence = only(said, f"no usable {name}", before=CHANGE + 6.0)
+    assert "the sensor or its process has stopped" in sentence
 
 
 @pytest.mark.parametrize(
@@ -241,7 +244,8 @@ def test_a_robot_whose_sensor_ends_is_not_blamed(signal: str, name: str) -> None
     ],
 )
 def test_wheels_that_stand_still_against_their_commands_are_told_with_the_reason_known(status: int, why: str) -> None:
-    only(watch(messages(halted(), status=status)), "Both sides' wheels stand still", why, before=CHANGE + 6.0)
+    said = watch(messages(halted(), status=status))
+    assert why in only(said, "Both sides' wheels stand still", before=CHANGE + 6.0)
 
 
 def test_one_side_that_stands_still_is_told_apart() -> None:
@@ -250,7 +254,7 @@ def test_one_side_that_stands_still_is_told_apart() -> None:
 
 def test_encoders_that_stop_are_told_from_wheels_that_stop() -> None:
     recording = edited(undisturbed(1).recording, "wheels", psi_left=gone, psi_right=gone)
-    only(watch(messages(recording)), "the robot moves, so it is the encoder")
+    assert "the robot moves, so it is the encoder" in only(watch(messages(recording)))
 
 
 def test_new_parameters_are_said_once_and_begin_anew() -> None:
