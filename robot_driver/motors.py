@@ -162,7 +162,9 @@ class Motors(Device):
         else:
             duties = self._ramp.towards(drive.left, drive.right, now)
         request = connection.controller.drive(*self._wiring.channels(*duties))
-        return self._wiring.forward(*self._ask(request).value), drive.status
+        acknowledged = self._ask(request).value
+        self._ramp.confirm()
+        return self._wiring.forward(*acknowledged), drive.status
 
     def _read_encoders(self, connection: _Connection, applied: tuple[float, float], status: int) -> None:
         answer = self._ask(connection.controller.read_encoders())

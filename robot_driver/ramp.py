@@ -38,7 +38,10 @@ def approach(duty: float, wanted: float, seconds: float, limits: Limits) -> floa
 
 
 class Ramp:
-    """The duties of both sides on their way to what is commanded; begins at zero."""
+    """The duties of both sides on their way to what is commanded; begins at zero.
+
+    Only duties that the device has acknowledged count as reached: those that were lost on the line are not built upon.
+    """
 
     def __init__(self, limits: Limits, longest_step: float) -> None:
         self._limits = limits
@@ -47,18 +50,22 @@ class Ramp:
 
     def reset(self) -> None:
         """Be at zero now; the next command is approached from there."""
-        self._duties, self._time = (0.0, 0.0), math.inf
+        self._reached = self._next = (0.0, 0.0), math.inf
 
     def towards(self, left: float, right: float, now: float) -> tuple[float, float]:
         """Return the duties (left, right) for the moment `now` (s) on the way to those commanded.
 
         After a pause they go on as if it had lasted `longest_step` (s).
         """
-        seconds = min(max(now - self._time, 0.0), self._longest_step)
-        self._time = now
-        before = self._duties
-        self._duties = (
-            approach(before[0], left, seconds, self._limits),
-            approach(before[1], right, seconds, self._limits),
+        duties, time = self._reached
+        seconds = min(max(now - time, 0.0), self._longest_step)
+        next_duties = (
+            approach(duties[0], left, seconds, self._limits),
+            approach(duties[1], right, seconds, self._limits),
         )
-        return self._duties
+        self._next = next_duties, now
+        return next_duties
+
+    def confirm(self) -> None:
+        """Go on from the last duties: the device has acknowledged them."""
+        self._reached = self._next

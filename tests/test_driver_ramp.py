@@ -28,18 +28,33 @@ def test_the_wanted_duty_is_reached_in_time_through_zero() -> None:
     assert approach(0.4, -1.0, 0.35, limits) == pytest.approx(-0.5)
 
 
+def driven(ramp: Ramp, left: float, right: float, now: float) -> tuple[float, float]:
+    """Return the next duties of the ramp after the device has acknowledged them."""
+    duties = ramp.towards(left, right, now)
+    ramp.confirm()
+    return duties
+
+
 def test_after_a_reset_the_ramp_begins_at_zero_again() -> None:
     ramp = Ramp(Limits(10.0, 20.0), longest_step=0.02)
-    duties = [ramp.towards(1.0, -1.0, 5.0 + 0.01 * turn)[0] for turn in range(12)]
+    duties = [driven(ramp, 1.0, -1.0, 5.0 + 0.01 * turn)[0] for turn in range(12)]
     assert duties == pytest.approx([min(0.1 * turn, 1.0) for turn in range(12)])
     ramp.reset()
-    assert ramp.towards(1.0, 1.0, 6.0) == (0.0, 0.0)
+    assert driven(ramp, 1.0, 1.0, 6.0) == (0.0, 0.0)
 
 
 def test_a_pause_is_no_licence_to_jump() -> None:
     ramp = Ramp(Limits(10.0, 20.0), longest_step=0.02)
-    ramp.towards(1.0, 1.0, 5.0)
-    assert ramp.towards(1.0, 1.0, 9.0) == pytest.approx((0.2, 0.2))
+    driven(ramp, 1.0, 1.0, 5.0)
+    assert driven(ramp, 1.0, 1.0, 9.0) == pytest.approx((0.2, 0.2))
+
+
+def test_duties_that_were_lost_on_the_line_are_no_licence_to_jump() -> None:
+    ramp = Ramp(Limits(10.0, 20.0), longest_step=0.02)
+    driven(ramp, 1.0, 1.0, 5.0)
+    lost = [ramp.towards(1.0, 1.0, 5.0 + 0.01 * turn) for turn in range(1, 10)]
+    assert lost[-1] == pytest.approx((0.2, 0.2))
+    assert driven(ramp, 1.0, 1.0, 5.1) == pytest.approx((0.2, 0.2))
 
 
 @pytest.mark.parametrize("limits", [(0.0, 1.0), (2.0, 1.0), (float("nan"), 1.0), (1.0, float("inf"))])
