@@ -107,3 +107,22 @@ def test_an_unknown_parameter_is_named() -> None:
     """A misspelt name is an error that shows it."""
     with pytest.raises(KeyError, match="base_with"):
         observe(heard(), {**ROBOT, "base_with": 0.16}, FREE)
+
+
+@pytest.mark.parametrize(
+    ("effect", "after_50_s"),
+    [
+        ({"gyro_drift": 0.012}, {"gyro_bias": 0.006}),
+        ({"clock_skew": 1e-3}, {"pose_latency": 0.05 / 1.001}),
+    ],
+    ids=["gyro_drift", "clock_skew"],
+)
+def test_what_grows_with_time_goes_on_growing_after_a_gap(
+    effect: dict[str, float], after_50_s: dict[str, float]
+) -> None:
+    """A piece that begins 50 s into the drive begins with what has come together by then."""
+    at_once, later = heard(), replace(heard(), time=50.0)
+    said = observe(later, {**ROBOT, **effect}, FREE)
+    expected = observe(at_once, {**ROBOT, **effect, **after_50_s}, FREE)
+    assert np.allclose(said.gyro, expected.gyro, atol=1e-9)
+    assert np.allclose(said.pose, expected.pose, atol=1e-9)

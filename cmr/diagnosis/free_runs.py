@@ -196,7 +196,7 @@ def _motion(heard: Heard, values: Values) -> Floats:
         motion = observe(unbroken, stacked([values]), FREE).motion
         time = np.arange(len(motion), dtype=np.float64) * heard.dt
         path = Trajectory(*(motion[:, MOTION.index(name)] for name in Trajectory._fields))
-    return np.column_stack(pose_seen(time, path, parameters, heard.pose_time))
+    return np.column_stack(pose_seen(heard.time + time, path, parameters, heard.time + heard.pose_time))
 
 
 def _neighbours(heard: Heard) -> tuple[Indices, Indices]:

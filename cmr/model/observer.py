@@ -132,8 +132,8 @@ class Observer:
         )
         _module(self._model, heard.dt).observe(
             *blocks.arguments, count, heard.left, heard.right, heard.dt, ring, seed, chosen, heard.given,
-            self._sensor, self._gains, heard.wheel_time, heard.wheel, heard.wheel_use, heard.gyro_time, heard.gyro,
-            heard.pose_time, heard.pose, heard.pose_use, *result,
+            self._sensor, self._gains, heard.time, heard.wheel_time, heard.wheel, heard.wheel_use,
+            heard.gyro_time, heard.gyro, heard.pose_time, heard.pose, heard.pose_use, *result,
         )  # fmt: skip
         return result
 

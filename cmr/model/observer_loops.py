@@ -13,6 +13,8 @@ from cmr.model.step_helpers import sign
 
 LOOPS = '''
 
+NEARBY = 1e-3  # m
+
 @inlined
 def where(condition, yes, no):
     """Return one of two values."""
@@ -21,12 +23,12 @@ def where(condition, yes, no):
 
 @compiled(
     "void(f8[::1], f8[::1], i8[::1], i8, f8[::1], f8[::1], f8, i8, i8, i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1],"
-    "f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
+    "f8, f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
     "f8[:, :, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])"
 )
 def observe(
     rows, work, varying, robots, left, right, dt, ring, seed, luck, given, sensor, gains,
-    wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
+    began, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
     wheel_error, gyro_error, pose_error, motion,
 ):
     """See `cmr.model.observer.observe`, which prepares the arguments."""
@@ -92,11 +94,11 @@ def observe(
             while next_gyro < len(gyro_time) and gyro_time[next_gyro] + 0.5 * dt <= now:
                 stamp = gyro_time[next_gyro]
                 for i in range(lanes):
-                    time = stamp
-                    moment = stamp
+                    time = began + stamp
+                    moment = time
     GYRO_NUMBERS
     GYRO_TIME
-                    position = border + (moment - now) / dt + 0.5
+                    position = border + (moment - began - now) / dt + 0.5
                     position = min(max(position, border - (HISTORY - 2.0), 1.0), max(border * 1.0, 1.0))
                     first = int(position)
                     first = first - 1 if first == border and border > 1 else first
@@ -108,8 +110,8 @@ def observe(
                     gyro_error[next_gyro, block * LANES + i] = gyro[next_gyro] - reading
                 next_gyro += 1
             while next_wheel < len(wheel_time) and wheel_time[next_wheel] <= now:
-                time = wheel_time[next_wheel]
-                share = 1.0 - (now - time) / dt
+                time = began + wheel_time[next_wheel]
+                share = 1.0 - (now - wheel_time[next_wheel]) / dt
                 use_left, use_right = wheel_use[next_wheel, 0] > 0, wheel_use[next_wheel, 1] > 0
                 for i in range(lanes):
                     reading_left = before_left[i] + share * (here[ANGLE_LEFT + i] - before_left[i])
@@ -136,18 +138,27 @@ def observe(
                 stamp = pose_time[next_pose]
                 restart = pose_use[next_pose] == 0
                 for i in range(lanes):
-                    time = stamp
-                    moment = stamp
+                    time = began + stamp
+                    moment = time
     POSE_NUMBERS
     POSE_TIME
                     # A moment still to come lies on the line through the last two borders.
-                    position = max(border + (moment - now) / dt, border - (HISTORY - 2.0), 0.0)
+                    position = max(border + (moment - began - now) / dt, border - (HISTORY - 2.0), 0.0)
                     first = min(int(position), border - 1 if border > 0 else 0)
                     share = position - first if border > 0 else 0.0
                     one, other = past[first % HISTORY], past[(first + 1) % HISTORY]
-                    x = one[0, i] + share * (other[0, i] - one[0, i]) + offset_x[i]
-                    y = one[1, i] + share * (other[1, i] - one[1, i]) + offset_y[i]
-                    theta = one[2, i] + share * (other[2, i] - one[2, i]) + offset_theta[i]
+                    at_x = one[0, i] + share * (other[0, i] - one[0, i]) + offset_x[i]
+                    at_y = one[1, i] + share * (other[1, i] - one[1, i]) + offset_y[i]
+                    at_theta = one[2, i] + share * (other[2, i] - one[2, i]) + offset_theta[i]
+                    # What the sensor would say a little further on: where it stretches or folds space, following its
+                    # error itself may lead away.
+                    x, y, theta = at_x + NEARBY, at_y, at_theta
+    POSE
+                    east_x, east_y = x, y
+                    x, y, theta = at_x, at_y + NEARBY, at_theta
+    POSE
+                    north_x, north_y = x, y
+                    x, y, theta = at_x, at_y, at_theta
     POSE
                     error_x, error_y = pose[next_pose, 0] - x, pose[next_pose, 1] - y
                     error_theta = pose[next_pose, 2] - theta
@@ -155,13 +166,18 @@ def observe(
                     pose_error[next_pose, 0, block * LANES + i] = error_x
                     pose_error[next_pose, 1, block * LANES + i] = error_y
                     pose_error[next_pose, 2, block * LANES + i] = error_theta
-                    followed = 1.0 if restart else gain_position[i]
+                    east_x, east_y = (east_x - x) / NEARBY, (east_y - y) / NEARBY
+                    north_x, north_y = (north_x - x) / NEARBY, (north_y - y) / NEARBY
+                    stretched = 0.5 * (east_x * east_x + east_y * east_y + north_x * north_x + north_y * north_y)
+                    followed = (1.0 if restart else gain_position[i]) / max(1.0, stretched)
+                    move_x = followed * (east_x * error_x + east_y * error_y)
+                    move_y = followed * (north_x * error_x + north_y * error_y)
                     turned = 1.0 if restart else gain_theta[i]
-                    offset_x[i] += followed * error_x
-                    offset_y[i] += followed * error_y
+                    offset_x[i] += move_x
+                    offset_y[i] += move_y
                     offset_theta[i] += turned * error_theta
-                    here[X + i] += followed * error_x
-                    here[Y + i] += followed * error_y
+                    here[X + i] += move_x
+                    here[Y + i] += move_y
                     here[THETA + i] += turned * error_theta
                 next_pose += 1
             if border == len(left):
