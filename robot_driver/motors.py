@@ -22,6 +22,7 @@ from robot_driver.serial_port import Answer, PortLost, SerialPort
 T = TypeVar("T")
 
 SILENCE_LIMIT = 0.4  # s without any answer after which the device counts as gone, perhaps switched off
+HUSH = 0.1  # s without any answer after which the device may have been reset: look before it is driven on
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 STOP_ATTEMPTS = 10  # of the last zero: 0.4 s at most, so that the process still ends within a second
 TELEMETRY_ATTEMPTS = 5  # in a row; a firmware does not answer what it does not know
@@ -105,6 +106,8 @@ class Motors(Device):
         assert self._connection is not None
         self.rhythm.note_turn()
         try:
+            if time.monotonic() - self._last_answer > HUSH:
+                self._check_watchdog(self._connection)
             applied, status = self._drive(self._connection)
             self._read_encoders(self._connection, applied, status)
             self._read_telemetry(self._connection)

@@ -13,7 +13,10 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import MOTOR_COMMAND
 from cmr.msg import motor_command_t
 from robot_driver.driver import Driver, Settings
-from tests.driver_bench import DriverProcess, Robot, driving, number, wait_for
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.roboclaw_device import RoboclawDevice
+from robot_driver.emulator.settings import load_settings
+from tests.driver_bench import DriverProcess, Robot, bench, driving, number, wait_for
 
 WATCHDOG = 0.5  # s, of the device
 CYCLE = 0.01  # s
@@ -97,6 +100,20 @@ def test_18_a_released_emergency_stop_moves_nothing_until_zero_was_commanded(tmp
         driver.command(0.0, 0.0)
         driver.command_until(lambda: robot.device.duty == [16384, 16384])
         driver.command_until(lambda: any("not_zero" in status.message for status in driver.statuses))
+
+
+def test_13_a_controller_that_was_reset_during_a_silence_is_not_driven_on(tmp_path: Path) -> None:
+    settings = load_settings().ideal()
+    duties: list[float] = []
+    with bench(tmp_path) as run:
+        run.until_moving()
+        run.line.faults.silent = True
+        run.line.device = RoboclawDevice(settings, Plant(settings), lambda left, _right: duties.append(left))
+        time.sleep(0.2)
+        told_in_silence = len(duties)
+        run.line.faults.silent = False
+        run.until(lambda: duties[told_in_silence:] and duties[-1] > 0.1)
+    assert duties[told_in_silence] == 0.0
 
 
 def test_commands_that_are_insane_old_or_for_another_robot_move_nothing_and_are_counted_on_the_bus(
