@@ -79,6 +79,7 @@ class Motors(Device):
         self._jumps_told = 0
         self._stamps = Stamps()
         self._last_answer = 0.0
+        self._doubtful = False  # something may still be on its way that answers nothing that is asked from now on
         self._due = 0.0
 
     @property
@@ -94,9 +95,10 @@ class Motors(Device):
         self._insist(controller.identify(), stop)
         for request in controller.learn():
             self._insist(request, stop)
+        if not self._is_armed_still(controller, stop):
+            self._encoders.rebase()
         self._connection = _Connection(controller, controller.read_telemetry(), self._arm(controller, stop))
         self.problem = self._connection.unarmed
-        self._encoders.rebase()
         self._gate.clear()
         self._ramp.reset()
         self._due = self._last_answer = time.monotonic()
@@ -109,6 +111,9 @@ class Motors(Device):
             if time.monotonic() - self._last_answer > HUSH:
                 self._check_watchdog(self._connection)
             applied, status = self._drive(self._connection)
+            if self._doubtful:
+                self._clear_line(self._connection)
+                applied, status = self._drive(self._connection)
             self._read_encoders(self._connection, applied, status)
             self._read_telemetry(self._connection)
         except BadReply:
@@ -129,12 +134,27 @@ class Motors(Device):
             self._stop(request)
 
     def _stop(self, request: Request[tuple[float, float]]) -> None:
+        unacknowledged = 2 if self._doubtful else 1  # in doubt, the first acknowledgement may be of another duty
         for _ in range(STOP_ATTEMPTS):
             try:
                 self._port.exchange(request)
-                return
+                unacknowledged -= 1
             except BadReply:
                 self._recover()
+            if not unacknowledged:
+                return
+
+    def _is_armed_still(self, controller: Controller, stop: threading.Event) -> bool:
+        """Tell whether the device has the watchdog it was given once: then it was not reset, and counts on.
+
+        A device whose watchdog is built in does not show whether it was reset.
+        """
+        if not controller.set_watchdog(controller.watchdog_seconds).data:
+            return False
+        try:
+            return _is_set(controller, self._insist(controller.read_watchdog(), stop))
+        except PortLost:
+            return False
 
     def _arm(self, controller: Controller, stop: threading.Event) -> str:
         """Set the device's own watchdog and read it back; return why the motors must not turn, or ""."""
@@ -168,6 +188,15 @@ class Motors(Device):
         acknowledged = self._ask(request).value
         self._ramp.confirm()
         return self._wiring.forward(*acknowledged), drive.status
+
+    def _clear_line(self, connection: _Connection) -> None:
+        """Have the device say something that can be told from all else it says.
+
+        All acknowledgements look alike, so after a lost one the next may be the one that is late. What was late has
+        come before this answer, or spoils it.
+        """
+        self._ask(connection.controller.read_encoders())
+        self._doubtful = False
 
     def _read_encoders(self, connection: _Connection, applied: tuple[float, float], status: int) -> None:
         answer = self._ask(connection.controller.read_encoders())
@@ -287,6 +316,7 @@ class Motors(Device):
 
     def _recover(self) -> None:
         self.faults += 1
+        self._doubtful = True
         self._port.resynchronise()
 
     def _reset(self, sign: str) -> str:

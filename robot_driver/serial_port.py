@@ -127,8 +127,8 @@ class SerialPort:
         self._discard_strays()
         sent = time.monotonic_ns()
         self.write(request.data)
-        deadline = sent / 1e9 + self.wire_time(len(request.data) + request.longest_reply) + REPLY_MARGIN
-        reply = b""
+        began, reply = None, b""
+        deadline = self._last_traffic + self.wire_time(request.longest_reply) + REPLY_MARGIN
         while (missing := request.missing(reply)) > 0:
             data = self.read(missing, deadline - time.monotonic())
             if not data and reply and request.ends_in_silence:
@@ -136,13 +136,14 @@ class SerialPort:
             if not data:
                 raise BadReply(f"{request.name}: {len(reply)} bytes came in time, at least {missing} are missing.")
             reply += data
+            began = began or time.monotonic_ns() - int(1e9 * self.wire_time(len(data)))
             piece_deadline = time.monotonic() + REPLY_MARGIN
             deadline = piece_deadline if request.ends_in_silence else max(deadline, piece_deadline)
         arrived = time.monotonic_ns()
         # The device looks between the last byte of the request and the first of the reply: midway, as both ends'
         # delays are alike. A reply is longer than its request, so the middle of the whole exchange would be late.
         asked = sent + int(1e9 * self.wire_time(len(request.data)))
-        answered = arrived - int(1e9 * self.wire_time(len(reply)))
+        answered = began or arrived
         answer = Answer(request.parse(reply), (asked + answered) // 2, arrived)
         if request.then is None:
             return answer

@@ -1,6 +1,7 @@
 """The driver's motor thread against the emulated RoboClaw on a pseudo-terminal, with a line as bad as one likes."""
 
 import dataclasses
+import multiprocessing
 import os
 import signal
 import struct
@@ -10,6 +11,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
+from itertools import pairwise
+from multiprocessing.synchronize import Event as EventOfProcesses
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +23,13 @@ from cmr.msg import estop_t, motor_command_t, process_status_t
 from robot_driver.battery import Thresholds
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers.roboclaw import RoboClaw
+from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports, PseudoTerminal
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
-from robot_driver.emulator.settings import load_settings
+from robot_driver.emulator.settings import Settings, load_settings
 from robot_driver.encoders import Wiring
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
@@ -33,7 +37,9 @@ from robot_driver.ramp import Limits
 from robot_driver.serial_port import SerialPort
 from tests.private_bus import private_url
 
-READ_ENCODERS = bytes((0x80, 78))
+ENCODER_REPLY = 10  # bytes
+FIRST_BYTE = 0.020  # s beyond its time on the wire within which an answer must begin
+BYTE_GAP = 0.010  # s within which the next byte must follow
 
 
 def number(name: str, default: int) -> int:
@@ -48,16 +54,45 @@ def wait_for(condition: Callable[[], object], seconds: float = 20.0) -> None:
         time.sleep(0.002)
 
 
+class NotedDevice(RoboclawDevice):
+    """A RoboClaw that notes what is true whenever its encoders are read: both counts, and both duties."""
+
+    def __init__(self, settings: Settings, plant: Plant) -> None:
+        super().__init__(settings, plant)
+        self.readings: list[tuple[int, int, int, int]] = []
+
+    def receive(self, data: bytes, time: float) -> list[Transmission]:
+        answers = super().receive(data, time)
+        for answer in answers:
+            if len(answer.data) == ENCODER_REPLY:
+                left, right = struct.unpack(">II", answer.data[:8])
+                self.readings.append((left, right, *self.duty))
+        return answers
+
+
+class NotedPort(SerialPort):
+    """A port that notes when each request was written, and its length."""
+
+    def __init__(self, path: str, baud_rate: int) -> None:
+        super().__init__(path, baud_rate)
+        self.asked: list[tuple[float, int]] = []
+
+    def write(self, data: bytes) -> None:
+        self.asked.append((time.monotonic(), len(data)))
+        super().write(data)
+
+
 class Bench:
     """A running emulator and the motor thread of the driver on it, with what that publishes."""
 
-    def __init__(self, line: FaultyLine, device: RoboclawDevice, motors: Motors, gate: CommandGate) -> None:
+    def __init__(self, line: FaultyLine, device: NotedDevice, port: NotedPort) -> None:
         self.line = line
         self.device = device
-        self.motors = motors
-        self.gate = gate
+        self.port = port
+        self.gate = CommandGate()
         self.feedback: list[Any] = []
-        self.written: list[float] = []  # when the emulator wrote to the line (s)
+        self.written: list[tuple[float, int]] = []  # when the emulator wrote to the line (s), and how many bytes
+        self.motors: Motors
         self.thread: PortThread
 
     def command(self, left: float, right: float) -> None:
@@ -86,9 +121,20 @@ class Bench:
             self.command(0.4 if len(self.line.truth) // 200 % 2 else -0.3, 0.2)
             time.sleep(0.02)
 
-    def counts_answered(self) -> list[tuple[int, int]]:
-        """Return all encoder counts that the device has answered with, undamaged, before the wire."""
-        return [struct.unpack(">II", reply[:8]) for _, reply in list(self.line.truth) if len(reply) == 10]
+    def late_answers(self) -> int:
+        """Count the answers that the emulator, held up by the machine, brought later than a driver must wait.
+
+        That is: more than 20 ms after their time on the wire, or with more than 10 ms between two bytes. Only where
+        every request is answered in whole.
+        """
+        moments = [moment for moment, length in list(self.written) for _ in range(length)]
+        late = 0
+        for (asked, length), (_, answer) in zip(list(self.port.asked), list(self.line.truth), strict=False):
+            written, moments = moments[: len(answer)], moments[len(answer) :]
+            wire_time = self.port.wire_time(length + len(answer))
+            in_time = written and written[0] - asked <= wire_time + FIRST_BYTE
+            late += not in_time or any(after - before > BYTE_GAP for before, after in pairwise(written))
+        return late
 
 
 @contextmanager
@@ -100,13 +146,58 @@ def bench(
     baud: int = 115200,
     thresholds: Thresholds = Thresholds(),  # noqa: B008 - it is frozen
 ) -> Iterator[Bench]:
+    with _emulated(folder, faults or Faults(), baud) as (terminal, line, device):
+        result = Bench(line, device, NotedPort(str(folder / "motor"), baud))
+        result.motors = _motors(result.port, result.gate, rate_hz, thresholds, result.feedback.append)
+        _note_writes(terminal, result.written)
+        with PortThread(result.port, result.motors) as result.thread:
+            wait_for(lambda: len(result.feedback) > 2)
+            yield result
+
+
+@contextmanager
+def bench_apart(folder: Path, faults: Faults, *, rate_hz: float) -> Iterator[Motors]:
+    """The motor thread, on an emulator that runs in another process and so takes no time from it."""
+    context = multiprocessing.get_context("spawn")
+    ready, stop = context.Event(), context.Event()
+    emulator = context.Process(target=_emulate, args=(folder, faults, ready, stop))
+    emulator.start()
+    try:
+        assert ready.wait(20.0)
+        gate = CommandGate()
+        feedback: list[Any] = []
+        motors = _motors(SerialPort(str(folder / "motor"), 115200), gate, rate_hz, Thresholds(), feedback.append)
+        with PortThread(motors._port, motors) as thread:
+            wait_for(lambda: len(feedback) > 2)
+            yield motors
+            assert thread.problem == ""
+    finally:
+        stop.set()
+        emulator.join()
+
+
+def _emulate(folder: Path, faults: Faults, ready: EventOfProcesses, stop: EventOfProcesses) -> None:
+    with _emulated(folder, faults, 115200):
+        ready.set()
+        stop.wait()
+
+
+@contextmanager
+def _emulated(folder: Path, faults: Faults, baud: int) -> Iterator[tuple[PseudoTerminal, FaultyLine, NotedDevice]]:
     settings = load_settings().ideal()
     settings = dataclasses.replace(settings, roboclaw=dataclasses.replace(settings.roboclaw, baud=baud))
     plant = Plant(settings)
-    device = RoboclawDevice(settings, plant)
-    line = FaultyLine(device, faults or Faults())
-    port, gate = SerialPort(str(folder / "motor"), baud), CommandGate()
-    motors = Motors(
+    device = NotedDevice(settings, plant)
+    line = FaultyLine(device, faults)
+    with Ports(folder, ("motor",)) as ports, Engine(plant, {"motor": line}, ports.terminals) as engine:
+        yield ports.terminals["motor"], line, device
+        engine.check()
+
+
+def _motors(
+    port: SerialPort, gate: CommandGate, rate_hz: float, thresholds: Thresholds, publish: Callable[[Any], None]
+) -> Motors:
+    return Motors(
         port,
         RoboClaw,
         gate,
@@ -116,22 +207,15 @@ def bench(
         wiring=Wiring(),
         limits=Limits(),
         thresholds=thresholds,
-        publish=lambda message: result.feedback.append(message),
+        publish=publish,
     )
-    result = Bench(line, device, motors, gate)
-    with Ports(folder, ("motor",)) as ports, Engine(plant, {"motor": line}, ports.terminals) as engine:
-        _note_writes(ports.terminals["motor"], result.written)
-        with PortThread(port, motors) as result.thread:
-            wait_for(lambda: len(result.feedback) > 2)
-            yield result
-        engine.check()
 
 
-def _note_writes(terminal: PseudoTerminal, written: list[float]) -> None:
+def _note_writes(terminal: PseudoTerminal, written: list[tuple[float, int]]) -> None:
     write = terminal.write
 
     def noted(data: bytes) -> None:
-        written.append(time.monotonic())
+        written.append((time.monotonic(), len(data)))
         write(data)
 
     terminal.write = noted  # type: ignore[method-assign]

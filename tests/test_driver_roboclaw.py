@@ -125,8 +125,9 @@ def test_the_counters_of_two_units_wrap_each_for_itself() -> None:
         assert further.data == bytes((0x81, 78))
         return further.parse(reply_of(0x81, 78, struct.pack(">II", *rear)))
 
-    assert read((2**32 - 10, 5), (700, 2**31)) == (0, 0)
-    assert read((0, 3), (720, 2**31 - 4)) == (15, 2**32 - 3)
+    left, right = read((2**32 - 10, 5), (700, 2**31))
+    assert (left, right) == (345, 3 * 2**30 + 2)
+    assert read((0, 3), (720, 2**31 - 4)) == (left + 15, right - 3)
 
 
 @pytest.mark.parametrize("name", ["roboclaw", "roboclaw-pair"])

@@ -1,60 +1,74 @@
 """Promises 1 to 5 and 17: a bad line costs time, but never a wrong datum, the rhythm, or the process."""
 
-import os
 import time
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from cmr.msg import motor_feedback_t
-from robot_driver.emulator.faults import Faults
+from robot_driver.controllers.roboclaw import DRIVE_BOTH
+from robot_driver.emulator.device import Transmission
+from robot_driver.emulator.faults import DELAY, Faults
 from robot_driver.rhythm import Rhythm, quantile
-from tests.driver_bench import Bench, bench, number, wait_for
+from tests.driver_bench import Bench, bench, bench_apart, number, wait_for
 
 STALE = motor_feedback_t.STATUS_COMMAND_STALE
 
 
+FULL_DUTY = 32767
+
+
 def assert_all_true(run: Bench) -> None:
-    """Everything published was said by the device."""
-    answered = run.counts_answered()
-    first = answered[0]
-    truth = {tuple((now - then) % 2**32 for now, then in zip(counts, first, strict=True)) for counts in answered}
+    """Everything published was so when the device read its encoders: where the wheels were, and what drove them."""
+    readings = list(run.device.readings)
+    start = readings[0]
+    truth = {((left - start[0]) % 2**32, (right - start[1]) % 2**32, *duties) for left, right, *duties in readings}
     for message in run.feedback:
-        assert (message.ticks_left % 2**32, message.ticks_right % 2**32) in truth
+        duties = round(message.applied_left * FULL_DUTY), round(message.applied_right * FULL_DUTY)
+        assert (message.ticks_left % 2**32, message.ticks_right % 2**32, *duties) in truth
         assert message.battery_voltage == 12.4 or message.battery_voltage != message.battery_voltage
         assert message.status & ~STALE == 0
 
 
-# The promise is 1.5 periods, on a machine that does nothing else; a loop that waits for a lost reply takes five.
-PERIODS = 1.5 if "CMR_TRANSACTIONS_WITH_LOSSES" in os.environ else 2.5
+def assert_only_late_answers_failed(run: Bench) -> None:
+    """No errors; but where the machine held up the emulator, that answer may fail, and the next one with it."""
+    late = run.late_answers()
+    print(f"{run.motors.faults} errors in {len(run.line.truth)} transactions, of which {late} were answered late")
+    assert run.motors.faults <= 2 * late
 
 
 def test_1_replies_one_byte_at_a_time_lose_and_corrupt_nothing(tmp_path: Path) -> None:
-    transactions = number("CMR_TRANSACTIONS_IN_PIECES", 30)
     with bench(tmp_path, Faults(byte_gap=number("CMR_BYTE_GAP_MS", 8) / 1e3)) as run:
-        run.until_transactions(transactions)
-        late = sum(after - before > 0.010 for before, after in pairwise(list(run.written)))
-        print(f"{run.motors.faults} errors in {len(run.line.truth)} transactions; {late} gaps were longer than 10 ms")
-        assert run.motors.faults <= late  # a busy machine may hold up the emulator
+        run.until_transactions(number("CMR_TRANSACTIONS_IN_PIECES", 60))
+        assert_only_late_answers_failed(run)
+        assert run.thread.problem == ""
+    assert_all_true(run)
+
+
+def test_1_gaps_that_are_too_long_cost_samples_but_corrupt_nothing(tmp_path: Path) -> None:
+    with bench(tmp_path) as run:
+        run.until_transactions(30)
+        run.line.faults.byte_gap = 0.025
+        run.until_transactions(30)
+        assert run.motors.faults > 5
+        run.line.faults.byte_gap = 0.0
+        run.until_transactions(30)
         assert run.thread.problem == ""
     assert_all_true(run)
 
 
 def test_2_lost_replies_do_not_upset_the_rhythm(tmp_path: Path) -> None:
-    transactions = number("CMR_TRANSACTIONS_WITH_LOSSES", 300)
-    for _ in range(3):  # a machine that is busy with something else may spoil one
-        with bench(tmp_path, Faults(), rate_hz=50.0) as run:
-            run.line.faults.lose = 0.05
-            run.motors.rhythm.periods.clear()
-            run.until_transactions(transactions)
-            assert run.motors.faults > 3
-            assert run.thread.problem == ""
-            within = quantile(list(run.motors.rhythm.periods), 0.99) * 50.0
-        print(f"99 % of periods within {within:.2f} periods")
-        if within <= PERIODS:
-            return
-    raise AssertionError(f"99 % of periods took up to {within:.2f} periods")
+    periods = number("CMR_PERIODS_WITH_LOSSES", 400)
+    with bench_apart(tmp_path, Faults(lose_answer=0.05), rate_hz=50.0) as motors:
+        motors.rhythm.periods.clear()
+        measured: list[float] = []
+        while len(measured) < periods:
+            time.sleep(0.5)
+            measured += [motors.rhythm.periods.popleft() for _ in range(len(motors.rhythm.periods))]
+        within = quantile(measured, 0.99) * 50.0
+        print(f"{motors.faults} losses in {len(measured)} periods; 99 % of periods within {within:.2f} periods")
+        assert motors.faults > 0.1 * periods
+        assert within <= 1.5
 
 
 def test_3_after_damage_it_is_back_in_step_and_publishes_only_what_is_true(tmp_path: Path) -> None:
@@ -74,11 +88,50 @@ def test_3_after_damage_it_is_back_in_step_and_publishes_only_what_is_true(tmp_p
     assert_all_true(run)
 
 
+def test_3_late_answers_are_taken_for_no_others(tmp_path: Path) -> None:
+    with bench(tmp_path, Faults(), rate_hz=200.0) as run:
+        run.line.faults = Faults(lose=0.1, delay_answer=0.2)
+        run.until_transactions(number("CMR_TRANSACTIONS_WITH_DELAYS", 300))
+        assert min(run.line.damaged["lose"], run.line.damaged["delay_answer"]) > 10
+    assert_all_true(run)
+
+
+def mishandle_drives(run: Bench, *fates: str) -> list[str]:
+    """Have the next requests to drive "lost", or acknowledged "late"; what is returned grows empty."""
+    remaining, receive = list(fates), run.line.receive
+
+    def mishandled(data: bytes, time: float) -> list[Transmission]:
+        fate = remaining.pop(0) if remaining and data[1] == DRIVE_BOTH else ""
+        answers = [] if fate == "lost" else receive(data, time)
+        return [answer._replace(time=answer.time + DELAY) for answer in answers] if fate == "late" else answers
+
+    run.line.receive = mishandled  # type: ignore[method-assign]
+    return remaining
+
+
+def test_3_a_late_acknowledgement_is_not_taken_for_that_of_the_next_duty(tmp_path: Path) -> None:
+    with bench(tmp_path, rate_hz=200.0) as run:
+        run.until_moving()
+        run.command(1.0, 1.0)  # each duty on the ramp differs from the one before
+        remaining = mishandle_drives(run, "late", "lost")
+        wait_for(lambda: run.feedback[-1].applied_left == 1.0)
+        assert not remaining
+    assert_all_true(run)
+
+
+def test_9_a_late_acknowledgement_is_not_taken_for_that_of_the_last_zero(tmp_path: Path) -> None:
+    with bench(tmp_path) as run:
+        run.until_moving()
+        remaining = mishandle_drives(run, "late", "lost")
+        wait_for(lambda: len(remaining) < 2)
+    assert not remaining
+    assert run.device.duty == [0, 0]
+
+
 def test_4_a_slow_line_with_a_slow_adapter_works(tmp_path: Path) -> None:
     with bench(tmp_path, Faults(latency=0.012), rate_hz=20.0, baud=38400) as run:
         run.until_transactions(60)
-        # A deadline that forgets line and adapter loses all; one answer in ten may be late on a busy machine.
-        assert run.motors.faults <= 6
+        assert_only_late_answers_failed(run)
         assert run.thread.problem == ""
     assert_all_true(run)
 
@@ -94,6 +147,34 @@ def test_5_a_silent_device_is_waited_for(tmp_path: Path) -> None:
         wait_for(lambda: len(run.feedback) > seen + 5)
         assert run.thread.problem == ""
         assert run.device.duty == [0, 0]
+
+
+def test_5_what_the_wheels_do_in_a_silence_is_counted(tmp_path: Path) -> None:
+    with bench(tmp_path) as run:
+        run.until_transactions(60)
+        run.line.faults.silent = True
+        wait_for(lambda: "does not answer" in run.thread.problem)
+        run.line.faults.silent = False
+        run.until_transactions(60)
+        assert run.thread.problem == ""
+    assert_all_true(run)
+
+
+def test_13_a_device_that_was_reset_in_a_silence_goes_on_from_the_total(tmp_path: Path) -> None:
+    with bench(tmp_path) as run:
+        run.until_transactions(60)
+        run.line.faults.silent = True
+        wait_for(lambda: "does not answer" in run.thread.problem)
+        wait_for(lambda: run.device._speeds() == (0, 0))
+        before = run.feedback[-1]
+        run.device._reset_encoders()
+        run.device._timeout = 0.0
+        run.line.faults.silent = False
+        seen = len(run.feedback)
+        wait_for(lambda: len(run.feedback) > seen)
+        after = run.feedback[seen]
+        assert (after.ticks_left, after.ticks_right) == (before.ticks_left, before.ticks_right)
+        assert (after.psi_left, after.psi_right) == (0.0, 0.0)
 
 
 def test_17_rate_and_latency_are_measured(tmp_path: Path) -> None:

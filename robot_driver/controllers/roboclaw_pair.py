@@ -24,8 +24,8 @@ class RoboClawPair(Controller):
 
     def __init__(self) -> None:
         self._front, self._rear = (RoboClaw(address) for address in ADDRESSES)
-        self._before: tuple[int, int, int, int] | None = None
-        self._steps = [0, 0]  # of both sides since the connection was made, front and rear added up
+        self._before = (0, 0, 0, 0)
+        self._steps = [0, 0]  # of both sides since their counts were zero, front and rear added up
 
     def identify(self) -> Request[str]:
         """Ask both for the firmware's name."""
@@ -66,8 +66,7 @@ class RoboClawPair(Controller):
 
     def _mean_counts(self, front: tuple[int, int], rear: tuple[int, int]) -> tuple[int, int]:
         counts = (*front, *rear)
-        before = self._before or counts
-        steps = [signed_step(then, now) for then, now in zip(before, counts, strict=True)]
+        steps = [signed_step(then, now) for then, now in zip(self._before, counts, strict=True)]
         self._before = counts
         self._steps = [self._steps[side] + steps[side] + steps[side + 2] for side in (0, 1)]
         return self._steps[0] // 2 % COUNTER_RANGE, self._steps[1] // 2 % COUNTER_RANGE

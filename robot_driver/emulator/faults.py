@@ -6,18 +6,22 @@ from random import Random
 
 from robot_driver.emulator.device import Device, Transmission
 
+DELAY = 0.030  # s; longer than anybody should wait for an answer
+
 
 @dataclass
 class Faults:
     """What is wrong with a line; may be changed at any time.
 
-    `latency` (s) is added to every answer, `byte_gap` (s) stands between the bytes of an answer. The others are
-    shares of packets, either way: lost whole, with one bit flipped, one byte dropped, one byte inserted.
-    `silent`: nothing comes back at all.
+    `latency` (s) is added to every answer, `byte_gap` (s) stands between the bytes of an answer. Then come shares of
+    answers: lost whole, late by DELAY; and shares of packets, either way: lost whole, with one bit flipped, one byte
+    dropped, one byte inserted. `silent`: nothing comes back at all.
     """
 
     latency: float = 0.0
     byte_gap: float = 0.0
+    lose_answer: float = 0.0
+    delay_answer: float = 0.0
     lose: float = 0.0
     flip: float = 0.0
     drop: float = 0.0
@@ -57,8 +61,8 @@ class FaultyLine:
     def _back(self, answers: list[Transmission]) -> list[Transmission]:
         faults, arriving = self.faults, []
         for answer in answers:
-            data = b"" if faults.silent else self._damage(answer.data)
-            began = answer.time + faults.latency
+            data = b"" if faults.silent or self._happens("lose_answer") else self._damage(answer.data)
+            began = answer.time + faults.latency + (DELAY if self._happens("delay_answer") else 0.0)
             if faults.byte_gap:
                 arriving += [Transmission(began + i * faults.byte_gap, data[i : i + 1]) for i in range(len(data))]
             elif data:
@@ -76,7 +80,13 @@ class FaultyLine:
             "insert": data[:place] + bytes((byte,)) + data[place:],
         }
         for kind, result in damaged.items():
-            if self._random.random() < getattr(self.faults, kind):
-                self.damaged[kind] += 1
+            if self._happens(kind):
                 return result
         return data
+
+    def _happens(self, kind: str) -> bool:
+        """Draw whether this fault happens now, and count it."""
+        share: float = getattr(self.faults, kind)
+        happens = self._random.random() < share
+        self.damaged[kind] += happens
+        return happens
