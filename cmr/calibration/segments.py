@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from cmr.calibration.ticks import moved_on, tick_of, within_tick
 from cmr.model.motion import RobotState, Trajectory, drive, roll
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal, Times, no_times
 
+SIDES = ("left", "right")
 LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is not known and a new segment begins
 LONGEST_DRIVE_GAP = 0.25  # s; over a longer one nobody knows what a moving robot was told to do
 FEWEST_POSES = 3  # a segment with fewer says nothing about its path
@@ -169,7 +171,8 @@ def hold(signal: Signal, field: str, times: Times) -> Floats:
 
 def wheel_angles(wheels: Signal) -> tuple[Floats, Floats]:
     """Return how far each side's wheels have turned [rad] at each time of `wheels`, from 0."""
-    return _angle(wheels, "left"), _angle(wheels, "right")
+    left, right = (_angle(wheels, side) for side in SIDES)
+    return left, right
 
 
 def _angle(wheels: Signal, side: str) -> Floats:
@@ -202,9 +205,9 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
     if len(recording.wheels):
         turned = wheel_angles(recording.wheels)
         angles = [np.interp(times, recording.wheels.utime, angle) for angle in turned]
-        edges = [_edges(recording.wheels.utime, angle, times) for angle in turned]
+        edges = [_edges(recording.wheels, side, angle, times) for side, angle in zip(SIDES, turned, strict=True)]
     theta = np.unwrap(poses["theta"])
-    left, right = (hold(duty, side, times[:-1]) for side in ("left", "right"))
+    left, right = (hold(duty, side, times[:-1]) for side in SIDES)
     psi = _start_psi(recording, int(times[0]), (float(left[0]), float(right[0])))
     return Segment(
         dt=np.diff(times) * SECONDS,
@@ -226,22 +229,15 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
     )
 
 
-def _edges(utime: Times, angle: Floats, times: Times) -> tuple[Times, Floats]:
-    """Return at which borders `times` [us] the encoder has just moved on, and where its wheel then stood [rad].
+def _edges(wheels: Signal, side: str, angle: Floats, times: Times) -> tuple[Times, Floats]:
+    """Return at which borders `times` [us] a side's encoder has just moved on, and where its wheel then stood [rad].
 
-    An encoder that says again what it said before tells nothing new. One that moves on has passed an edge since the
-    sample before: a slow wheel is just beyond it, one that passes many edges from sample to sample is, on average,
-    half a tick beyond.
+    `angle` [rad] is what it read at each time of `wheels`. One that says again what it said tells nothing new.
     """
-    moved = np.diff(angle)
-    at = np.flatnonzero(moved) + 1
-    if len(at) == 0:
-        return no_times(), np.empty(0)
-    steps = moved[at - 1]
-    tick = float(np.min(np.abs(steps)))
-    beyond = np.minimum(np.abs(steps) / np.diff(at, prepend=0), tick) / 2.0
-    inside = (utime[at] >= times[0]) & (utime[at] <= times[-1])
-    return np.searchsorted(times, utime[at][inside]), (angle[at] + np.sign(steps) * beyond)[inside]
+    steps = np.diff(angle, prepend=angle[:1])
+    beyond, _width = within_tick(steps, tick_of(angle, wheels[f"ticks_{side}"]))
+    use = moved_on(steps) & (wheels.utime >= times[0]) & (wheels.utime <= times[-1])
+    return np.searchsorted(times, wheels.utime[use]), (angle + beyond)[use]
 
 
 def _onset(recording: Recording, first: int, last: int) -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.calibration.segments import wheel_angles
+from cmr.calibration.ticks import moved_on, tick_of, within_tick
 from cmr.model.observer import FOLLOWED, RESTART, Heard
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
@@ -16,7 +17,6 @@ LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
 SHORTEST_PIECE = 1.0  # s
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
 SIDES = ("left", "right")
-NO_STEP = 1e-9  # rad; what angles differ by from rounding alone
 UNIFORM = 12.0**-0.5  # standard deviation of what is spread evenly over 1
 
 
@@ -79,19 +79,8 @@ def _tick(wheels: Signal) -> float:
     """Return the size [rad] of the encoders' ticks: of the finer one, 0 where there are no readings."""
     if len(wheels) == 0:
         return 0.0
-    sizes = [_tick_of(angle, wheels[f"ticks_{side}"]) for side, angle in zip(SIDES, wheel_angles(wheels), strict=True)]
+    sizes = [tick_of(angle, wheels[f"ticks_{side}"]) for side, angle in zip(SIDES, wheel_angles(wheels), strict=True)]
     return min((size for size in sizes if size > 0.0), default=0.0)
-
-
-def _tick_of(angles: Floats, counts: Floats) -> float:
-    """Return what an encoder's count goes up by at once, in radians; where it was not recorded, the smallest step."""
-    turned, counted = np.diff(angles), np.diff(counts)
-    moved = (np.abs(turned) > NO_STEP) & (counted != 0.0) & np.isfinite(counted)
-    if moved.any() and np.all(counted[moved] == np.round(counted[moved])):
-        at_once = np.gcd.reduce(np.abs(counted[moved]).astype(np.int64))
-        return float(np.median(np.abs(turned[moved] / counted[moved])) * at_once)
-    steps = np.abs(turned[np.abs(turned) > NO_STEP])
-    return float(np.min(steps)) if len(steps) else 0.0
 
 
 def _piece(
@@ -173,12 +162,8 @@ def _readings(wheels: Signal, tick: float) -> tuple[Floats, np.typing.NDArray[np
 
 
 def _side(angle: Floats, steps: Floats, tick: float, seconds: Floats) -> tuple[Floats, Mask, Floats]:
-    moved = np.abs(steps) > NO_STEP
-    index = np.arange(len(angle))
-    before = np.maximum.accumulate(np.where(moved, index, 0))
-    since = index - np.concatenate([[0], before[:-1]])  # readings since the last edge
-    width = np.where(moved, np.minimum(np.abs(steps) / np.maximum(since, 1), tick), tick)
-    within = np.where(moved, np.where(steps > 0.0, 0.5 * width, tick - 0.5 * width), 0.5 * tick)
+    moved = moved_on(steps)
+    within, width = within_tick(steps, tick)
     rests = ~moved & (_since_last(moved, seconds) >= LONGEST_REST)
     spaced = _every(rests, seconds, LONGEST_REST)
     return angle + within, (moved | spaced).astype(np.uint8), width * UNIFORM
