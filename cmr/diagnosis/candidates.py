@@ -20,6 +20,9 @@ USUAL_INTERVAL = 0.04  # s between poses
 OF_POSE_STAMPS = ("pose_latency", "clock_skew")  # matter as far as poses follow one another closely
 LIMITS = (0.35, 0.55, 0.75, 1.0, 1.3, 1.8, 2.6)  # multiples of the typical size at which a limit is tried
 THRESHOLDS = (0.4, 1.0, 1.8)
+# A pose told as p (1 + k |p|^2) goes back where k |p|^2 is below -1/3. From other k no fit gets there: with the fold
+# elsewhere, the model is worse than without.
+FOLDS = (0.5, 0.55, 0.6, 0.66, 0.72, 0.79, 0.87, 0.95, 1.05, 1.15, 1.26, 1.4)  # times the typical k, tried negative
 EVERYWHERE = 1e3  # m, radius of a place that holds all others
 RANDOM = ("command_jitter", "command_loss")  # show in the spread, not in the mean
 SENSED = ("encoder_quantisation",)  # read off the encoder's ticks
@@ -57,13 +60,15 @@ class Trial:
     """An effect with values of its parameters; `threshold` says that half of the effect is not half of its value.
 
     An effect that begins at a moment is tried as if it had begun with the drive, one of a place as if it were
-    everywhere; `local` tells which of the two ("time", "place", or "" for neither) is then to be looked for.
+    everywhere; `local` tells which of the two ("time", "place", or "" for neither) is then to be looked for. A `spare`
+    trial is one of many that say much the same.
     """
 
     effect: str
     values: Mapping[str, float]
     threshold: bool
     local: str = ""
+    spare: bool = False
 
 
 def size(parameter: ParameterDefinition, scene: Scene) -> float:
@@ -96,6 +101,7 @@ def trials(scene: Scene, effects: Iterable[Effect] = CATALOGUE.values()) -> list
         for others in _others(effect):
             sizes = _sizes(effect, scene)
             result += [Trial(effect.name, values | others, threshold, local) for values, threshold in sizes]
+        result += _folds(effect)
     return result
 
 
@@ -114,6 +120,15 @@ def _sizes(effect: Effect, scene: Scene) -> list[tuple[dict[str, float], bool]]:
             sizes, threshold = [usual], False
         result += [(neutral | {parameter.name: value}, threshold) for value in sizes if parameter.allows(value)]
     return result
+
+
+def _folds(effect: Effect) -> list[Trial]:
+    return [
+        Trial(effect.name, {parameter.name: -share * float(parameter.typical or 0.0)}, threshold=True, spare=True)
+        for parameter in effect.parameters
+        if parameter.unit == "1/m^2"
+        for share in FOLDS
+    ]
 
 
 @cache

@@ -70,9 +70,11 @@ def screen(
         best.setdefault(score.trial.effect, score)
     best = {name: _together(score, scores) for name, score in best.items()}
     traces: dict[str, float] = {}
-    for trial, size in zip(attempts, sizes, strict=True):
-        traces[trial.effect] = max(float(size), traces.get(trial.effect, 0.0))
-    inflation = inflation_of([trial.effect for trial in attempts], moves, rest, study.of_wheels)
+    usual = [number for number, trial in enumerate(attempts) if not trial.spare]
+    for number in usual:
+        effect = attempts[number].effect
+        traces[effect] = max(float(sizes[number]), traces.get(effect, 0.0))
+    inflation = inflation_of([attempts[n].effect for n in usual], moves[:, usual], rest, study.of_wheels)
     return Screening(noise, tuple(best.values()), inflation, traces)
 
 
