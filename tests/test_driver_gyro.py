@@ -123,6 +123,18 @@ def test_15_a_gyro_is_put_into_its_mode_read_and_woken_up_again() -> None:
     assert all(math.isnan(message.yaw_rate) for message in published if not message.valid)
 
 
+@pytest.mark.parametrize("lost", [1, 2])
+def test_15_a_mode_letter_that_is_lost_is_sent_again_before_any_reading_is_believed(lost: int) -> None:
+    gyro, requests, line = Dsp3000(), 0, b"       0.010000   1\r\n"  # an angle
+    gyro.feed(b"\n")
+    for _ in range(3 * SETTLING):
+        readings = gyro.feed(line)
+        requests += bool(gyro.next_request())
+        line = LINE if requests > lost else line
+        assert not readings[0].valid or line == LINE
+    assert readings[0].valid
+
+
 def test_15_a_gyro_that_comes_back_in_another_mode_never_tells_an_angle_as_a_rate(tmp_path: Path) -> None:
     settings = load_settings().ideal()
     plant = Plant(settings)

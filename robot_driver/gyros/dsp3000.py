@@ -11,6 +11,7 @@ from robot_driver.gyros.gyro import Gyro, GyroReading
 
 LARGEST_RATE = 500.0  # deg/s; beyond it the output is unreliable whatever the validity digit says
 SETTLING = 10  # readings after a mode letter that may still be in another mode
+ASKING = (10, 8, 6)  # of them still to come when the letter is sent: any one may be lost
 LONGEST_LINE = 64  # bytes; real lines have 21, a run of more without an LF is another protocol or noise
 RATE_MODE = b"R"
 
@@ -21,8 +22,8 @@ class Dsp3000(Gyro):
     """A DSP-3000 in rate mode, mounted upright.
 
     Which mode it is in cannot be seen in what it sends. So the letter is sent again when its readings become valid:
-    at the first one, when nobody knows how long it has been on, and whenever it may just have been switched on. The
-    readings that follow are told as not valid until they are sure to be rates.
+    at the first one, when nobody knows how long it has been on, and whenever it may just have been switched on. A
+    letter may be lost, so it is sent again, twice. Readings are told as not valid until they are sure to be rates.
     """
 
     baud_rate = 38400
@@ -57,17 +58,19 @@ class Dsp3000(Gyro):
         return readings
 
     def next_request(self) -> bytes:
-        """Return the letter of the rate mode, three times, once after readings have become valid."""
+        """Return the letter of the rate mode, three times, when it is to be sent after readings have become valid."""
         request, self._request = self._request, b""
         return request
 
     def _settled(self, reading: GyroReading) -> GyroReading:
         """Return the reading, as not valid where it may be something else than a rate."""
         if reading.valid and not self._was_valid:
-            self._request, self._unsettled = self.wake_up, SETTLING
+            self._unsettled = SETTLING
         self._was_valid = reading.valid
         if not self._unsettled:
             return reading
+        if self._unsettled in ASKING:
+            self._request = self.wake_up
         self._unsettled -= 1
         return GyroReading(math.nan, False, reading.bytes_since)
 
