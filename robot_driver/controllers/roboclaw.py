@@ -68,7 +68,7 @@ class RoboClaw(Controller):
             self._header(READ_VERSION),
             LONGEST_VERSION + CRC_BYTES,
             _missing_of_version,
-            lambda reply: _checked(self._header(READ_VERSION), reply)[:-1].decode("ascii", "replace").strip(),
+            lambda reply: _version(_checked(self._header(READ_VERSION), reply)),
         )
 
     def learn(self) -> list[Request[None]]:
@@ -173,6 +173,16 @@ def _checked(header: bytes, reply: bytes) -> bytes:
     if struct.pack(">H", crc(header + data)) != received:
         raise BadReply(f"The reply {reply.hex()} to {_name(header)} has a wrong CRC.")
     return data
+
+
+def _version(data: bytes) -> str:
+    """Return the text before the NUL that ends a version.
+
+    Raises BadReply where there is no NUL: one such reply in 65536 has a right CRC by chance.
+    """
+    if not data.endswith(b"\0"):
+        raise BadReply(f"The version {data!r} has no end.")
+    return data[:-1].decode("ascii", "replace").strip()
 
 
 def _missing_of_version(reply: bytes) -> int:

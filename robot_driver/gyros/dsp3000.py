@@ -47,7 +47,8 @@ class Dsp3000(Gyro):
         *complete, rest = (self._line + data).split(b"\n")
         remaining = len(rest) + sum(len(line) + 1 for line in complete)
         for line in complete:
-            reading = _reading(line + b"\n", remaining) if self._at_line_start else None
+            is_whole = self._at_line_start and len(line) <= LONGEST_LINE
+            reading = _reading(line + b"\n", remaining) if is_whole else None
             self._at_line_start = True
             remaining -= len(line) + 1
             if reading is not None:

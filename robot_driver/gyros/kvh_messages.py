@@ -83,13 +83,15 @@ class Stream:
             if message is not None:
                 complete.append(message)
                 self._line = b""  # what stood before a message is not the beginning of an answer
+            else:
+                self._line += _FIRST_BYTE  # nor is what stood before it continued behind it
             # Within a damaged message the next whole one may begin.
             self._waiting = self._waiting[length if message is not None else 1 :]
 
     def _answers(self, text: bytes) -> list[Answer]:
         *lines, rest = re.split(rb"[\r\n]", self._line + text)
         self._line = rest[-LONGEST_LINE:]
-        matches = [_ANSWER.search(line) for line in lines]
+        matches = [_ANSWER.search(line[-LONGEST_LINE:]) for line in lines]
         return [Answer(match[1].decode(), match[2].decode()) for match in matches if match is not None]
 
 

@@ -1,0 +1,13 @@
+"""Fuzz one protocol in this process: target.py PROTOCOL, then options and folders as for libFuzzer."""
+
+import sys
+
+import atheris
+
+with atheris.instrument_imports(include=["robot_driver.controllers", "robot_driver.gyros"]):
+    from tests.any_bytes import CHECKS
+
+if __name__ == "__main__":
+    program, protocol, *arguments = sys.argv
+    atheris.Setup([program, *arguments], CHECKS[protocol])
+    atheris.Fuzz()

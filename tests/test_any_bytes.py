@@ -1,0 +1,49 @@
+"""Whatever comes down a line, in pieces of any size: no parser fails, hangs, or makes a datum of it that is none."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot_driver.controllers import BadReply
+from robot_driver.controllers.roboclaw import RoboClaw, crc
+from robot_driver.gyros.kvh_messages import Answer, Stream
+from tests.any_bytes import CHECKS
+
+
+@pytest.mark.parametrize("protocol", CHECKS)
+@settings(max_examples=300)
+@given(st.binary(min_size=60, max_size=300))
+def test_any_bytes_are_taken_for_what_they_are(protocol: str, script: bytes) -> None:
+    CHECKS[protocol](script)
+
+
+# What follows was found by these checks or by scripts/fuzz.
+
+
+@pytest.mark.parametrize(
+    ("protocol", "script"),
+    [
+        # A line longer than any real one counted or not, by the pieces in which it came.
+        ("dsp3000", "2603035f030303016edece013f03d901d6cd010197"),
+        ("dsp3000", "130398e6ad59f058e6923152ef6b5f33ded9cc79ea"),
+    ],
+)
+def test_what_was_once_taken_wrongly(protocol: str, script: str) -> None:
+    CHECKS[protocol](bytes.fromhex(script))
+
+
+def test_an_answer_with_noise_inside_is_none() -> None:
+    assert Stream().feed(b"DR,1\xfe00\r\n" + bytes(40)) == []
+    assert Stream().feed(b"DR,1000\r\n") == [Answer("DR", "1000")]
+
+
+def test_an_answer_longer_than_any_counts_alike_in_one_piece_and_in_many() -> None:
+    line = b"CONFIG,1" + b" " * 300 + b"\r\n"
+    stream = Stream()
+    assert Stream().feed(line) == [said for place in range(len(line)) for said in stream.feed(line[place : place + 1])]
+
+
+def test_a_version_without_an_end_is_none_even_with_a_right_checksum() -> None:
+    data = b"x" * 48
+    with pytest.raises(BadReply, match="no end"):
+        RoboClaw().identify().parse(data + crc(bytes((0x80, 21)) + data).to_bytes(2, "big"))
