@@ -93,6 +93,18 @@ def test_a_restart_forgets_where_the_robot_was_believed_to_be() -> None:
     assert np.max(np.abs(said.pose[jump + 1 :])) < 1e-9
 
 
+def test_where_poses_fold_space_the_observer_still_finds_the_way() -> None:
+    """Beyond 1.3 m from the origin, poses of this sensor come back towards it: their errors point the wrong way."""
+    what, values = heard(pose_distortion=-0.2), {**ROBOT, "pose_distortion": -0.2}
+    true = observe(what, values, FREE).motion
+    found = observe(replace(what, start=(0.05, 0.05, 0.0, 0.0, 0.0)), values, FOLLOWING).motion
+    places = [MOTION.index("x"), MOTION.index("y")]
+    distance = np.hypot(*true[:, places].T)
+    beyond = distance > 1.5
+    assert beyond.sum() > 200
+    assert np.abs(found[beyond][-100:] - true[beyond][-100:])[:, places].max() < 0.01
+
+
 def test_candidates_are_observed_side_by_side_as_one_by_one() -> None:
     """A candidate's errors do not depend on the others."""
     what = heard()
