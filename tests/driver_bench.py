@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from itertools import pairwise
+from itertools import islice, pairwise
 from multiprocessing.synchronize import Event as EventOfProcesses
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import Settings, load_settings
 from robot_driver.encoders import Wiring
 from robot_driver.motors import Motors
-from robot_driver.port_thread import PortThread
+from robot_driver.port_thread import PortThread, go_first
 from robot_driver.ramp import Limits
 from robot_driver.serial_port import SerialPort
 from tests.private_bus import private_url
@@ -68,6 +68,14 @@ class NotedDevice(RoboclawDevice):
                 left, right = struct.unpack(">II", answer.data[:8])
                 self.readings.append((left, right, *self.duty))
         return answers
+
+
+class PunctualEngine(Engine):
+    """An emulator that plays hardware: what else the machine does is not to hold it up."""
+
+    def _run(self) -> None:
+        go_first()
+        super()._run()
 
 
 class NotedPort(SerialPort):
@@ -127,10 +135,10 @@ class Bench:
         That is: more than 20 ms after their time on the wire, or with more than 10 ms between two bytes. Only where
         every request is answered in whole.
         """
-        moments = [moment for moment, length in list(self.written) for _ in range(length)]
+        moments = (moment for moment, length in list(self.written) for _ in range(length))
         late = 0
         for (asked, length), (_, answer) in zip(list(self.port.asked), list(self.line.truth), strict=False):
-            written, moments = moments[: len(answer)], moments[len(answer) :]
+            written = list(islice(moments, len(answer)))
             wire_time = self.port.wire_time(length + len(answer))
             in_time = written and written[0] - asked <= wire_time + FIRST_BYTE
             late += not in_time or any(after - before > BYTE_GAP for before, after in pairwise(written))
@@ -189,7 +197,7 @@ def _emulated(folder: Path, faults: Faults, baud: int) -> Iterator[tuple[PseudoT
     plant = Plant(settings)
     device = NotedDevice(settings, plant)
     line = FaultyLine(device, faults)
-    with Ports(folder, ("motor",)) as ports, Engine(plant, {"motor": line}, ports.terminals) as engine:
+    with Ports(folder, ("motor",)) as ports, PunctualEngine(plant, {"motor": line}, ports.terminals) as engine:
         yield ports.terminals["motor"], line, device
         engine.check()
 
