@@ -1,0 +1,56 @@
+"""The report of a soak, for a person."""
+
+from cmr.msg import process_status_t
+from soaking.running import LARGEST_GROWTH, Soak, growth, rejected
+
+SHOWN = 50  # findings
+COUNTED = ("not_finite", "out_of_range", "future")  # reasons that nothing but the soak's rubbish brings about
+
+
+def report(soak: Soak, minutes: float) -> tuple[str, bool]:
+    """Return the report, and whether all checks held."""
+    _judge_the_whole(soak)
+    findings = soak.findings
+    lines = [f"{minutes:g} minutes; {soak.damages} packets damaged; faults beside them:"]
+    lines += [f"  {name}: {count}" for name, count in sorted(soak.faults.items())]
+    lines += ["counted:"]
+    lines += [f"  {name}: {count}" for name, count in sorted(findings.counts.items())]
+    lines += ["longest (s):"]
+    lines += [f"  {name}: {seconds:.3f}" for name, seconds in sorted(findings.largest.items())]
+    lines += [f"gyro stamps off by (ms): {_quantiles(findings.stamp_errors)}"]
+    first = max(used for passed, used in soak.memory if passed <= 60.0)
+    lines += [f"memory of cmr-driver: {first / 1e6:.1f} MB in the first minute, {growth(soak.memory) / 1e6:+.1f} MB"]
+    lines += [f"rubbish commanded: {dict(sorted(soak.pilot.sent.items()))}"]
+    lines += [f"the driver's last words: {soak.statuses[-1].message}"]
+    lines += [f"WRONG {text}" for text in findings.wrong[:SHOWN]]
+    lines += [f"{len(findings.wrong)} findings" if findings.wrong else "All checks held."]
+    return "\n".join(lines), not findings.wrong
+
+
+def _judge_the_whole(soak: Soak) -> None:
+    """Add what can only be judged at the end."""
+    last = soak.statuses[-1]
+    running = [status for status in soak.statuses if status.state != process_status_t.STOPPING]
+    if growth(soak.memory) > LARGEST_GROWTH:
+        soak.findings.blame(last.utime, f"cmr-driver's memory grew by {growth(soak.memory) / 1e6:.1f} MB")
+    if running[-1].state != process_status_t.RUNNING:
+        soak.findings.blame(last.utime, f"at the end the driver was not well: {running[-1].message}")
+    told = rejected(last.message)
+    for reason in COUNTED:
+        if told.get(reason, 0) != soak.pilot.sent[reason]:
+            soak.findings.blame(
+                last.utime,
+                f"{soak.pilot.sent[reason]} commands were {reason}, the driver told of {told.get(reason, 0)}",
+            )
+
+
+def _quantiles(errors: list[int]) -> str:
+    """Return how many ms a share of all stamps is off at most."""
+    ordered = sorted(map(abs, errors))
+    if not ordered:
+        return "none"
+    shares = {"50 %": 0.5, "99 %": 0.99, "99.9 %": 0.999, "all": 1.0}
+    return ", ".join(
+        f"{name} {ordered[min(int(share * len(ordered)), len(ordered) - 1)] / 1000:.2f}"
+        for name, share in shares.items()
+    )

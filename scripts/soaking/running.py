@@ -1,0 +1,239 @@
+"""Run a soak: cmr-driver and an emulated robot in processes of their own, faults, commands, checks, report."""
+
+import multiprocessing
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter, deque
+from contextlib import ExitStack
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from cmr.bus.bus import Bus
+from cmr.bus.messages import now_utime
+from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PROCESS_STATUS
+from soaking import plan, robot
+from soaking.checks import (
+    CYCLE,
+    RECOVERY,
+    SECOND,
+    Account,
+    DriveChecks,
+    Findings,
+    Gaps,
+    GyroChecks,
+    MotorChecks,
+    Waits,
+    Window,
+)
+from soaking.pilot import LARGEST_DUTY, Pilot
+from tests.private_bus import private_url
+
+DRIVER = [sys.executable, "-c", "import sys; from cmr.commands import driver; sys.exit(driver())"]
+TURN = 0.02  # s
+CALM = 10.0  # s at the beginning and the end, so that the driver hears all, and its last words tell of it
+SAMPLE = 0.05  # s between looks at who waits for a processor
+MEMORY_SAMPLE = 5.0  # s
+MEMORY_FROM = 60.0  # s; what is there by then may stay
+LARGEST_GROWTH = 5e6  # bytes
+LONGEST_STATUS_GAP = 2 * SECOND  # us
+SETTLED = SECOND // 2  # us by which the robot's account must be ahead of what is checked
+PAGE = os.sysconf("SC_PAGE_SIZE")
+INTERRUPTED = 130
+
+
+class Soak:
+    """One soak; `run` returns what was found."""
+
+    def __init__(self, folder: Path, gyro: str, seed: int) -> None:
+        self.findings = Findings()
+        self.faults: Counter[str] = Counter()
+        self.memory: list[tuple[float, int]] = []  # (s since the start, bytes)
+        self.statuses: deque[Any] = deque(maxlen=1000)
+        self.damages = 0
+        self._folder = folder
+        self._gyro = gyro
+        self._chance = Random(seed)
+        self._seed = seed
+        self._account = Account()
+        self._waits = Waits()
+        self._gaps = {
+            stream: Gaps(stream, line, period, self._account, self._waits, self.findings)
+            for stream, line, period in (("MOTOR_FEEDBACK", "motor", CYCLE), ("GYRO", "gyro", robot.GYRO_PERIOD))
+        }
+        self._motor = MotorChecks(self._account, self._gaps["MOTOR_FEEDBACK"], self._waits, self.findings)
+        self._gyro_checks = GyroChecks(self._account, self._gaps["GYRO"], self._waits, self.findings)
+        self.drive = DriveChecks(self._account, self._gaps["MOTOR_FEEDBACK"], self._waits, self.findings, LARGEST_DUTY)
+        self._to_check: deque[Any] = deque()
+        self._plan = plan.faults(Random(seed))
+        self._fault: plan.Fault | None = None
+        self._windows: list[Window] = []
+        self._fault_due = 5.0
+        self._last_status = 0
+
+    def run(self, seconds: float) -> None:
+        """Soak for so long."""
+        bus = Bus(private_url())
+        for stream in (MOTOR_FEEDBACK, GYRO, PROCESS_STATUS):
+            bus.subscribe(stream, every=True)
+        with ExitStack() as stack:
+            connection = stack.enter_context(self._emulated_robot(stack))
+            driver = self._driver(bus.url, stack)
+            self.pilot = Pilot(bus, self.drive, self._chance)
+            self._loop(bus, connection, driver, seconds)
+            self._end(connection, driver)
+
+    def _emulated_robot(self, stack: ExitStack) -> Any:
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=robot.run, args=(there, self._folder, self._gyro, self._seed), daemon=True)
+        process.start()
+        there.close()
+        stack.callback(process.join)
+        self._emulator = process.pid
+        assert here.recv() == []
+        for order in plan.always():
+            here.send(order)
+        return here
+
+    def _driver(self, url: str, stack: ExitStack) -> subprocess.Popen[bytes]:
+        arguments = ["--port", str(self._folder / "motor"), "--gyro-port", str(self._folder / "gyro")]
+        arguments += ["--gyro", self._gyro, "--rate", "50", "--battery-warn", "11", "--battery-stop", "10"]
+        log = stack.enter_context((self._folder / "driver.log").open("wb"))
+        process = subprocess.Popen([*DRIVER, *arguments, "--lcm-url", url], stderr=log)
+        stack.callback(process.kill)
+        return process
+
+    def _loop(self, bus: Bus, connection: Any, driver: subprocess.Popen[bytes], seconds: float) -> None:
+        began = due = time.monotonic()
+        sample = memory = 0.0
+        while (passed := time.monotonic() - began) < seconds:
+            if driver.poll() is not None:
+                self.findings.blame(now_utime(), f"cmr-driver ended with {driver.returncode}")
+                return
+            self._order(connection, passed, seconds)
+            self.pilot.turn(rubbish=CALM < passed < seconds - CALM)
+            if passed >= sample:
+                sample += SAMPLE
+                self._waits.take(now_utime(), _waited(driver.pid) + _waited(self._emulator))
+            if passed >= memory:
+                memory += MEMORY_SAMPLE
+                self.memory.append((passed, _resident(driver.pid)))
+            self._hear(connection)
+            self._check()
+            due = max(due + TURN, time.monotonic())
+            while (remaining := due - time.monotonic()) > 0.0:
+                self._listen(bus, remaining)
+
+    def _order(self, connection: Any, passed: float, seconds: float) -> None:
+        """Begin or end a fault where it is time; at the end nothing begins."""
+        if passed < self._fault_due:
+            return
+        if self._fault is None:
+            if passed > seconds - CALM:
+                return
+            fault = self._fault = next(self._plan)
+            self.faults[fault.name] += 1
+            self._windows = [Window(stream, fault.name, now_utime(), 2**62) for stream in self._gaps]
+            for window in self._windows:
+                self._list_of(window).append(window)
+            for order in fault.begin:
+                connection.send(order)
+            self._fault_due = passed + fault.seconds
+            return
+        for order in self._fault.end:
+            connection.send(order)
+        for window in self._windows:
+            windows = self._list_of(window)
+            windows[windows.index(window)] = window._replace(end=now_utime() + RECOVERY)
+        self._fault = None
+        self._fault_due = passed + self._chance.uniform(*plan.REST)
+
+    def _list_of(self, window: Window) -> list[Window]:
+        """Return where the fault at work is noted: whether it explains that this stream is interrupted."""
+        assert self._fault is not None
+        gaps = self._gaps[window.stream]
+        return gaps.windows if window.stream in self._fault.streams else gaps.others
+
+    def _hear(self, connection: Any) -> None:
+        while connection.poll():
+            for record in connection.recv():
+                self._account.take(record)
+                if record.kind == "duty":
+                    self.drive.take(record)
+                elif record.kind == "damage":
+                    self.damages += record.value[1]
+                elif record.kind == "late":
+                    key = "the emulator was held up"
+                    self.findings.largest[key] = max(self.findings.largest[key], record.value[1] / SECOND)
+
+    def _listen(self, bus: Bus, seconds: float) -> None:
+        for received in bus.receive(seconds):
+            if received.stream is PROCESS_STATUS:
+                self._take_status(received.message)
+            else:
+                self._to_check.append((received.stream, received.message))
+
+    def _take_status(self, status: Any) -> None:
+        if self._last_status and status.utime - self._last_status > LONGEST_STATUS_GAP:
+            self.findings.blame(status.utime, f"no PROCESS_STATUS for {(status.utime - self._last_status) / 1e6:.1f} s")
+        self._last_status = status.utime
+        self.statuses.append(status)
+
+    def _check(self) -> None:
+        """Check what the robot's account covers."""
+        while self._to_check and self._to_check[0][1].received_utime + SETTLED < self._account.upto:
+            stream, message = self._to_check.popleft()
+            (self._motor if stream is MOTOR_FEEDBACK else self._gyro_checks).take(message)
+        self.drive.judge()
+
+    def _end(self, connection: Any, driver: subprocess.Popen[bytes]) -> None:
+        """End the driver as a user does, and see that it leaves the motors at zero."""
+        asked = time.monotonic()
+        driver.send_signal(signal.SIGTERM)
+        code = driver.wait(10.0)
+        self.findings.largest["from SIGTERM to the end"] = time.monotonic() - asked
+        if code != INTERRUPTED:
+            self.findings.blame(now_utime(), f"cmr-driver ended with {code} instead of {INTERRUPTED}")
+        ended = now_utime()
+        while self._account.upto < ended:
+            self._hear(connection)
+            time.sleep(TURN)
+        if any(self._account.last_before("duty", ended) or ()):
+            self.findings.blame(ended, "cmr-driver left the motors driven")
+
+
+def soak(minutes: float, gyro: str, seed: int) -> Soak:
+    """Run a soak and return it."""
+    with tempfile.TemporaryDirectory(prefix="cmr-soak-") as folder:
+        result = Soak(Path(folder), gyro, seed)
+        result.run(60.0 * minutes)
+        return result
+
+
+def growth(memory: list[tuple[float, int]]) -> int:
+    """Return by how many bytes more the driver has used than by the end of the first minute."""
+    first = [used for passed, used in memory if passed <= MEMORY_FROM]
+    return max(used for _, used in memory) - max(first)
+
+
+def rejected(message: str) -> dict[str, int]:
+    """Return how many commands the driver says that it did not take, by reason."""
+    return {reason: int(count) for reason, count in re.findall(r"\b([a-z_]+) (\d+)", message)}
+
+
+def _resident(pid: int | None) -> int:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE
+
+
+def _waited(pid: int | None) -> int:
+    """Return how long the threads of a process have waited for a processor so far (us)."""
+    waited = 0
+    for path in Path(f"/proc/{pid}/task").glob("*/schedstat"):
+        waited += int(path.read_text().split()[1])
+    return waited // 1000
