@@ -13,7 +13,7 @@ from math import cos, exp, sin
 import numpy as np
 
 from cmr.diagnosis.prediction import POSE_SIGNALS, SIGNALS, Errors, Predictor
-from cmr.model.compiled import compiled
+from cmr.model.compiled import compiled, inlined
 from cmr.model.observer import MOTION, Gains
 from cmr.recordings.signal import Floats
 
@@ -33,6 +33,13 @@ DISTURBED = (
     "east",
     "north",
 )
+(
+    LEFT, RIGHT, YAW_RATE, FORWARD, SIDEWAYS, LEFT_ENCODER, RIGHT_ENCODER, GYRO, HEADING, EAST, NORTH,
+) = range(len(DISTURBED))  # fmt: skip
+# What `follow_traces` is told in `numbers`.
+DT, SLOWING, RADIUS, WIDTH, HOLDS, ROLLING, GAIN_ANGLE, GAIN_PSI, GAIN_POSITION, GAIN_THETA = range(10)
+PSI, ANGLE, ANGLE_BEFORE, ROLLED = range(4)  # what a disturbance adds to one side's wheels, now and a step before
+X, Y, TURNED, TURNING, TURNING_BEFORE = range(5)  # and to the body
 ALL = SIGNALS
 BODY = ("yaw_rate", *POSE_SIGNALS)
 # The signals in which each leaves traces. A gyro's errors also tell which errors of the pose are to be expected.
@@ -47,7 +54,7 @@ SEEN_IN: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("forward", "sideways", "east", "north"), ("forward", "sideways")),
 }
 PSI_LEFT, PSI_RIGHT, THETA = (MOTION.index(name) for name in ("psi_left", "psi_right", "theta"))
-OF_WHEELS = [DISTURBED.index(name) for name in ("left", "right", "left_encoder", "right_encoder")]
+OF_WHEELS = [LEFT, RIGHT, LEFT_ENCODER, RIGHT_ENCODER]
 HOLDING = ("coulomb_friction", "static_friction", "surface_patch_friction")
 
 
@@ -92,6 +99,89 @@ def traces(
     return Errors({name: of[name] for name in predictor.times}, motion)
 
 
+@inlined
+def response_of(dt: float, slowing: float) -> tuple[float, float, float]:
+    """Return what a step keeps of a wheel's speed, how far that rolls on, and how far a push does."""
+    kept = exp(-slowing * dt)
+    coasted = (1.0 - kept) / slowing
+    return kept, coasted, (dt - coasted) / slowing
+
+
+@inlined
+def may_roll(psi: float, psi_at_end: float, holds: float) -> float:
+    """Return 0.0 for a wheel that rests and that dry friction holds, else 1.0."""
+    return 0.0 if holds > 0.0 and psi == 0.0 and psi_at_end == 0.0 else 1.0
+
+
+@inlined
+def roll_on(side, course, pushed, miscounted, free, dt, response):  # type: ignore[no-untyped-def]
+    """Let one side's wheels roll through a step; they are pushed, and their encoders miscount, by these shares."""
+    kept, coasted, driven = response
+    for i in range(len(course)):
+        push = pushed[i] * course[i] * free
+        side[ANGLE_BEFORE, i] = side[ANGLE, i]
+        side[ROLLED, i] = free * coasted * side[PSI, i] + driven * push
+        side[PSI, i] = free * kept * side[PSI, i] + coasted * push
+        # What an encoder miscounts is as if the wheel were elsewhere; the body does not follow it.
+        side[ANGLE, i] += side[ROLLED, i] + miscounted[i] * course[i] * dt
+
+
+@inlined
+def follow_wheels(body, left, right, course, shares, then, at_end, numbers):  # type: ignore[no-untyped-def]
+    """Let the body follow its wheels through a step; without disturbances it moves from `then` to `at_end`."""
+    dt, radius, width = numbers[DT], numbers[RADIUS], numbers[WIDTH]
+    cosine, sine = cos(then[THETA]), sin(then[THETA])
+    ahead = 0.5 * radius * dt * (at_end[PSI_LEFT] + at_end[PSI_RIGHT])
+    for i in range(len(course)):
+        turn = (right[ROLLED, i] - left[ROLLED, i]) * radius / width + shares[YAW_RATE, i] * course[i] * dt
+        body[TURNING_BEFORE, i] = body[TURNING, i]
+        body[TURNING, i] = turn / dt
+        on = 0.5 * radius * (left[ROLLED, i] + right[ROLLED, i]) + shares[FORWARD, i] * course[i] * dt
+        aside = shares[SIDEWAYS, i] * course[i] * dt + ahead * (body[TURNED, i] + 0.5 * turn)
+        body[X, i] += on * cosine - aside * sine
+        body[Y, i] += on * sine + aside * cosine
+        body[TURNED, i] += turn
+
+
+@inlined
+def read_gyro(gyro_error, body, course, misread, share):  # type: ignore[no-untyped-def]
+    """Read the gyro when this share of the step is over."""
+    for i in range(len(course)):
+        error = body[TURNING_BEFORE, i] + share * (body[TURNING, i] - body[TURNING_BEFORE, i])
+        gyro_error[i] = error + misread[i] * course[i]
+
+
+@inlined
+def read_encoder(wheel_error, side, share, gain_angle, gain_psi):  # type: ignore[no-untyped-def]
+    """Read one side's encoder when this share of the step is over, and correct the side by it."""
+    for i in range(len(wheel_error)):
+        error = side[ANGLE_BEFORE, i] + share * (side[ANGLE, i] - side[ANGLE_BEFORE, i])
+        wheel_error[i] = error
+        side[ANGLE, i] -= gain_angle * error
+        side[ANGLE_BEFORE, i] -= gain_angle * error
+        side[PSI, i] -= gain_psi * error
+
+
+@inlined
+def read_pose(  # type: ignore[no-untyped-def]
+    forward_error, sideways_error, heading_error, body, course, shares, heading, restart, numbers
+):
+    """Read the pose, which has this heading, and correct the body by it; all the way when the path begins anew."""
+    followed = 1.0 if restart else numbers[GAIN_POSITION]
+    followed_theta = 1.0 if restart else numbers[GAIN_THETA]
+    cosine, sine = cos(heading), sin(heading)
+    for i in range(len(course)):
+        error_theta = body[TURNED, i] + shares[HEADING, i] * course[i]
+        error_x, error_y = body[X, i] + shares[EAST, i] * course[i], body[Y, i] + shares[NORTH, i] * course[i]
+        if not restart:
+            forward_error[i] = cosine * error_x + sine * error_y
+            sideways_error[i] = cosine * error_y - sine * error_x
+            heading_error[i] = error_theta
+        body[X, i] -= followed * error_x
+        body[Y, i] -= followed * error_y
+        body[TURNED, i] -= followed_theta * error_theta
+
+
 @compiled(
     "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], u1[::1],"
     "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])"
@@ -102,93 +192,37 @@ def follow_traces(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Observe disturbances, one to a lane.
 
-    `numbers` are dt, the rate at which wheels slow down, radius, width, whether friction holds a wheel that rests,
-    whether any wheel is disturbed at all, and the gains.
+    `numbers` are dt [s], the rate at which wheels slow down [1/s], radius and width [m], whether friction holds a wheel
+    that rests, whether any wheel is disturbed at all, and the gains.
     """
     steps, lanes = courses.shape
-    dt, slowing, radius, width, holds, rolling = (
-        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5],
-    )  # fmt: skip
-    gain_angle, gain_psi, gain_position, gain_theta = numbers[6], numbers[7], numbers[8], numbers[9]
-    kept = exp(-slowing * dt)
-    coasted = (1.0 - kept) / slowing
-    driven = (dt - coasted) / slowing
-    state = np.zeros((13, lanes))
-    psi_left, psi_right, angle_left, angle_right, before_left, before_right = (
-        state[0], state[1], state[2], state[3], state[4], state[5],
-    )  # fmt: skip
-    x, y, theta, turning, turned_before = state[6], state[7], state[8], state[9], state[10]
-    rolled_left, rolled_right = state[11], state[12]
-    wheel, gyro, pose, left, right = 0, 0, 0, 0, 0
+    dt, response = numbers[DT], response_of(numbers[DT], numbers[SLOWING])
+    left, right, body = np.zeros((4, lanes)), np.zeros((4, lanes)), np.zeros((5, lanes))
+    wheel, gyro, pose, left_reading, right_reading = 0, 0, 0, 0, 0
     for step in range(steps):
-        course = courses[step]
-        # Dry friction holds a wheel that rests.
-        rests_left = motion[step, PSI_LEFT] == 0.0 and motion[step + 1, PSI_LEFT] == 0.0
-        rests_right = motion[step, PSI_RIGHT] == 0.0 and motion[step + 1, PSI_RIGHT] == 0.0
-        free_left = 0.0 if holds > 0.0 and rests_left else 1.0
-        free_right = 0.0 if holds > 0.0 and rests_right else 1.0
-        cosine, sine = cos(motion[step, THETA]), sin(motion[step, THETA])
-        ahead = 0.5 * radius * dt * (motion[step + 1, PSI_LEFT] + motion[step + 1, PSI_RIGHT])
-        if rolling > 0.0:
-            for i in range(lanes):
-                before_left[i], before_right[i] = angle_left[i], angle_right[i]
-                push_left, push_right = shares[0, i] * course[i] * free_left, shares[1, i] * course[i] * free_right
-                rolled_left[i] = free_left * coasted * psi_left[i] + driven * push_left
-                rolled_right[i] = free_right * coasted * psi_right[i] + driven * push_right
-                psi_left[i] = free_left * kept * psi_left[i] + coasted * push_left
-                psi_right[i] = free_right * kept * psi_right[i] + coasted * push_right
-                # What an encoder miscounts is as if the wheel were elsewhere; the body does not follow it.
-                angle_left[i] += rolled_left[i] + shares[5, i] * course[i] * dt
-                angle_right[i] += rolled_right[i] + shares[6, i] * course[i] * dt
-        for i in range(lanes):
-            turn = (rolled_right[i] - rolled_left[i]) * radius / width + shares[2, i] * course[i] * dt
-            turned_before[i] = turning[i]
-            turning[i] = turn / dt
-            on = 0.5 * radius * (rolled_left[i] + rolled_right[i]) + shares[3, i] * course[i] * dt
-            aside = shares[4, i] * course[i] * dt + ahead * (theta[i] + 0.5 * turn)
-            x[i] += on * cosine - aside * sine
-            y[i] += on * sine + aside * cosine
-            theta[i] += turn
-        now = (step + 1) * dt
+        course, then, at_end, now = courses[step], motion[step], motion[step + 1], (step + 1) * dt
+        if numbers[ROLLING] > 0.0:
+            free = may_roll(then[PSI_LEFT], at_end[PSI_LEFT], numbers[HOLDS])
+            roll_on(left, course, shares[LEFT], shares[LEFT_ENCODER], free, dt, response)
+            free = may_roll(then[PSI_RIGHT], at_end[PSI_RIGHT], numbers[HOLDS])
+            roll_on(right, course, shares[RIGHT], shares[RIGHT_ENCODER], free, dt, response)
+        follow_wheels(body, left, right, course, shares, then, at_end, numbers)
         # Yaw rates are means over steps, known in their middles.
         while gyro < len(gyro_time) and gyro_time[gyro] + 0.5 * dt <= now:
-            share = 1.0 - (now - gyro_time[gyro] - 0.5 * dt) / dt
-            for i in range(lanes):
-                error = turned_before[i] + share * (turning[i] - turned_before[i])
-                gyro_error[gyro, i] = error + shares[7, i] * course[i]
+            read_gyro(gyro_error[gyro], body, course, shares[GYRO], 1.5 - (now - gyro_time[gyro]) / dt)
             gyro += 1
         while wheel < len(wheel_time) and wheel_time[wheel] <= now:
             share = min(1.0 - (now - wheel_time[wheel]) / dt, 1.0)
             if wheel_use[wheel, 0] > 0:
-                for i in range(lanes):
-                    error = before_left[i] + share * (angle_left[i] - before_left[i])
-                    left_error[left, i] = error
-                    angle_left[i] -= gain_angle * error
-                    before_left[i] -= gain_angle * error
-                    psi_left[i] -= gain_psi * error
-                left += 1
+                read_encoder(left_error[left_reading], left, share, numbers[GAIN_ANGLE], numbers[GAIN_PSI])
+                left_reading += 1
             if wheel_use[wheel, 1] > 0:
-                for i in range(lanes):
-                    error = before_right[i] + share * (angle_right[i] - before_right[i])
-                    right_error[right, i] = error
-                    angle_right[i] -= gain_angle * error
-                    before_right[i] -= gain_angle * error
-                    psi_right[i] -= gain_psi * error
-                right += 1
+                read_encoder(right_error[right_reading], right, share, numbers[GAIN_ANGLE], numbers[GAIN_PSI])
+                right_reading += 1
             wheel += 1
         while pose < len(pose_time) and pose_time[pose] <= now:
-            restart = pose_use[pose] == 0
-            followed = 1.0 if restart else gain_position
-            followed_theta = 1.0 if restart else gain_theta
-            cosine, sine = cos(pose_theta[pose]), sin(pose_theta[pose])
-            for i in range(lanes):
-                error_theta = theta[i] + shares[8, i] * course[i]
-                error_x, error_y = x[i] + shares[9, i] * course[i], y[i] + shares[10, i] * course[i]
-                if not restart:
-                    forward_error[pose, i] = cosine * error_x + sine * error_y
-                    sideways_error[pose, i] = cosine * error_y - sine * error_x
-                    heading_error[pose, i] = error_theta
-                x[i] -= followed * error_x
-                y[i] -= followed * error_y
-                theta[i] -= followed_theta * error_theta
+            read_pose(
+                forward_error[pose], sideways_error[pose], heading_error[pose],
+                body, course, shares, pose_theta[pose], pose_use[pose] == 0, numbers,
+            )  # fmt: skip
             pose += 1
