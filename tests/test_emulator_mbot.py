@@ -10,10 +10,8 @@ from robot_driver.emulator.mbot_device import MBotDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import load_settings
 from tests.emulated_device import said_until
+from tests.golden_vectors import MBOT_DUTIES, MBOT_STOP, MBOT_TIME
 
-TIME = "fffe0800f7c900" + "0700000000000000" + "2f"  # 7 us
-DUTIES = "fffe1400ebe600" + "0700000000000000" + "0000003f000080be00000000" + "95"  # 0.5, -0.25
-ZERO = "fffe1400ebe600" + "0700000000000000" + "000000000000000000000000" + "12"
 PERIOD = 1.0 / 220.0
 
 
@@ -33,7 +31,7 @@ def payload(said: bytes, topic: int, layout: str) -> tuple[Any, ...]:
 def test_it_says_nothing_before_it_is_told_the_time_and_everything_after() -> None:
     device, plant = make_device()
     assert said_until(device, plant, 0.1) == []
-    assert device.receive(bytes.fromhex(TIME), 0.1) == []
+    assert device.receive(MBOT_TIME, 0.1) == []
     (said,) = said_until(device, plant, 0.1 + PERIOD)
     assert len(said) == 8 * 7 + 4 * 20 + 76 + 48 + 32
     assert payload(said, 233, "<q3f")[0] == pytest.approx(7, abs=PERIOD * 1e6)
@@ -41,7 +39,7 @@ def test_it_says_nothing_before_it_is_told_the_time_and_everything_after() -> No
 
 def test_commands_in_pieces_drive_the_wheels_of_which_the_right_one_is_mirrored() -> None:
     device, plant = make_device()
-    for byte in b"\xff\xfe\x00" + bytes.fromhex(DUTIES + TIME):
+    for byte in b"\xff\xfe\x00" + MBOT_DUTIES + MBOT_TIME:
         device.receive(bytes((byte,)), 0.0)
     said = said_until(device, plant, 0.9)[-1]
     assert payload(said, 233, "<q3f")[1:] == (0.5, -0.25, 0.0)
@@ -55,27 +53,27 @@ def test_commands_in_pieces_drive_the_wheels_of_which_the_right_one_is_mirrored(
 
 def test_a_damaged_command_is_not_carried_out() -> None:
     device, plant = make_device()
-    device.receive(bytes.fromhex(DUTIES.replace("95", "96") + TIME), 0.0)
+    device.receive(MBOT_DUTIES[:-1] + b"\x96" + MBOT_TIME, 0.0)
     said_until(device, plant, 0.1)
     assert device.duty == (0.0, 0.0)
 
 
 def test_it_stops_a_second_after_the_time_and_goes_on_with_the_last_duties_when_told_it_again() -> None:
     device, plant = make_device()
-    device.receive(bytes.fromhex(DUTIES + TIME), 0.0)
+    device.receive(MBOT_DUTIES + MBOT_TIME, 0.0)
     talked = len(said_until(device, plant, 3.0)) * PERIOD
     assert talked == pytest.approx(1.0, abs=2 * PERIOD)
     assert device.duty == (0.0, 0.0)
-    device.receive(bytes.fromhex(TIME), 3.0)
+    device.receive(MBOT_TIME, 3.0)
     said_until(device, plant, 3.1)
     assert device.duty == (0.5, -0.25)
-    device.receive(bytes.fromhex(ZERO), 3.1)
+    device.receive(MBOT_STOP, 3.1)
     said_until(device, plant, 3.2)
     assert device.duty == (0.0, 0.0)
 
 
 def test_it_can_be_one_without_a_watchdog() -> None:
     device, plant = make_device(ignores_watchdog=True)
-    device.receive(bytes.fromhex(DUTIES + TIME), 0.0)
+    device.receive(MBOT_DUTIES + MBOT_TIME, 0.0)
     said_until(device, plant, 3.0)
     assert device.duty == (0.5, -0.25)

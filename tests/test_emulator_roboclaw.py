@@ -8,17 +8,13 @@ import pytest
 
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice, checksum
-from robot_driver.emulator.settings import Settings, load_settings
+from robot_driver.emulator.settings import load_settings
 from tests.emulated_device import answer, let_pass
-
-DUTY_BOTH_8000_BACK_8000 = bytes.fromhex("80 22 1f40 e0c0 830d")
-DUTY_ZERO = bytes.fromhex("80 22 0000 0000 9817")
-TIMEOUT_HALF_SECOND = bytes.fromhex("80 0e 05 48f0")
-RESET_ENCODERS = bytes.fromhex("80 14 492d")
+from tests.golden_vectors import ROBOCLAW_DUTIES, ROBOCLAW_RESET_ENCODERS, ROBOCLAW_STOP, ROBOCLAW_TIMEOUT
 
 
-def make_device(settings: Settings | None = None, **roboclaw: int) -> tuple[RoboclawDevice, Plant]:
-    settings = (settings or load_settings()).ideal()
+def make_device(**roboclaw: int) -> tuple[RoboclawDevice, Plant]:
+    settings = load_settings().ideal()
     settings = dataclasses.replace(settings, roboclaw=dataclasses.replace(settings.roboclaw, **roboclaw))
     plant = Plant(settings)
     return RoboclawDevice(settings, plant), plant
@@ -32,37 +28,14 @@ def read(device: RoboclawDevice, command: int, time: float = 1.0) -> bytes:
     return reply[:-2]
 
 
-def test_the_checksum_is_the_published_one() -> None:
-    assert checksum(b"123456789") == 0x31C3
-    assert checksum(b"\xff") == 0x1EF0
-
-
-@pytest.mark.parametrize("request_bytes", [DUTY_BOTH_8000_BACK_8000, DUTY_ZERO, TIMEOUT_HALF_SECOND, RESET_ENCODERS])
-def test_golden_requests_are_acknowledged(request_bytes: bytes) -> None:
-    assert answer(make_device()[0], request_bytes) == b"\xff"
-
-
-def test_the_golden_answer_to_a_battery_of_24_5_volt() -> None:
-    settings = load_settings()
-    settings = dataclasses.replace(settings, electrics=dataclasses.replace(settings.electrics, battery_voltage=24.5))
-    assert answer(make_device(settings)[0], b"\x80\x18") == bytes.fromhex("00f5 8840")
-
-
-def test_the_golden_answer_with_two_encoder_counts() -> None:
-    device, plant = make_device()
-    turn = 2.0 * math.pi / 2048
-    plant.left.angle, plant.right.angle = (0x30F0 + 0.5) * turn, (0xCFDC + 0.5) * turn
-    assert answer(device, b"\x80\x4e") == bytes.fromhex("000030f0 0000cfdc d4db")
-
-
 @pytest.mark.parametrize("position", range(8))
 def test_a_damaged_request_is_met_with_silence_and_moves_nothing(position: int) -> None:
     device, _ = make_device()
-    damaged = bytearray(DUTY_BOTH_8000_BACK_8000)
+    damaged = bytearray(ROBOCLAW_DUTIES)
     damaged[position] ^= 0x04
     assert answer(device, bytes(damaged)) == b""
     assert device.duty == [0, 0]
-    assert answer(device, DUTY_BOTH_8000_BACK_8000, 1.1) == b"\xff"
+    assert answer(device, ROBOCLAW_DUTIES, 1.1) == b"\xff"
 
 
 def test_an_unknown_command_and_another_units_address_are_met_with_silence_until_the_line_rests() -> None:
@@ -75,17 +48,17 @@ def test_an_unknown_command_and_another_units_address_are_met_with_silence_until
 
 def test_a_packet_may_come_in_pieces_with_short_gaps_but_not_with_long_ones() -> None:
     device, _ = make_device()
-    for index, byte in enumerate(DUTY_BOTH_8000_BACK_8000[:-1]):
+    for index, byte in enumerate(ROBOCLAW_DUTIES[:-1]):
         assert answer(device, bytes([byte]), 1.0 + 0.009 * index) == b""
-    assert answer(device, DUTY_BOTH_8000_BACK_8000[-1:], 1.063) == b"\xff"
-    assert answer(device, DUTY_ZERO[:4], 2.0) == b""
-    assert answer(device, DUTY_ZERO[4:], 2.011) == b""
+    assert answer(device, ROBOCLAW_DUTIES[-1:], 1.063) == b"\xff"
+    assert answer(device, ROBOCLAW_STOP[:4], 2.0) == b""
+    assert answer(device, ROBOCLAW_STOP[4:], 2.011) == b""
     assert device.duty == [8000, -8000]
 
 
 def test_two_requests_at_once_get_two_answers_in_order() -> None:
     device, _ = make_device()
-    replies = device.receive(DUTY_ZERO + b"\x80\x2f", 1.0)
+    replies = device.receive(ROBOCLAW_STOP + b"\x80\x2f", 1.0)
     assert [reply.data[:1] for reply in replies] == [b"\xff", b"\x80"]
     assert replies[0].time < replies[1].time
 
@@ -110,7 +83,7 @@ def test_duty_of_one_motor_leaves_the_other_alone_and_motor_one_is_left() -> Non
 
 def test_every_reading_has_the_length_and_content_of_the_manual() -> None:
     device, plant = make_device()
-    assert answer(device, DUTY_BOTH_8000_BACK_8000, 0.5) == b"\xff"
+    assert answer(device, ROBOCLAW_DUTIES, 0.5) == b"\xff"
     let_pass(device, plant, 3.5)
     speed = round(8000 / 32767 / 0.054 * 2048 / (2.0 * math.pi))
     counts = [math.floor(count) for count in plant.encoder_counts()]
@@ -132,7 +105,7 @@ def test_every_reading_has_the_length_and_content_of_the_manual() -> None:
 
 def test_a_starting_motor_draws_the_current_of_a_held_one() -> None:
     device, _ = make_device()
-    answer(device, DUTY_BOTH_8000_BACK_8000)
+    answer(device, ROBOCLAW_DUTIES)
     expected = round(100 * 4.0 * 8000 / 32767)
     assert struct.unpack(">hh", read(device, 49)) == (expected, -expected)
 
@@ -144,11 +117,11 @@ def test_the_status_has_the_width_of_the_firmware(width: int) -> None:
 
 def test_encoders_count_modulo_two_to_the_32_and_reset_to_zero() -> None:
     device, plant = make_device()
-    answer(device, DUTY_BOTH_8000_BACK_8000)
+    answer(device, ROBOCLAW_DUTIES)
     plant.advance(1.0)
     right = math.floor(plant.encoder_counts()[1])
     assert struct.unpack(">II", read(device, 78))[1] == 2**32 + right
-    assert answer(device, RESET_ENCODERS) == b"\xff"
+    assert answer(device, ROBOCLAW_RESET_ENCODERS) == b"\xff"
     assert read(device, 78) == bytes(8)
     plant.advance(1.1)
     assert 0 < struct.unpack(">II", read(device, 78))[0] < 1000
@@ -156,9 +129,9 @@ def test_encoders_count_modulo_two_to_the_32_and_reset_to_zero() -> None:
 
 def test_the_watchdog_stops_the_motors_until_a_new_drive_command() -> None:
     device, plant = make_device()
-    assert answer(device, TIMEOUT_HALF_SECOND, 1.0) == b"\xff"
+    assert answer(device, ROBOCLAW_TIMEOUT, 1.0) == b"\xff"
     assert read(device, 15, 1.0) == b"\x05"
-    answer(device, DUTY_BOTH_8000_BACK_8000, 1.1)
+    answer(device, ROBOCLAW_DUTIES, 1.1)
     read(device, 24, 1.5)  # any byte feeds it
     let_pass(device, plant, 1.99)
     assert device.duty == [8000, -8000]
@@ -167,12 +140,12 @@ def test_the_watchdog_stops_the_motors_until_a_new_drive_command() -> None:
     let_pass(device, plant, 10.0)
     assert read(device, 48, 10.0) == bytes(4)  # bytes alone do not start them again
     assert plant.left.velocity == pytest.approx(0.0, abs=1e-6)
-    answer(device, DUTY_BOTH_8000_BACK_8000, 10.1)
+    answer(device, ROBOCLAW_DUTIES, 10.1)
     assert device.duty == [8000, -8000]
 
 
 def test_without_a_timeout_the_motors_go_on() -> None:
     device, plant = make_device()
-    answer(device, DUTY_BOTH_8000_BACK_8000, 1.0)
+    answer(device, ROBOCLAW_DUTIES, 1.0)
     let_pass(device, plant, 60.0)
     assert device.duty == [8000, -8000]

@@ -14,10 +14,7 @@ from robot_driver.controllers import BadReply, Request
 from robot_driver.controllers.mbot import MBot, MBotGyro, board
 from robot_driver.controllers.mbot.clock import JITTER, SteadyClock
 from robot_driver.controllers.mbot.frames import LAYOUTS, START, Frame, FrameReader, Topic, packed
-
-VELOCITY_COMMAND = "fffe1400ebd6000700000000000000" + "0000003f00000000000080bea5"
-DUTIES_AT_7 = "fffe1400ebe6000700000000000000" + "0000003f000080be00000000" + "95"  # 0.5, -0.25, 0
-TIME_AT_7 = "fffe0800f7c900" + "0700000000000000" + "2f"
+from tests.golden_vectors import MBOT_STOP
 
 
 def said(topic: Topic, utime: int, *values: float) -> bytes:
@@ -55,21 +52,11 @@ def answer(request: Request[Any], *stream: bytes) -> Any:
     return request.parse(reply) if request.missing(reply) == 0 else None
 
 
-def test_a_frame_is_that_of_the_published_vector() -> None:
-    payload = struct.pack("<q3f", 7, 0.5, 0.0, -0.25)
-    assert packed(214, payload) == bytes.fromhex(VELOCITY_COMMAND)
-
-
-@pytest.mark.usefixtures("clock")
-def test_duties_are_told_before_the_time_and_the_right_wheel_is_mirrored() -> None:
-    assert MBot().drive(0.5, 0.25).data == bytes.fromhex(DUTIES_AT_7 + TIME_AT_7)
-
-
 def test_the_time_is_told_four_times_a_second_and_never_without_duties(clock: Clock) -> None:
     mbot, told = MBot(), []
     for clock.utime in range(1000, 1_001_000, 10_000):
         data = mbot.drive(0.0, 0.0).data
-        assert data.startswith(bytes.fromhex("fffe1400ebe600"))
+        assert data.startswith(MBOT_STOP[:7])
         told += [clock.utime] * (packed(Topic.TIMESYNC, struct.pack("<q", clock.utime)) in data)
     assert [later - earlier for earlier, later in itertools.pairwise(told)] == [250_000] * 3
 
@@ -215,13 +202,6 @@ def in_pieces(stream: bytes, sizes: list[int]) -> list[Frame]:
     return frames
 
 
-@given(st.lists(board_frames(), max_size=8), st.lists(st.integers(1, 100), max_size=10))
-def test_pieces_of_any_size_give_the_same_frames(stream: list[bytes], sizes: list[int]) -> None:
-    whole = FrameReader().feed(b"".join(stream) + START)
-    assert len(whole) == len(stream)
-    assert without_arrival(in_pieces(b"".join(stream) + START, sizes)) == without_arrival(whole)
-
-
 @given(
     st.lists(board_frames(), min_size=6, max_size=10),
     st.dictionaries(st.integers(0, 9), faults, min_size=1, max_size=3),
@@ -240,11 +220,3 @@ def test_damage_never_becomes_data_and_costs_itself_and_the_frame_before(
     spared = [frame for index, frame in enumerate(true) if not {index, index + 1} & set(damaged)]
     remaining = iter(found)
     assert all(frame in remaining for frame in spared)
-
-
-@given(st.lists(st.binary(max_size=300), max_size=10))
-def test_garbage_does_not_fill_the_memory(pieces: list[bytes]) -> None:
-    reader = FrameReader()
-    for piece in pieces:
-        reader.feed(piece)
-        assert len(reader._data) < 100

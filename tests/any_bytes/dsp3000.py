@@ -6,8 +6,9 @@ import re
 from robot_driver.gyros.dsp3000 import LONGEST_LINE, SETTLING, Dsp3000
 from robot_driver.gyros.gyro import GyroReading
 from tests.any_bytes.script import Script, in_pieces
+from tests.golden_vectors import DSP3000_LINE
 
-WHOLE = b"       0.015733   1\r\n"
+RUNNING = b"\n" + SETTLING * DSP3000_LINE  # so that the next line is believed
 ENDS = (b"\r\n", b"\n")
 
 
@@ -15,7 +16,7 @@ def check(data: bytes) -> None:
     """Check what DSP-3000 lines promise."""
     script = Script(data)
     sizes = script.sizes()
-    stream = script.stream(_line)
+    stream = script.one_of((b"", RUNNING)) + script.stream(_line)
     gyro, found = Dsp3000(), []
     for end, reading in in_pieces(gyro.feed, stream, sizes):
         _check_reading(stream, end - reading.bytes_since, reading)
@@ -44,8 +45,8 @@ def _check_reading(stream: bytes, start: int, reading: GyroReading) -> None:
 
 
 def _check_recovery(gyro: Dsp3000) -> None:
-    assert gyro.feed(b"\n" + WHOLE)[-1].bytes_since == len(WHOLE)
-    readings = gyro.feed(SETTLING * WHOLE)
+    assert gyro.feed(b"\n" + DSP3000_LINE)[-1].bytes_since == len(DSP3000_LINE)
+    readings = gyro.feed(SETTLING * DSP3000_LINE)
     assert len(readings) == SETTLING
     assert readings[-1].valid
 
