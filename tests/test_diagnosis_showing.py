@@ -40,9 +40,9 @@ def residuals(one: Recording, before: Values, after: Values) -> dict[str, Residu
     return {residual.signal: residual for residual in residuals_of(pieces(one), before, after)}
 
 
-def with_and_without(effect: Mapping[str, float], noise: Noise = REALISTIC) -> dict[str, Residual]:
+def with_and_without(effect: Mapping[str, float]) -> dict[str, Residual]:
     """The residuals of a robot with an effect, by models without and with it."""
-    return residuals(rich(noise, tuple(effect.items())), TRUE, {**TRUE, **effect})
+    return residuals(rich(REALISTIC, tuple(effect.items())), TRUE, {**TRUE, **effect})
 
 
 def without(one: Recording, *signals: str) -> Recording:

@@ -214,8 +214,9 @@ def test_drops_of_terms_that_explain_nothing_tell_how_far_the_noise_is_off() -> 
     assert spread_of([]) == 1.0
 
 
-def white_noise(seconds: float = 60.0, rate: float = 100.0) -> Remainder:
-    count = int(seconds * rate)
+def white_noise() -> Remainder:
+    """Yaw rates of a minute at 100 Hz."""
+    rate, count = 100.0, 6000
     noise = np.random.default_rng(1).standard_normal(count)
     number = np.full(count, SIGNALS.index("yaw_rate"))
     zeros = np.zeros(count, np.int64)

@@ -12,11 +12,11 @@ from robot_driver.emulator.settings import load_settings
 from tests.emulated_device import answer, let_pass
 
 
-def make_device(*, battery: float = 24.6, **roboteq: Any) -> tuple[RoboteqDevice, Plant]:
+def make_device(**roboteq: Any) -> tuple[RoboteqDevice, Plant]:
     settings = load_settings().ideal()
     settings = dataclasses.replace(
         settings,
-        electrics=dataclasses.replace(settings.electrics, battery_voltage=battery),
+        electrics=dataclasses.replace(settings.electrics, battery_voltage=24.6),
         roboteq=dataclasses.replace(settings.roboteq, **({"echo": False} | roboteq)),
     )
     plant = Plant(settings)

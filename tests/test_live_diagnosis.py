@@ -47,11 +47,11 @@ from tests.watched_drive import (
 SEEN_BY = CHANGE + 15.0  # s
 
 
-def only(said: Said, *words: str, after: float = CHANGE, before: float = SEEN_BY) -> str:
+def only(said: Said, *words: str, before: float = SEEN_BY) -> str:
     """The only sentence said; it has these words, and comes in time."""
     assert len(said) == 1, said
     time, sentence = said[0]
-    assert after < time < before, said
+    assert CHANGE < time < before, said
     for word in words:
         assert word in sentence
     return sentence

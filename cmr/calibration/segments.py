@@ -22,6 +22,7 @@ MOVING_DUTY = 1e-3  # commands below are rest
 SAME_ANGLE, UNLIKE_ANGLE = 1e-3, 1.0  # relative differences of the angles by ticks and by speed
 START_SPAN = 0.15  # s around the start over which the wheel speeds are averaged
 LEAST_PSI_DOUBT, UNKNOWN_PSI = 0.02, 10.0  # of the speed; rad/s
+LEAST_TURN, LEAST_WAY = 0.2, 0.1  # rad, m; what poses differ by less is taken as their noise
 FEWEST_POSES_FOR_START = 50  # with fewer, the start pose is taken as measured and not fitted
 
 
@@ -299,14 +300,14 @@ def heading_range(segments: list[Segment]) -> float:
     return max((float(np.ptp(segment.theta)) for segment in segments), default=0.0)
 
 
-def turned_angle(theta: Floats, threshold: float = 0.2) -> float:
-    """Return the sum of turns [rad], both ways counted up; wiggles under `threshold` [rad] are taken as noise."""
-    return _variation(theta, theta * 0.0, threshold)
+def turned_angle(theta: Floats) -> float:
+    """Return the sum of turns [rad], both ways counted up; wiggles under LEAST_TURN are taken as noise."""
+    return _variation(theta, theta * 0.0, LEAST_TURN)
 
 
-def travelled(x: Floats, y: Floats, threshold: float = 0.1) -> float:
-    """Return the length of the path [m]; steps under `threshold` [m] are taken as noise."""
-    return _variation(x, y, threshold)
+def travelled(x: Floats, y: Floats) -> float:
+    """Return the length of the path [m]; steps under LEAST_WAY are taken as noise."""
+    return _variation(x, y, LEAST_WAY)
 
 
 def _variation(x: Floats, y: Floats, threshold: float) -> float:

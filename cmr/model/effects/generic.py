@@ -20,18 +20,27 @@ SMALL = 0.03  # typical size of those that have no unit
 Product = tuple[str, str, str, float]  # end of the parameter's name, unit, the product in words, typical size
 
 
-def _coefficients(effect: str, products: tuple[Product, ...]) -> tuple[ParameterDefinition, ...]:
-    """Return the parameters of an effect: one for each product."""
-    return tuple(
-        ParameterDefinition(f"{effect}_{name}", unit, f"coefficient of {words}", -LARGEST, LARGEST, 0.0, typical)
-        for name, unit, words, typical in products
+def _generic(
+    name: str, moves: str, equations: dict[str, str], products: tuple[Product, ...], needs: str, shows_in: str
+) -> Effect:
+    """Return an effect that adds up products, each with a coefficient of its own, and so `moves` something."""
+    return Effect(
+        name=name,
+        group=GENERIC,
+        cause=f"A generic term, no physical cause, {moves}.",
+        equations=equations,
+        parameters=tuple(
+            ParameterDefinition(f"{name}_{product}", unit, f"coefficient of {words}", -LARGEST, LARGEST, 0.0, typical)
+            for product, unit, words, typical in products
+        ),
+        needs=needs,
+        shows_in=shows_in,
     )
 
 
-WHEEL = Effect(
+WHEEL = _generic(
     name="generic_drive",
-    group=GENERIC,
-    cause="A generic term, no physical cause, drives the wheels.",
+    moves="drives the wheels",
     equations={
         "actuator": """
             effort = abs(duty)
@@ -44,26 +53,22 @@ WHEEL = Effect(
             voltage = voltage + by_duty + by_speed + crossed
         """,
     },
-    parameters=_coefficients(
-        "generic_drive",
-        (
-            ("abs_u", "-", "abs(duty) in the motor's duty", SMALL),
-            ("u_abs_u", "-", "duty abs(duty) in the motor's duty", SMALL),
-            ("u_cubed", "-", "duty^3 in the motor's duty", SMALL),
-            ("s_abs_s", "-", "s abs(s) in the motor's duty, s = K1 psi", SMALL),
-            ("s_cubed", "-", "s^3 in the motor's duty, s = K1 psi", SMALL),
-            ("s_abs_u", "-", "s abs(duty) in the motor's duty, s = K1 psi", SMALL),
-            ("u_abs_s", "-", "duty abs(s) in the motor's duty, s = K1 psi", SMALL),
-        ),
+    products=(
+        ("abs_u", "-", "abs(duty) in the motor's duty", SMALL),
+        ("u_abs_u", "-", "duty abs(duty) in the motor's duty", SMALL),
+        ("u_cubed", "-", "duty^3 in the motor's duty", SMALL),
+        ("s_abs_s", "-", "s abs(s) in the motor's duty, s = K1 psi", SMALL),
+        ("s_cubed", "-", "s^3 in the motor's duty, s = K1 psi", SMALL),
+        ("s_abs_u", "-", "s abs(duty) in the motor's duty, s = K1 psi", SMALL),
+        ("u_abs_s", "-", "duty abs(s) in the motor's duty, s = K1 psi", SMALL),
     ),
     needs="duties and speeds of all sizes, both ways",
     shows_in="wheel speeds",
 )
 
-BODY = Effect(
+BODY = _generic(
     name="generic_motion",
-    group=GENERIC,
-    cause="A generic term, no physical cause, moves the body.",
+    moves="moves the body",
     equations={
         "place": """
             cosine = cos(theta)
@@ -83,27 +88,24 @@ BODY = Effect(
             sideways = sideways + aside + drift * abs_v
         """,
     },
-    parameters=_coefficients(
-        "generic_motion",
-        (
-            ("turn_abs_v", "rad/m", "abs(v) in the turn rate", 0.1),
-            ("turn_v_abs_v", "rad s/m^2", "v abs(v) in the turn rate", 0.2),
-            ("turn_v_w", "s/m", "v omega in the turn rate", 0.1),
-            ("turn_w_abs_v", "s/m", "omega abs(v) in the turn rate", 0.1),
-            ("turn_w_abs_w", "s/rad", "omega abs(omega) in the turn rate", 0.02),
-            ("turn_v_cos", "rad/m", "v cos(theta) in the turn rate", 0.1),
-            ("turn_v_sin", "rad/m", "v sin(theta) in the turn rate", 0.1),
-            ("on_abs_w", "m/rad", "abs(omega) in the forward speed", 0.005),
-            ("on_w_squared", "m s/rad^2", "omega^2 in the forward speed", 0.003),
-            ("on_v_abs_w", "s/rad", "v abs(omega) in the forward speed", 0.02),
-            ("on_v_abs_v", "s/m", "v abs(v) in the forward speed", 0.05),
-            ("aside_v", "-", "v in the speed to the left", SMALL),
-            ("aside_abs_v", "-", "abs(v) in the speed to the left", SMALL),
-            ("aside_w_abs_v", "s/rad", "omega abs(v) in the speed to the left", 0.02),
-            ("aside_w_abs_w", "m s/rad^2", "omega abs(omega) in the speed to the left", 0.003),
-            ("aside_abs_v_cos", "-", "abs(v) cos(theta) in the speed to the left", SMALL),
-            ("aside_abs_v_sin", "-", "abs(v) sin(theta) in the speed to the left", SMALL),
-        ),
+    products=(
+        ("turn_abs_v", "rad/m", "abs(v) in the turn rate", 0.1),
+        ("turn_v_abs_v", "rad s/m^2", "v abs(v) in the turn rate", 0.2),
+        ("turn_v_w", "s/m", "v omega in the turn rate", 0.1),
+        ("turn_w_abs_v", "s/m", "omega abs(v) in the turn rate", 0.1),
+        ("turn_w_abs_w", "s/rad", "omega abs(omega) in the turn rate", 0.02),
+        ("turn_v_cos", "rad/m", "v cos(theta) in the turn rate", 0.1),
+        ("turn_v_sin", "rad/m", "v sin(theta) in the turn rate", 0.1),
+        ("on_abs_w", "m/rad", "abs(omega) in the forward speed", 0.005),
+        ("on_w_squared", "m s/rad^2", "omega^2 in the forward speed", 0.003),
+        ("on_v_abs_w", "s/rad", "v abs(omega) in the forward speed", 0.02),
+        ("on_v_abs_v", "s/m", "v abs(v) in the forward speed", 0.05),
+        ("aside_v", "-", "v in the speed to the left", SMALL),
+        ("aside_abs_v", "-", "abs(v) in the speed to the left", SMALL),
+        ("aside_w_abs_v", "s/rad", "omega abs(v) in the speed to the left", 0.02),
+        ("aside_w_abs_w", "m s/rad^2", "omega abs(omega) in the speed to the left", 0.003),
+        ("aside_abs_v_cos", "-", "abs(v) cos(theta) in the speed to the left", SMALL),
+        ("aside_abs_v_sin", "-", "abs(v) sin(theta) in the speed to the left", SMALL),
     ),
     needs="speeds, turns and headings of all kinds",
     shows_in="the pose and the gyro",
