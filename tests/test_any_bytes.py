@@ -1,13 +1,20 @@
 """Whatever comes down a line, in pieces of any size: no parser fails, hangs, or makes a datum of it that is none."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_driver.controllers import BadReply
 from robot_driver.controllers.roboclaw import RoboClaw, crc
+from robot_driver.gyros.dsp3000 import LONGEST_LINE, Dsp3000
 from robot_driver.gyros.kvh_messages import Answer, Stream
 from tests.any_bytes import CHECKS
+from tests.golden_vectors import DSP3000_LINE
+
+T = TypeVar("T")
 
 
 @pytest.mark.parametrize("protocol", CHECKS)
@@ -20,16 +27,13 @@ def test_any_bytes_are_taken_for_what_they_are(protocol: str, script: bytes) -> 
 # What follows was found by these checks or by scripts/fuzz.
 
 
-@pytest.mark.parametrize(
-    ("protocol", "script"),
-    [
-        # A line longer than any real one counted or not, by the pieces in which it came.
-        ("dsp3000", "2603035f030303016edece013f03d901d6cd010197"),
-        ("dsp3000", "130398e6ad59f058e6923152ef6b5f33ded9cc79ea"),
-    ],
-)
-def test_what_was_once_taken_wrongly(protocol: str, script: str) -> None:
-    CHECKS[protocol](bytes.fromhex(script))
+def byte_by_byte(feed: Callable[[bytes], list[T]], stream: bytes) -> list[T]:
+    return [found for place in range(len(stream)) for found in feed(stream[place : place + 1])]
+
+
+def test_a_line_longer_than_any_is_none_in_one_piece_and_in_many() -> None:
+    stream = b"\n" + b" " * LONGEST_LINE + DSP3000_LINE
+    assert Dsp3000().feed(stream) == byte_by_byte(Dsp3000().feed, stream) == []
 
 
 def test_an_answer_with_noise_inside_is_none() -> None:
@@ -39,8 +43,7 @@ def test_an_answer_with_noise_inside_is_none() -> None:
 
 def test_an_answer_longer_than_any_counts_alike_in_one_piece_and_in_many() -> None:
     line = b"CONFIG,1" + b" " * 300 + b"\r\n"
-    stream = Stream()
-    assert Stream().feed(line) == [said for place in range(len(line)) for said in stream.feed(line[place : place + 1])]
+    assert Stream().feed(line) == byte_by_byte(Stream().feed, line)
 
 
 def test_a_version_without_an_end_is_none_even_with_a_right_checksum() -> None:
