@@ -34,6 +34,7 @@ MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHO
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
 LEFT_BY_LATE = 0.003  # of what a fixed delay explains may be left in the spread
 SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
+PERHAPS = 2.0  # standard deviations by which the share counted may be too small: that commands are lost is sure
 LESS = "It explains less than the effect named."
 MOST_SMALL = 3  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
@@ -144,7 +145,8 @@ def _of_chance(found: Search, late: list[Named], spread: Spread) -> tuple[Named,
         largest = Estimate(2.0 * mean, DOUBT_OF_JITTER * mean)
         return _chance(JITTER, largest, drop, rivals, late[0].before), without_jitter(found.study, spread, mean)
     share, std = share_lost(found.study, spread) if not late else (0.0, 0.0)
-    if worth_naming({LOSS: share}, {}, found.study.scene) and spread.drop > SURE_LOSS * found.inflation:
+    matters = worth_naming({LOSS: share + PERHAPS * std}, {}, found.study.scene)
+    if matters and spread.drop > SURE_LOSS * found.inflation:
         return _chance(LOSS, Estimate(share, std), spread.drop, (), found.final), without_loss(found.study, spread)
     return None
 
@@ -191,8 +193,8 @@ def _choose(
 ) -> tuple[Named | None, list[tuple[Tried, str]]]:
     """Return the best effect that holds, with its rivals, and why each of the others is not named.
 
-    An effect that is too small to be named comes first if it explains more than one that is to be named: that one may
-    be its shadow.
+    An effect that is too small to be named comes first if it explains more than one that is to be named, which may be
+    its shadow, or so much that others were not even tried.
     """
     others: list[tuple[Tried, str]] = []
     chosen: Tried | None = None
@@ -205,17 +207,25 @@ def _choose(
         else:
             others.append((tried, why))
     small = next((tried for tried, why in others if why == TOO_SMALL), None)
+    if chosen is None and small is not None and not _hides_others(small, inflation):
+        small = None
+    if small is not None:
+        others = [other for other in others if other[0] is not small]
+        others = [(chosen, LESS), *others] if chosen else others
+        chosen = small
     if chosen is None:
         return None, others
-    if small is not None:
-        others = [(chosen, LESS), *(other for other in others if other[0] is not small)]
-        chosen = small
     margin = max(ALIKE * inflation.of(chosen.effect.name), ALIKE_SHARE * chosen.drop)
     close = [tried for tried, _ in others if chosen.drop - tried.drop < margin]
     if small is None and not study.by_moments:
         return _named_by_courses(study, current, chosen, others, close)
     rivals = tuple(tried.effect.name for tried in close if not why_not(study, current, tried, inflation))
     return Named(chosen, rivals, current), others
+
+
+def _hides_others(small: Tried, inflation: Inflation) -> bool:
+    """Tell whether beside an effect too small to be named some that matter may not even have been promising."""
+    return PROMISING_SHARE * small.drop > THRESHOLD * inflation.all
 
 
 def _named_by_courses(
