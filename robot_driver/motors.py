@@ -24,6 +24,7 @@ T = TypeVar("T")
 SILENCE_LIMIT = 0.4  # s without any answer after which the device counts as gone, perhaps switched off
 HUSH = 0.1  # s without any answer after which the device may have been reset: look before it is driven on
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
+ARM_ATTEMPTS = 10  # of one without whose answer the motors may not turn until the next connection
 STOP_ATTEMPTS = 10  # of the last zero: 0.4 s at most, so that the process still ends within a second
 TELEMETRY_ATTEMPTS = 5  # in a row; a firmware does not answer what it does not know
 
@@ -95,8 +96,6 @@ class Motors(Device):
         self._insist(controller.identify(), stop)
         for request in controller.learn():
             self._insist(request, stop)
-        if not self._is_armed_still(controller, stop):
-            self._encoders.rebase()
         self._connection = _Connection(controller, controller.read_telemetry(), self._arm(controller, stop))
         self.problem = self._connection.unarmed
         self._gate.clear()
@@ -110,12 +109,7 @@ class Motors(Device):
         try:
             if time.monotonic() - self._last_answer > HUSH:
                 self._check_watchdog(self._connection)
-            applied, status = self._drive(self._connection)
-            if self._doubtful:
-                self._clear_line(self._connection)
-                applied, status = self._drive(self._connection)
-            self._read_encoders(self._connection, applied, status)
-            self._read_telemetry(self._connection)
+            self._serve(self._connection)
         except BadReply:
             self._recover()
         except CountersReset as reset:
@@ -147,23 +141,22 @@ class Motors(Device):
     def _is_armed_still(self, controller: Controller, stop: threading.Event) -> bool:
         """Tell whether the device has the watchdog it was given once: then it was not reset, and counts on.
 
-        A device whose watchdog is built in does not show whether it was reset.
+        A device whose watchdog is built in does not show whether it was reset. Raises PortLost.
         """
-        if not controller.set_watchdog(controller.watchdog_seconds).data:
-            return False
-        try:
-            return _is_set(controller, self._insist(controller.read_watchdog(), stop))
-        except PortLost:
-            return False
+        is_built_in = not controller.set_watchdog(controller.watchdog_seconds).data
+        return not is_built_in and _is_set(controller, self._insist(controller.read_watchdog(), stop, ARM_ATTEMPTS))
 
     def _arm(self, controller: Controller, stop: threading.Event) -> str:
         """Set the device's own watchdog and read it back; return why the motors must not turn, or ""."""
         try:
-            self._insist(controller.set_watchdog(controller.watchdog_seconds), stop)
-            seconds = self._insist(controller.read_watchdog(), stop)
+            if not self._is_armed_still(controller, stop):
+                self._encoders.rebase()
+            self._insist(controller.set_watchdog(controller.watchdog_seconds), stop, ARM_ATTEMPTS)
+            seconds = self._insist(controller.read_watchdog(), stop, ARM_ATTEMPTS)
         except PortLost as lost:
             if not self._answers(controller):
                 raise
+            self._encoders.rebase()
             return f"Not driving: the controller at {self._port.path} does not let its watchdog be set ({lost})."
         if _is_set(controller, seconds):
             return ""
@@ -172,6 +165,22 @@ class Motors(Device):
             f"{controller.watchdog_seconds:g} s but reads {seconds:g} s, so nothing would stop the motors if this "
             f"computer failed. Check its firmware."
         )
+
+    def _serve(self, connection: _Connection) -> None:
+        """Make the requests of one turn.
+
+        All acknowledgements look alike, so after a missing answer the next may be one that is late. A reading that was
+        not asked for lately can be told from all else: what was late has come before it, or spoils it.
+        """
+        applied, status = self._drive(connection)
+        was_doubtful = self._doubtful
+        if was_doubtful:
+            self._read_telemetry(connection)
+            self._doubtful = False
+            applied, status = self._drive(connection)
+        self._read_encoders(connection, applied, status)
+        if not was_doubtful:
+            self._read_telemetry(connection)
 
     def _drive(self, connection: _Connection) -> tuple[tuple[float, float], int]:
         """Send the duty in force; return what was acknowledged, left first, and the status that goes with it."""
@@ -188,15 +197,6 @@ class Motors(Device):
         acknowledged = self._ask(request).value
         self._ramp.confirm()
         return self._wiring.forward(*acknowledged), drive.status
-
-    def _clear_line(self, connection: _Connection) -> None:
-        """Have the device say something that can be told from all else it says.
-
-        All acknowledgements look alike, so after a lost one the next may be the one that is late. What was late has
-        come before this answer, or spoils it.
-        """
-        self._ask(connection.controller.read_encoders())
-        self._doubtful = False
 
     def _read_encoders(self, connection: _Connection, applied: tuple[float, float], status: int) -> None:
         answer = self._ask(connection.controller.read_encoders())
@@ -292,12 +292,12 @@ class Motors(Device):
             self.rhythm.round_trips.append(self._last_answer - asked)
         return answer
 
-    def _insist(self, request: Request[T], stop: threading.Event) -> T:
+    def _insist(self, request: Request[T], stop: threading.Event, attempts: int = ATTEMPTS) -> T:
         """Return the answer to a request, asking again when it fails.
 
         Raises PortLost when it fails every time, or when the process is ending.
         """
-        for _ in range(ATTEMPTS):
+        for _ in range(attempts):
             if stop.is_set():
                 raise PortLost("The process is ending.")
             try:

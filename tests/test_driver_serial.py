@@ -4,6 +4,7 @@ import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -112,11 +113,29 @@ def test_3_after_damage_it_is_back_in_step_and_publishes_only_what_is_true(tmp_p
     assert_all_true(run)
 
 
-def test_3_late_answers_are_taken_for_no_others(tmp_path: Path) -> None:
-    with bench(tmp_path, Faults(), rate_hz=200.0) as run:
-        run.line.faults = Faults(lose=0.1, delay_answer=0.2)
-        run.until_transactions(number("CMR_TRANSACTIONS_WITH_DELAYS", 300))
-        assert min(run.line.damaged["lose"], run.line.damaged["delay_answer"]) > 10
+def test_3_whatever_happens_to_a_line_nothing_untrue_is_published(tmp_path: Path) -> None:
+    afflictions = (
+        Faults(byte_gap=0.018),
+        Faults(lose=0.2, delay_answer=0.3),
+        Faults(silent=True),
+        Faults(byte_gap=0.025),
+        Faults(flip=0.05, drop=0.05, insert=0.05),
+        Faults(latency=0.025),
+        Faults(byte_gap=0.004, flip=0.1, delay_answer=0.3),
+        Faults(),
+    )
+    random = Random(number("CMR_SEED", 1))
+    with bench(tmp_path) as run:
+        for _ in range(number("CMR_ROUNDS_OF_AFFLICTIONS", 1)):
+            for run.line.faults in random.sample(afflictions, len(afflictions)):
+                duties, end = (
+                    (random.uniform(-1, 1), random.uniform(-1, 1)),
+                    time.monotonic() + random.uniform(0.1, 0.9),
+                )
+                while time.monotonic() < end:
+                    run.command(*duties)
+                    time.sleep(0.02)
+        assert run.motors.faults > 20
     assert_all_true(run)
 
 
