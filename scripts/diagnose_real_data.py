@@ -193,16 +193,6 @@ def husky_wet_grass(importer: Importer) -> Case:
     return case_of("Husky, wet grass", diagnosis, scores)
 
 
-def commanded_turns(case: Case, nominal: RobotParameters) -> float:
-    """Return the turn-rate limit [rad/s] as the controller counts that drives by the nominal geometry.
-
-    The model's limit is one of the turns that the robot makes on this ground.
-    """
-    found = RobotParameters.of({name: case.value(name) for name in ("wheel_radius", "base_width", "k1", "k2_over_k3")})
-    duty_of_turns = [one.k1 * one.base_width / one.wheel_radius for one in (found, nominal)]
-    return case.value("turn_rate_limit") * float(duty_of_turns[0] / duty_of_turns[1])
-
-
 def mbot(importer: Importer, rest: float = math.inf) -> Case:
     """PWM to wheel speed: all but the second half of the drive, on which it is scored.
 

@@ -8,11 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cmr.model.parameters import RobotParameters
 from scripts.diagnose_real_data import (
     Case,
     Score,
-    commanded_turns,
     husky_tile,
     husky_wet_grass,
     maebot,
@@ -20,8 +18,6 @@ from scripts.diagnose_real_data import (
     optiodom,
 )
 from scripts.score_real_data import DATA, Importer
-
-GEOMETRY = RobotParameters.of({"wheel_radius": 0.15875, "base_width": 0.5385, "k2_over_k3": 32.0, "k1": 0.125})
 
 
 @pytest.fixture
@@ -37,7 +33,7 @@ def score(case: Case, what: str) -> Score:
 
 def test_the_tracked_point_of_the_husky_is_found_ahead_of_its_turning_centre(importer: Importer) -> None:
     case, _ = husky_tile(importer, every=8)
-    assert case.names[:2] == ["pose_offset", "wheel_radius_asymmetry"]
+    assert case.names == ["pose_offset", "wheel_radius_asymmetry"]
     assert case.value("pose_offset") == pytest.approx(0.144, abs=0.01)
     assert case.value("wheel_radius_asymmetry") > 0.0
     assert score(case, "position after 2 s").gone > 0.6
@@ -46,7 +42,7 @@ def test_the_tracked_point_of_the_husky_is_found_ahead_of_its_turning_centre(imp
 def test_what_limits_and_delays_the_husky_on_wet_grass_is_found(importer: Importer) -> None:
     case = husky_wet_grass(importer)
     assert case.names[:2] == ["turn_rate_limit", "command_delay"]
-    assert commanded_turns(case, GEOMETRY) == pytest.approx(1.0, abs=0.03)
+    assert case.value("turn_rate_limit") == pytest.approx(1.0, abs=0.03)
     assert case.value("command_delay") == pytest.approx(0.2, abs=0.03)
     heading = score(case, "heading after 3 s")
     assert heading.gone > 0.5

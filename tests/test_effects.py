@@ -69,6 +69,11 @@ def test_every_entry_is_complete(effect: Effect) -> None:
     assert set(effect.confused_with) <= set(CATALOGUE) - {effect.name}
     names = [parameter.name for parameter in effect.parameters]
     assert names == [effect.name] or all(name.startswith(f"{effect.name}_") for name in names)
+    for parameter in effect.given:
+        assert parameter.meaning
+        assert parameter.unit
+        assert parameter.name.startswith(f"{effect.name}_")
+        assert not parameter.switches
     for parameter in effect.parameters:
         assert parameter.meaning
         assert parameter.unit
@@ -86,6 +91,15 @@ def test_every_cause_is_a_sentence_with_every_size_in_it(effect: Effect) -> None
     for parameter in effect.parameters:
         if parameter.switches:
             assert f"{{{parameter.name}:" in effect.cause
+
+
+def test_a_limit_of_commanded_turns_counts_by_the_width_that_commands_are_made_with() -> None:
+    """Wheels that are told to turn a body of 0.16 m at 1 rad/s are limited as such, however it turns on the ground."""
+    own = with_effects(ROBOT, {"turn_rate_limit": 1.0})
+    sliding = ROBOT._replace(base_width=2.0 * ROBOT.base_width)
+    told = with_effects(sliding, {"turn_rate_limit": 1.0, "turn_rate_limit_base_width": ROBOT.base_width})
+    assert np.array_equal(driven(told).psi_right, driven(own).psi_right)
+    assert not np.array_equal(driven(with_effects(sliding, {"turn_rate_limit": 1.0})).psi_right, driven(own).psi_right)
 
 
 def test_a_cause_names_the_direction() -> None:

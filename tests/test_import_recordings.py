@@ -285,6 +285,13 @@ def test_the_log_begins_with_the_nominal_parameters(tmp_path: Path) -> None:
     assert parse(message.yaml).provenance["log"] == "recording.csv"
 
 
+def test_a_command_of_the_body_tells_by_which_width_its_turns_are_counted(tmp_path: Path) -> None:
+    body = {"v": {"column": "v", "unit": "m/s"}, "omega": {"column": "w", "unit": "rad/s"}, "full_scale": 20.0}
+    recording = write_csv(tmp_path, "t,v,w\n0,0.1,0\n")
+    (message,) = run(tmp_path, CSV_HEAD | {"motor_command": body}, recording)["PARAMETERS_0"]
+    assert parse(message.yaml).value("turn_rate_limit_base_width") == NOMINAL["base_width"]
+
+
 def test_a_failed_import_leaves_the_old_log_and_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "run.lcm").write_text("the old one")
     recording = write_csv(tmp_path, "t,x,y,theta\n0,0,0,0\n")

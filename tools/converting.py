@@ -18,6 +18,7 @@ from cmr.tools.sources import MICROSECONDS, Source, Table
 Floats = NDArray[np.float64]
 
 SIDES = ("left", "right")
+COUNTED_WIDTH = "turn_rate_limit_base_width"  # what says so of a limit of the commanded turns
 DRIVE_TOLERANCE = 1e-6  # a duty of 1 that was stored as a 32-bit float may be a little more
 
 
@@ -48,10 +49,16 @@ def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[st
 
 
 def _parameters(mapping: Mapping, robot_id: int, utime: int, provenance: dict[str, Any]) -> Event:
-    """Return the nominal parameters, as old as the recording, so that whatever is calibrated later is newer."""
+    """Return the nominal parameters, as old as the recording, so that whatever is calibrated later is newer.
+
+    Where the body was commanded, they tell by which base width its turns became those of the wheels.
+    """
+    values = dict(mapping.nominal)
+    if mapping.command is not None and "omega" in mapping.command.signals:
+        values[COUNTED_WIDTH] = values["base_width"]
     parameter_file = ParameterFile(
         robot_id=robot_id,
-        values={name: Value(value) for name, value in mapping.nominal.items()},
+        values={name: Value(value) for name, value in values.items()},
         provenance=provenance,
         written=datetime.fromtimestamp(utime // 1_000_000, timezone.utc),
     )

@@ -236,7 +236,8 @@ def _parameters(found: Search, final: Fit, unknown: Sequence[str]) -> dict[str, 
     values = dict(final.values)
     for one in found.named:
         values.update({name: estimate.value for name, estimate in one.estimates.items()})
-    known = {name: value for name, value in values.items() if name not in unknown}
+    idle = {one.name for effect in CATALOGUE.values() if not effect.is_on(values) for one in effect.given}
+    known = {name: value for name, value in values.items() if name not in unknown and name not in idle}
     return {name: value for name, value in known.items() if name in PAPER or value != definition(name).neutral}
 
 

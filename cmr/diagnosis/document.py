@@ -72,7 +72,7 @@ def extended_file(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> Parame
     """
     estimates = diagnosis.extended.estimates if diagnosis.extended else {}
     effects = effects_on(diagnosis.parameters)
-    in_use = [*DEFINITIONS, *(parameter.name for effect in effects for parameter in effect.parameters)]
+    in_use = [*DEFINITIONS, *(parameter.name for effect in effects for parameter in effect.all_parameters)]
     values = {
         name: Value(float(diagnosis.parameters[name]), _finite(estimates[name].std) if name in estimates else None)
         for name in in_use

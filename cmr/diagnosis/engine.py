@@ -14,12 +14,14 @@ from cmr.diagnosis.prediction import Predictor, predictors
 from cmr.diagnosis.study import Fit, Study
 from cmr.diagnosis.thinning import share_used, thinned
 from cmr.manoeuvres import TYPICAL
+from cmr.model.catalogue import CATALOGUE
 from cmr.model.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.findings import Finding
 
 MOTOR = ("k2_over_k3", "k1")
 THINNED = "The drives are longer than the diagnosis needs: one of {every} readings of each sensor is used."
+GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")
@@ -86,8 +88,12 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
 
 
 def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
-    """Return where the fit begins, and what is to be fitted: what the recordings tell."""
-    start = _Start({"wheel_radius": nominal.value("wheel_radius")})
+    """Return where the fit begins, and what is to be fitted: what the recordings tell.
+
+    Under which circumstances effects act is told, like the wheel radius, which `nominal` must have.
+    """
+    told = ("wheel_radius", *GIVEN)
+    start = _Start({name: nominal.value(name) for name in told if nominal.has(name)})
     _add_width(start, ready, nominal)
     driven = [predictor for predictor in ready if not len(predictor.piece.heard.given)]
     if start.refused:

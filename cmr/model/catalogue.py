@@ -25,7 +25,7 @@ def catalogue_of(effects: tuple[Effect, ...]) -> dict[str, Effect]:
     Raises ValueError where two effects or parameters have the same name.
     """
     names = [effect.name for effect in effects]
-    numbers = [parameter.name for parameter in chain(paper.PARAMETER_DEFINITIONS, *(e.parameters for e in effects))]
+    numbers = [parameter.name for parameter in chain(paper.PARAMETER_DEFINITIONS, *(e.all_parameters for e in effects))]
     for taken in (names, numbers):
         twice = sorted({name for name in taken if taken.count(name) > 1})
         if twice:
@@ -37,7 +37,7 @@ def definitions_of(catalogue: Mapping[str, Effect]) -> dict[str, ParameterDefini
     """Return all parameters of the model by name, the paper's first."""
     return {
         parameter.name: parameter
-        for parameter in chain(paper.PARAMETER_DEFINITIONS, *(effect.parameters for effect in catalogue.values()))
+        for parameter in chain(paper.PARAMETER_DEFINITIONS, *(effect.all_parameters for effect in catalogue.values()))
     }
 
 

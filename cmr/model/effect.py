@@ -32,6 +32,8 @@ class Effect:
     `cause` is a sentence with `{parameter}` fields: `{gyro_bias:.3f}` prints the size, `{gyro_bias:high/low}` the word
     for its sign. `equations` maps stages to statements, see above. `needs` says which motion makes the effect show,
     `shows_in` where, and `confused_with` maps the names of other effects to the manoeuvre that tells them apart.
+    Parameters that are `given` say under which circumstances the effect acts: they are told, not found, and switch
+    nothing on.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Effect:
     shows_in: str
     confused_with: Mapping[str, str] = field(default_factory=dict)
     memory: tuple[Memory, ...] = ()
+    given: tuple[ParameterDefinition, ...] = ()
 
     def __post_init__(self) -> None:
         if self.group not in (*GROUPS, GENERIC):
@@ -50,9 +53,14 @@ class Effect:
         unknown = sorted(set(self.equations) - set(STAGES))
         if unknown:
             raise ValueError(f"effect {self.name}: unknown stages {', '.join(unknown)}; known: {', '.join(STAGES)}")
-        for parameter in self.parameters:
+        for parameter in self.all_parameters:
             if parameter.name != self.name and not parameter.name.startswith(f"{self.name}_"):
                 raise ValueError(f"effect {self.name}: parameter {parameter.name} must be called {self.name}_...")
+
+    @property
+    def all_parameters(self) -> tuple[ParameterDefinition, ...]:
+        """The parameters that are found, then those that are given."""
+        return (*self.parameters, *self.given)
 
     @property
     def is_sensor(self) -> bool:

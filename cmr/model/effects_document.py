@@ -60,7 +60,7 @@ def _entry(effect: Effect, shown: Showcase) -> str:
         "```\n",
         "| parameter | unit | meaning | neutral | typical | from | to |",
         "|---|---|---|---|---|---|---|",
-        *(_parameter(parameter) for parameter in effect.parameters),
+        *(_parameter(parameter) for parameter in effect.all_parameters),
         "",
     ]
     if effect.memory:

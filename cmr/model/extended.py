@@ -33,7 +33,7 @@ class ExtendedModel:
     def __init__(self, effects: Sequence[Effect]) -> None:
         self.effects = tuple(effect for effect in effects if not effect.is_sensor)
         self.late = [parameter for effect in late(self.effects) for parameter in effect.parameters]
-        others = [parameter for effect in self.effects for parameter in effect.parameters]
+        others = [parameter for effect in self.effects for parameter in effect.all_parameters]
         self.definitions = {parameter.name: parameter for parameter in (*PAPER.values(), *self.late, *others)}
         self.row = {name: index for index, name in enumerate(rows_of(self.effects, self.definitions))}
         self.module: Any = composed_module(compose(self.effects, self.definitions), composed_loops)

@@ -52,13 +52,27 @@ TURN_RATE_LIMIT = Effect(
     cause="Commanded turns are limited to {turn_rate_limit:.2f} rad/s.",
     equations={
         "command": """
-            turning = wheel_radius * (duty_right - duty_left) / (k1 * base_width)
+            counted_width = turn_rate_limit_base_width if turn_rate_limit_base_width > 0.0 else base_width
+            turning = wheel_radius * (duty_right - duty_left) / (k1 * counted_width)
             excess = turning - min(max(turning, -turn_rate_limit), turn_rate_limit)
-            duty_left = duty_left + excess * k1 * base_width / (2.0 * wheel_radius)
-            duty_right = duty_right - excess * k1 * base_width / (2.0 * wheel_radius)
+            duty_left = duty_left + excess * k1 * counted_width / (2.0 * wheel_radius)
+            duty_right = duty_right - excess * k1 * counted_width / (2.0 * wheel_radius)
         """
     },
     parameters=(ParameterDefinition("turn_rate_limit", "rad/s", "largest commanded yaw rate", 0.01, inf, inf, 1.0),),
+    # Whoever turns a body's speed and turn rate into those of wheels may count by another width than the ground does.
+    given=(
+        ParameterDefinition(
+            "turn_rate_limit_base_width",
+            "m",
+            "base width by which commands count turns; 0 stands for the robot's own",
+            0.0,
+            1e2,
+            0.0,
+            0.0,
+            switches=False,
+        ),
+    ),
     needs="commands for fast turns",
     shows_in="both wheel speeds while a fast turn is commanded",
     confused_with={"turn_slip": "spins at several rates"},

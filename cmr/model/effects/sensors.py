@@ -97,7 +97,7 @@ GYRO_DRIFT = Effect(
 GYRO_LATENCY = Effect(
     name="gyro_latency",
     group=GROUP,
-    cause="The gyro is {gyro_latency:.3f} s late.",
+    cause="The gyro is {gyro_latency:.3f} s {gyro_latency:late/early}.",
     equations={"gyro_time": "moment = moment - gyro_latency"},
     parameters=(ParameterDefinition("gyro_latency", "s", "age of a reading at its stamp", -0.5, 0.5, 0.0, 0.02),),
     needs="sudden turns",
@@ -122,7 +122,7 @@ CLOCK_SKEW = Effect(
 POSE_LATENCY = Effect(
     name="pose_latency",
     group=GROUP,
-    cause="Poses are {pose_latency:.3f} s older than their stamps say.",
+    cause="Poses are {pose_latency:.3f} s {pose_latency:older/younger} than their stamps say.",
     equations={"pose_time": "moment = moment - pose_latency"},
     parameters=(
         ParameterDefinition(
