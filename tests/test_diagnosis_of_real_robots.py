@@ -43,7 +43,9 @@ def test_what_limits_and_delays_the_husky_on_wet_grass_is_found(importer: Import
     case = husky_wet_grass(importer)
     assert case.names[:2] == ["turn_rate_limit", "command_delay"]
     assert case.value("turn_rate_limit") == pytest.approx(1.0, abs=0.03)
-    assert case.value("command_delay") == pytest.approx(0.2, abs=0.03)
+    delay = case.diagnosis.effects[1].estimates["command_delay"]
+    assert delay.value == pytest.approx(0.2, abs=0.03)
+    assert abs(delay.value - 0.2) < 1.96 * delay.std
     heading = score(case, "heading after 3 s")
     assert heading.gone > 0.5
     assert heading.after < 8.6

@@ -4,7 +4,8 @@ Wheels that a controller of their own drives, stick, or rattle make errors from 
 to do with what the model lacks. A model that never moves foretells the next reading best, and the robot worst. Here
 the wheels' speeds run freely from the commands on; gyro and pose follow the measured wheels. Errors are not made white
 by their past: each counts as much less as they last (effective sample size; Bayley and Hammersley, J. R. Stat. Soc.
-Suppl. 8, 1946).
+Suppl. 8, 1946). They also come in bursts, after commands; standard deviations allow for that by blocks of time (Liang
+and Zeger, Biometrika 73, 1986).
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,6 +28,7 @@ SMALLER = 2  # times a fit's start is tried nearer to none
 MOVING = 1e-3  # rad/s
 QUIET = 0.25  # s before and after a motion in which a gyro is not quiet
 PSI = [MOTION.index("psi_left"), MOTION.index("psi_right")]
+BURST = 3.0  # s; errors of one burst lie within a block, or two
 UNCORRELATED = 0.05  # correlation from which on errors no longer belong together
 
 
@@ -81,6 +83,16 @@ class CourseStudy(Study):
             for name in names
         }
 
+    def doubts(self, fit: Fit) -> dict[str, float]:
+        """Return what standard deviations lack because errors come in bursts, by name."""
+        blocks = [
+            np.stack([np.full(len(times), p.piece.recording), np.floor((times + p.piece.heard.time) / BURST)], axis=1)
+            for p in self.predictors
+            for times in p.times.values()
+        ]
+        lacking = np.diag(covariance_by_blocks(fit, np.concatenate(blocks)) - fit.covariance)
+        return dict(zip(fit.names, np.sqrt(np.maximum(lacking, 0.0)).tolist(), strict=True))
+
     def renewed(self, fit: Fit, noise: Noise) -> Fit:
         """Return the fit with another noise; the paper's model stays as it was found where the wheels turn."""
         if set(fit.names) <= set(PAPER):
@@ -103,6 +115,17 @@ class CourseStudy(Study):
         turning = self.part(np.concatenate([_turning(p, name) for p in self.predictors for name in p.times]))
         fit = turning.fit(values, names, self.found(self.errors(values)))
         return self.renewed(fit, self.found(self.errors(fit.values)))
+
+
+def covariance_by_blocks(fit: Fit, blocks: Floats) -> Floats:
+    """Return the covariance (p, p) of the free parameters where errors of one block may have one cause.
+
+    Rows of `blocks`, shape (n, k), say which block each error belongs to.
+    """
+    _, number = np.unique(blocks, axis=0, return_inverse=True)
+    scores = np.zeros((int(number.max()) + 1, len(fit.names)))
+    np.add.at(scores, number.ravel(), fit.slopes * fit.rest[:, None])
+    return np.asarray(fit.covariance @ (scores.T @ scores) @ fit.covariance, np.float64)
 
 
 def _of_rolling(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from cmr.diagnosis.candidates import locality, worth_naming
 from cmr.diagnosis.inflation import Inflation
 from cmr.diagnosis.judging import TOO_SMALL, Named, Tried, held_out_gain, needed, why_not
@@ -44,7 +46,8 @@ def finished(study: Study, named: Sequence[Named], current: Fit, inflation: Infl
         dropped.append((worst.tried, why))
         standing = [one for one in standing if one is not worst]
         final = worst.before
-    return Finished(standing, dropped, final, doubts)
+    both = {name: float(np.hypot(doubt, doubts.get(name, 0.0))) for name, doubt in study.doubts(final).items()}
+    return Finished(standing, dropped, final, {**doubts, **both})
 
 
 def _made_sure(study: Study, fit: Fit, one: Named) -> tuple[Fit, dict[str, float]]:

@@ -172,6 +172,10 @@ class Study:
             fit = self._fitted(fit.values, tuple(names), self.found(self.errors(fit.values)))
         return fit
 
+    def doubts(self, fit: Fit) -> dict[str, float]:
+        """Return what is to be added to standard deviations of a fit, by name: nothing where errors are white."""
+        return dict.fromkeys(fit.names, 0.0)
+
     def renewed(self, fit: Fit, noise: Noise) -> Fit:
         """Return the fit with another noise."""
         return self.fit(fit.values, fit.names, noise, renew=0)
