@@ -2,28 +2,47 @@
 
 Readings arrive late by what adapters and schedulers hold them back for, often several at once, but never early. So
 the true times lie on a straight line over the numbers of the readings, below all arrivals: the lower edge of their
-convex hull. The sensor's rate is its own; only a few per cent around the nominal one are believed.
+convex hull. The sensor's rate is its own, whatever it says; a few per cent around the nominal one are believed.
 """
 
 from collections import deque
 
 WINDOW = 30.0  # s of readings that a line is fitted to; over that time no quartz drifts noticeably
-RATE_TOLERANCE = 0.03  # share by which a sensor's rate may differ from its nominal one
+RATE_TOLERANCE = 0.05  # share by which a sensor's rate may differ from its nominal one
+RATE_KNOWN = 10.0  # s of readings after which the rate is known to a part in a thousand, whatever held them back
+OWN_PACE = 0.01  # share by which no sensor with a quartz differs from what it says
 LONGEST_GAP = 0.5  # s without a reading after which nothing is known about how many are missing
-SLIP_TEST = 50  # readings that must all be late by half a period before one counts as missing
+SLIP_BEFORE, SLIP_AFTER = 10, 5  # arrivals; a step of lateness between them that lasts shows that readings are missing
+SLIP_FROM = 1.0  # s of readings after which the rate is known well enough to see one
+SLIP = (
+    0.9  # of the step that is to be seen; adapters hold back, too, but the last of what then comes together is in time
+)
 
 Point = tuple[int, int]  # number of a reading, time (monotonic ns)
 
 
 class ClockFit:
-    """Maps the numbers of a sensor's readings to times; `nominal_rate` in Hz."""
+    """Maps the numbers of a sensor's readings to times; `nominal_rate` in Hz.
 
-    def __init__(self, nominal_rate: float) -> None:
+    `unnoticed` is how many readings, or a multiple of it, may be lost without being counted: 1 where nothing numbers
+    them, else after how many their numbers begin anew.
+    """
+
+    def __init__(self, nominal_rate: float, unnoticed: int = 1) -> None:
         self._nominal = 1e9 / nominal_rate  # ns
         self._hull: deque[Point] = deque()
-        self._lateness: deque[float] = deque(maxlen=SLIP_TEST)
+        self._step = unnoticed
+        self._arrivals: deque[Point] = deque(maxlen=SLIP_BEFORE + SLIP_AFTER)  # the last reading of each
         self._missing = 0
         self._newest = 0
+
+    @property
+    def pace(self) -> float:
+        """How many times as fast as it says the sensor sends readings; 1 unless it surely has a pace of its own."""
+        if not self._hull or self._hull[-1][1] - self._hull[0][1] < RATE_KNOWN * 1e9:
+            return 1.0
+        pace = self._nominal / self._slope()
+        return pace if abs(pace - 1.0) > OWN_PACE else 1.0
 
     def times_of(self, readings: list[Point]) -> list[int]:
         """Return when readings were taken that came together, as (number, time by which it was taken at the latest).
@@ -33,24 +52,38 @@ class ClockFit:
         if self._hull and readings[0][1] - self._newest > LONGEST_GAP * 1e9:
             self._begin_anew()
         self._newest = readings[-1][1]
-        for number, latest in readings:
-            self._add((number + self._missing, latest))
-            self._lateness.append(latest - self._line_at(number + self._missing))
-        if len(self._lateness) == SLIP_TEST and min(self._lateness) > 0.5 * self._nominal:
-            self._count_missing(*readings[-1])
+        points = [(number + self._missing, latest) for number, latest in readings]
+        for point in points:
+            self._add(point)
+        self._arrivals.append(points[-1])
+        self._count_missing()
         return [min(round(self._line_at(number + self._missing)), latest) for number, latest in readings]
 
-    def _count_missing(self, number: int, latest: int) -> None:
-        """Take it that readings were lost unnoticed, as all recent ones seem late by whole periods."""
-        while len(self._hull) > 1 and self._hull[-1][0] > number + self._missing - SLIP_TEST:
+    def _count_missing(self) -> None:
+        """See whether readings were lost unnoticed: then all that has come since is late by whole periods."""
+        newest, _ = self._arrivals[-1]
+        if (
+            len(self._arrivals) < SLIP_BEFORE + SLIP_AFTER
+            or newest - self._hull[0][0] < SLIP_FROM * 1e9 / self._nominal
+        ):
+            return
+        slope = self._slope()
+        lateness = [latest - slope * (number - newest) for number, latest in self._arrivals]
+        steps = (min(lateness[SLIP_BEFORE:]) - min(lateness[:SLIP_BEFORE])) / (self._step * slope)
+        if steps < SLIP:
+            return
+        missing = self._step * round(steps)
+        self._missing += missing
+        since = [self._arrivals.pop() for _ in range(SLIP_AFTER)][::-1]
+        while len(self._hull) > 1 and self._hull[-1][0] > self._arrivals[-1][0]:
             self._hull.pop()
-        self._missing += round(min(self._lateness) / self._nominal)
-        self._lateness.clear()
-        self._add((number + self._missing, latest))
+        for number, latest in since:
+            self._arrivals.append((number + missing, latest))
+            self._add(self._arrivals[-1])
 
     def _begin_anew(self) -> None:
         self._hull.clear()
-        self._lateness.clear()
+        self._arrivals.clear()
 
     def _add(self, point: Point) -> None:
         hull = self._hull

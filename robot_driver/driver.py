@@ -38,6 +38,7 @@ class Settings:
     controller: str = "roboclaw"
     gyro: str | None = None  # else the one on the controller's board, and on a port of its own a DSP-3000
     baud: int | None = None
+    gyro_baud: int | None = None  # of a gyro on a port of its own
     rate: float = 100.0
     ticks_per_turn: int = 2048
     wiring: Wiring = field(default_factory=Wiring)
@@ -165,7 +166,7 @@ def _gyro(settings: Settings, port: SerialPort) -> tuple[SerialPort, type[Gyro]]
     """Return where the gyro is read and what it is: on a port of its own, or overheard on the controller's."""
     if settings.gyro_port is not None:
         gyro_type = GYROS[settings.gyro or "dsp3000"]
-        return SerialPort(settings.gyro_port, gyro_type.baud_rate), gyro_type
+        return SerialPort(settings.gyro_port, settings.gyro_baud or gyro_type.baud_rate), gyro_type
     on_board = CONTROLLERS[settings.controller].gyro
     if on_board is not None and isinstance(port, StreamPort) and settings.gyro in (None, BOARD):
         return OverheardPort(port), on_board

@@ -80,7 +80,7 @@ class GyroDevice(Device):
         if not self._gyro.nominal_rate:
             self._clock_fit = None
         elif readings:
-            self._clock_fit = self._clock_fit or ClockFit(self._gyro.nominal_rate)
+            self._clock_fit = self._clock_fit or ClockFit(self._gyro.nominal_rate, self._gyro.unnoticed)
             latest = self._clock_fit.times_of(list(zip(numbers, latest, strict=True)))
         return [
             reading.measured if reading.measured and 0 <= arrived - reading.measured < LONGEST_DELAY else fitted
@@ -94,11 +94,12 @@ class GyroDevice(Device):
         return self._count
 
     def _message(self, reading: GyroReading, measured: int, arrived: int) -> Any:
+        pace = self._clock_fit.pace if reading.per_period and self._clock_fit else 1.0
         return make(
             gyro_t,
             utime=self._stamps.next(measured),
             robot_id=self._robot_id,
-            yaw_rate=self._sign * reading.yaw_rate,
+            yaw_rate=self._sign * pace * reading.yaw_rate,
             valid=int(reading.valid),
             received_utime=utime_at(arrived),
         )

@@ -79,6 +79,7 @@ def _settings(options: argparse.Namespace) -> Settings:
         controller=options.controller,
         gyro=options.gyro,
         baud=options.baud,
+        gyro_baud=options.gyro_baud,
         rate=options.rate,
         ticks_per_turn=options.ticks_per_turn,
         wiring=Wiring(options.swap, options.invert_left, options.invert_right),
@@ -99,6 +100,12 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     add("--controller", choices=sorted(CONTROLLERS), default="roboclaw", help="kind of motor controller")
     add("--gyro", choices=[BOARD, *sorted(GYROS)], help=f"kind; else {BOARD}, or dsp3000 if it has a port of its own")
     add("--baud", type=_positive, metavar="RATE", help="of the motor controller, if not what its kind has by default")
+    add(
+        "--gyro-baud",
+        type=_positive,
+        metavar="RATE",
+        help="of the gyro's own port, if not what its kind has by default",
+    )
     add("--rate", type=_positive_number, default=100.0, metavar="HZ", help="how often the motors are served")
     add("--acceleration", type=_positive_number, default=10.0, metavar="DUTY/S", help="how fast duty may grow")
     add("--deceleration", type=_positive_number, metavar="DUTY/S", help="how fast it may shrink; else twice that")
@@ -113,6 +120,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options = result.parse_args(arguments)
     if options.port is None and not options.list_devices:
         result.error("--port is needed: --list-devices shows which there are")
+    if options.gyro_baud and options.gyro_port is None:
+        result.error("--gyro-baud is for a gyro on a port of its own: --gyro-port")
     if options.gyro == BOARD and (options.gyro_port or CONTROLLERS[options.controller].gyro is None):
         result.error(f"--gyro {BOARD} is for a controller with a gyro on its board, on the port of the controller")
     try:

@@ -21,14 +21,17 @@ from robot_driver.clock_fit import ClockFit
 from robot_driver.emulator.dsp3000_device import INCREMENTAL_ANGLE, Dsp3000Device
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
+from robot_driver.emulator.kvh_binary_device import KvhBinaryDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros.dsp3000 import SETTLING, Dsp3000
+from robot_driver.gyros.kvh_binary import SEQUENCE, KvhBinary
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
 from tests.driver_bench import number, wait_for
+from tests.test_emulator_kvh_binary import RATE, kvh_settings
 
 LINE = b"       1.000000   1\r\n"
 WIRE_TIME = len(LINE) * 10 / 38400  # s
@@ -77,7 +80,7 @@ def test_14_bursts_of_five_lines_are_spread_over_the_time_in_which_they_were_mea
     assert all(before.utime < after.utime for before, after in pairwise(published))
 
 
-@pytest.mark.parametrize("rate", [97.5, 100.0, 102.5])
+@pytest.mark.parametrize("rate", [96.0, 97.5, 100.0, 102.5, 104.0])
 def test_14_the_gyros_own_rate_is_found_under_any_delay(rate: float) -> None:
     chance, fit, errors = random.Random(0), ClockFit(100.0), []
     for burst in range(1000):
@@ -86,6 +89,21 @@ def test_14_the_gyros_own_rate_is_found_under_any_delay(rate: float) -> None:
         errors += [fitted / 1e9 - line / rate for fitted, (line, _) in zip(fit.times_of(lines), lines, strict=True)]
     assert max(map(abs, errors[100:])) < 0.002
     assert max(map(abs, errors[2000:])) < 0.0005
+    assert fit.pace == (1.0 if rate == 100.0 else pytest.approx(rate / 100.0, rel=1e-3))
+
+
+@pytest.mark.parametrize("told", [5, 10, 25, 50, 100, 250, 500, 750, 1000, 3600, 5000])
+@pytest.mark.parametrize("pace", [0.962, 1.04])
+def test_14_a_gyro_that_is_four_per_cent_off_what_it_says_is_followed(told: int, pace: float) -> None:
+    true, frame = told * pace, 0.016 if told > 100 else 0.001  # s after which an adapter passes on what has come
+    chance, fit, errors, count = random.Random(0), ClockFit(told, SEQUENCE), list[float](), 0
+    while len(errors) < 4000:
+        moment = frame * math.ceil((count + 1) / true / frame) + chance.expovariate(1 / 0.0005)
+        numbers = range(count, max(math.floor(moment * true), count) + 1)
+        fitted = fit.times_of([(number, round(1e9 * moment)) for number in numbers])
+        errors += [time / 1e9 - number / true for time, number in zip(fitted, numbers, strict=True)]
+        count = numbers[-1] + 1
+    assert max(map(abs, errors[2000:])) < 0.002
 
 
 def test_14_after_readings_were_lost_unnoticed_or_a_pause_the_fit_finds_back() -> None:
@@ -98,6 +116,45 @@ def test_14_after_readings_were_lost_unnoticed_or_a_pause_the_fit_finds_back() -
         errors.append(abs(fitted / 1e9 - moment))
     assert max(errors[:700]) < 0.002
     assert max(errors[800:]) < 0.002
+
+
+def test_14_readings_lost_unnoticed_bend_stamps_by_no_more_than_the_lost_and_not_for_long() -> None:
+    chance, fit, errors, number = random.Random(0), ClockFit(100.0), [], 0
+    for taken in range(10_000):
+        if chance.random() < 0.01:
+            continue
+        (fitted,) = fit.times_of([(number, round(1e9 * (taken / 101.3 + chance.expovariate(1 / 0.0005))))])
+        errors.append(abs(fitted / 1e9 - taken / 101.3))
+        number += 1
+    assert sum(error > 0.002 for error in errors[100:]) < 0.1 * len(errors)
+    assert max(errors[100:]) < 0.035
+
+
+def test_14_damaged_lines_count_as_readings() -> None:
+    gyro = Dsp3000()
+    readings = gyro.feed(b"1   1\r\n" + LINE + b"       1.0x0000   1\r\n" + b"   1\r\n" + LINE + LINE)
+    assert [reading.lost_before for reading in readings] == [0, 2, 0]
+
+
+def test_a_gyro_that_tells_angles_and_is_faster_than_it_says_is_not_told_as_slower(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robot_driver.clock_fit.RATE_KNOWN", 1.0)
+    settings = kvh_settings(rate=250, clock_error=0.04)
+    plant = Plant(settings)
+    plant.command(-0.1, 0.1)
+    plant.left.velocity, plant.right.velocity = -0.1 / 0.054, 0.1 / 0.054  # it turns steadily
+    device = KvhBinaryDevice(settings, plant)
+    published: list[Any] = []
+    port = SerialPort(str(tmp_path / "gyro"), 4_000_000)
+    with (
+        Ports(tmp_path, ("gyro",)) as ports,
+        Engine(plant, {"gyro": device}, ports.terminals),
+        PortThread(port, GyroDevice(port, KvhBinary, robot_id=0, sign=1, publish=published.append)),
+    ):
+        wait_for(lambda: len(published) > 500)
+    assert published[-1].yaw_rate == pytest.approx(RATE, rel=0.005)
+    assert published[-1].utime - published[-251].utime == pytest.approx(1e6 / 1.04, rel=0.005)
 
 
 @given(st.lists(st.integers(-(10**9), 10**9), min_size=1, max_size=50))

@@ -43,6 +43,7 @@ class KvhBinaryDevice:
         }
         self.writes = 0
         self.byte_time = byte_time(own.baud)
+        self._pace = 1.0 + own.clock_error
         self._valid_from = time + own.start_up
         self._gyro = YawGyro(settings, plant)
         self._powered_up = False
@@ -50,10 +51,11 @@ class KvhBinaryDevice:
         self._line = b""
         self._sequence = 0
         self._invalid_messages = 0
-        self.wake_time = time + self._period
+        self.wake_time = time + self._period / self._pace
 
     @property
     def _period(self) -> float:
+        """What the device takes for the time between two messages (s)."""
         return 1.0 / int(self.kept["DR"])
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
@@ -69,8 +71,8 @@ class KvhBinaryDevice:
 
     def wake(self, time: float) -> list[Transmission]:
         """Sample, whether or not anything is to be sent; after power-up tell the result of the self-test first."""
-        self.wake_time += self._period
-        rate = self._gyro.rate(self._period)
+        self.wake_time += self._period / self._pace
+        rate = self._gyro.rate(self._period / self._pace) / self._pace
         if self._configuring or self.kept["MSYNC"] == "EXT":
             return []
         data = self._message(rate, valid=time >= self._valid_from and self._invalid_messages == 0)

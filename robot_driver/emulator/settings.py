@@ -105,9 +105,13 @@ class Dsp3000:
 
 @dataclass(frozen=True)
 class KvhBinary:
-    """The other gyro on its serial line: rate in Hz, start-up in s; angles in rad unless said otherwise."""
+    """The other gyro on its serial line: rate in Hz, start-up in s; angles in rad unless said otherwise.
+
+    `clock_error` is the share by which its clock is fast.
+    """
 
     rate: int
+    clock_error: float
     baud: int
     start_up: float
     sends_rate: bool
@@ -116,6 +120,7 @@ class KvhBinary:
     def __post_init__(self) -> None:
         allowed = (1, 5, 10, 25, 50, 100, 250, 500, 750, 1000, 3600, 5000)
         _require(self.rate in allowed, self, "rate", f"one of {', '.join(map(str, allowed))}")
+        _require(self.clock_error > -1, self, "clock_error", "greater than -1")
         _require(self.baud >= 0, self, "baud", "0 or more")
         _require(self.start_up >= 0, self, "start_up", "0 or more")
 

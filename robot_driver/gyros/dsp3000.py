@@ -6,6 +6,7 @@ upright sensor counts clockwise positive. Source: KVH 54-0215 Rev C, pages 7, 12
 
 import math
 import re
+from dataclasses import replace
 
 from robot_driver.gyros.gyro import Gyro, GyroReading
 
@@ -32,6 +33,7 @@ class Dsp3000(Gyro):
     def __init__(self) -> None:
         self._line = b""
         self._at_line_start = False  # what comes first is the rest of a line that began before we listened
+        self._damaged = 0  # lines since the last reading
         self._was_valid = False
         self._unsettled = 0
         self._request = b""
@@ -48,7 +50,8 @@ class Dsp3000(Gyro):
         remaining = len(rest) + sum(len(line) + 1 for line in complete)
         for line in complete:
             is_whole = self._at_line_start and len(line) <= LONGEST_LINE
-            reading = _reading(line + b"\n", remaining) if is_whole else None
+            reading = _reading(line + b"\n", remaining, self._damaged) if is_whole else None
+            self._damaged = 0 if reading is not None else self._damaged + self._at_line_start
             self._at_line_start = True
             remaining -= len(line) + 1
             if reading is not None:
@@ -73,17 +76,17 @@ class Dsp3000(Gyro):
         if self._unsettled in ASKING:
             self._request = self.wake_up
         self._unsettled -= 1
-        return GyroReading(math.nan, False, reading.bytes_since)
+        return replace(reading, yaw_rate=math.nan, valid=False)
 
 
-def _reading(line: bytes, bytes_since: int) -> GyroReading | None:
+def _reading(line: bytes, bytes_since: int, lost_before: int) -> GyroReading | None:
     """Return the reading in one line with its LF, None if it is not a line of this gyro."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
     if match[2] == b"0":
-        return GyroReading(math.nan, False, bytes_since)
+        return GyroReading(math.nan, False, bytes_since, lost_before=lost_before)
     rate = float(match[1])
     if abs(rate) > LARGEST_RATE:
         return None
-    return GyroReading(-math.radians(rate), True, bytes_since)
+    return GyroReading(-math.radians(rate), True, bytes_since, lost_before=lost_before)

@@ -12,6 +12,8 @@ class GyroReading:
     `bytes_since` is how many bytes of the stream had been received since the reading began: what the time stamp is
     computed from, unless the sensor's clock runs with ours and says when it `measured` (monotonic ns).
     `lost_before` is how many readings were sent just before this one but never came, where the protocol tells.
+    `per_period`: the device told the angle turned since its last message, so that the rate is right if messages come
+    as often as it says.
     """
 
     yaw_rate: float
@@ -19,6 +21,7 @@ class GyroReading:
     bytes_since: int = field(compare=False, default=0)
     measured: int | None = field(compare=False, default=None)
     lost_before: int = field(compare=False, default=0)
+    per_period: bool = field(compare=False, default=False)
 
 
 class Gyro(ABC):
@@ -26,12 +29,14 @@ class Gyro(ABC):
 
     A new object is made for each connection and after each silence, since the gyro may have been off. `problem` is a
     sentence on why what comes cannot be used as it is, or "". `nominal_rate` (Hz) is how often readings come by the
-    device's own clock, 0 where and while that is not known or not steady.
+    device's own account, 0 where and while that is not known or not steady. `unnoticed` is how many readings, or a
+    multiple of it, may be lost without `lost_before` telling.
     """
 
     baud_rate: int
     problem = ""
     nominal_rate = 0.0
+    unnoticed = 1
 
     @property
     @abstractmethod

@@ -31,10 +31,14 @@ class Unreadable(Exception):  # noqa: N818 - a device may be set to whatever its
 
 @dataclass(frozen=True)
 class Reading:
-    """How to read the messages: rad/s for one unit in the message, and the status bits that must be set."""
+    """How to read the messages: rad/s for one unit in the message, and the status bits that must be set.
+
+    `per_period` is as in GyroReading.
+    """
 
     scale: float
     vouching: int
+    per_period: bool
 
 
 class Interview:
@@ -76,6 +80,7 @@ class KvhBinary(Gyro):
     """A device whose axis `axis` points up."""
 
     baud_rate = 921600
+    unnoticed = SEQUENCE
     axis = Z
 
     def __init__(self) -> None:
@@ -125,7 +130,7 @@ class KvhBinary(Gyro):
             return
         self._interview, self._request = None, LEAVE_CONFIGURATION
         try:
-            self._reading = Reading(_scale(settings), _vouching(settings, self.axis))
+            self._reading = Reading(_scale(settings), _vouching(settings, self.axis), settings["ROTFMT"] == "DELTA")
             self.nominal_rate = float(settings["DR"]) if settings["MSYNC"] != "EXT" else 0.0
         except Unreadable as unreadable:
             self.problem = str(unreadable)
@@ -160,7 +165,8 @@ def _reading(sample: Sample, axis: int, how: Reading, lost_before: int) -> GyroR
     rate = sample.rotation[axis] * how.scale
     # Not valid either is NaN, which is never smaller than anything.
     valid = sample.status & how.vouching == how.vouching and abs(rate) <= LARGEST_RATE
-    return GyroReading(rate if valid else math.nan, valid, sample.bytes_since, lost_before=lost_before)
+    rate = rate if valid else math.nan
+    return GyroReading(rate, valid, sample.bytes_since, lost_before=lost_before, per_period=how.per_period)
 
 
 def _scale(settings: Mapping[str, str]) -> float:
