@@ -33,6 +33,7 @@ MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
 DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
 LEFT_BY_LATE = 0.003  # of what a fixed delay explains may be left in the spread
+LEFT_BY_CHANCE = 0.05  # of what chance explains may be left, because the times told for single commands are rough
 SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
 PERHAPS = 2.0  # standard deviations by which the share counted may be too small: that commands are lost is sure
 LESS = "It explains less than the effect named."
@@ -78,14 +79,16 @@ def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
     if chance is not None:
         by_chance, cleaned = chance
         say(f"Searching again without {by_chance.tried.effect.name} ...")
-        again = _search(cleaned, cleaned.fit(base.values, base.names, found.final.noise, renew=0), say)
+        clean_base = cleaned.fit(base.values, base.names, found.final.noise, renew=0)
+        again = _search(cleaned, clean_base, say, LEFT_BY_CHANCE * by_chance.tried.drop / THRESHOLD)
         found = replace(again, base=base, named=[by_chance, *again.named])
     coarse = _coarse(study, found)
     named = [*found.named, coarse] if coarse else found.named
     return replace(found, named=sorted(named, key=lambda one: -one.tried.drop))
 
 
-def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
+def _search(study: Study, base: Fit, say: Callable[[str], None], least_of_wheels: float = 1.0) -> Search:
+    """Search for what no chance is in; the inflation of what shows in the wheels is at least `least_of_wheels`."""
     current = base
     named: list[Named] = []
     others: list[tuple[Tried, str]] = []
@@ -96,6 +99,7 @@ def _search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         screening = screen(study, current.values, current.names, taken, current.noise if named else None)
         current = study.renewed(current, screening.noise)
         inflation = screening.inflation.at_least(COARSE_INFLATION if _tick(study) > COARSE else 1.0)
+        inflation = replace(inflation, all=max(inflation.all, least_of_wheels))
         inflation = inflation if study.by_moments else Inflation(COURSE_INFLATION)
         ranked = _fitted(study, current, screening)
         chosen, others = _choose(study, current, ranked, inflation)

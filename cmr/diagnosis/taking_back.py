@@ -9,7 +9,8 @@ from cmr.diagnosis.naming import Search
 from cmr.diagnosis.result import Gain
 from cmr.diagnosis.unexplained_extending import Extended
 
-WORSE, MUCH_WORSE = 0.95, 0.8  # a gain that is surely less than the first, or of any signal less than the second
+# A gain that is surely less than the first, or, unless it is surely one, of any signal less than the second.
+WORSE, MUCH_WORSE = 0.95, 0.8
 TAKEN_BACK = "Free runs stray farther with it on data that it was not fitted on."
 
 
@@ -26,6 +27,8 @@ def that_holds(whole: Extended, measure: Callable[[Extended], Measured]) -> tupl
 
 
 def _strays(gain: Gain) -> bool:
+    if gain.interval[0] > 1.0:
+        return False
     return gain.interval[1] < WORSE or any(ratio < MUCH_WORSE for ratio in gain.signals.values())
 
 

@@ -157,7 +157,7 @@ SURFACE_PATCH = Effect(
     parameters=(
         ParameterDefinition("surface_patch_friction", "rad/s^2", "friction inside", 0.0, 1e4, 0.0, 4.0),
         ParameterDefinition(
-            "surface_patch_base_width", "-", "share by which the base width grows inside", -0.9, 5.0, 0.0, 0.06
+            "surface_patch_base_width", "-", "share by which the base width grows inside", -0.9, 1.0, 0.0, 0.06
         ),
         ParameterDefinition("surface_patch_x", "m", "centre of the disc", -1e6, 1e6, 0.0, 1.0, switches=False),
         ParameterDefinition("surface_patch_y", "m", "centre of the disc", -1e6, 1e6, 0.0, 0.5, switches=False),
