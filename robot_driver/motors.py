@@ -12,7 +12,7 @@ from cmr.msg import motor_feedback_t
 from robot_driver.battery import BatteryGuard, Thresholds
 from robot_driver.clock import Stamps, utime_at
 from robot_driver.command_gate import CommandGate, Drive, Stop
-from robot_driver.controllers import BadReply, Controller, Request, Telemetry
+from robot_driver.controllers import BadReply, Controller, Request, Telemetry, conditions_of
 from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, WheelMotion, Wiring
 from robot_driver.port_thread import Device
 from robot_driver.ramp import Limits, Ramp
@@ -280,7 +280,7 @@ class Motors(Device):
         self._battery.take(connection.telemetry.get("battery_voltage", math.nan), time.monotonic())
         if self._battery.empty:
             self._gate.hold(Stop.BATTERY)
-        conditions = ", ".join(connection.telemetry.get("conditions", ()))
+        conditions = ", ".join(conditions_of(connection.telemetry))
         reported = f"The motor controller reports: {conditions}." if conditions else ""
         self.problem = " ".join(filter(None, (connection.unarmed, self._battery.sentence, reported)))
 

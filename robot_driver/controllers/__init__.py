@@ -3,7 +3,7 @@
 A new controller is one module with a subclass of `Controller` and one entry in `CONTROLLERS`.
 """
 
-from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
+from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry, conditions_of
 from robot_driver.controllers.mbot import MBot
 from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.controllers.roboclaw_pair import RoboClawPair
@@ -16,4 +16,4 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "roboteq": Roboteq,
 }
 
-__all__ = ["CONTROLLERS", "BadReply", "Controller", "Request", "Telemetry"]
+__all__ = ["CONTROLLERS", "BadReply", "Controller", "Request", "Telemetry", "conditions_of"]

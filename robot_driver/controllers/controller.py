@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypedDict, TypeVar
 
+from cmr.msg import motor_feedback_t
 from robot_driver.gyros.gyro import Gyro
 
 T = TypeVar("T")
@@ -22,6 +23,20 @@ class Telemetry(TypedDict, total=False):
     temperature: float  # deg C
     status: int  # sum of the STATUS constants of motor_feedback_t that the controller reports
     conditions: tuple[str, ...]  # what is wrong by the controller's own account, in words for a person; else ()
+
+
+WORDS = {
+    motor_feedback_t.STATUS_ESTOP: "its emergency stop is engaged",
+    motor_feedback_t.STATUS_TEMPERATURE: "it is too hot, or will be soon",
+    motor_feedback_t.STATUS_BATTERY: "the battery voltage is too high or too low, or will be soon",
+    motor_feedback_t.STATUS_MOTOR_FAULT: "a motor takes too much current, or its output has failed",
+}
+
+
+def conditions_of(telemetry: Telemetry) -> tuple[str, ...]:
+    """Return what is wrong by the controller's account: in its own words, else in those of its status bits."""
+    status = telemetry.get("status", 0)
+    return telemetry.get("conditions", ()) or tuple(words for bit, words in WORDS.items() if status & bit)
 
 
 @dataclass(frozen=True)
