@@ -78,9 +78,11 @@ class Driver:
             publish=lambda message: self._outgoing.put((MOTOR_FEEDBACK, message)),
         )
         self._threads = [PortThread(port, self._motors)]
+        self._gyro: GyroDevice | None = None
         gyro = _gyro(settings, port)
         if gyro is not None:
-            self._threads.append(self._gyro_thread(settings, *gyro))
+            self._gyro = self._gyro_device(settings, *gyro)
+            self._threads.append(PortThread(gyro[0], self._gyro))
         self._inside = ExitStack()
         self._use_parameters()
 
@@ -140,19 +142,21 @@ class Driver:
             )
         if self._motors.faults:
             remarks.append(f"Replies lost or damaged: {self._motors.faults}.")
+        if self._gyro is not None and any(self._gyro.counts.values()):
+            counts = ", ".join(f"{reason} {count}" for reason, count in sorted(self._gyro.counts.items()) if count)
+            remarks.append(f"Yaw rates missing: {counts}.")
         if self._motors.jumps:
             remarks.append(f"Encoder jumps not counted: {self._motors.jumps}.")
         return " ".join(remark for remark in remarks if remark)
 
-    def _gyro_thread(self, settings: Settings, port: SerialPort, gyro_type: type[Gyro]) -> PortThread:
-        device = GyroDevice(
+    def _gyro_device(self, settings: Settings, port: SerialPort, gyro_type: type[Gyro]) -> GyroDevice:
+        return GyroDevice(
             port,
             gyro_type,
             robot_id=settings.robot,
             sign=-1 if settings.invert_gyro else 1,
             publish=lambda message: self._outgoing.put((GYRO, message)),
         )
-        return PortThread(port, device)
 
     def _use_parameters(self) -> None:
         """Take over how fast the wheels can turn: 1/k1 at full duty, and twice that is not believed."""

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +16,7 @@ from robot_driver.serial_port import SerialPort
 
 SILENCE_LIMIT = 0.5  # s without a reading after which the gyro may have been off and needs to be woken up again
 LONGEST_READ = 0.05  # s
+INVALID_LIMIT = 1.0  # s without a valid reading, which is more than any gyro of ours takes to settle
 READ_SIZE = 4096  # bytes
 LONGEST_DELAY = 100_000_000  # ns; a sensor's clock that says a reading took longer to arrive has not been set
 
@@ -22,7 +24,8 @@ LONGEST_DELAY = 100_000_000  # ns; a sensor's clock that says a reading took lon
 class GyroDevice(Device):
     """Publishes a gyro_t for every reading; `sign` -1 is for a sensor mounted upside down.
 
-    `lost` counts the readings that the gyro sent and that never came, as far as its protocol tells.
+    `counts` tells of readings without a rate: lost ones, which the gyro sent and which never came or came damaged, as
+    far as its protocol shows; and those that it said were not valid, or that were not sure to be rates.
     """
 
     def __init__(
@@ -34,11 +37,16 @@ class GyroDevice(Device):
         self._robot_id = robot_id
         self._sign = sign
         self._publish = publish
-        self._last_reading = 0.0
-        self.lost = 0
+        self.counts: Counter[str] = Counter()
+        self._last_reading = self._last_valid = 0.0
         self._stamps = Stamps()
         self._clock_fit: ClockFit | None = None
         self._count = 0
+
+    @property
+    def lost(self) -> int:
+        """How many readings were lost."""
+        return self.counts["lost"]
 
     def connect(self, stop: threading.Event) -> None:  # noqa: ARG002 - nothing here takes long
         """Put the gyro into its mode."""
@@ -55,13 +63,27 @@ class GyroDevice(Device):
         if request := self._gyro.next_request():
             self._port.write(request)
         if readings:
-            self._last_reading, self.problem = time.monotonic(), ""
+            self._last_reading = time.monotonic()
+            self.problem = self._why_no_rate(readings)
         elif time.monotonic() - self._last_reading > SILENCE_LIMIT:
             self.problem = self._gyro.problem or (
                 f"The gyro at {self._port.path} sends no readings. Check its power, its cable and its baud rate "
                 f"({self._port.baud_rate})."
             )
             self._wake_up()
+
+    def _why_no_rate(self, readings: list[GyroReading]) -> str:
+        """Count those that are not valid; return why there has been no rate for a while, or ""."""
+        invalid = sum(not reading.valid for reading in readings)
+        self.counts["not valid"] += invalid
+        if invalid < len(readings):
+            self._last_valid = time.monotonic()
+        if time.monotonic() - self._last_valid < INVALID_LIMIT:
+            return ""
+        return (
+            f"The gyro at {self._port.path} says that its readings are not valid. Wait until it has started; if that "
+            f"does not help, switch it off and on, and see its manual."
+        )
 
     def leave(self) -> None:
         """Do nothing: a gyro moves nothing."""
@@ -71,7 +93,7 @@ class GyroDevice(Device):
         self._gyro = self._gyro_type()
         self._port.write(self._gyro.wake_up)
         self._clock_fit = None
-        self._last_reading = time.monotonic()
+        self._last_reading = self._last_valid = time.monotonic()
 
     def _measured(self, readings: list[GyroReading], arrived: int) -> list[int]:
         """Return when readings that came together were taken (monotonic ns), as well as can be known."""
@@ -89,7 +111,7 @@ class GyroDevice(Device):
 
     def _number(self, reading: GyroReading) -> int:
         """Return the number of a reading, the lost ones being counted too."""
-        self.lost += reading.lost_before
+        self.counts["lost"] += reading.lost_before
         self._count += reading.lost_before + 1
         return self._count
 

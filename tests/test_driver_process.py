@@ -12,10 +12,13 @@ import pytest
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND
 from cmr.msg import estop_t, motor_command_t
+from robot_driver import gyro_device
 from robot_driver.driver import Driver, Settings
+from robot_driver.emulator import roboclaw_device
 from robot_driver.encoders import FASTEST_WHEEL
 from robot_driver.main import main
 from robot_driver.serial_port import why_not_open
+from tests.driver_bench import bench, wait_for
 
 PARAMETER_FILE = """schema: 1
 robot_id: {robot_id}
@@ -83,6 +86,38 @@ def test_commands_that_were_not_taken_are_counted_by_reason(silent_port: str) ->
     assert driver.remarks() == "Commands not taken: not_finite 1, old 2, out_of_range 1."
 
 
+def test_gyro_readings_without_a_rate_are_counted_by_reason_and_explained(
+    silent_port: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gyro_device, "INVALID_LIMIT", 0.2)
+    master, slave = os.openpty()
+    tty.setraw(slave)
+
+    def said(valid: int) -> str:
+        os.write(master, b"       1.000000   %d\r\n" % valid)
+        time.sleep(0.01)
+        return driver.problems()
+
+    with Driver(Settings(port=silent_port, gyro_port=os.ttyname(slave))) as driver:
+        os.write(master, b"\n       1.0000x0   1\r\n")
+        wait_for(lambda: "readings are not valid" in said(0))
+        assert "Yaw rates missing: lost 1, not valid " in driver.remarks()
+        wait_for(lambda: "The gyro" not in said(1))
+    os.close(master)
+    os.close(slave)
+
+
+def test_what_the_controller_says_is_wrong_is_told_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with bench(tmp_path) as run:
+        assert run.thread.problem == ""
+        monkeypatch.setattr(roboclaw_device, "HEALTHY", 0x00010000)
+        wait_for(lambda: "controller reports: a motor takes too much current" in run.thread.problem)
+        monkeypatch.setattr(roboclaw_device, "HEALTHY", 0x00000001)
+        wait_for(lambda: "controller reports: its emergency stop is engaged." in run.thread.problem)
+        monkeypatch.setattr(roboclaw_device, "HEALTHY", 0)
+        wait_for(lambda: run.thread.problem == "")
+
+
 def test_estop_on_the_bus_reaches_the_motors(silent_port: str) -> None:
     driver = Driver(Settings(port=silent_port))
     now = now_utime()
@@ -101,7 +136,15 @@ def test_a_port_that_cannot_be_opened_is_explained() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [["--rate", "0"], ["--robot", "-1"], ["--baud", "x"], ["--deceleration", "1"], ["--ticks-per-turn", "0"]]
+    "wrong",
+    [
+        ["--rate", "0"],
+        ["--robot", "-1"],
+        ["--baud", "x"],
+        ["--deceleration", "1"],
+        ["--ticks-per-turn", "0"],
+        ["--gyro-baud", "9600"],
+    ],
 )
 def test_wrong_usage_exits_with_2(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
