@@ -57,6 +57,7 @@ class Dsp3000(Gyro):
             if reading is not None:
                 readings.append(self._settled(reading))
         if len(rest) > LONGEST_LINE:
+            self._damaged += self._at_line_start
             self._at_line_start, rest = False, b""
         self._line = rest
         return readings

@@ -56,5 +56,5 @@ def _line(script: Script) -> bytes:
     return b"%*.6f   %d" % (blanks % 80, millionths / 1e6, script.number(2)) + script.one_of(ENDS)
 
 
-def _without_arrival(reading: GyroReading) -> tuple[bool, float]:
-    return reading.valid, reading.yaw_rate
+def _without_arrival(reading: GyroReading) -> tuple[bool, float, int]:
+    return reading.valid, reading.yaw_rate, reading.lost_before
