@@ -12,7 +12,17 @@ from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.holding import alternatives, elsewhere, why_not_elsewhere
 from cmr.diagnosis.inflation import Inflation
 from cmr.diagnosis.judging import THRESHOLD, TOO_SMALL, Named, Tried, held_out_gain, needed, why_not
-from cmr.diagnosis.packets import JITTER, LOSS, Spread, share_lost, spread_of, without_jitter, without_loss
+from cmr.diagnosis.packets import (
+    JITTER,
+    LOSS,
+    Spread,
+    largest_delay,
+    period_of,
+    share_lost,
+    spread_of,
+    without_jitter,
+    without_loss,
+)
 from cmr.diagnosis.placing import placed
 from cmr.diagnosis.screening import Score, Screening, screen
 from cmr.diagnosis.study import Fit, Study
@@ -31,7 +41,7 @@ MOST_EFFECTS = 7  # with those that are too small to be named
 LATE = ("command_delay", "electrical_lag", "slew_limit")  # as which jitter shows as long as its spread is not looked at
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
 MAYBE_CHANCE = 10.0  # drop from which delays are told one by one; below THRESHOLD both names stand
-DOUBT_OF_JITTER = 0.06  # of the mean: how delays are spread, and which commands are overtaken, is not known
+DOUBT_OF_JITTER = 0.05  # of its size: how delays are spread is not known
 LEFT_BY_LATE = 0.003  # of what a fixed delay explains may be left in the spread
 LEFT_BY_CHANCE = 0.05  # of what chance explains may be left, because the times told for single commands are rough
 SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
@@ -146,7 +156,8 @@ def _of_chance(found: Search, late: list[Named], spread: Spread) -> tuple[Named,
         drop = spread.drop + of_late
         rivals = tuple(one.tried.effect.name for one in late) if spread.drop < THRESHOLD else ()
         # The mean of the delays is known better than their spread.
-        largest = Estimate(2.0 * mean, DOUBT_OF_JITTER * mean)
+        size = largest_delay(mean, period_of(found.study))
+        largest = Estimate(size, DOUBT_OF_JITTER * size)
         return _chance(JITTER, largest, drop, rivals, late[0].before), without_jitter(found.study, spread, mean)
     share, std = share_lost(found.study, spread) if not late else (0.0, 0.0)
     matters = worth_naming({LOSS: share + PERHAPS * std}, {}, found.study.scene)

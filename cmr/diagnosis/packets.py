@@ -25,6 +25,8 @@ LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tried
 SIDES = ("psi_left", "psi_right")
 TOLD = 40.0  # squared white errors that a lost command makes from which it is told by itself
 FEWEST_LOST = 3
+AGES = 200  # at which the age of the command in force is reckoned
+MOST_OVERTAKEN = 100.0  # times the seeming delay: no jitter is larger
 JITTER, LOSS = "command_jitter", "command_loss"
 
 
@@ -123,6 +125,30 @@ def share_lost(study: Study, spread: Spread) -> tuple[float, float]:
 def loss_of(share: float, period: float) -> tuple[float, float]:
     """Return mean [s] and variance of the delays when a share of commands comes one `period` [s] late."""
     return share * period, share * (1.0 - share) * period**2
+
+
+def largest_delay(mean: float, period: float) -> float:
+    """Return the largest of evenly spread delays [s] by which commands, one each `period` [s], seem `mean` [s] late.
+
+    Half of the largest, as long as it is shorter than the period; then newer commands overtake older ones.
+    """
+    from scipy.optimize import brentq
+
+    def missing(largest: float) -> float:
+        return _seeming_delay(largest, period) - mean
+
+    return float(brentq(missing, mean, MOST_OVERTAKEN * mean)) if missing(2.0 * mean) < 0.0 else 2.0 * mean
+
+
+def _seeming_delay(largest: float, period: float) -> float:
+    """Return by how much the command in force is older, in the mean, than if none were late: all newer ones are."""
+    age = (np.arange(AGES) + 0.5) / AGES * period  # of the newest command; others are whole periods older
+    late, older = np.clip(1.0 - age / largest, 0.0, 1.0), 0.0
+    while np.any(late > 0.0):
+        older += period * float(np.mean(late))
+        age = age + period
+        late = late * np.clip(1.0 - age / largest, 0.0, 1.0)
+    return older
 
 
 def without_jitter(study: Study, spread: Spread, mean: float) -> Study:

@@ -21,6 +21,7 @@ BEYOND = 1e4  # times as high above the valley as the lower quarter of a scan th
 ROUGH = 10.0  # scatter of the sum of squares about a parabola from which the ground is rough
 LOWER = 1.0  # than the fit: a scan that finds as much is followed
 STARTS = 2  # of new fits on rough ground
+MOMENTS, MOMENT_STEP, MOMENTS_APART = 64, 0.125, 0.6  # of the scan for when an effect begins; s between them; s
 NEAR = 0.25  # of the scan's reach: other starts lie farther from one another
 
 
@@ -28,6 +29,8 @@ def polished(study: Study, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[st
     """Return the best fit near a fit, and what roughness adds to the standard deviations of parameters `names`."""
     doubts = {}
     for name in names:
+        if is_moment(name):
+            fit = _at_the_best_moment(study, fit, name)
         offsets, squares = scan(study, fit, name)
         _, scatter = parabola(offsets, squares)
         if scatter > ROUGH or np.min(squares) < fit.squares - LOWER:
@@ -36,6 +39,24 @@ def polished(study: Study, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[st
             offsets, squares = scan(study, fit, name)
         doubts[name] = parabola(offsets, squares)[0]
     return fit, doubts
+
+
+def is_moment(name: str) -> bool:
+    """Tell whether a parameter is when an effect begins [s]."""
+    known = definition(name)
+    return known.unit == "s" and not known.switches
+
+
+def _at_the_best_moment(study: Study, fit: Fit, name: str) -> Fit:
+    """Return the best fit near a fit with an effect that begins earlier or later.
+
+    What a few steps of the drive say of the moment outweighs all the rest of it only there: no slope leads to it.
+    """
+    offsets = np.linspace(-0.5, 0.5, MOMENTS + 1) * MOMENTS * MOMENT_STEP
+    moments = [moved(fit.values, [name], offsets[index : index + 1]) for index in range(len(offsets))]
+    squares = study.squares(moments, fit.noise)
+    found = [study.refitted(fit, moments[index]) for index in _apart(offsets, squares, MOMENTS_APART)]
+    return min([fit, *found], key=_squares)
 
 
 def _squares(fit: Fit) -> float:
@@ -82,8 +103,13 @@ def parabola(offsets: Floats, squares: Floats) -> tuple[float, float]:
 
 def _starts(fit: Fit, name: str, offsets: Floats, squares: Floats) -> list[dict[str, float]]:
     """Return the best values of a scan that lie apart from each other."""
-    chosen: list[float] = []
+    return [along(fit, name, float(offsets[index])) for index in _apart(offsets, squares, NEAR * float(offsets[-1]))]
+
+
+def _apart(offsets: Floats, squares: Floats, distance: float) -> list[int]:
+    """Return the indices of the STARTS best points of a scan that lie farther apart than this."""
+    chosen: list[int] = []
     for index in np.argsort(squares):
-        if all(abs(offsets[index] - other) > NEAR * offsets[-1] for other in chosen):
-            chosen.append(float(offsets[index]))
-    return [along(fit, name, offset) for offset in chosen[:STARTS]]
+        if all(abs(offsets[index] - offsets[other]) > distance for other in chosen):
+            chosen.append(int(index))
+    return chosen[:STARTS]
