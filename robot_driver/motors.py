@@ -186,6 +186,8 @@ class Motors(Device):
         """Send the duty in force; return what was acknowledged, left first, and the status that goes with it."""
         now = time.monotonic()
         drive = self._gate.drive(now)
+        if connection.controller.objection:
+            connection.unarmed = self.problem = connection.controller.objection
         if connection.unarmed:
             drive = Drive(0.0, 0.0, drive.status | motor_feedback_t.STATUS_NOT_ARMED)
         if drive.status:  # no way to lose on a ramp: what must stop, stops

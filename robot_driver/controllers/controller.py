@@ -68,7 +68,8 @@ class Controller(ABC):
     are in the controller's own order and sign; which is left is the driver's business. `link` names, for a person, what
     the device must be set to so that it answers. `watchdog_seconds` is after what silence of ours it is to stop the
     motors by itself. `streams`: the device talks all the time, asked or not. `gyro` is the gyro on the same board; it
-    overhears all that comes.
+    overhears all that comes. `objection` is a sentence on why the device must not be driven, as soon as what it says
+    shows that; else "".
     """
 
     default_baud_rate: int
@@ -76,6 +77,7 @@ class Controller(ABC):
     watchdog_seconds = 0.5
     streams = False
     gyro: type[Gyro] | None = None
+    objection = ""
 
     @abstractmethod
     def identify(self) -> Request[str]:
