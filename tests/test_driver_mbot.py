@@ -126,6 +126,24 @@ def test_it_never_drives_when_the_board_has_no_watchdog(tmp_path: Path) -> None:
     assert {duty for _, duty in device.drives} == {(0.0, 0.0)}
 
 
+def test_a_board_that_takes_duties_for_velocities_is_refused_at_the_first_of_them(tmp_path: Path) -> None:
+    with board(tmp_path, takes_velocities=True) as device, Driver(settings(tmp_path)) as driver:
+        client = Client(driver)
+        client.until(lambda: "takes them for velocities" in driver.problems())
+        count = len(device.drives)
+        client.more(50)
+        assert driver.problems().startswith("Not driving: the board drives with other duties")
+    assert max(abs(duty) for _, duties in device.drives for duty in duties) < 0.02
+    assert {duty for _, duty in device.drives[count + 50 :]} == {(0.0, 0.0)}
+    assert client.feedback[-1].status & motor_feedback_t.STATUS_NOT_ARMED
+
+
+def test_a_board_whose_topics_have_other_numbers_is_refused(tmp_path: Path) -> None:
+    with board(tmp_path, topics_from=1000) as device, Driver(settings(tmp_path)) as driver:
+        Client(driver).until(lambda: "It says only topics 1210, 1220" in driver.problems())
+    assert {duty for _, duty in device.drives} == {(0.0, 0.0)}
+
+
 def test_a_board_that_talks_25_times_a_second_is_waited_for(tmp_path: Path) -> None:
     with board(tmp_path, rate=25.0) as device, Driver(settings(tmp_path)) as driver:
         client = Client(driver)

@@ -80,7 +80,8 @@ class MBotDevice:
             self._told_time, self._is_told_time = time, True
         elif topic == MOTOR_PWM_CMD:
             _, left, right, _ = struct.unpack("<q3f", payload)
-            self._commanded = (left, right)
+            scale = self._settings.robot.k1 if self._settings.mbot.takes_velocities else 1.0
+            self._commanded = (scale * left, scale * right)
 
     def _clock(self, time: float) -> int:
         return round(time * 1e6) + self._clock_offset
@@ -102,12 +103,12 @@ class MBotDevice:
         return b"".join(
             (
                 self._encoders(utime),
-                frame(ODOMETRY, struct.pack("<q3f", utime, self._plant.x, self._plant.y, self._plant.theta)),
-                frame(IMU, struct.pack("<q17f", utime, *imu)),
-                frame(ANALOG_IN, struct.pack("<q4h4f", utime, 0, 0, 0, raw, 0.0, 0.0, 0.0, battery)),
-                frame(VEL, struct.pack("<q3f", utime, forward, 0.0, turning)),
-                frame(MOTOR_VEL, struct.pack("<q3f", utime, *wheels, 0.0)),
-                frame(MOTOR_PWM, struct.pack("<q3f", utime, *self.duty, 0.0)),
+                self._frame(ODOMETRY, struct.pack("<q3f", utime, self._plant.x, self._plant.y, self._plant.theta)),
+                self._frame(IMU, struct.pack("<q17f", utime, *imu)),
+                self._frame(ANALOG_IN, struct.pack("<q4h4f", utime, 0, 0, 0, raw, 0.0, 0.0, 0.0, battery)),
+                self._frame(VEL, struct.pack("<q3f", utime, forward, 0.0, turning)),
+                self._frame(MOTOR_VEL, struct.pack("<q3f", utime, *wheels, 0.0)),
+                self._frame(MOTOR_PWM, struct.pack("<q3f", utime, *self.duty, 0.0)),
             )
         )
 
@@ -117,7 +118,10 @@ class MBotDevice:
         steps = (counts[0] - self._counts[0], counts[1] - self._counts[1])
         elapsed = min(utime - self._last_utime, LONGEST_STEP)
         self._counts, self._last_utime = counts, utime
-        return frame(ENCODERS, struct.pack("<q3q3ii", utime, *counts, 0, *steps, 0, elapsed))
+        return self._frame(ENCODERS, struct.pack("<q3q3ii", utime, *counts, 0, *steps, 0, elapsed))
+
+    def _frame(self, topic: int, payload: bytes) -> bytes:
+        return frame(topic + self._settings.mbot.topics_from, payload)
 
 
 def frame(topic: int, payload: bytes) -> bytes:

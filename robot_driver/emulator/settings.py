@@ -79,14 +79,20 @@ class Roboteq:
 
 @dataclass(frozen=True)
 class Mbot:
-    """The board with wheels and gyro on one port: turns of its loop in Hz, watchdog in s."""
+    """The board with wheels and gyro on one port: turns of its loop in Hz, watchdog in s.
+
+    `topics_from` is added to the numbers of all topics that it says.
+    """
 
     rate: float
     watchdog: float
     ignores_watchdog: bool
+    takes_velocities: bool
+    topics_from: int
 
     def __post_init__(self) -> None:
         _require_positive(self, "rate", "watchdog")
+        _require(0 <= self.topics_from <= 60000, self, "topics_from", "0 to 60000")
 
 
 @dataclass(frozen=True)

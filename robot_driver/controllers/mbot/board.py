@@ -4,13 +4,14 @@ Without the time (TIMESYNC) it stops the motors after 1 s and falls silent; told
 last duties it was told. So the time is only told together with duties, and after them. It is the time of our monotonic
 clock, in which the board then stamps all it says, late by what the telling took: 1 ms on USB. Each telling sets that
 clock anew, so it is not done more often than needed. Sources: mbot-project/mbot_firmware, src/mbot_classic.c and
-src/mbot_comms.c. Some versions of it take MOTOR_PWM_CMD for velocities: these confirm no duty but zero, so the
-driver stops and says that they do not answer.
+src/mbot_comms.c. Some versions of it take MOTOR_PWM_CMD for velocities. That cannot be seen as long as everything is
+zero; at the first duty the board says another than it was told, and is driven no further.
 """
 
 import math
 import struct
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -25,6 +26,8 @@ WATCHDOG = 1.0  # s; built in
 TIME_TELLING = 250_000  # us
 WATCHDOG_IGNORED = 1.5  # s of talking after which there is no watchdog
 BATTERY = 7  # index in ANALOG_IN of the battery's voltage, behind four raw values and three other voltages
+REMEMBERED = 100  # duties last told, of which one may be in force; the others are older than any watchdog allows
+UNTOLD = 5  # times in a row that a board says duties it was never told, after which its firmware is another
 EVERYTHING = 4096  # bytes; whatever has come
 DUTIES, MOMENT = struct.Struct("<q3f"), struct.Struct("<q")
 
@@ -42,6 +45,8 @@ class MBot(Controller):
         self._reader = FrameReader()
         self._latest: dict[Topic, Frame] = {}
         self._watchdog: float | None = None
+        self._duties: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # told, as the board has them
+        self._untold = 0
         self._told_duties = 0  # us, our monotonic clock
         self._told_time = -TIME_TELLING  # us
 
@@ -124,10 +129,31 @@ class MBot(Controller):
         """Return what sets the board's own duties, and its clock where that is due; and the duties as rounded."""
         now = time.monotonic_ns() // 1000
         payload = DUTIES.pack(now, left, right, 0.0)
+        in_wire = DUTIES.unpack(payload)[1:3]
+        self._duties.append(in_wire)
         data, self._told_duties = packed(Topic.MOTOR_PWM_COMMAND, payload), now
         if time_too or now - self._told_time >= TIME_TELLING:
             data, self._told_time = data + packed(Topic.TIMESYNC, MOMENT.pack(now)), now
-        return data, DUTIES.unpack(payload)[1:3]
+        return data, in_wire
+
+    def _doubt(self, frame: Frame) -> None:
+        """Object to being driven when the board says duties again and again that it was never told."""
+        if frame.topic is not Topic.MOTOR_PWM or frame.utime < self._told_duties:
+            return
+        duties = frame.values[:2]
+        self._untold = 0 if duties == (0.0, 0.0) or duties in self._duties else self._untold + 1
+        if self._untold >= UNTOLD and self._watchdog is not None:
+            self.objection = (
+                "Not driving: the board drives with other duties than it is told, so its firmware takes them for "
+                "velocities or numbers its topics otherwise. Install the firmware that README names, then restart."
+            )
+
+    def _foreign(self) -> str:
+        """Return what to add where nothing that is known has come; begins with a blank, or is ""."""
+        topics = ", ".join(map(str, sorted(self._reader.foreign)))
+        if self._latest or not topics:
+            return ""
+        return f" It says only topics {topics}, so its firmware is another: install the one that README names."
 
     def _fresh(self, topic: Topic) -> Frame | None:
         """Return the latest frame of a topic if it was said after the board was last told duties."""
@@ -143,7 +169,7 @@ class MBot(Controller):
         def parse(_reply: bytes) -> T:
             found = find()
             if found is None:
-                raise BadReply(f"The board did not say its {name}.")
+                raise BadReply(f"The board did not say its {name} in time.{self._foreign()}")
             return found
 
         return Request(name, data, 0, self._missing_until(lambda: find() is not None), parse, measured=measured)
@@ -157,6 +183,7 @@ class MBot(Controller):
             seen = min(seen, len(reply))  # a request may be made again
             for frame in self._reader.feed(reply[seen:]):
                 self._latest[frame.topic] = frame
+                self._doubt(frame)
             seen = len(reply)
             return 0 if ready() else EVERYTHING
 

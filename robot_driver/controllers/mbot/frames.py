@@ -14,6 +14,7 @@ from robot_driver.controllers.mbot.clock import SteadyClock
 START = b"\xff\xfe"
 HEADER_BYTES = 7  # start, length, check, topic
 OVERHEAD_BYTES = HEADER_BYTES + 1
+MOST_FOREIGN = 10  # topics
 
 
 class Topic(IntEnum):
@@ -67,12 +68,13 @@ class FrameReader:
 
     A sum of 8 bits misses much: a payload that lost a byte FF, and borrows that of the next frame, has the right sum.
     So a frame is believed only when the next one begins right behind it, and after a wrong one the search goes on
-    inside it: whatever was damaged costs itself and the frame before it.
+    inside it: whatever was damaged costs itself and the frame before it. `foreign` holds topics that are not known.
     """
 
     def __init__(self) -> None:
         self._data = b""
         self._clock = SteadyClock()
+        self.foreign: set[int] = set()
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take the next bytes; return the frames that can now be believed."""
@@ -87,10 +89,20 @@ class FrameReader:
                 frames.append(self._frame(start))
                 position = end
             else:
+                self._note_foreign(start)
                 position = start + len(START)
         # Where nothing begins, the last byte may still be the first half of a start.
         self._data = self._data[start if start >= 0 else max(len(self._data) - 1, position) :]
         return frames
+
+    def _note_foreign(self, start: int) -> None:
+        """Note the topic of what is a whole frame by both its sums, but is none of those known."""
+        header = self._data[start : start + HEADER_BYTES]
+        length, check, topic = struct.unpack_from("<HBH", header, len(START))
+        end = start + HEADER_BYTES + length + 1
+        is_frame = length and end <= len(self._data) and _check(header[2:4])[0] == check
+        if is_frame and _is_sound(self._data, start, end) and topic not in LAYOUTS and len(self.foreign) < MOST_FOREIGN:
+            self.foreign.add(topic)
 
     def _frame(self, start: int) -> Frame:
         (topic,) = struct.unpack_from("<H", self._data, start + 5)
