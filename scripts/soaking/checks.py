@@ -22,6 +22,7 @@ RECOVERY = 2_500_000  # us after a fault is over: pauses between attempts of up 
 RECONNECTED = 100_000  # us; after a shorter gap the driver cannot have connected anew
 TOLD_WITHIN = 500_000  # us from a device's answer to the message that tells it
 TELEMETRY_AGE = 5 * SECOND
+LONG_WAIT = 10_000  # us for a processor, within one sample
 CLOCKS = 5_000  # us by which a message may seem earlier than what it tells
 KEPT = 30 * SECOND  # of the robot's account
 STOP_WITHIN = 500_000 + CYCLE  # us, from a stop or from the last command to zero duty
@@ -137,8 +138,9 @@ class Gaps:
     def _explain(self, begin: int, end: int) -> None:
         gap = end - begin
         damages = sum(self._of_line("damage", begin - CYCLE, end))
-        held_up = sum(late + self._lost_by_damage for late in self._of_line("late", begin - CYCLE, end))
-        waited = self._waits.between(begin, end) + held_up
+        lates = self._of_line("late", begin - CYCLE, end)
+        losses = len(lates) + self._waits.long_ones(begin, end)  # of what was answered, or heard, too late
+        waited = self._waits.between(begin, end) + sum(lates) + losses * self._lost_by_damage
         near = [window for window in (*self.windows, *self.others) if window.begin <= end and begin <= window.end]
         if any(window.begin <= begin + LARGEST_GAP and end <= window.end for window in self.windows):
             why = "a fault"
@@ -180,11 +182,16 @@ class Waits:
 
     def between(self, begin: int, end: int) -> int:
         """Return how long they waited (us); what cannot be told apart is counted in."""
-        if not self._times:
-            return 0
+        return sum(self._each(begin, end))
+
+    def long_ones(self, begin: int, end: int) -> int:
+        """Return how often they waited for so long that an answer may have come too late."""
+        return sum(wait > LONG_WAIT for wait in self._each(begin, end))
+
+    def _each(self, begin: int, end: int) -> list[int]:
         first = max(bisect.bisect_right(self._times, begin) - 1, 0)
         last = min(bisect.bisect_left(self._times, end), len(self._times) - 1)
-        return self._totals[last] - self._totals[first]
+        return [self._totals[index + 1] - self._totals[index] for index in range(first, last)]
 
 
 class MotorChecks:
