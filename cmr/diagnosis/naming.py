@@ -93,7 +93,7 @@ def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         again = _search(cleaned, clean_base, say, LEFT_BY_CHANCE * by_chance.tried.drop / THRESHOLD)
         found = replace(again, base=base, named=[by_chance, *again.named])
     coarse = _coarse(study, found)
-    named = [*found.named, coarse] if coarse else found.named
+    named = [*(_perhaps_jitter(one, found, None) for one in found.named), coarse] if coarse else found.named
     return replace(found, named=sorted(named, key=lambda one: -one.tried.drop))
 
 
@@ -134,12 +134,15 @@ def _unseen(screening: Screening) -> tuple[str, ...]:
     )
 
 
-def _perhaps_jitter(one: Named, found: Search, jitter: Spread) -> Named:
-    """Return a delay with jitter among its rivals, unless the spread of what follows commands speaks against it."""
+def _perhaps_jitter(one: Named, found: Search, jitter: Spread | None) -> Named:
+    """Return a delay with jitter among its rivals, unless the spread of what follows commands speaks against it.
+
+    `jitter` is None where ticks are too coarse for single commands to be told.
+    """
     if one.tried.effect.name not in MEANS:
         return one
     mean = sum(found.final.values[parameter.name] for parameter in one.tried.effect.parameters)
-    excluded = jitter.drop_at(2.0 * mean) < -ALIKE * found.inflation
+    excluded = jitter is not None and jitter.drop_at(2.0 * mean) < -ALIKE * found.inflation
     return one if excluded else replace(one, rivals=(*one.rivals, JITTER))
 
 
