@@ -17,7 +17,8 @@ from soaking.robot import FULL_DUTY, Record
 SECOND = 1_000_000  # us
 CYCLE = 20_000  # us; at 50 Hz
 LARGEST_GAP = 5 * CYCLE  # between two messages, when nothing fails but single packets
-LOST_BY_DAMAGE = 2  # periods: a damage costs its own transaction or reading, and at most the next
+LOST_BY_DAMAGE = 2  # turns: a damage costs its own transaction or reading, and at most the next
+SLOWING = {("motor", "latency"): 50_000, ("motor", "pieces"): 50_000}  # us that a turn takes while that lasts
 RECOVERY = 2_500_000  # us after a fault is over: pauses between attempts of up to 1 s, and two attempts to connect
 RECONNECTED = 100_000  # us; after a shorter gap the driver cannot have connected anew
 TOLD_WITHIN = 500_000  # us from a device's answer to the message that tells it
@@ -115,7 +116,7 @@ class Gaps:
         self.windows: list[Window] = []
         self.others: list[Window] = []  # faults that do not explain a gap, but may help a person to
         self.last = 0
-        self._lost_by_damage = LOST_BY_DAMAGE * period
+        self._period = period
         self._stream = stream
         self._line = line
         self._account = account
@@ -138,15 +139,16 @@ class Gaps:
     def _explain(self, begin: int, end: int) -> None:
         gap = end - begin
         damages = sum(self._of_line("damage", begin - CYCLE, end))
+        near = [window for window in (*self.windows, *self.others) if window.begin <= end and begin <= window.end]
+        turn = max([self._period, *(SLOWING.get((self._line, window.name), 0) for window in near)])
         lates = self._of_line("late", begin - CYCLE, end)
         losses = len(lates) + self._waits.long_ones(begin, end)  # of what was answered, or heard, too late
-        waited = self._waits.between(begin, end) + sum(lates) + losses * self._lost_by_damage
-        near = [window for window in (*self.windows, *self.others) if window.begin <= end and begin <= window.end]
+        waited = self._waits.between(begin, end) + sum(lates) + losses * LOST_BY_DAMAGE * turn
         if any(window.begin <= begin + LARGEST_GAP and end <= window.end for window in self.windows):
             why = "a fault"
-        elif gap <= LARGEST_GAP + damages * self._lost_by_damage:
+        elif gap <= LARGEST_GAP + damages * LOST_BY_DAMAGE * turn:
             why = "damages"
-        elif gap <= LARGEST_GAP + damages * self._lost_by_damage + waited:
+        elif gap <= LARGEST_GAP + damages * LOST_BY_DAMAGE * turn + waited:
             why = "no processor"
         else:
             why = "nothing"

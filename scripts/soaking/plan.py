@@ -8,6 +8,7 @@ from typing import Any
 from soaking.robot import Order
 
 PACKET_FAULTS = ("lose", "flip", "drop", "insert")  # of all packets, each way, all the time
+ANSWER_FAULTS = ("lose_answer", "delay_answer")  # of all answers of the controller, all the time
 PACKET_SHARE = 0.01
 REST = (2.0, 8.0)  # s between two faults of the lines
 
@@ -24,8 +25,10 @@ class Fault:
 
 
 def always(share: float = PACKET_SHARE) -> list[Order]:
-    """Return the orders that have both lines damage packets for the whole time."""
-    return [Order(line, "fail", (fault, share)) for line in ("motor", "gyro") for fault in PACKET_FAULTS]
+    """Return the orders that have both lines damage packets for the whole time, and answers get lost or be late."""
+    faults = [("motor", fault) for fault in (*PACKET_FAULTS, *ANSWER_FAULTS)]
+    faults += [("gyro", fault) for fault in PACKET_FAULTS]
+    return [Order(line, "fail", (fault, share)) for line, fault in faults]
 
 
 def faults(chance: Random) -> Iterator[Fault]:
