@@ -167,7 +167,7 @@ class Gaps:
 
 
 class Waits:
-    """How long the driver and the emulator have waited for a processor that others used, over time."""
+    """How long the driver, the emulator and the kernel's workers have waited for a processor that others used."""
 
     def __init__(self) -> None:
         self._times: deque[int] = deque(maxlen=20_000)

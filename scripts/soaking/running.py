@@ -32,6 +32,7 @@ from soaking.checks import (
     Window,
 )
 from soaking.pilot import LARGEST_DUTY, Pilot
+from soaking.waiting import Waiting
 from tests.private_bus import private_url
 
 DRIVER = [sys.executable, "-c", "import sys; from cmr.commands import driver; sys.exit(driver())"]
@@ -112,6 +113,7 @@ class Soak:
     def _loop(self, bus: Bus, connection: Any, driver: subprocess.Popen[bytes], seconds: float) -> None:
         began = due = time.monotonic()
         sample = memory = 0.0
+        waiting = Waiting((driver.pid, self._emulator))
         while (passed := time.monotonic() - began) < seconds:
             if driver.poll() is not None:
                 self.findings.blame(now_utime(), f"cmr-driver ended with {driver.returncode}")
@@ -120,7 +122,7 @@ class Soak:
             self.pilot.turn(rubbish=CALM < passed < seconds - CALM)
             if passed >= sample:
                 sample += SAMPLE
-                self._waits.take(now_utime(), _waited(driver.pid) + _waited(self._emulator))
+                self._waits.take(now_utime(), waiting.sample())
             if passed >= memory:
                 memory += MEMORY_SAMPLE
                 self.memory.append((passed, _resident(driver.pid)))
@@ -229,11 +231,3 @@ def rejected(message: str) -> dict[str, int]:
 
 def _resident(pid: int | None) -> int:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE
-
-
-def _waited(pid: int | None) -> int:
-    """Return how long the threads of a process have waited for a processor so far (us)."""
-    waited = 0
-    for path in Path(f"/proc/{pid}/task").glob("*/schedstat"):
-        waited += int(path.read_text().split()[1])
-    return waited // 1000
