@@ -111,8 +111,7 @@ def _search(study: Study, base: Fit, say: Callable[[str], None], least_of_wheels
         inflation = screening.inflation.at_least(COARSE_INFLATION if _tick(study) > COARSE else 1.0)
         inflation = replace(inflation, all=max(inflation.all, least_of_wheels))
         inflation = inflation if study.by_moments else Inflation(COURSE_INFLATION)
-        ranked = _fitted(study, current, screening)
-        chosen, others = _choose(study, current, ranked, inflation)
+        chosen, others = _next(study, current, screening, inflation)
         if chosen is None:
             break
         named.append(chosen)
@@ -123,6 +122,22 @@ def _search(study: Study, base: Fit, say: Callable[[str], None], least_of_wheels
     last = finished(study, named, current, inflation)
     others = [*last.dropped, *others]
     return Search(study, base, last.final, last.named, others, inflation.all, last.doubts, _unseen(screening))
+
+
+def _next(
+    study: Study, current: Fit, screening: Screening, inflation: Inflation
+) -> tuple[Named | None, list[tuple[Tried, str]]]:
+    """Return the effect to be named next, and why each of the others is not.
+
+    One that is too small may explain so much that others, which matter, are not promising beside it: these are then
+    fitted, too.
+    """
+    chosen, others = _choose(study, current, _fitted(study, current, screening), inflation)
+    significant = THRESHOLD * inflation.all
+    hiding = any(why == TOO_SMALL and PROMISING_SHARE * tried.drop > significant for tried, why in others)
+    if chosen is None and hiding:
+        return _choose(study, current, _fitted(study, current, screening, significant), inflation)
+    return chosen, others
 
 
 def _unseen(screening: Screening) -> tuple[str, ...]:
@@ -211,8 +226,8 @@ def _choose(
 ) -> tuple[Named | None, list[tuple[Tried, str]]]:
     """Return the best effect that holds, with its rivals, and why each of the others is not named.
 
-    An effect that is too small to be named comes first if it explains more than one that is to be named, which may be
-    its shadow, or so much that others were not even tried.
+    An effect that is too small to be named comes first if it explains more than one that is to be named: that one may
+    be its shadow.
     """
     others: list[tuple[Tried, str]] = []
     chosen: Tried | None = None
@@ -225,25 +240,17 @@ def _choose(
         else:
             others.append((tried, why))
     small = next((tried for tried, why in others if why == TOO_SMALL), None)
-    if chosen is None and small is not None and not _hides_others(small, inflation):
-        small = None
-    if small is not None:
-        others = [other for other in others if other[0] is not small]
-        others = [(chosen, LESS), *others] if chosen else others
-        chosen = small
     if chosen is None:
         return None, others
+    if small is not None:
+        others = [(chosen, LESS), *(other for other in others if other[0] is not small)]
+        chosen = small
     margin = max(ALIKE * inflation.of(chosen.effect.name), ALIKE_SHARE * chosen.drop)
     close = [tried for tried, _ in others if chosen.drop - tried.drop < margin]
     if small is None and not study.by_moments:
         return _named_by_courses(study, current, chosen, others, close)
     rivals = tuple(tried.effect.name for tried in close if not why_not(study, current, tried, inflation))
     return Named(chosen, rivals, current), others
-
-
-def _hides_others(small: Tried, inflation: Inflation) -> bool:
-    """Tell whether beside an effect too small to be named some that matter may not even have been promising."""
-    return PROMISING_SHARE * small.drop > THRESHOLD * inflation.all
 
 
 def _named_by_courses(
@@ -273,9 +280,13 @@ def _judged(study: Study, current: Fit, tried: Tried, inflation: Inflation) -> t
     return tried, why
 
 
-def _fitted(study: Study, current: Fit, screening: Screening) -> list[Tried]:
-    """Fit the promising effects beside the model, the best ones with everything free; best first."""
-    least = max([LEAST_SCORE, *(PROMISING_SHARE * score.drop for score in screening.scores[:1])])
+def _fitted(study: Study, current: Fit, screening: Screening, least: float | None = None) -> list[Tried]:
+    """Fit the promising effects beside the model, the best ones with everything free; best first.
+
+    They are those whose score is above `least`; by default, a share of the best one.
+    """
+    if least is None:
+        least = max([LEAST_SCORE, *(PROMISING_SHARE * score.drop for score in screening.scores[:1])])
     promising = [score for score in screening.scores if score.drop > least][:PROMISING]
     if not promising:
         return []

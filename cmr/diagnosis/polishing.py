@@ -21,7 +21,8 @@ BEYOND = 1e4  # times as high above the valley as the lower quarter of a scan th
 ROUGH = 10.0  # scatter of the sum of squares about a parabola from which the ground is rough
 LOWER = 1.0  # than the fit: a scan that finds as much is followed
 STARTS = 2  # of new fits on rough ground
-MOMENTS, MOMENT_STEP, MOMENTS_APART = 64, 0.125, 0.6  # of the scan for when an effect begins; s between them; s
+MOMENTS, MOMENT_STEP, MOMENTS_APART = 128, 0.125, 0.6  # of the scan for when an effect begins; s between them; s
+LIKELY = 4.0  # above the least: within 95 % limits
 NEAR = 0.25  # of the scan's reach: other starts lie farther from one another
 
 
@@ -29,15 +30,16 @@ def polished(study: Study, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[st
     """Return the best fit near a fit, and what roughness adds to the standard deviations of parameters `names`."""
     doubts = {}
     for name in names:
+        left_open = 0.0
         if is_moment(name):
-            fit = _at_the_best_moment(study, fit, name)
+            fit, left_open = _at_the_best_moment(study, fit, name)
         offsets, squares = scan(study, fit, name)
         _, scatter = parabola(offsets, squares)
         if scatter > ROUGH or np.min(squares) < fit.squares - LOWER:
             better = min((study.refitted(fit, start) for start in _starts(fit, name, offsets, squares)), key=_squares)
             fit = min(fit, better, key=_squares)
             offsets, squares = scan(study, fit, name)
-        doubts[name] = parabola(offsets, squares)[0]
+        doubts[name] = max(parabola(offsets, squares)[0], left_open)
     return fit, doubts
 
 
@@ -47,16 +49,20 @@ def is_moment(name: str) -> bool:
     return known.unit == "s" and not known.switches
 
 
-def _at_the_best_moment(study: Study, fit: Fit, name: str) -> Fit:
-    """Return the best fit near a fit with an effect that begins earlier or later.
+def _at_the_best_moment(study: Study, fit: Fit, name: str) -> tuple[Fit, float]:
+    """Return the best fit near a fit with an effect that begins earlier or later, and what is left open [s].
 
-    What a few steps of the drive say of the moment outweighs all the rest of it only there: no slope leads to it.
+    What a few steps of the drive say of the moment outweighs all the rest of it only there: no slope leads to it. As
+    long as a robot rests, or drives steadily, nothing may tell one moment from another.
     """
     offsets = np.linspace(-0.5, 0.5, MOMENTS + 1) * MOMENTS * MOMENT_STEP
     moments = [moved(fit.values, [name], offsets[index : index + 1]) for index in range(len(offsets))]
     squares = study.squares(moments, fit.noise)
     found = [study.refitted(fit, moments[index]) for index in _apart(offsets, squares, MOMENTS_APART)]
-    return min([fit, *found], key=_squares)
+    best = min(found, key=_squares)
+    best = best if best.squares < fit.squares - LOWER else fit
+    alike = np.array([one[name] for one in moments])[squares < np.min(squares) + LIKELY]
+    return best, float(np.sqrt(np.mean((alike - best.values[name]) ** 2)))
 
 
 def _squares(fit: Fit) -> float:
