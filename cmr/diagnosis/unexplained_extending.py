@@ -35,7 +35,7 @@ def extended(study: Study, found: Search) -> Extended:
     Effects that only imitate what they do not explain are withdrawn: where a generic term foretells left-out data far
     better than they do, and needs none of them, nothing speaks for them.
     """
-    unexplained = remaining(found.study, with_small_effects(found), found.base).unexplained
+    unexplained = _unexplained(found)
     if not unexplained.present:
         return Extended(found, unexplained)
     beside = extension(found.study, found.final)
@@ -45,6 +45,21 @@ def extended(study: Study, found: Search) -> Extended:
             left = remaining(study, found.base, found.base).unexplained
             return Extended(_without_names(study, found), left if left.present else unexplained, alone)
     return Extended(found, unexplained, beside)
+
+
+def _unexplained(found: Search) -> Unexplained:
+    """Return what remains, whether effects too small to be named are taken in or not.
+
+    What these explain is not unexplained; but where two of them balance each other, they leave what was not there.
+    """
+    fits = [with_small_effects(found)]
+    fits += [found.final] if fits[0] is not found.final else []
+    left = Unexplained()
+    for fit in fits:
+        left = remaining(found.study, fit, found.base).unexplained
+        if not left.present:
+            break
+    return left
 
 
 def _without_names(study: Study, found: Search) -> Search:
