@@ -1,0 +1,30 @@
+"""What counts as unexplained: only what remains with and without the effects that are too small to be named."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from cmr.diagnosis import unexplained_extending
+from cmr.diagnosis.result import Unexplained
+
+PRESENT = Unexplained(present=True, signal="heading", regressors=("acceleration",), share=0.4)
+
+
+@pytest.mark.parametrize(
+    ("with_small", "without", "expected"),
+    [(PRESENT, Unexplained(), False), (Unexplained(), PRESENT, False), (PRESENT, PRESENT, True)],
+    ids=["left by small effects that balance each other", "explained by small effects", "left by both"],
+)
+def test_what_is_unexplained_remains_with_and_without_small_effects(
+    monkeypatch: pytest.MonkeyPatch, with_small: Unexplained, without: Unexplained, expected: bool
+) -> None:
+    fit, final = object(), object()
+    found: Any = SimpleNamespace(study=None, base=None, final=final, named=[])
+    left = {id(fit): with_small, id(final): without}
+    monkeypatch.setattr(unexplained_extending, "with_small_effects", lambda _found: fit)
+    monkeypatch.setattr(
+        unexplained_extending, "remaining", lambda _study, of, _base: SimpleNamespace(unexplained=left[id(of)])
+    )
+    monkeypatch.setattr(unexplained_extending, "extension", lambda _study, _fit: None)
+    assert unexplained_extending.extended(found.study, found).unexplained.present == expected
