@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.diagnosis.prediction import Predictor
+from cmr.diagnosis.prediction import WHEELS, Predictor
 from cmr.model.observer import Gains
 from cmr.recordings.signal import Floats
 
@@ -69,11 +69,16 @@ def guess_motor(predictors: Sequence[Predictor], values: dict[str, float]) -> di
     steps = np.concatenate([_efforts(predictor) for predictor in predictors])
     moving = steps[steps[:, 1] > STANDING * np.max(steps[:, 1], initial=0.0)]
     k1 = float(np.sum(moving[:, 0]) / max(np.sum(moving[:, 1]), 1e-9))
-    rates, speeds = (grid.ravel() for grid in np.meshgrid(RATES, SPEEDS * k1))
-    lanes = {**values, "k2_over_k3": rates / speeds, "k1": speeds}
-    squares = np.zeros(len(rates))
+    # At one rate the errors are linear in the acceleration: those at both ends tell those between.
+    speeds = SPEEDS[[0, -1]] * k1
+    lanes = {**values, "k2_over_k3": (RATES / speeds[:, None]).ravel(), "k1": np.repeat(speeds, len(RATES))}
+    shares = (1.0 / SPEEDS - 1.0 / SPEEDS[0]) / (1.0 / SPEEDS[-1] - 1.0 / SPEEDS[0])
+    sums = np.zeros((len(SPEEDS), len(RATES)))
     for predictor in predictors:
         of = predictor.errors(lanes, FREE).of
-        squares += sum(np.sum(np.abs(of[name]), axis=0) for name in ("psi_left", "psi_right") if name in of)
-    best = int(np.argmin(squares))
-    return {"k2_over_k3": float(rates[best] / speeds[best]), "k1": float(speeds[best])}
+        for errors in (of[name] for name in WHEELS if name in of):
+            first, last = np.split(errors, 2, axis=1)
+            sums += [np.sum(np.abs(first + share * (last - first)), axis=0) for share in shares]
+    speed, rate = np.unravel_index(int(np.argmin(sums)), sums.shape)
+    k1 *= float(SPEEDS[speed])
+    return {"k2_over_k3": float(RATES[rate]) / k1, "k1": k1}
