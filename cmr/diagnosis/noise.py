@@ -56,7 +56,7 @@ class Noise:
     def found(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
         """Find the noise from the errors of the first candidate in each piece."""
         names = [name for name in SPANS if any(name in p.times for p in predictors)]
-        foreign = [np.stack([f[:, 0] for f in _foreign(p, e)], axis=1) for p, e in zip(predictors, errors, strict=True)]
+        foreign = [np.stack([f[:, 0] for f in _foreign(p, e)]) for p, e in zip(predictors, errors, strict=True)]
         return cls({name: _found(name, predictors, errors, foreign) for name in names})
 
     @classmethod
@@ -74,14 +74,21 @@ class Noise:
 
     def white(self, number: int, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
         """Return the errors of piece `number` made white, (n, C) by signal; the first, which have no past, are 0."""
-        result = {}
-        foreign = _foreign(predictor, errors)
-        for name in predictor.times:
-            noise = self.of[name]
-            own = errors.of[name]
+        ends = np.cumsum([len(times) for times in predictor.times.values()])
+        return dict(zip(predictor.times, np.split(self.all_white(number, predictor, errors), ends[:-1]), strict=True))
+
+    def all_white(self, number: int, predictor: Predictor, errors: Errors) -> Floats:
+        """Return the errors of piece `number` made white, all signals below one another: shape (n, C)."""
+        candidates = next(iter(errors.of.values())).shape[1]
+        result = np.empty((sum(len(times) for times in predictor.times.values()), candidates))
+        foreign = _foreign(predictor, errors) if any(np.any(self.of[name].foreign) for name in predictor.times) else []
+        end = 0
+        for name, times in predictor.times.items():
+            noise, own = self.of[name], errors.of[name]
             if name in POSE_SIGNALS and np.any(noise.foreign):
                 own = own - sum(weight * other for weight, other in zip(noise.foreign, foreign, strict=True))
-            result[name] = _whitened(own, noise.past, noise.spans(name), 1.0 / noise.sizes[number])
+            begin, end = end, end + len(times)
+            _whiten(own, noise.past, noise.spans(name), 1.0 / noise.sizes[number], result[begin:end])
         return result
 
 
@@ -96,7 +103,7 @@ def _found(
         if name not in predictor.times or len(predictor.times[name]) <= 2 * order:
             continue
         own = error.of[name][:, 0]
-        foreign = of_others if name in POSE_SIGNALS else np.zeros((len(own), len(FOREIGN)))
+        foreign = of_others if name in POSE_SIGNALS else np.zeros((len(FOREIGN), len(own)))
         rows.append((own, foreign, _sizes(name, predictor, error)))
     if not rows:
         ones = tuple(np.ones(len(p.times.get(name, ()))) for p in predictors)
@@ -106,13 +113,13 @@ def _found(
     weights = [np.ones(len(own)) for own, _, _ in rows]
     size = np.zeros(3)
     for _ in range(ROUNDS):
-        foreign_weights = _least_squares([(f * w[:, None], o * w) for (o, f, _), w in zip(rows, weights, strict=True)])
-        freed = [own - foreign @ foreign_weights for own, foreign, _ in rows]
+        foreign_weights = _least_squares([(f * w, o * w) for (o, f, _), w in zip(rows, weights, strict=True)])
+        freed = [own - foreign_weights @ foreign for own, foreign, _ in rows]
         pasts = [_past(one, spans) for one in freed]
         past = _least_squares(
-            [(p * w[order:, None], one[order:] * w[order:]) for p, one, w in zip(pasts, freed, weights, strict=True)]
+            [(p * w[order:], one[order:] * w[order:]) for p, one, w in zip(pasts, freed, weights, strict=True)]
         )
-        rest = [one[order:] - p @ past for p, one in zip(pasts, freed, strict=True)]
+        rest = [one[order:] - past @ p for p, one in zip(pasts, freed, strict=True)]
         size = size_found(np.concatenate(rest), np.concatenate([s[order:] for _, _, s in rows]))
         weights = [1.0 / np.sqrt(np.maximum(s @ size, LEAST_SIZE**2)) for _, _, s in rows]
     found = tuple(
@@ -130,7 +137,7 @@ def foretold(name: str, errors: Sequence[Floats]) -> Floats:
     if not pairs:
         return np.empty(0)
     past = _least_squares(pairs)
-    return np.concatenate([b - a @ past for a, b in pairs])
+    return np.concatenate([b - past @ a for a, b in pairs])
 
 
 def _spans(name: str, lengths: Sequence[int]) -> tuple[int, ...]:
@@ -143,22 +150,22 @@ def _spans(name: str, lengths: Sequence[int]) -> tuple[int, ...]:
 
 
 def _least_squares(pairs: Sequence[tuple[Floats, Floats]]) -> Floats:
-    """Return the weights with which the columns of a explain b, over all pairs (a, b)."""
-    normal = sum(a.T @ a for a, _ in pairs)
-    right = sum(a.T @ b for a, b in pairs)
+    """Return the weights with which the rows of a explain b, over all pairs (a, b)."""
+    normal = sum(a @ a.T for a, _ in pairs)
+    right = sum(a @ b for a, b in pairs)
     scale = np.diag(normal) + (np.diag(normal) == 0.0)
     return np.asarray(np.linalg.solve(normal + np.diag(RIDGE * scale), right))
 
 
 def _past(values: Floats, spans: Sequence[int]) -> Floats:
-    """Return the sums over spans of the past of each value, newest first, shape (n - sum of spans, spans)."""
+    """Return the sums over spans of the past of each value, newest first, shape (spans, n - sum of spans)."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     order, count = sum(spans), len(values)
     begins = np.concatenate([[0], np.cumsum(spans)])
-    columns = [
+    rows = [
         total[order - first : count - first] - total[order - last : count - last] for first, last in pairwise(begins)
     ]
-    return np.stack(columns, axis=1) if columns else np.empty((count, 0))
+    return np.stack(rows) if rows else np.empty((0, count))
 
 
 def size_found(rest: Floats, sizes: Floats) -> Floats:
@@ -167,14 +174,15 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
 
     squares = rest**2
     weights = np.ones(len(rest)) / max(float(np.mean(squares)), LEAST_SIZE**2)
-    result = np.zeros(sizes.shape[1])
-    scale = np.sqrt(np.mean(sizes**2, axis=0)) + 1e-300
+    rows = np.ascontiguousarray(sizes.T)
+    result = np.zeros(len(rows))
+    scale = np.sqrt(np.mean(rows**2, axis=1)) + 1e-300
     for _ in range(ROUNDS):
-        scaled = sizes / scale * weights[:, None]
-        normal, right = scaled.T @ scaled, scaled.T @ (squares * weights)
+        scaled = rows / scale[:, None] * weights
+        normal, right = scaled @ scaled.T, scaled @ (squares * weights)
         factor = np.linalg.cholesky(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)))
         result = nnls(factor.T, np.linalg.solve(factor, right))[0] / scale
-        fitted = np.maximum(sizes @ result, 1e-3 * np.mean(squares) + LEAST_SIZE**2)
+        fitted = np.maximum(result @ rows, 1e-3 * np.mean(squares) + LEAST_SIZE**2)
         weights = 1.0 / fitted
     result[0] = max(result[0], 1e-3 * float(np.mean(squares)))
     return np.asarray(result)
@@ -197,46 +205,48 @@ def _foreign(predictor: Predictor, errors: Errors) -> list[Floats]:
 def _since_before(predictor: Predictor, errors: Errors, other: str, times: Floats, candidates: int) -> Floats:
     """Return the sums (n, C) of a signal's errors since the time before; 0 for the first."""
     result = np.zeros((len(times), candidates))
-    if other not in predictor.times or len(times) < 2:
-        return result
-    at = np.searchsorted(predictor.times[other], times, side="right")
-    last = len(predictor.times[other]) - 1
-    sums = np.add.reduceat(errors.of[other], np.minimum(at, last), axis=0)[:-1]
-    result[1:] = np.where((np.diff(at) > 0)[:, None] & (at[:-1] <= last)[:, None], sums, 0.0)
+    if other in predictor.times:
+        at = np.searchsorted(predictor.times[other], times, side="right")
+        add_between(np.ascontiguousarray(errors.of[other]), at, result)
     return result
 
 
-def _whitened(errors: Floats, past: Floats, spans: Sequence[int], weights: Floats) -> Floats:
-    result = np.empty_like(errors)
-    borders = np.concatenate([[0], np.cumsum(spans)]).astype(np.int64)
-    whiten(np.ascontiguousarray(errors), past, borders, weights, result)
-    return result
+@compiled("void(f8[:, ::1], i8[::1], f8[:, ::1])")
+def add_between(errors, at, result):  # type: ignore[no-untyped-def]
+    """Add the rows of errors between each row number `at` and the one before."""
+    for index in range(1, len(at)):
+        for row in range(at[index - 1], at[index]):
+            for column in range(errors.shape[1]):
+                result[index, column] += errors[row, column]
+
+
+def _whiten(errors: Floats, past: Floats, spans: Sequence[int], weights: Floats, result: Floats) -> None:
+    """Write the errors (n, C) of one signal made white; the first, without past, become 0."""
+    lags = np.concatenate([[0], np.cumsum(spans)]).astype(np.int64)
+    # A sum over a span is the difference of the sums up to its ends.
+    shares = np.append(past, 0.0) - np.append(0.0, past)
+    whiten(np.ascontiguousarray(errors), shares, lags, weights, result)
 
 
 @compiled("void(f8[:, ::1], f8[::1], i8[::1], f8[::1], f8[:, ::1])")
-def whiten(errors, past, borders, weights, result):  # type: ignore[no-untyped-def]
-    """Subtract what sums over spans of the past foretell and weigh what remains; the first, without past, become 0."""
+def whiten(errors, shares, lags, weights, result):  # type: ignore[no-untyped-def]
+    """Subtract shares of the sums of all errors up to so many before each, and weigh what remains."""
     count, candidates = errors.shape
-    order = borders[-1]
-    sums = np.zeros((len(past), candidates))
+    longest = lags[-1]
+    sums = np.zeros((longest + 1, candidates))  # in turn: that up to `row`, itself not included, is at its remainder
     for row in range(count):
-        if row >= order:
+        if row >= longest:
             for column in range(candidates):
                 result[row, column] = errors[row, column]
-            for span in range(len(past)):
-                share = past[span]
+            for index in range(len(lags)):
+                share, before = shares[index], sums[(row - lags[index]) % (longest + 1)]
                 for column in range(candidates):
-                    result[row, column] -= share * sums[span, column]
+                    result[row, column] -= share * before[column]
             for column in range(candidates):
                 result[row, column] *= weights[row]
         else:
             for column in range(candidates):
                 result[row, column] = 0.0
-        for span in range(len(past)):
-            newest, oldest = row - borders[span], row - borders[span + 1]
-            if newest >= 0:
-                for column in range(candidates):
-                    sums[span, column] += errors[newest, column]
-            if oldest >= 0:
-                for column in range(candidates):
-                    sums[span, column] -= errors[oldest, column]
+        last, newest = sums[row % (longest + 1)], sums[(row + 1) % (longest + 1)]
+        for column in range(candidates):
+            newest[column] = last[column] + errors[row, column]

@@ -215,11 +215,9 @@ def _stacked(columns: Sequence[Sequence[Column]]) -> Disturbances:
 
 def _made_white(views: Sequence[Predictor], errors: Sequence[Errors], noise: Noise) -> Floats:
     parts = [
-        part
-        for number, (view, error) in enumerate(zip(views, errors, strict=True))
-        for part in noise.white(number, view, error).values()
+        noise.all_white(number, view, error) for number, (view, error) in enumerate(zip(views, errors, strict=True))
     ]
-    return np.concatenate(parts)
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _scored(terms: Sequence[Term], counts: Sequence[int], moves: Floats, rows: _Rows) -> list[Score]:
