@@ -35,25 +35,68 @@ class Inflation:
         return Inflation(max(self.all, least), max(self.of_body, least), self.body)
 
 
-def inflation_of(effects: Sequence[str], moves: Floats, rest: Floats, wheels: Mask) -> Inflation:
-    """Return the inflation that trials of `effects` show; `wheels` (n,) tells which white errors are of wheels.
+@dataclass(frozen=True)
+class Beside:
+    """What c moves do beside a model, as far as it cannot do it itself, as sums over all white errors.
 
-    Their `moves` (n, trials) and the white errors `rest` (n,) are free of what the model itself explains.
+    Of the products of the moves with each other, `normal` (c, c), and with what the model leaves, `pulls` (c,); and of
+    the squares of what they move in the wheels, `of_wheels` (c,).
     """
-    sizes = np.einsum("nc,nc->c", moves, moves)
-    of_wheels = np.einsum("nc,nc->c", moves[wheels], moves[wheels])
-    body = of_wheels < 0.5 * sizes
+
+    normal: Floats
+    pulls: Floats
+    of_wheels: Floats
+
+    @classmethod
+    def of(cls, white: Floats, free: int, wheels: Mask) -> "Beside":
+        """Return the sums from `white` (n, 1 + free + c): errors, what the model moves, and the moves.
+
+        `wheels` (n,) tells which errors are of wheels.
+        """
+        rest, basis = left_by(white, free)
+        moves, along = white[:, 1 + free :], basis.T @ white[:, 1 + free :]
+        in_wheels = basis * wheels[:, None]
+        own = np.einsum("n,nc,nc->c", wheels.astype(np.float64), moves, moves)
+        mixed = along * (in_wheels.T @ moves)
+        return cls(
+            normal=(white.T @ white)[1 + free :, 1 + free :] - along.T @ along,
+            pulls=rest @ moves,
+            of_wheels=own - np.sum(2.0 * mixed - along * (in_wheels.T @ basis @ along), axis=0),
+        )
+
+    @property
+    def sizes(self) -> Floats:
+        """The sums of the squares of the moves, (c,)."""
+        return np.diag(self.normal)
+
+    def only(self, numbers: Sequence[int]) -> "Beside":
+        """Return the same of some of the moves."""
+        return Beside(self.normal[np.ix_(numbers, numbers)], self.pulls[numbers], self.of_wheels[numbers])
+
+
+def left_by(white: Floats, free: int) -> tuple[Floats, Floats]:
+    """Return the white errors (n,) that a model leaves, and what it explains: an orthonormal basis (n, free).
+
+    The first columns of `white` are the errors and what the model moves.
+    """
+    basis, _ = np.linalg.qr(white[:, 1 : 1 + free])
+    return white[:, 0] - basis @ (basis.T @ white[:, 0]), basis
+
+
+def inflation_of(effects: Sequence[str], beside: Beside) -> Inflation:
+    """Return the inflation that trials of `effects`, as many moves, show."""
+    body = beside.of_wheels < 0.5 * beside.sizes
     elsewhere = {effect for effect, inside in zip(effects, body, strict=True) if not inside}
     return Inflation(
-        _usual(moves, rest, ASIDE),
-        _usual(moves[:, body], rest, ASIDE_OF_BODY),
+        _usual(beside, ASIDE),
+        _usual(beside.only(np.flatnonzero(body)), ASIDE_OF_BODY),
         frozenset(set(effects) - elsewhere),
     )
 
 
-def _usual(moves: Floats, rest: Floats, aside: int) -> float:
+def _usual(beside: Beside, aside: int) -> float:
     """Return the median score over that of chance, once the few best trials have explained their share."""
-    normal, pulls = moves.T @ moves, moves.T @ rest
+    normal, pulls = beside.normal, beside.pulls
     before = np.diag(normal).copy()
     for _ in range(min(aside, len(before))):
         sizes, free = np.diag(normal), np.diag(normal) > NOTHING

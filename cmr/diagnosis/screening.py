@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.diagnosis.candidates import Trial, lanes_of, step_of, trials
-from cmr.diagnosis.inflation import NOTHING, Inflation, inflation_of
+from cmr.diagnosis.inflation import NOTHING, Beside, Inflation, inflation_of, left_by
 from cmr.diagnosis.localising import NOWHERE, Local, best_moment, best_place
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors
@@ -56,15 +56,15 @@ def screen(
     sets += [{**values, **trial.values} for trial in attempts]
     errors = study.errors(lanes_of(sets))
     rows = study.rows(errors)
+    changes = [_changes(one) for one in errors]
     if noise is None:
-        plain = Noise.plain(study.predictors, errors)
-        noise = noise_of_all(study, errors, study.made_white(errors, plain), len(names))
-    attempts, errors, white = _localised(study, attempts, errors, len(names), noise, rows)
-    noise = noise_of_all(study, errors, white, len(names))
-    white = study.made_white(errors, noise)
-    rest, moves = _beside(white, len(names))
-    sizes, pulls = np.einsum("nc,nc->c", moves, moves), moves.T @ rest
-    scores = [_score(trial, size, pull) for trial, size, pull in zip(attempts, sizes, pulls, strict=True)]
+        plain = Noise.plain(study.predictors, changes)
+        noise = noise_of_all(study, changes, plain, len(names))
+    attempts, changes = _localised(study, attempts, changes, len(names), noise, rows)
+    noise = noise_of_all(study, changes, noise, len(names))
+    beside = Beside.of(study.made_white(changes, noise), len(names), study.of_wheels)
+    sizes = beside.sizes
+    scores = [_score(trial, size, pull) for trial, size, pull in zip(attempts, sizes, beside.pulls, strict=True)]
     best: dict[str, Score] = {}
     for score in sorted(scores, key=lambda score: -score.drop):
         best.setdefault(score.trial.effect, score)
@@ -74,7 +74,7 @@ def screen(
     for number in usual:
         effect = attempts[number].effect
         traces[effect] = max(float(sizes[number]), traces.get(effect, 0.0))
-    inflation = inflation_of([attempts[n].effect for n in usual], moves[:, usual], rest, study.of_wheels)
+    inflation = inflation_of([attempts[n].effect for n in usual], beside.only(usual))
     return Screening(noise, tuple(best.values()), inflation, traces)
 
 
@@ -93,29 +93,24 @@ def _together(best: Score, scores: Sequence[Score]) -> Score:
     return Score(replace(best.trial, values=values), best.drop, 1.0)
 
 
-def _left(white: Floats, free: int) -> tuple[Floats, Floats]:
-    """Return the white errors (n,) left, and what the model explains: an orthonormal basis (n, free)."""
-    basis, _ = np.linalg.qr(white[:, 1 : 1 + free] - white[:, :1])
-    rest = white[:, 0]
-    return rest - basis @ (basis.T @ rest), basis
+def _changes(errors: Errors) -> Errors:
+    """Return what each candidate but the first changes of the first one's errors, in the place of its own.
 
-
-def _beside(white: Floats, free: int) -> tuple[Floats, Floats]:
-    """Return the white errors (n,) left by the model, and the trials' moves (n, c) beside it."""
-    rest, basis = _left(white, free)
-    moves = white[:, 1 + free :] - white[:, :1]
-    return rest, moves - basis @ (basis.T @ moves)
+    They are large, and so are written over.
+    """
+    for every in errors.of.values():
+        every[:, 1:] -= every[:, :1]
+    return errors
 
 
 def _localised(
-    study: Study, attempts: Sequence[Trial], errors: Sequence[Errors], free: int, noise: Noise, rows: Floats
-) -> tuple[list[Trial], list[Errors], Floats]:
+    study: Study, attempts: Sequence[Trial], changes: Sequence[Errors], free: int, noise: Noise, rows: Floats
+) -> tuple[list[Trial], list[Errors]]:
     """Replace trials that act always or everywhere by those that act from the best moment on, or at the best place.
 
-    Returns the trials, their errors, and these made white with the noise.
+    Returns the trials and their changes.
     """
-    white = study.made_white(errors, noise)
-    found = _locals(study, attempts, white, free, rows)
+    found = _locals(study, attempts, changes, free, noise, rows)
     kept, columns, masks = [], [*range(free + 1)], {}
     for number, trial in enumerate(attempts):
         local = found.get(trial.effect)
@@ -126,24 +121,24 @@ def _localised(
             trial, masks[len(columns)] = replace(trial, values={**trial.values, **where}), local.inside
         kept.append(trial)
         columns.append(number + free + 1)
-    errors, white = study.masked(chosen(errors, columns), masks), white[:, columns]
-    if masks:
-        white[:, [*masks]] = study.made_white(chosen(errors, [*masks]), noise)
-    return kept, errors, white
+    return kept, study.masked(chosen(changes, columns), masks)
 
 
-def _locals(study: Study, attempts: Sequence[Trial], white: Floats, free: int, rows: Floats) -> dict[str, Local]:
+def _locals(
+    study: Study, attempts: Sequence[Trial], changes: Sequence[Errors], free: int, noise: Noise, rows: Floats
+) -> dict[str, Local]:
     """Return where each local effect explains most, by name; a moment is not looked for in several recordings."""
-    rest, basis = _left(white, free)
-    several = len({predictor.piece.recording for predictor in study.predictors}) > 1
+    own = [number for number, trial in enumerate(attempts) if trial.local]
+    white = study.made_white(chosen(changes, [*range(1 + free), *(1 + free + number for number in own)]), noise)
+    rest, basis = left_by(white, free)
+    effects = [attempts[number].effect for number in own]
     result = {}
-    for effect, local in dict.fromkeys((trial.effect, trial.local) for trial in attempts if trial.local):
-        columns = [free + 1 + number for number, trial in enumerate(attempts) if trial.effect == effect]
-        moves = white[:, columns] - white[:, :1]
+    for effect, local in dict.fromkeys((attempts[number].effect, attempts[number].local) for number in own):
+        moves = white[:, [1 + free + number for number, name in enumerate(effects) if name == effect]]
         if local == "place":
             result[effect] = best_place(moves, rest, basis, rows[:, 1:])
         else:
-            result[effect] = NOWHERE if several else best_moment(moves, rest, basis, rows[:, 0])
+            result[effect] = NOWHERE if study.several else best_moment(moves, rest, basis, rows[:, 0])
     return result
 
 
@@ -154,24 +149,24 @@ def chosen(errors: Sequence[Errors], columns: Sequence[int]) -> list[Errors]:
     ]
 
 
-def noise_of_all(study: Study, errors: Sequence[Errors], white: Floats, free: int) -> Noise:
+def noise_of_all(study: Study, changes: Sequence[Errors], noise: Noise, free: int) -> Noise:
     """Return the noise that is left when the first `free` moves, and all trials, have explained what they can.
 
-    `white` (n, 1 + moves) are the errors made white with the noise as far as it is known.
+    `noise` is what is known of it so far.
     """
-    moved = white[:, 1:] - white[:, :1]
-    normal = moved.T @ moved
+    white = study.made_white(changes, noise)
+    products = white.T @ white
+    normal, pulls = products[1:, 1:], products[1:, 0]
     prior = np.full(len(normal), LARGEST_SHARE**-2)
     prior[:free] = 1e-9 * np.diag(normal)[:free] + 1e-12
-    shares = np.asarray(-np.linalg.solve(normal + np.diag(prior), moved.T @ white[:, 0]), np.float64)
-    return study.found([_explained(error, shares) for error in errors])
+    shares = np.asarray(-np.linalg.solve(normal + np.diag(prior), pulls), np.float64)
+    return study.found([_explained(one, shares) for one in changes])
 
 
-def _explained(errors: Errors, shares: Floats) -> Errors:
+def _explained(changes: Errors, shares: Floats) -> Errors:
     """Return the errors (n, 1) left when each candidate but the first has explained its share."""
-    first = 1.0 - shares.sum()
-    weights = np.concatenate([[first], shares])[:, None]
-    return Errors({name: error @ weights for name, error in errors.of.items()}, errors.motion)
+    weights = np.append(1.0, shares)[:, None]
+    return Errors({name: every @ weights for name, every in changes.of.items()}, changes.motion)
 
 
 def _score(trial: Trial, size: float, pull: float) -> Score:

@@ -97,11 +97,10 @@ class Study:
     def made_white(self, errors: Sequence[Errors], noise: Noise) -> Floats:
         """Return prediction errors made white, shape (n, C), piece by piece and signal by signal."""
         parts = [
-            part
+            noise.all_white(number, predictor, error)
             for number, (predictor, error) in enumerate(zip(self.predictors, errors, strict=True))
-            for part in noise.white(number, predictor, error).values()
         ]
-        white = np.concatenate(parts)
+        white = parts[0] if len(parts) == 1 else np.concatenate(parts)
         if self._counted is not None:
             white[~self._counted] = 0.0
         return white
@@ -144,19 +143,19 @@ class Study:
                 parts.append(np.stack([times + predictor.piece.heard.time, motion[:, X], motion[:, Y]], axis=1))
         return np.concatenate(parts)
 
-    def masked(self, errors: Sequence[Errors], masks: Mapping[int, Mask]) -> list[Errors]:
-        """Return errors in which some candidates, by column, move only where a mask (n,) over all errors is true."""
-        result, begin = [], 0
-        for predictor, error in zip(self.predictors, errors, strict=True):
-            of = {name: values.copy() for name, values in error.of.items()}
+    def masked(self, changes: Sequence[Errors], masks: Mapping[int, Mask]) -> list[Errors]:
+        """Let some candidates, by column, change errors only where a mask (n,) over all errors is true.
+
+        The changes are large, and so are written over.
+        """
+        begin = 0
+        for predictor, one in zip(self.predictors, changes, strict=True):
             for name, times in predictor.times.items():
-                rows = slice(begin, begin + len(times))
+                inside = slice(begin, begin + len(times))
                 begin += len(times)
                 for column, mask in masks.items():
-                    outside = ~mask[rows]
-                    of[name][outside, column] = of[name][outside, 0]
-            result.append(Errors(of, error.motion))
-        return result
+                    one.of[name][~mask[inside], column] = 0.0
+        return list(changes)
 
     def found(self, errors: Sequence[Errors]) -> Noise:
         """Return the noise that the errors of the first candidate in each piece show."""
