@@ -10,12 +10,12 @@ from cmr.diagnosis.candidates import USUAL_INTERVAL, Scene
 from cmr.diagnosis.data import Checked, findings_of, notes_of, refusal
 from cmr.diagnosis.gains import choose_gains
 from cmr.diagnosis.noise import Noise
-from cmr.diagnosis.prediction import Predictor, predictors
+from cmr.diagnosis.prediction import Errors, Predictor, predictors
 from cmr.diagnosis.study import Fit, Study
 from cmr.diagnosis.thinning import share_used, thinned
 from cmr.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE
-from cmr.model.observer import MOTION, Gains
+from cmr.model.observer import MOTION
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.findings import Finding
 
@@ -80,9 +80,10 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
     if start.refused:
         return Ready(None, None, checks, notes, start.refused)
     gains = choose_gains(ready, start.values)
-    scene = _scene(ready, start.values, gains)
+    errors = [predictor.errors(start.values, gains) for predictor in ready]
+    scene = _scene(ready, start.values, errors)
     study = Study(ready, gains, scene)
-    base = study.fit(start.values, start.names, Noise.plain(ready, study.errors(start.values)), renew=0)
+    base = study.fit(start.values, start.names, Noise.plain(ready, errors), renew=0)
     study.scene = replace(scene, parameters=base.values)
     return Ready(study, base, checks, notes, start=start.values, unknown=start.unknown)
 
@@ -137,9 +138,9 @@ def _add_nominal_motor(start: _Start, nominal: ParameterFile) -> None:
         start.notes += (f"{WITHOUT_COMMANDS}{names} are not among the parameters, and cmr-sim needs them.",)
 
 
-def _scene(ready: Sequence[Predictor], values: dict[str, float], gains: Gains) -> Scene:
+def _scene(ready: Sequence[Predictor], values: dict[str, float], errors: Sequence[Errors]) -> Scene:
     """Return how fast the robot turned, how far it went, and how often its pose was told."""
-    motions = [predictor.errors(values, gains).motion for predictor in ready]
+    motions = [error.motion for error in errors]
     rates = [np.abs(motion[:, MOTION.index("yaw_rate")]) for motion in motions]
     fast = np.concatenate([rate[rate > TURNING] for rate in rates])
     seen = np.concatenate([turn_rates(predictor) for predictor in ready])

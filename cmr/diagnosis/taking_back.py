@@ -16,14 +16,18 @@ TAKEN_BACK = "Free runs stray farther with it on data that it was not fitted on.
 
 def that_holds(whole: Extended, measure: Callable[[Extended], Measured]) -> tuple[Extended, Measured]:
     """Return the model without the effects with which free runs stray farther, the weakest first, and its errors."""
+    whole = _as_the_paper_if_alone(whole)
     measured = measure(whole)
     while whole.term is None and _strays(measured.gain) and _fitted(whole.found):
-        whole = replace(whole, found=_without(whole.found, _fitted(whole.found)[-1]))
-        measured = measure(whole)
-    if whole.term is None and not whole.found.named:
-        whole = replace(whole, found=as_the_paper_has_it(whole.found))
+        whole = _as_the_paper_if_alone(replace(whole, found=_without(whole.found, _fitted(whole.found)[-1])))
         measured = measure(whole)
     return whole, measured
+
+
+def _as_the_paper_if_alone(whole: Extended) -> Extended:
+    """Return the paper's model for one in which nothing is left that extends it."""
+    alone = whole.term is None and not whole.found.named
+    return replace(whole, found=as_the_paper_has_it(whole.found)) if alone else whole
 
 
 def _strays(gain: Gain) -> bool:
