@@ -17,6 +17,8 @@ LEFT = 0.1  # of a trial's size that must be its own to count
 NOTHING = 1e-6  # white errors squared; a trial that changes less says nothing
 MEDIAN_OF_CHI2 = 0.4549  # with one degree of freedom
 
+Indices = np.typing.NDArray[np.int64]
+
 
 @dataclass(frozen=True)
 class Inflation:
@@ -69,7 +71,7 @@ class Beside:
         """The sums of the squares of the moves, (c,)."""
         return np.diag(self.normal)
 
-    def only(self, numbers: Sequence[int]) -> "Beside":
+    def only(self, numbers: Sequence[int] | Indices) -> "Beside":
         """Return the same of some of the moves."""
         return Beside(self.normal[np.ix_(numbers, numbers)], self.pulls[numbers], self.of_wheels[numbers])
 

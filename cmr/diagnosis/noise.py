@@ -222,31 +222,32 @@ def add_between(errors, at, result):  # type: ignore[no-untyped-def]
 
 def _whiten(errors: Floats, past: Floats, spans: Sequence[int], weights: Floats, result: Floats) -> None:
     """Write the errors (n, C) of one signal made white; the first, without past, become 0."""
-    lags = np.concatenate([[0], np.cumsum(spans)]).astype(np.int64)
-    # A sum over a span is the difference of the sums up to its ends.
+    # A sum over a span is the difference of the sums of all errors up to its ends. Four ends are taken at once.
+    ends = np.concatenate([[0], np.cumsum(spans)]).astype(np.int64)
+    missing = -len(ends) % 4
     shares = np.append(past, 0.0) - np.append(0.0, past)
-    whiten(np.ascontiguousarray(errors), shares, lags, weights, result)
+    whiten(np.ascontiguousarray(errors), np.pad(shares, (0, missing)), np.pad(ends, (0, missing)), weights, result)
 
 
 @compiled("void(f8[:, ::1], f8[::1], i8[::1], f8[::1], f8[:, ::1])")
-def whiten(errors, shares, lags, weights, result):  # type: ignore[no-untyped-def]
+def whiten(errors, shares, ends, weights, result):  # type: ignore[no-untyped-def]
     """Subtract shares of the sums of all errors up to so many before each, and weigh what remains."""
     count, candidates = errors.shape
-    longest = lags[-1]
-    sums = np.zeros((longest + 1, candidates))  # in turn: that up to `row`, itself not included, is at its remainder
+    longest = np.max(ends)
+    kept = longest + 1
+    sums = np.zeros((kept, candidates))  # in turn: that up to `row`, itself not included, stands at its remainder
     for row in range(count):
+        weight = weights[row] if row >= longest else 0.0
+        for column in range(candidates):
+            result[row, column] = weight * errors[row, column]
         if row >= longest:
-            for column in range(candidates):
-                result[row, column] = errors[row, column]
-            for index in range(len(lags)):
-                share, before = shares[index], sums[(row - lags[index]) % (longest + 1)]
-                for column in range(candidates):
-                    result[row, column] -= share * before[column]
-            for column in range(candidates):
-                result[row, column] *= weights[row]
-        else:
-            for column in range(candidates):
-                result[row, column] = 0.0
-        last, newest = sums[row % (longest + 1)], sums[(row + 1) % (longest + 1)]
+            for index in range(0, len(ends), 4):
+                one, two = weight * shares[index], weight * shares[index + 1]
+                three, four = weight * shares[index + 2], weight * shares[index + 3]
+                first, second = sums[(row - ends[index]) % kept], sums[(row - ends[index + 1]) % kept]
+                third, fourth = sums[(row - ends[index + 2]) % kept], sums[(row - ends[index + 3]) % kept]
+                for i in range(candidates):
+                    result[row, i] -= one * first[i] + two * second[i] + three * third[i] + four * fourth[i]
+        last, newest = sums[row % kept], sums[(row + 1) % kept]
         for column in range(candidates):
             newest[column] = last[column] + errors[row, column]

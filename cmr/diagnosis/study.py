@@ -11,6 +11,7 @@ from cmr.diagnosis.candidates import Scene, effects_of_rolling, lanes_of, step_o
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import WHEELS, Errors, Predictor
 from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.compiled import compiled
 from cmr.model.effect import Effect
 from cmr.model.observer import MOTION, Gains, Observer
 from cmr.recordings.signal import Floats, Mask
@@ -87,7 +88,9 @@ class Study:
 
     def white(self, values: Mapping[str, object], noise: Noise) -> Floats:
         """Return all prediction errors made white and tempered, shape (n, C)."""
-        return tempered(self.made_white(self.errors(values), noise))
+        white = self.made_white(self.errors(values), noise)
+        temper(white.reshape(-1), LARGE)
+        return white
 
     def squares(self, sets: Sequence[Mapping[str, float]], noise: Noise) -> Floats:
         """Return the sum of squared white errors with each of several sets of values; infinite where nothing holds."""
@@ -319,15 +322,22 @@ def nearer_to_neutral(values: Mapping[str, float], names: Sequence[str]) -> dict
 
 
 def tempered(white: Floats) -> Floats:
-    """Return white errors whose squares grow like Huber's loss: no single moment decides.
+    """Return white errors (n, C) whose squares grow like Huber's loss: no single moment decides.
 
     A wheel that sets off half a step earlier than foretold makes errors of a hundred standard deviations for a moment.
     """
-    large = np.abs(white) > LARGE
-    size = white[large]
-    result = white.copy()
-    result[large] = np.sign(size) * np.sqrt(2.0 * LARGE * np.abs(size) - LARGE**2)
+    result = np.array(white)
+    temper(result.reshape(-1), LARGE)
     return result
+
+
+@compiled("void(f8[::1], f8)")
+def temper(white, largest):  # type: ignore[no-untyped-def]
+    """Let what is larger than `largest` grow with its root only."""
+    for index in range(len(white)):
+        size = abs(white[index])
+        if size > largest:
+            white[index] = np.copysign(np.sqrt(2.0 * largest * size - largest**2), white[index])
 
 
 def _newton_steps(slopes: Floats, rest: Floats, dampings: Sequence[float]) -> list[Floats]:
