@@ -223,10 +223,12 @@ def add_between(errors, at, result):  # type: ignore[no-untyped-def]
 def _whiten(errors: Floats, past: Floats, spans: Sequence[int], weights: Floats, result: Floats) -> None:
     """Write the errors (n, C) of one signal made white; the first, without past, become 0."""
     # A sum over a span is the difference of the sums of all errors up to its ends. Four ends are taken at once.
-    ends = np.concatenate([[0], np.cumsum(spans)]).astype(np.int64)
-    missing = -len(ends) % 4
-    shares = np.append(past, 0.0) - np.append(0.0, past)
-    whiten(np.ascontiguousarray(errors), np.pad(shares, (0, missing)), np.pad(ends, (0, missing)), weights, result)
+    count = len(spans) + 1
+    shares, ends = np.zeros(count + -count % 4), np.zeros(count + -count % 4, np.int64)
+    shares[: count - 1] = past
+    shares[1:count] -= past
+    ends[1:count] = np.cumsum(spans)
+    whiten(np.ascontiguousarray(errors), shares, ends, weights, result)
 
 
 @compiled("void(f8[:, ::1], f8[::1], i8[::1], f8[::1], f8[:, ::1])")
