@@ -14,6 +14,7 @@ EDGE = 0.06  # of what an effect does in all; a change in the first or the last 
 CELL = 0.1  # m; places are told apart as finely
 RADII = (0.2, 0.3, 0.38, 0.46, 0.55)  # m
 MOST_CELLS = 1500
+FARTHEST = 1 << 31  # cells from the origin, and more than there are
 LARGEST_PART = 0.6  # of all that a place may hold: the rest must be elsewhere
 NOTHING = 1e-6
 
@@ -54,8 +55,10 @@ def best_place(moves: Floats, rest: Floats, basis: Floats, places: Floats) -> Lo
 
     `places` (n, 2) [m] are those of each. What several moves explain is added up, as if they had nothing in common.
     """
-    cells, inverse = np.unique(np.round(places / CELL).astype(np.int64), axis=0, return_inverse=True)
-    inverse = inverse.reshape(-1)
+    at = np.round(places / CELL).astype(np.int64)
+    numbers = at[:, 0] * FARTHEST + at[:, 1]
+    _, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)
+    cells = at[first]
     best = Local(0.0, {}, np.zeros(len(moves), np.bool_))
     if len(cells) > MOST_CELLS:
         return best

@@ -178,7 +178,7 @@ def _rows(rest: Remainder, signals: Sequence[str]) -> _Rows:
         basis=rest.basis[inside],
         order=order,
         signal=rest.signal[there],
-        window=rest.blocks(AVERAGED)[there],
+        window=np.unique(rest.blocks(AVERAGED)[there], return_inverse=True)[1],
         begins=begins,
         fold_of_block=fold[begins],
         folds=folds,
@@ -285,6 +285,6 @@ def _foretold(moves: Floats, of_blocks: Floats, rows: _Rows) -> Floats:
 def _share(white: Floats, foretold: Floats, rows: _Rows, signal: int) -> float:
     """Return the foretold share of the variance of a signal's white errors, averaged over AVERAGED."""
     of_signal = rows.signal == signal
-    windows = np.unique(rows.window[of_signal], return_inverse=True)[1]
+    windows = rows.window[of_signal]
     whole, left = (np.bincount(windows, errors[of_signal]) for errors in (white, white - foretold))
     return max(0.0, 1.0 - float(left @ left) / max(float(whole @ whole), NOTHING))
