@@ -22,6 +22,7 @@ REACH = 0.5  # s after which a command's delay has left no trace
 LEAST_CHANGE = 1e-3  # duty
 SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tried
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tried
+FINE = 1e-3  # share of the value to which the best one is found
 SIDES = ("psi_left", "psi_right")
 TOLD = 40.0  # squared white errors that a lost command makes from which it is told by itself
 FEWEST_LOST = 3
@@ -268,7 +269,9 @@ def _peak(function: Callable[[float], float], sizes: Floats) -> tuple[float, flo
     values = [function(float(size)) for size in sizes]
     best = int(np.argmax(values))
     low, high = np.log(sizes[max(best - 1, 0)]), np.log(sizes[min(best + 1, len(sizes) - 1)])
-    found = minimize_scalar(lambda x: -function(float(np.exp(x))), bounds=(low, high), method="bounded")
+    found = minimize_scalar(
+        lambda x: -function(float(np.exp(x))), bounds=(low, high), method="bounded", options={"xatol": FINE}
+    )
     value, step = float(np.exp(found.x)), 0.03
     curvature = (2.0 * -found.fun - function(value * (1 + step)) - function(value * (1 - step))) / (step * value) ** 2
     return value, float(-found.fun), float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else float("inf")
