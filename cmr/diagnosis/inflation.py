@@ -57,13 +57,12 @@ class Beside:
         """
         rest, basis = left_by(white, free)
         moves, along = white[:, 1 + free :], basis.T @ white[:, 1 + free :]
-        in_wheels = basis * wheels[:, None]
-        own = np.einsum("n,nc,nc->c", wheels.astype(np.float64), moves, moves)
-        mixed = along * (in_wheels.T @ moves)
+        in_wheels, part = basis[wheels], moves[wheels]
+        own, mixed = np.einsum("nc,nc->c", part, part), along * (in_wheels.T @ part)
         return cls(
             normal=(white.T @ white)[1 + free :, 1 + free :] - along.T @ along,
             pulls=rest @ moves,
-            of_wheels=own - np.sum(2.0 * mixed - along * (in_wheels.T @ basis @ along), axis=0),
+            of_wheels=own - np.sum(2.0 * mixed - along * (in_wheels.T @ in_wheels @ along), axis=0),
         )
 
     @property
@@ -71,7 +70,7 @@ class Beside:
         """The sums of the squares of the moves, (c,)."""
         return np.diag(self.normal)
 
-    def only(self, numbers: Sequence[int] | Indices) -> "Beside":
+    def only(self, numbers: Indices) -> "Beside":
         """Return the same of some of the moves."""
         return Beside(self.normal[np.ix_(numbers, numbers)], self.pulls[numbers], self.of_wheels[numbers])
 

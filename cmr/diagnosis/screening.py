@@ -74,7 +74,7 @@ def screen(
     for number in usual:
         effect = attempts[number].effect
         traces[effect] = max(float(sizes[number]), traces.get(effect, 0.0))
-    inflation = inflation_of([attempts[n].effect for n in usual], beside.only(usual))
+    inflation = inflation_of([attempts[n].effect for n in usual], beside.only(np.array(usual, np.int64)))
     return Screening(noise, tuple(best.values()), inflation, traces)
 
 
