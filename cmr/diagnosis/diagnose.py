@@ -1,6 +1,6 @@
 """Find out what the paper's model gets wrong about a robot, and why."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +36,7 @@ from cmr.diagnosis.result import (
     NamedEffect,
     Unexplained,
 )
+from cmr.diagnosis.shifts import moved, shifts
 from cmr.diagnosis.showing import paths_of, residuals_of
 from cmr.diagnosis.study import Fit, Study
 from cmr.diagnosis.taking_back import that_holds
@@ -143,7 +144,8 @@ def _diagnosis(
     sources: tuple[str, ...],
 ) -> Diagnosis:
     found, unexplained = whole.found, _unexplained(whole, measured.gain)
-    effects = tuple(_named(one, found, robot_id) for one in found.named)
+    named = zip(found.named, shifts(found), strict=True)
+    effects = tuple(_named(one, moved_by, found, robot_id) for one, moved_by in named)
     verdict = EFFECTS_FOUND if effects else UNEXPLAINED if unexplained.present else NO_EFFECT
     return Diagnosis(
         robot_id=robot_id,
@@ -180,7 +182,7 @@ def _candidate(tried: Tried, why_not: str, inflation: float) -> Candidate:
     )
 
 
-def _named(one: Named, found: Search, robot_id: int) -> NamedEffect:
+def _named(one: Named, moved_by: Mapping[str, float], found: Search, robot_id: int) -> NamedEffect:
     effect = one.tried.effect
     robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     names = [parameter.name for parameter in effect.parameters]
@@ -193,7 +195,7 @@ def _named(one: Named, found: Search, robot_id: int) -> NamedEffect:
         statistic=one.tried.drop,
         p_value=p_value(one.tried.drop, len(names), found.inflation),
         held_out=one.tried.held_out,
-        shift={n: found.final.values[n] - one.before.values[n] for n in found.base.names},
+        shift=moved_by,
         indistinguishable_from=rivals,
         next_experiment=experiment_to_tell_apart(effect.name, rivals, robot_id=robot_id, robot=robot),
     )
@@ -227,7 +229,8 @@ def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
     estimates = {name: _estimate(term.fit, name, whole.found) for name in term.names}
     words = formula({name: estimate.value for name, estimate in estimates.items()})
     gain = term.gain if whole.found.named else gain
-    generic = GenericTerm(estimates=estimates, formula=words, held_out=term.held_out, gain=gain)
+    moved_by = moved(whole.found.final, term.fit, whole.found.base.names)
+    generic = GenericTerm(estimates=estimates, formula=words, held_out=term.held_out, gain=gain, shift=moved_by)
     return replace(whole.unexplained, generic=generic)
 
 

@@ -31,7 +31,8 @@ def document(diagnosis: Diagnosis) -> Document:
     Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `next_experiment`, what
     to drive next; `candidates`, the effects that were tried and not named, and why not; `sources` and `samples`, what
     was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the
-    `sentence` of each data check; and `generic_term`, which extends the model without naming a cause, or null.
+    `sentence` of each data check; and `generic_term`, which extends the model without naming a cause, or null. Its
+    `shift` and those of all effects add up to what lies between the parameters of `baseline` and `extended`.
     Parameters without a standard deviation were given, not fitted.
     Raises KeyError for a parameter that the catalogue does not know.
     """
@@ -112,7 +113,7 @@ def _effect(rank: int, effect: NamedEffect) -> Document:
         "rank": rank,
         "parameters": _with_intervals(effect.estimates),
         "evidence": _evidence(effect),
-        "shift": {name: _finite(by) for name, by in effect.shift.items()},
+        "shift": _numbers(effect.shift),
         "indistinguishable_from": list(effect.indistinguishable_from),
         "next_experiment": effect.next_experiment,
     }
@@ -134,7 +135,7 @@ def _gain(gain: Gain | None) -> Document:
     return {
         "held_out_path_rmse_ratio": _finite(gain.ratio) if gain else None,
         "ci95": _interval(gain.interval if gain else (math.nan, math.nan)),
-        "signals": {name: _finite(ratio) for name, ratio in gain.signals.items()} if gain else {},
+        "signals": _numbers(gain.signals) if gain else {},
     }
 
 
@@ -156,6 +157,7 @@ def _generic(term: GenericTerm | None) -> Document | None:
         "parameters": _with_intervals(term.estimates),
         "held_out": _finite(term.held_out),
         "gain": _gain(term.gain),
+        "shift": _numbers(term.shift),
     }
 
 
@@ -173,6 +175,10 @@ def _with_intervals(estimates: Mapping[str, Estimate]) -> Document:
 
 def _interval(interval: tuple[float, float]) -> list[float | None]:
     return [_finite(end) for end in interval]
+
+
+def _numbers(numbers: Mapping[str, float]) -> dict[str, float | None]:
+    return {name: _finite(number) for name, number in numbers.items()}
 
 
 def _finite(number: float) -> float | None:

@@ -21,9 +21,10 @@ class NamedEffect:
     `estimates` are its parameters by name. `statistic` is twice the log-likelihood that the effect adds to the model
     with all other effects named, `p_value` how often chance alone would give as much somewhere in the catalogue.
     `held_out` is the log-likelihood that it adds on data it was not fitted on. `shift` tells how far each parameter
-    of the paper's model moved when the effect came in. `indistinguishable_from` are effects that explain these data
-    as well, `next_experiment` the manoeuvre that would tell them apart, or sharpen the estimate; None if nothing is
-    left to find out.
+    of the paper's model moved, in its unit, when the effect was added to the baseline with all effects ordered before
+    it: all shifts together, and that of a generic term, are what lies between baseline and extended model.
+    `indistinguishable_from` are effects that explain these data as well, `next_experiment` the manoeuvre that would
+    tell them apart, or sharpen the estimate; None if nothing is left to find out.
     """
 
     name: str
@@ -83,13 +84,15 @@ class GenericTerm:
     """A term without physical cause, by which the extended model foretells better what nothing explains.
 
     `estimates` are its coefficients by name, `formula` is it in words. `held_out` is the log-likelihood that it adds
-    on data it was not fitted on, `gain` that over the same model without it.
+    on data it was not fitted on, `gain` that over the same model without it. `shift` tells how far each parameter of
+    the paper's model moved, in its unit, when the term was added to all effects named.
     """
 
     estimates: Mapping[str, Estimate]
     formula: str
     held_out: float
     gain: Gain
+    shift: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

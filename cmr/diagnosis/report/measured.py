@@ -111,8 +111,8 @@ def _shifts(effects: Sequence[NamedEffect], diagnosis: Diagnosis) -> Html:
         return Html("")
     words = (
         "What a model lacks hides in the parameters that it has: they take the values that make up for it best, and "
-        "mislead wherever the robot is driven in another way. So far did they move when each effect came in beside all "
-        "others named."
+        "mislead wherever the robot is driven in another way. So far did they move when the effects were added to the "
+        "paper's model one after the other."
     )
     headings = ("parameter", "moved by", "share of its value before", "when this came in")
     heading = tag("h3", "How far the paper's parameters moved")
