@@ -14,12 +14,16 @@ COMMAND_LIFETIME = streams.COMMAND_LIFETIME / 1e6
 # After the process was held up, commands that were sent meanwhile still come out of the network's buffers. None is
 # taken for this time (s), or the robot would repeat what was wanted of it long ago.
 FLUSH_TIME = 0.1
+# An emergency stop that was engaged before this process began is heard when it is repeated, which a command must not
+# overtake. Nothing moves for as long as four repetitions take at 10 Hz (s).
+LISTENING_TIME = 0.4
 
 # Why a command was not taken. not_finite: NaN or infinite. out_of_range: beyond [-1, 1]. old: decided more than 0.5 s
 # ago, or not after one already taken, as in a log that is replayed. future: decided more than 0.5 s from now, by a
-# computer whose clock is wrong. held_up: it may have waited while this process was held up. not_zero: after a stop
-# was released, zero must be commanded before anything else.
-REASONS = ("not_finite", "out_of_range", "old", "future", "held_up", "not_zero")
+# computer whose clock is wrong. held_up: it may have waited while this process was held up. starting: an emergency
+# stop might not have been heard yet. not_zero: at the start and after a stop was released, zero must be commanded
+# before anything else.
+REASONS = ("not_finite", "out_of_range", "old", "future", "held_up", "starting", "not_zero")
 
 
 class Stop(Enum):
@@ -28,11 +32,13 @@ class Stop(Enum):
     BUS = "ESTOP on the bus"
     CONTROLLER = "the controller's own emergency stop"
     BATTERY = "the battery"
+    VOLTAGE_UNKNOWN = "a battery that nobody knows to be full enough"
 
     @property
     def status(self) -> int:
         """The STATUS constant that tells it."""
-        return motor_feedback_t.STATUS_BATTERY if self is Stop.BATTERY else motor_feedback_t.STATUS_ESTOP
+        battery = self in (Stop.BATTERY, Stop.VOLTAGE_UNKNOWN)
+        return motor_feedback_t.STATUS_BATTERY if battery else motor_feedback_t.STATUS_ESTOP
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,8 @@ class CommandGate:
     """Holds the command in force; safe to use from several threads.
 
     `now` is the driver's own monotonic clock (s), `utime` the time of day as in messages (us). `rejected` counts
-    commands not taken, by reason; `releases_rejected` releases of the emergency stop that were not recent.
+    commands not taken, by reason; `releases_rejected` releases of the emergency stop that were not recent. Closed to
+    all but zero until some time after `note_listening`.
     """
 
     def __init__(self) -> None:
@@ -60,8 +67,14 @@ class CommandGate:
         self._last_decided: int | None = None
         self._stops: set[Stop] = set()
         self._engaged_utime = 0
-        self._zero_first = False
+        self._zero_first = True
+        self._listening_until = math.inf
         self._closed_until = -math.inf
+
+    def note_listening(self, now: float) -> None:
+        """Note that from now on the bus is heard: commands are taken when it has been for LISTENING_TIME."""
+        with self._lock:
+            self._listening_until = now + LISTENING_TIME
 
     def offer(self, decided: int, left: float, right: float, *, now: float, utime: int) -> None:
         """Take a command that was decided at `decided` (us) and has arrived `now`, or count why not."""
@@ -136,4 +149,8 @@ class CommandGate:
             return "future"
         if now < self._closed_until:
             return "held_up"
-        return "not_zero" if self._zero_first and not self._stops and (left, right) != (0.0, 0.0) else ""
+        if (left, right) == (0.0, 0.0):
+            return ""
+        if now < self._listening_until:
+            return "starting"
+        return "not_zero" if self._zero_first and not self._stops else ""

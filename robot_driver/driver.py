@@ -99,9 +99,14 @@ class Driver:
         self._inside.__exit__(kind, error, trace)
 
     def turn(self) -> None:
-        """Note that the process is alive, and look at the parameter file; to be called before messages are handled."""
+        """Note that the process is alive, and look at the parameter file; to be called before messages are handled.
+
+        At the first turn the process has to hear the bus already.
+        """
         now = time.monotonic()
-        if self._last_turn is not None and now - self._last_turn > HELD_UP:
+        if self._last_turn is None:
+            self._gate.note_listening(now)
+        elif now - self._last_turn > HELD_UP:
             self._gate.note_held_up(now)
         self._last_turn = now
         if self.follower.poll():

@@ -17,6 +17,7 @@ from robot_driver.listing import describe
 from robot_driver.ramp import Limits
 from robot_driver.serial_port import PortLost, available_ports
 
+SLOWEST_RATE = 5.0  # Hz; slower, one lost packet is silence enough for the watchdog of 0.5 s in a controller
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 
 DESCRIPTION = """Drive a real robot: MOTOR_COMMAND_N in; MOTOR_FEEDBACK_N and GYRO_N out.
@@ -120,6 +121,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options = result.parse_args(arguments)
     if options.port is None and not options.list_devices:
         result.error("--port is needed: --list-devices shows which there are")
+    if options.rate < SLOWEST_RATE:
+        result.error(
+            f"--rate {options.rate:g} is too slow: the controller stops the motors when it hears nothing for 0.5 s. "
+            f"Choose {SLOWEST_RATE:g} Hz or more."
+        )
     if options.gyro_baud and options.gyro_port is None:
         result.error("--gyro-baud is for a gyro on a port of its own: --gyro-port")
     if options.gyro == BOARD and (options.gyro_port or CONTROLLERS[options.controller].gyro is None):

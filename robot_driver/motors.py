@@ -4,16 +4,17 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t
-from robot_driver.battery import BatteryGuard, Thresholds
+from robot_driver.battery import Thresholds
 from robot_driver.clock import Stamps, utime_at
-from robot_driver.command_gate import CommandGate, Drive, Stop
-from robot_driver.controllers import BadReply, Controller, Request, Telemetry, conditions_of
+from robot_driver.command_gate import CommandGate, Drive
+from robot_driver.controllers import BadReply, Controller, Request, Telemetry
 from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, WheelMotion, Wiring
+from robot_driver.health import Health
 from robot_driver.port_thread import Device
 from robot_driver.ramp import Limits, Ramp
 from robot_driver.rhythm import Rhythm
@@ -25,8 +26,8 @@ SILENCE_LIMIT = 0.4  # s without any answer after which the device counts as gon
 HUSH = 0.1  # s without any answer after which the device may have been reset: look before it is driven on
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 ARM_ATTEMPTS = 10  # of one without whose answer the motors may not turn until the next connection
-STOP_ATTEMPTS = 10  # of the last zero: 0.4 s at most, so that the process still ends within a second
-TELEMETRY_ATTEMPTS = 5  # in a row; a firmware does not answer what it does not know
+STOPPING = 0.5  # s for the attempts at the last zero, so that the process still ends within a second
+TELEMETRY_ATTEMPTS = 5  # after each connection; a firmware does not answer what it does not know
 
 
 @dataclass
@@ -34,11 +35,9 @@ class _Connection:
     """What holds from one connection to the next."""
 
     controller: Controller
+    unarmed: str  # why the motors must not turn; "" when they may
     requests: list[Request[Telemetry]]  # the telemetry that this device has
-    unarmed: str = ""  # why the motors must not turn; "" when they may
     turn: int = 0
-    failures: dict[str, int] = field(default_factory=dict)  # of telemetry requests, in a row, by name
-    telemetry: Telemetry = field(default_factory=Telemetry)
 
 
 class Motors(Device):
@@ -74,7 +73,7 @@ class Motors(Device):
         self._encoders = WheelEncoders(ticks_per_turn)
         self._wiring = wiring
         self._ramp = Ramp(limits, longest_step=2 * self._period)
-        self._battery = BatteryGuard(thresholds)
+        self._health = Health(gate, thresholds, port.path, self._period)
         self._publish = publish
         self._connection: _Connection | None = None
         self._jumps_told = 0
@@ -96,8 +95,10 @@ class Motors(Device):
         self._insist(controller.identify(), stop)
         for request in controller.learn():
             self._insist(request, stop)
-        self._connection = _Connection(controller, controller.read_telemetry(), self._arm(controller, stop))
-        self.problem = self._connection.unarmed
+        unarmed = self._arm(controller, stop)
+        self._insist(controller.drive(0.0, 0.0), stop)  # arming may have taken a board so long that it fell silent
+        self._connection = _Connection(controller, unarmed, self._first_readings(controller, stop))
+        self._act(self._connection)
         self._gate.clear()
         self._ramp.reset()
         self._due = self._last_answer = time.monotonic()
@@ -124,19 +125,18 @@ class Motors(Device):
         controller = self._connection.controller if self._connection else self._controller_type()
         self._connection = None
         self.rhythm.pause()
-        for request in controller.stops():
-            self._stop(request)
+        requests = controller.stops()
+        for request in requests:
+            self._stop(request, time.monotonic() + STOPPING / len(requests))
 
-    def _stop(self, request: Request[tuple[float, float]]) -> None:
+    def _stop(self, request: Request[tuple[float, float]], give_up: float) -> None:
         unacknowledged = 2 if self._doubtful else 1  # in doubt, the first acknowledgement may be of another duty
-        for _ in range(STOP_ATTEMPTS):
+        while unacknowledged and time.monotonic() < give_up:
             try:
                 self._port.exchange(request)
                 unacknowledged -= 1
             except BadReply:
                 self._recover()
-            if not unacknowledged:
-                return
 
     def _is_armed_still(self, controller: Controller, stop: threading.Event) -> bool:
         """Tell whether the device has the watchdog it was given once: then it was not reset, and counts on.
@@ -166,6 +166,25 @@ class Motors(Device):
             f"computer failed. Check its firmware."
         )
 
+    def _first_readings(self, controller: Controller, stop: threading.Event) -> list[Request[Telemetry]]:
+        """Make all requests for telemetry, before anything moves; return those to be made in turn from now on.
+
+        What this device does not answer, it does not know, unless something is missing that must be known.
+        """
+        requests = controller.read_telemetry()
+        self._health.begin(len(requests))
+        answered = []
+        for request in requests:
+            try:
+                answer = self._insist(request, stop, TELEMETRY_ATTEMPTS)
+            except PortLost:
+                if stop.is_set() or not self._answers(controller):
+                    raise
+                continue
+            self._health.take(request, answer, time.monotonic())
+            answered.append(request)
+        return requests if self._health.missing(time.monotonic()) else answered
+
     def _serve(self, connection: _Connection) -> None:
         """Make the requests of one turn.
 
@@ -184,10 +203,11 @@ class Motors(Device):
 
     def _drive(self, connection: _Connection) -> tuple[tuple[float, float], int]:
         """Send the duty in force; return what was acknowledged, left first, and the status that goes with it."""
+        if connection.controller.objection:
+            connection.unarmed = connection.controller.objection
+        self._act(connection)
         now = time.monotonic()
         drive = self._gate.drive(now)
-        if connection.controller.objection:
-            connection.unarmed = self.problem = connection.controller.objection
         if connection.unarmed:
             drive = Drive(0.0, 0.0, drive.status | motor_feedback_t.STATUS_NOT_ARMED)
         if drive.status:  # no way to lose on a ramp: what must stop, stops
@@ -205,7 +225,8 @@ class Motors(Device):
         counts = self._wiring.forward_counts(*answer.value)
         motion = self._encoders.update(counts, answer.measured, self.fastest_wheel)
         if motion is not None:
-            self._publish(self._feedback(connection.telemetry, answer, motion, applied, status))
+            telemetry = self._health.recent(time.monotonic())
+            self._publish(self._feedback(telemetry, answer, motion, applied, status))
 
     def _feedback(
         self,
@@ -238,23 +259,15 @@ class Motors(Device):
         )
 
     def _read_telemetry(self, connection: _Connection) -> None:
-        """Make the next of the slow requests; give up one that this device never answers."""
+        """Make the next of the slow requests."""
         connection.turn += 1
         slot = connection.turn % (len(connection.requests) + 1)
         if slot == len(connection.requests):
             self._check_watchdog(connection)
             return
         request = connection.requests[slot]
-        try:
-            connection.telemetry.update(self._ask(request).value)
-            self._obey_controller(connection.telemetry)
-            self._watch_battery(connection)
-            connection.failures[request.name] = 0
-        except BadReply:
-            connection.failures[request.name] = connection.failures.get(request.name, 0) + 1
-            if connection.failures[request.name] >= TELEMETRY_ATTEMPTS:
-                connection.requests.remove(request)
-            raise
+        answer = self._ask(request).value
+        self._health.take(request, answer, time.monotonic())
 
     def _check_watchdog(self, connection: _Connection) -> None:
         """Read the device's watchdog back again: a device that was reset meanwhile has none.
@@ -270,21 +283,10 @@ class Motors(Device):
                 self._reset(f"its watchdog reads {seconds:g} s instead of {controller.watchdog_seconds:g} s")
             )
 
-    def _obey_controller(self, telemetry: Telemetry) -> None:
-        """Hold still while the controller's own emergency stop is pressed; afterwards zero is to be commanded first."""
-        if telemetry.get("status", 0) & motor_feedback_t.STATUS_ESTOP:
-            self._gate.hold(Stop.CONTROLLER)
-        else:
-            self._gate.release(Stop.CONTROLLER)
-
-    def _watch_battery(self, connection: _Connection) -> None:
-        """Warn of a low battery; hold the motors for good when it is empty."""
-        self._battery.take(connection.telemetry.get("battery_voltage", math.nan), time.monotonic())
-        if self._battery.empty:
-            self._gate.hold(Stop.BATTERY)
-        conditions = ", ".join(conditions_of(connection.telemetry))
-        reported = f"The motor controller reports: {conditions}." if conditions else ""
-        self.problem = " ".join(filter(None, (connection.unarmed, self._battery.sentence, reported)))
+    def _act(self, connection: _Connection) -> None:
+        """Hold or release the motors by what the controller has told, or told no more, and say what is wrong."""
+        health = self._health.act(time.monotonic())
+        self.problem = " ".join(filter(None, (connection.unarmed, health)))
 
     def _ask(self, request: Request[T]) -> Answer[T]:
         asked = time.monotonic()

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from robot_driver.controllers import Request
+from robot_driver.gyro_device import LONGEST_DELAY
 from robot_driver.serial_port import Answer, SerialPort
 
 T = TypeVar("T")
@@ -35,8 +36,8 @@ class StreamPort(SerialPort):
     def exchange(self, request: Request[T]) -> Answer[T]:
         """Write, and return the answer as soon as it is among what the board says.
 
-        When it does not come in time, what came is all that the request's `parse` gets: it raises BadReply. Raises
-        PortLost.
+        When it does not come in time, what came is all that the request's `parse` gets: it raises BadReply. When the
+        board's clock says what cannot be, a reading was taken when it arrived. Raises PortLost.
         """
         self.write(request.data)
         deadline = time.monotonic() + PATIENCE
@@ -51,7 +52,9 @@ class StreamPort(SerialPort):
             reply += data
         arrived = time.monotonic_ns()
         value = request.parse(reply)
-        return Answer(value, request.measured() if request.measured else arrived, arrived)
+        measured = request.measured() if request.measured else arrived
+        believed = 0 <= arrived - measured < LONGEST_DELAY
+        return Answer(value, measured if believed else arrived, arrived)
 
     def resynchronise(self) -> None:
         """Do nothing: in a stream, frames tell where they begin."""

@@ -21,8 +21,9 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PROCESS_STATUS
 from cmr.msg import estop_t, motor_command_t, process_status_t
 from robot_driver.battery import Thresholds
-from robot_driver.command_gate import CommandGate
+from robot_driver.command_gate import LISTENING_TIME, CommandGate
 from robot_driver.controllers.roboclaw import RoboClaw
+from robot_driver.driver import Driver
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
@@ -38,6 +39,7 @@ from robot_driver.serial_port import SerialPort
 from tests.private_bus import private_url
 
 ENCODER_REPLY = 10  # bytes
+BITS_PER_BYTE = 10
 FIRST_BYTE = 0.020  # s beyond its time on the wire within which an answer must begin
 BYTE_GAP = 0.010  # s within which the next byte must follow
 
@@ -52,6 +54,22 @@ def wait_for(condition: Callable[[], object], seconds: float = 20.0) -> None:
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
         time.sleep(0.002)
+
+
+def open_gate() -> CommandGate:
+    """A gate that has listened for an emergency stop for long enough, and to which zero was commanded."""
+    gate = CommandGate()
+    gate.note_listening(time.monotonic() - LISTENING_TIME)
+    gate.offer(now_utime(), 0.0, 0.0, now=time.monotonic(), utime=now_utime())
+    return gate
+
+
+def open_gate_of(driver: Driver) -> None:
+    """Have a driver that is not on a bus listen to it for long enough, and command zero."""
+    driver.turn()
+    driver._gate.note_listening(time.monotonic() - LISTENING_TIME)
+    zero = make(motor_command_t, utime=now_utime(), robot_id=driver._robot_id, left=0.0, right=0.0)
+    driver.handle(zero.utime, MOTOR_COMMAND.channel(driver._robot_id), zero)
 
 
 class NotedDevice(RoboclawDevice):
@@ -97,7 +115,7 @@ class Bench:
         self.line = line
         self.device = device
         self.port = port
-        self.gate = CommandGate()
+        self.gate = open_gate()
         self.feedback: list[Any] = []
         self.written: list[tuple[float, int]] = []  # when the emulator wrote to the line (s), and how many bytes
         self.motors: Motors
@@ -139,7 +157,7 @@ class Bench:
         late = 0
         for (asked, length), (_, answer) in zip(list(self.port.asked), list(self.line.truth), strict=False):
             written = list(islice(moments, len(answer)))
-            wire_time = self.port.wire_time(length + len(answer))
+            wire_time = BITS_PER_BYTE * (length + len(answer)) / self.port.baud_rate
             in_time = written and written[0] - asked <= wire_time + FIRST_BYTE
             late += not in_time or any(after - before > BYTE_GAP for before, after in pairwise(written))
         return late
@@ -172,9 +190,8 @@ def bench_apart(folder: Path, faults: Faults, *, rate_hz: float) -> Iterator[Mot
     emulator.start()
     try:
         assert ready.wait(20.0)
-        gate = CommandGate()
         feedback: list[Any] = []
-        motors = _motors(SerialPort(str(folder / "motor"), 115200), gate, rate_hz, Thresholds(), feedback.append)
+        motors = _motors(SerialPort(str(folder / "motor"), 115200), open_gate(), rate_hz, Thresholds(), feedback.append)
         with PortThread(motors._port, motors) as thread:
             wait_for(lambda: len(feedback) > 2)
             yield motors
@@ -275,6 +292,7 @@ class DriverProcess:
         self.bus.receive(0.0)
         self.heard: list[Any] = []
         self.statuses: list[Any] = []
+        self.in_service = False
         command = [*START_DRIVER, "--port", str(folder / "motor"), "--lcm-url", URL, *arguments]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
@@ -289,8 +307,12 @@ class DriverProcess:
         wait_for(commanded)
 
     def command(self, left: float, right: float) -> None:
+        """Command a duty; zero for as long as the driver was not in service, as every pilot must."""
+        if not self.in_service:
+            left = right = 0.0
         command = make(motor_command_t, utime=now_utime(), robot_id=0, left=left, right=right)
         self.bus.publish(MOTOR_COMMAND, command, 0)
+        self.in_service |= any(status.state == process_status_t.RUNNING for status in self._own_statuses())
 
     def estop(self, engaged: bool) -> None:
         self.bus.publish(ESTOP, make(estop_t, utime=now_utime(), engaged=engaged, source="test", reason="test"))
@@ -299,6 +321,9 @@ class DriverProcess:
         heard = [received.message for received in self.bus.receive(seconds)]
         self.heard += heard
         self.statuses += [message for message in heard if isinstance(message, process_status_t)]
+
+    def _own_statuses(self) -> list[Any]:
+        return [status for status in self.statuses if status.pid == self.process.pid]
 
     def end(self, signal_number: int = signal.SIGTERM) -> tuple[int, str]:
         """Send a signal; return the exit code and what was written to stderr."""

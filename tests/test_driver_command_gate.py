@@ -13,7 +13,15 @@ EPOCH = 1_700_000_000_000_000  # us
 
 
 class Gate(CommandGate):
-    """A gate whose clocks begin together: at `now` it is EPOCH + now, and commands arrive when they are decided."""
+    """A gate whose clocks begin together: at `now` it is EPOCH + now, and commands arrive when they are decided.
+
+    It was opened long ago.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.note_listening(0.0)
+        self.command(1.0, 0.0, 0.0)
 
     def command(self, now: float, left: float, right: float, *, age: float = 0.0) -> None:
         self.offer(utime_at(now - age), left, right, now=now, utime=utime_at(now))

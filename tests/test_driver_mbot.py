@@ -23,7 +23,7 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
 from robot_driver.main import main
-from tests.driver_bench import DriverProcess, number, wait_for
+from tests.driver_bench import DriverProcess, number, open_gate_of, wait_for
 
 HALF, MIRRORED = (0.5, 0.5), (0.5, -0.5)
 WATCHDOG = 1.0  # s, of the board
@@ -76,6 +76,7 @@ class Client:
         self.driver = driver
         self.feedback: list[Any] = []
         self.gyro: list[Any] = []
+        open_gate_of(driver)
 
     def until(self, condition: Any, left: float = 0.5, right: float = 0.5) -> None:
         def commanded() -> object:

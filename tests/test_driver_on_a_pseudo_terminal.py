@@ -18,13 +18,13 @@ import pytest
 from cmr.bus.messages import now_utime
 from cmr.msg import motor_feedback_t
 from robot_driver.battery import Thresholds
-from robot_driver.command_gate import CommandGate
 from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.encoders import Wiring
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits
 from robot_driver.serial_port import PortLost, SerialPort
+from tests.driver_bench import open_gate
 
 NOT_ARMED, STALE = motor_feedback_t.STATUS_NOT_ARMED, motor_feedback_t.STATUS_COMMAND_STALE
 ACKNOWLEDGED = b"\xff"
@@ -110,7 +110,7 @@ class Bench:
 
     def __init__(self, device: TinyRoboClaw) -> None:
         self.device = device
-        self.gate = CommandGate()
+        self.gate = open_gate()
         self.feedback: list[Any] = []
 
     def running(self) -> AbstractContextManager[PortThread]:

@@ -18,7 +18,7 @@ from robot_driver.emulator import roboclaw_device
 from robot_driver.encoders import FASTEST_WHEEL
 from robot_driver.main import main
 from robot_driver.serial_port import why_not_open
-from tests.driver_bench import bench, wait_for
+from tests.driver_bench import bench, open_gate_of, wait_for
 
 PARAMETER_FILE = """schema: 1
 robot_id: {robot_id}
@@ -79,6 +79,7 @@ def test_a_foreign_parameter_file_changes_nothing_and_is_reported(silent_port: s
 
 def test_commands_that_were_not_taken_are_counted_by_reason(silent_port: str) -> None:
     driver = Driver(Settings(port=silent_port, robot=3))
+    open_gate_of(driver)
     now = now_utime()
     for utime, left in ((now, 0.1), (now, float("nan")), (now, 1.5), (now, 0.1), (now - 3_600_000_000, 0.1)):
         message = make(motor_command_t, utime=utime, robot_id=3, left=left, right=0.0)
@@ -120,6 +121,7 @@ def test_what_the_controller_says_is_wrong_is_told_in_words(tmp_path: Path, monk
 
 def test_estop_on_the_bus_reaches_the_motors(silent_port: str) -> None:
     driver = Driver(Settings(port=silent_port))
+    open_gate_of(driver)
     now = now_utime()
     driver.handle(now, MOTOR_COMMAND.channel(0), make(motor_command_t, utime=now, robot_id=0, left=0.5, right=0.5))
     assert driver._gate.drive(time.monotonic()).left == 0.5
@@ -139,6 +141,7 @@ def test_a_port_that_cannot_be_opened_is_explained() -> None:
     "wrong",
     [
         ["--rate", "0"],
+        ["--rate", "4.9"],
         ["--robot", "-1"],
         ["--baud", "x"],
         ["--deceleration", "1"],

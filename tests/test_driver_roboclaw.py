@@ -24,7 +24,7 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import RoboclawPairDevice
-from tests.driver_bench import wait_for
+from tests.driver_bench import open_gate_of, wait_for
 
 SAVE_TO_MEMORY = 94
 COMMANDED_ON = 0.3  # s for which a robot that has been stopped goes on being commanded
@@ -56,6 +56,7 @@ def running(folder: Path, controller: str, plant: Plant, device: Device) -> Iter
         Engine(plant, {"motor": device}, ports.terminals),
         Driver(Settings(port=str(folder / "motor"), controller=controller)) as driver,
     ):
+        open_gate_of(driver)
         yield Run(driver)
 
 

@@ -3,8 +3,6 @@
 import dataclasses
 import math
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.bus import Bus
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import MOTOR_COMMAND, MOTOR_FEEDBACK
 from cmr.msg import motor_command_t, motor_feedback_t
@@ -23,9 +20,8 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import load_settings
-from tests.private_bus import private_url
+from tests.driver_bench import DriverProcess, open_gate_of
 
-DRIVER = [sys.executable, "-c", "from cmr.commands import driver; raise SystemExit(driver())"]
 PATIENCE = 20.0  # s
 NOT_ARMED, ESTOP = motor_feedback_t.STATUS_NOT_ARMED, motor_feedback_t.STATUS_ESTOP
 BATTERY = motor_feedback_t.STATUS_BATTERY
@@ -64,6 +60,7 @@ class Client:
         self.feedback: list[Any] = []
         self.left, self.right = 0.0, 0.0
         self._driver = driver
+        open_gate_of(driver)
 
     def until(self, condition: Callable[[], object]) -> None:
         """Command until something is true."""
@@ -215,42 +212,24 @@ def test_lost_cut_doubled_and_foreign_answers_never_become_data(tmp_path: Path) 
         assert message.status & (ESTOP | BATTERY) == 0
 
 
-class Process:
-    """cmr-driver as a process of its own, commanded over a bus of its own."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.url = private_url()
-        arguments = ["--port", robot.port, "--controller", "roboteq", "--lcm-url", self.url]
-        self.process = subprocess.Popen([*DRIVER, *arguments], stderr=subprocess.PIPE)
-        self._bus = Bus(self.url)
-
-    def command_until(self, condition: Callable[[], object]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not condition():
-            assert time.monotonic() < deadline
-            message = make(motor_command_t, utime=now_utime(), robot_id=0, left=0.5, right=0.5)
-            self._bus.publish(MOTOR_COMMAND, message, 0)
-            time.sleep(0.02)
-
-    def end(self, number: int) -> int:
-        self.process.send_signal(number)
-        self.process.communicate(timeout=PATIENCE)
-        return self.process.returncode
+def process_driving(robot: Robot) -> DriverProcess:
+    """A cmr-driver that drives because it obeys commands."""
+    process = DriverProcess(Path(robot.port).parent, "--controller", "roboteq")
+    process.command_until(lambda: robot.device.duty == [500, 500])
+    return process
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_while_driving_ends_with_a_zero_that_was_acknowledged(robot: Robot, number: int) -> None:
-    process = Process(robot)
-    process.command_until(lambda: robot.device.duty == [500, 500])
-    assert process.end(number) == 130
+    process = process_driving(robot)
+    assert process.end(number)[0] == 130
     assert robot.device.actions[-1] == "!M 0 0"
     assert robot.at_rest()
     assert robot.device.saves == 0
 
 
 def test_the_devices_own_watchdog_stops_the_motors_when_the_host_dies(robot: Robot) -> None:
-    process = Process(robot)
-    process.command_until(lambda: robot.device.duty == [500, 500])
+    process = process_driving(robot)
     process.end(signal.SIGKILL)
     deadline = time.monotonic() + PATIENCE
     while not robot.at_rest():

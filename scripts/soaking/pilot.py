@@ -29,9 +29,10 @@ class Pilot:
         self._raw = lcm.LCM(bus.url)
         self._checks = checks
         self._chance = chance
-        self._steps: list[tuple[int, str]] = []  # (time, what) still to come of the event at work, the next one last
+        # (time, what) still to come of the event at work, the next one last. A driver has to hear zero first.
+        self._steps = [(now_utime() + 4 * SECOND, "drive")]
         self._due = now_utime() + 5 * SECOND
-        self._mode = "drive"
+        self._mode = "zero"
         self._last_command = 0
         self._stopped = 0
         self._estop_due = 0

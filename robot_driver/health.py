@@ -1,0 +1,65 @@
+"""Whether controller and battery are well enough to drive: what holds the motors if they are not, and what is told."""
+
+from cmr.msg import motor_feedback_t
+from robot_driver.battery import BatteryGuard, Thresholds
+from robot_driver.command_gate import CommandGate, Stop
+from robot_driver.controllers import Request, Telemetry, conditions_of
+from robot_driver.readings import Readings, sentence_on
+
+PATIENCE = 2.0  # times the age at which a reading is old, after which the motors do not turn without it
+
+
+class Health:
+    """Takes what the controller at `path` tells in turn, once in a few `period` (s); holds and releases the `gate`.
+
+    Times are the driver's monotonic clock (s).
+    """
+
+    def __init__(self, gate: CommandGate, thresholds: Thresholds, path: str, period: float) -> None:
+        self._gate = gate
+        self._path = path
+        self._battery = BatteryGuard(thresholds)
+        self._needs_voltage = thresholds.stop > 0.0
+        self._readings = Readings(period, ["battery_voltage"] if self._needs_voltage else [])
+
+    def begin(self, requests: int) -> None:
+        """Know nothing: a new connection has been made, on which so many requests for telemetry are made in turn."""
+        self._readings.begin(requests)
+
+    def take(self, request: Request[Telemetry], answer: Telemetry, now: float) -> None:
+        """Take what a request was answered."""
+        self._readings.take(request, answer, now)
+        if "battery_voltage" in answer:
+            self._battery.take(answer["battery_voltage"], now)
+
+    def recent(self, now: float) -> Telemetry:
+        """Return what was told lately."""
+        return self._readings.recent(now)
+
+    def missing(self, now: float) -> set[str]:
+        """Return what has not been told for so long that the motors must not turn where it matters."""
+        limit = PATIENCE * self._readings.old_after
+        return {key for key, seconds in self._readings.unknown(now).items() if seconds > limit}
+
+    def act(self, now: float) -> str:
+        """Hold the motors, or release them, by what is known; return what a person has to know, or ""."""
+        recent, missing = self._readings.recent(now), self.missing(now)
+        engaged = bool(recent.get("status", 0) & motor_feedback_t.STATUS_ESTOP)
+        self._decide(Stop.CONTROLLER, hold=engaged or "status" in missing, release="status" in recent)
+        blind = self._needs_voltage and "battery_voltage" in missing
+        self._decide(Stop.VOLTAGE_UNKNOWN, hold=blind, release="battery_voltage" in recent)
+        self._decide(Stop.BATTERY, hold=self._battery.empty, release=False)
+        conditions = ", ".join(conditions_of(recent))
+        sentences = (
+            self._battery.sentence,
+            f"The motor controller reports: {conditions}." if conditions else "",
+            sentence_on(self._readings.unknown(now), self._path),
+            "Not driving until it does and zero is commanded." if blind or "status" in missing else "",
+        )
+        return " ".join(filter(None, sentences))
+
+    def _decide(self, stop: Stop, *, hold: bool, release: bool) -> None:
+        if hold:
+            self._gate.hold(stop)
+        elif release:
+            self._gate.release(stop)
