@@ -16,6 +16,7 @@ from cmr.diagnosis.result import BAD_DATA, Diagnosis
 from cmr.manoeuvres import MANOEUVRES
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.parameters.file import ParameterFile, Value, load
+from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.lags import Lag, lags_of
 from cmr.recordings.recording import Recording
 from tests.faulty_drive import later, without
@@ -56,6 +57,55 @@ def test_of_several_recordings_none_of_use_are_refused_each_with_its_reason() ->
     assert found.verdict == BAD_DATA
     assert found.sentence.startswith("0.lcm: No wheels were recorded")
     assert "1.lcm: Neither poses (POSE_N) nor a gyro (GYRO_N) were recorded" in found.sentence
+
+
+def faults(found: Diagnosis) -> set[str]:
+    return {one.check for one in found.checks if one.found}
+
+
+def gyro_times(whole: Recording, factor: float) -> Recording:
+    return replace(whole, gyro=replace(whole.gyro, fields={"yaw_rate": factor * whole.gyro["yaw_rate"]}))
+
+
+@pytest.mark.parametrize(
+    ("factor", "fault", "said"),
+    [(-1.0, "gyro_reversed", "--invert-gyro"), (np.degrees(1.0), "gyro_factor", "degrees per second")],
+)
+def test_a_gyro_that_is_upside_down_or_in_degrees_is_told_and_no_fault_of_the_robot(
+    factor: float, fault: str, said: str
+) -> None:
+    found = named(gyro_times(drive(), factor))
+    assert faults(found) - faults(named(drive())) == {fault}
+    assert any(said in one.sentence for one in found.checks)
+    assert found.verdict == "no_effect"
+
+
+def test_where_only_a_gyro_that_is_upside_down_tells_of_the_motion_it_is_named() -> None:
+    found = named(gyro_times(without(drive(), "poses"), -1.0))
+    assert found.verdict == BAD_DATA
+    assert "--invert-gyro" in found.sentence
+    assert "were recorded" not in found.sentence
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(1.0, BAD_DATA), (0.6, BAD_DATA), (0.05, "no_effect")])
+def test_poses_that_are_not_numbers_are_counted_and_most_of_them_refused(share: float, verdict: str) -> None:
+    whole = drive()
+    wrong = np.random.default_rng(1).permutation(len(whole.poses)) < share * len(whole.poses)
+    kept = whole.poses.where(~wrong)
+    found = named(replace(whole, poses=replace(kept, left_out={NOT_FINITE: int(wrong.sum())})))
+    assert found.verdict == verdict
+    if verdict == BAD_DATA:
+        assert f"{wrong.sum()} of {len(wrong)} cannot be true ({wrong.sum()} are not numbers)" in found.sentence
+    assert [one.found for one in found.checks if one.check == "unusable_messages"] == [wrong.sum()]
+
+
+def test_headings_that_a_jump_of_the_tracker_turned_are_no_effect() -> None:
+    whole = drive()
+    poses, before = whole.poses, whole.poses.seconds < 8.0
+    theta = np.remainder(poses["theta"] + 0.3 * before + np.pi, 2.0 * np.pi) - np.pi
+    found = named(replace(whole, poses=replace(poses, fields={**poses.fields, "theta": theta})))
+    assert faults(found) - faults(named(drive())) == {"pose_jumps", "pose_headings_turned"}
+    assert found.verdict == "no_effect"
 
 
 def test_recordings_with_and_without_commands_are_diagnosed_together() -> None:

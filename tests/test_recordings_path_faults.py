@@ -1,6 +1,7 @@
 """What the checks of poses promise: faults of the tracker are found, and true poses stay, however the robot drives."""
 
 import itertools
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -112,6 +113,41 @@ def test_a_jump_of_the_tracker_splits_the_path_there(shift: complex, turn: float
     # The pose at the jump may itself be set aside; noise may move a small jump by one.
     assert abs(int(findings.splits[0]) - int(whole.poses.utime[at])) <= PERIOD * 1e6
     assert findings["pose_outliers"].found <= 1
+    assert findings["pose_headings_turned"].found == 0
+
+
+@pytest.mark.parametrize("duties", [figure_eight, lively])
+@pytest.mark.parametrize("turn", [0.3, -0.3, 1.5, 3.0])
+@pytest.mark.parametrize("known_by", ["wheels", "commands"])
+def test_headings_that_a_jump_turned_against_the_way_the_robot_goes_are_set_aside(
+    duties: Duties, turn: float, known_by: str
+) -> None:
+    whole = recording(duties, 4)
+    whole = without(whole, "wheels") if known_by == "commands" else whole
+    poses, after = whole.poses, np.arange(len(whole.poses)) >= 1000
+    slipped = placed(whole, poses["x"], poses["y"] + 0.4 * after, poses["theta"] + turn * after)
+    findings = check(slipped)
+    assert findings["pose_jumps"].found == 1
+    gone = set_aside(findings, "pose_headings_turned", "poses")
+    assert np.count_nonzero(gone != after) <= 1
+    told = re.search(r"turned by (\d+) degrees", findings["pose_headings_turned"].sentence)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(np.degrees(abs(turn)), abs=2.0)
+
+
+@pytest.mark.parametrize("angle", [0.5, np.pi])
+@pytest.mark.parametrize("arm", [0.15, -0.15 + 0.1j])
+def test_a_tracked_point_off_the_middle_and_a_heading_off_the_front_throughout_are_no_fault_after_a_jump(
+    arm: complex, angle: float
+) -> None:
+    for duties in (figure_eight, lively):
+        whole = recording(duties, 4)
+        place = arm * np.exp(1j * whole.poses["theta"])
+        poses = whole.poses
+        off = placed(whole, poses["x"] + place.real, poses["y"] + place.imag, poses["theta"] + angle)
+        findings = check(moved(off, slice(700, None), 0.4, 1.0))
+        assert findings["pose_jumps"].found == 1
+        assert findings["pose_headings_turned"].found == 0
 
 
 def test_jumps_are_found_among_outliers() -> None:

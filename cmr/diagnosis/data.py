@@ -7,6 +7,7 @@ from cmr.calibration.result import CalibrationError
 from cmr.calibration.signs import require_consistent_signs
 from cmr.diagnosis.experiment import LONGEST_SILENCE, SHORTEST_PIECE, Piece, pieces_of
 from cmr.diagnosis.free_runs import LEAST, WINDOW, windows_of
+from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.checks import check
 from cmr.recordings.findings import Finding, Findings
 from cmr.recordings.recording import Recording
@@ -25,6 +26,7 @@ WITHOUT_WHEELS = "No wheels were recorded (MOTOR_FEEDBACK_N): they are needed to
 WITHOUT_MOTION = (
     "Neither poses (POSE_N) nor a gyro (GYRO_N) were recorded beside the wheels: nothing tells how the robot moved."
 )
+NOTHING_ELSE = "Nothing else tells how the robot moved."
 WITHOUT_WINDOW = (
     f"The recording has no stretch of {LEAST * WINDOW:.1f} s over which the error of {{what}} could be measured."
 )
@@ -95,15 +97,23 @@ def _tells(piece: Piece) -> bool:
 def _untrue(recording: Recording, findings: Findings) -> str:
     """Return which sensor cannot be trusted; empty if none."""
     for name, words in SIGNALS.items():
-        lost, total = _set_aside(findings, name), len(recording.signals[name])
+        signal = recording.signals[name]
+        empty = signal.left_out.get(NOT_FINITE, 0)
+        lost, total = _set_aside(findings, name) + empty, len(signal) + empty
         if lost > MOST_SET_ASIDE * total:
-            return f"Of the {words}, {lost} of {total} cannot be true: see to the sensor first. Nothing is concluded."
+            why = "cannot be true" + (f" ({empty} are not numbers)" if empty else "")
+            return f"Of the {words}, {lost} of {total} {why}: see to the sensor first. Nothing is concluded."
     return ""
 
 
 def _set_aside(findings: Findings, signal: str) -> int:
     masks = [finding.set_aside[signal] for finding in findings.all if signal in finding.set_aside]
     return int(sum(masks[1:], start=masks[0]).astype(bool).sum()) if masks else 0
+
+
+def _why_set_aside(findings: Findings, signal: str) -> list[str]:
+    """Return why samples of a signal are not used, a sentence each."""
+    return [finding.sentence for finding in findings.all if signal in finding.set_aside]
 
 
 def _why_useless(recording: Recording, cleaned: Recording, findings: Findings, pieces: Sequence[Piece]) -> str:
@@ -114,7 +124,8 @@ def _why_useless(recording: Recording, cleaned: Recording, findings: Findings, p
     if untrue:
         return untrue
     if pieces or max(len(cleaned.poses), len(cleaned.gyro)) < FEWEST:
-        return WITHOUT_MOTION
+        set_aside = _why_set_aside(findings, "gyro")
+        return " ".join([*set_aside, NOTHING_ELSE]) if set_aside else WITHOUT_MOTION
     seconds = float(recording.wheels.seconds[-1])
     if seconds < SHORTEST:
         return f"The recording is too short: it lasts {seconds:.1f} s. {LONG_ENOUGH}"

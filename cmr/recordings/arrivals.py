@@ -14,6 +14,7 @@ from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, POSE, Stream
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
 from cmr.recordings.signal import Floats, Mask, Signal, Times, no_times
 
+NOT_FINITE = "not a finite number"  # why a message is no sample
 LAST_NUMBER = 2**63 - 1  # later than any message
 
 
@@ -91,7 +92,7 @@ class Arrivals:
         """Return the samples; sorted by time, the first of repeated times kept."""
         finite = int(np.count_nonzero(self.finite(kept)))
         usable = self.usable(kept)
-        left_out = {"not a finite number": len(self.utime) - finite, "marked as not valid": finite - len(usable.utime)}
+        left_out = {NOT_FINITE: len(self.utime) - finite, "marked as not valid": finite - len(usable.utime)}
         utime, number, columns = usable.utime, usable.number, usable.columns
         if np.any(utime[1:] <= utime[:-1]):
             utime, first = np.unique(utime, return_index=True)

@@ -6,6 +6,8 @@ No parameter of the robot is needed, and nothing but NumPy: a calibration that s
 import numpy as np
 
 from cmr.recordings.findings import Finding, Findings, counted
+from cmr.recordings.gyro_checks import gyro_findings
+from cmr.recordings.heading_checks import turned_headings
 from cmr.recordings.lags import Lag, lags_of
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
@@ -22,17 +24,25 @@ __all__ = ["Finding", "Findings", "check"]
 def check(recording: Recording) -> Findings:
     """Find what is wrong in a recording: poses, wheels, clocks, gaps and the log itself."""
     damaged = damaged_samples(recording)
-    sound = Findings((damaged,), np.empty(0, np.int64), (), {}).cleaned(recording)
+    sound = _without(recording, [damaged])
     sensors = [*wheel_findings(sound), dead_sensors(sound)]
-    plausible = Findings(tuple(sensors), np.empty(0, np.int64), (), {}).cleaned(sound)
+    plausible = _without(sound, sensors)
+    gyro = gyro_findings(plausible)
+    plausible = _without(plausible, gyro)
     lags = lags_of(plausible)
     known = {lag.sensor: lag.seconds for lag in lags if lag.known}
     faults = path_faults(plausible, known.get("poses", 0.0), known.get("gyro", 0.0))
-    findings = [*_pose_findings(faults), *sensors]
+    turned = turned_headings(plausible, faults, known.get("poses", 0.0))
+    findings = [*_pose_findings(faults), turned, *sensors, *gyro]
     findings = [_over_all(finding, damaged, recording) for finding in findings]
     findings += [damaged, *_lag_findings(lags), *motion_findings(sound)]
     findings += [*gap_findings(sound), *log_findings(sound)]
     return Findings(tuple(findings), sound.poses.utime[faults.jumps], tuple(lags), rates_of(sound))
+
+
+def _without(recording: Recording, found: list[Finding]) -> Recording:
+    """Return the recording without what these findings set aside."""
+    return Findings(tuple(found), np.empty(0, np.int64), (), {}).cleaned(recording)
 
 
 def _over_all(finding: Finding, damaged: Finding, recording: Recording) -> Finding:

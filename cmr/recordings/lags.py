@@ -52,6 +52,23 @@ class Lag:
         return not self.why_unknown
 
 
+class IncomparableError(Exception):
+    """What two sensors saw cannot be compared; the text says why."""
+
+
+@dataclass(frozen=True)
+class CommonRates:
+    """The rates of two sensors, the later named first, at the same moments, `STEP` apart.
+
+    `pairs`, each of two arrays of shape (n,), are the rates of driving, where both tell it, and of turning, in the
+    units of each sensor's travel per second, averaged twice over `span` [s]. Lags of up to `shifts` steps can be seen.
+    """
+
+    pairs: list[tuple[Floats, Floats]]
+    span: float
+    shifts: int
+
+
 @dataclass(frozen=True)
 class Travel:
     """How far a robot has driven and turned since the start, in any unit, by one sensor; shape (n,).
@@ -112,16 +129,19 @@ def lags_of(recording: Recording) -> list[Lag]:
     return [_lag(sensor, of, travel[sensor], travel[of]) for sensor, of in present]
 
 
-def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
-    """Find the lag of one sensor."""
+def common_rates(late: Travel, early: Travel) -> CommonRates:
+    """Return the rates at which two sensors saw the robot drive and turn.
+
+    Raises IncomparableError where they have too little in common.
+    """
     first, last = max(late.time[0], early.time[0]), min(late.time[-1], early.time[-1])
     if last - first < SHORTEST:
-        return Lag.unknown(sensor, reference, f"they have less than {SHORTEST:.0f} s in common")
+        raise IncomparableError(f"they have less than {SHORTEST:.0f} s in common")
     if last - first > SPARSEST * (len(late.time) + len(early.time)):
-        return Lag.unknown(sensor, reference, "the recording is mostly gaps")
+        raise IncomparableError("the recording is mostly gaps")
     span = max(SPAN, *(2.5 * float(np.median(np.diff(travel.time))) for travel in (late, early)))
     if last - first < FEWEST_SPANS * span:
-        return Lag.unknown(sensor, reference, "one of them comes too seldom")
+        raise IncomparableError("one of them comes too seldom")
     moments = np.arange(first + 0.5 * span, last - 0.5 * span, STEP)
     pairs = [
         (_rates(late.time, a, moments, span), _rates(early.time, b, moments, span))
@@ -130,16 +150,25 @@ def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
     ]
     pairs = [pair for pair in pairs if min(float(np.std(rates)) for rates in pair) > LEAST_MOTION]
     if not pairs:
-        return Lag.unknown(sensor, reference, "nothing moves in one of them")
-    shifts = int(min(REACH, 0.25 * (last - first)) / STEP)
-    evidence = np.sum([_evidence(a, b, shifts, span) for a, b in pairs], axis=0)
+        raise IncomparableError("nothing moves in one of them")
+    return CommonRates(pairs, span, int(min(REACH, 0.25 * (last - first)) / STEP))
+
+
+def _lag(sensor: str, reference: str, late: Travel, early: Travel) -> Lag:
+    """Find the lag of one sensor."""
+    try:
+        rates = common_rates(late, early)
+    except IncomparableError as why:
+        return Lag.unknown(sensor, reference, str(why))
+    span, shifts = rates.span, rates.shifts
+    evidence = np.sum([_evidence(a, b, shifts, span) for a, b in rates.pairs], axis=0)
     best = int(np.argmax(evidence))
     far = np.abs(np.arange(len(evidence)) - best) * STEP > RIVAL
     if evidence[best] < LEAST_EVIDENCE or best in (0, len(evidence) - 1):
         return Lag.unknown(sensor, reference, "their speeds do not change alike")
     if far.any() and evidence[far].max() > evidence[best] - LEAST_LEAD:
         return Lag.unknown(sensor, reference, "several lags fit alike")
-    refined = [_refined(a, b, (best - shifts) * STEP, span) for a, b in pairs]
+    refined = [_refined(a, b, (best - shifts) * STEP, span) for a, b in rates.pairs]
     found = [(lag, max(std, SMALLEST_STD)) for lag, std in refined if std < LARGEST_STD]
     if not found:
         return Lag.unknown(sensor, reference, "the speeds change too little")
@@ -159,8 +188,8 @@ def _rates(time: Floats, travel: Floats, moments: Floats, span: float) -> Floats
     return np.asarray(total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
 
 
-def _evidence(late: Floats, early: Floats, shifts: int, span: float) -> Floats:
-    """Return the log-likelihood of each lag of -shifts to shifts steps over no connection, shape (2 shifts + 1,)."""
+def correlation_of(late: Floats, early: Floats, shifts: int) -> Floats:
+    """Return the correlation at each lag of -shifts to shifts steps, shape (2 shifts + 1,)."""
     inner = late[shifts : len(late) - shifts]
     inner = inner - inner.mean()
     size = 1 << int(np.ceil(np.log2(len(early) + len(inner))))
@@ -172,9 +201,14 @@ def _evidence(late: Floats, early: Floats, shifts: int, span: float) -> Floats:
     within = squares[n : n + 2 * shifts + 1] - squares[: 2 * shifts + 1]
     within = within - (sums[n : n + 2 * shifts + 1] - sums[: 2 * shifts + 1]) ** 2 / n
     energy = max(float(inner @ inner), ROUNDING * float(late @ late))
-    correlation = product / np.sqrt(np.maximum(within, ROUNDING * squares[-1]) * energy)
-    independent = n * STEP / span
-    return np.asarray(-0.5 * independent * np.log1p(-np.minimum(correlation**2, 0.9999)) * (correlation > 0.0))[::-1]
+    return np.asarray(product / np.sqrt(np.maximum(within, ROUNDING * squares[-1]) * energy))[::-1]
+
+
+def _evidence(late: Floats, early: Floats, shifts: int, span: float) -> Floats:
+    """Return the log-likelihood of each lag of -shifts to shifts steps over no connection, shape (2 shifts + 1,)."""
+    correlation = correlation_of(late, early, shifts)
+    independent = (len(late) - 2 * shifts) * STEP / span
+    return np.asarray(-0.5 * independent * np.log1p(-np.minimum(correlation**2, 0.9999)) * (correlation > 0.0))
 
 
 def _refined(late: Floats, early: Floats, lag: float, span: float) -> tuple[float, float]:

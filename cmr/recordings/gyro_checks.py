@@ -1,0 +1,176 @@
+"""Tell whether the gyro turns the way, and as far as, the poses and the wheels do.
+
+A gyro that is mounted upside down, or that tells degrees, sees the same motion as the others but for a factor. That
+is no matter of clocks, and no effect of the catalogue: such a gyro is set aside before clocks are compared.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.recordings.findings import Finding
+from cmr.recordings.lags import (
+    STEP,
+    IncomparableError,
+    command_travel,
+    common_rates,
+    correlation_of,
+    gyro_travel,
+    pose_travel,
+    wheel_travel,
+)
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import Floats
+
+FEWEST_SPANS = 10  # over which rates are averaged; fewer tell nothing
+# Of what one sign leaves unexplained, the share that the other may leave at most, at whatever lag of the clocks.
+LEFT = 0.5
+SMALLEST, LARGEST = 0.7, 1.4  # times the turn of the poses; a gyro's effects are smaller
+# Between how many times the turn that wheels without slip would make the robot really turns: tyres that scrub let it
+# turn less, and the nominal base width may be wrong.
+LEAST_TURN, MOST_TURN = 0.1, 10.0
+SMALLEST_RATIO, LARGEST_RATIO = 0.01, 1.0  # wheel radius over base width, where they are not known; scrub included
+DEGREES = math.degrees(1.0)
+AS_GOOD_AS = 1.4  # times more or less: so near a unit's factor it is the unit
+OR_ELSE: Mapping[tuple[str, ...], str] = {
+    ("poses",): ", or the poses are mirrored",
+    ("wheels",): ", or encoders of the two sides are swapped (--swap)",
+    ("commands",): ", or motors of the two sides are swapped (--swap)",
+}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How the gyro's turns compare with another sensor's: `reverse`, and from `least` to `most` times as large.
+
+    The unit is rad per unit of the other's turns.
+    """
+
+    reverse: bool
+    least: float
+    most: float
+
+    @property
+    def factor(self) -> float:
+        """The middle of what the factor may be."""
+        return math.sqrt(self.least * self.most)
+
+    def times(self, factor: float) -> "Comparison":
+        """Return the comparison of a gyro that reads so many times as much."""
+        return Comparison(self.reverse, factor * self.least, factor * self.most)
+
+    def within(self, least: float, most: float) -> bool:
+        """Tell whether the factor may lie between these."""
+        return self.most >= least and self.least <= most
+
+
+def gyro_findings(recording: Recording) -> list[Finding]:
+    """Find a gyro that turns the other way, or by another factor, than the poses and the wheels do.
+
+    Where these contradict each other, it is one of them that is wrong, and the gyro stays.
+    """
+    seen = _comparisons(recording)
+    reverse = bool(seen) and all(one.reverse for one in seen.values())
+    alike = [name for name, one in seen.items() if not one.reverse]
+    wrong = _wrong_factor(recording, seen)
+    everything = {"gyro": np.ones(len(recording.gyro), np.bool_)}
+    return [
+        Finding(
+            "gyro_reversed",
+            int(reverse),
+            _about_sign(seen if reverse else alike, reverse),
+            everything if reverse else {},
+        ),
+        Finding("gyro_factor", int(bool(wrong)), wrong or _sound(seen, "as far as"), everything if wrong else {}),
+    ]
+
+
+def _comparisons(recording: Recording) -> dict[str, Comparison]:
+    """Compare the gyro's turns with those of the poses, and of the wheels or else the commands, where they tell."""
+    travels = {"poses": pose_travel, "wheels": wheel_travel, "commands": command_travel}
+    if len(recording.wheels) > 1:
+        del travels["commands"]
+    present = [name for name in travels if len(recording.signals[name]) > 1] if len(recording.gyro) > 1 else []
+    origin = int(recording.gyro.utime[0]) if present else 0
+    compared = {}
+    for name in present:
+        other = travels[name](recording.signals[name], origin)
+        try:
+            rates = common_rates(gyro_travel(recording.gyro, origin), other)
+        except IncomparableError:
+            continue
+        ((gyro, turning),) = rates.pairs  # a gyro does not tell how the robot drives
+        if len(gyro) * STEP > FEWEST_SPANS * rates.span:
+            compared[name] = _compared(gyro, turning, rates.shifts)
+    return {name: comparison for name, comparison in compared.items() if comparison}
+
+
+def _compared(gyro: Floats, other: Floats, shifts: int) -> Comparison | None:
+    """Compare two rates of turning, shape (n,), of clocks up to `shifts` steps apart; None if they are not alike.
+
+    Both are in error: the regression of the gyro on the other gives too small a factor, that of the other on the gyro
+    too large a one.
+    """
+    around = np.pad(other, shifts, mode="edge")  # so that the start and the end of a drive count, too
+    correlation = correlation_of(np.pad(gyro, shifts), around, shifts)
+    best = int(np.argmax(np.abs(correlation)))
+    alike = float(correlation[best])
+    opposite = max(float(np.max(-math.copysign(1.0, alike) * correlation)), 0.0)
+    if 1.0 - alike**2 > LEFT * (1.0 - opposite**2) or best in (0, 2 * shifts):
+        return None
+    size = float(np.std(gyro) / np.std(around[2 * shifts - best :][: len(gyro)]))
+    return Comparison(alike < 0.0, abs(alike) * size, size / abs(alike))
+
+
+def _wrong_factor(recording: Recording, seen: Mapping[str, Comparison]) -> str:
+    """Return what is wrong with the gyro's factor; empty if nothing is, or if another sensor is to blame."""
+    poses, wheels = seen.get("poses"), seen.get("wheels")
+    turn = _turn_of_wheels(recording)
+    if poses is None:
+        return "" if wheels is None or wheels.within(*turn) else _about_wheels(wheels, turn)
+    if poses.within(SMALLEST, LARGEST) or (wheels and not wheels.times(1.0 / poses.factor).within(*turn)):
+        return ""
+    return _about_poses(poses)
+
+
+def _turn_of_wheels(recording: Recording) -> tuple[float, float]:
+    """Return by how much the robot may turn, at least and at most, per unit of the wheels' turns [rad]."""
+    given = recording.parameters
+    if given is None or not given.has("wheel_radius", "base_width"):
+        return SMALLEST_RATIO, LARGEST_RATIO
+    ratio = given.value("wheel_radius") / given.value("base_width")
+    return LEAST_TURN * ratio, MOST_TURN * ratio
+
+
+def _about_sign(seen: Iterable[str], reverse: bool) -> str:
+    references = tuple(seen)
+    if not reverse:
+        return _sound(references, "the way")
+    return (
+        f"The gyro turns the other way than the {' and the '.join(references)}: it is mounted upside down "
+        f"(--invert-gyro of cmr-driver){OR_ELSE.get(references, '')}. Its readings are set aside."
+    )
+
+
+def _about_poses(poses: Comparison) -> str:
+    told = f"The gyro tells {poses.factor:.3g} times the turn of the poses"
+    if poses.times(1.0 / DEGREES).within(1.0 / AS_GOOD_AS, AS_GOOD_AS):
+        return f"{told}: it gives degrees per second, rad/s are wanted. Its readings are set aside."
+    if poses.times(DEGREES).within(1.0 / AS_GOOD_AS, AS_GOOD_AS):
+        return f"{told}, pi / 180: it, or the poses' heading, is not in rad. Its readings are set aside."
+    return f"{told}: its scale is wrong, see to its unit (rad/s) and its range. Its readings are set aside."
+
+
+def _about_wheels(wheels: Comparison, turn: tuple[float, float]) -> str:
+    much = "more" if wheels.least > turn[1] else "less"
+    return (
+        f"The gyro tells far {much} than the wheels can turn the robot: see to its unit (rad/s), or to the encoders' "
+        "ticks per turn. Its readings are set aside."
+    )
+
+
+def _sound(references: Iterable[str], how: str) -> str:
+    named = " and the ".join(references)
+    return f"The gyro turns {how} the {named} do." if named else "The gyro's turns have nothing to be compared with."

@@ -1,0 +1,109 @@
+"""Find headings that the tracker turned on the robot: after a jump, the robot no longer goes where they point.
+
+A tracker that starts anew in another frame turns path and headings alike; nothing but a cut is needed then. One whose
+tracked body was moved on the robot, or was recognised wrongly, goes on with other headings. What the robot does would
+look like another robot's, so that such poses are set aside.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.recordings.findings import Finding, counted
+from cmr.recordings.lags import command_travel, wheel_travel
+from cmr.recordings.path_faults import PathFaults
+from cmr.recordings.recording import Recording
+from cmr.recordings.robust import spread, wrapped
+from cmr.recordings.signal import SECONDS, Floats, Mask
+
+WINDOW = 0.5  # s over which the robot's way is compared with its heading
+TURNED = 0.1  # rad; headings that differ by less may be as true as the robot's slip
+SURE = 7.0  # standard deviations by which they must differ
+SHORTEST_WAY = 0.5  # m that a part must tell of, to be judged
+OUTLYING = 4.0  # standard deviations; windows further off, in which wheels slip, tell nothing of headings
+FEWEST = 20  # windows
+
+
+@dataclass(frozen=True)
+class Ways:
+    """How the robot moved in windows of time, shape (n,), of the `part` between two jumps that each belongs to.
+
+    `moved` [m, complex: ahead + i to the left of the heading], `driven` as the wheels tell in their unit, `turned`
+    [rad].
+    """
+
+    part: NDArray[np.int64]
+    moved: NDArray[np.complex128]
+    driven: Floats
+    turned: Floats
+
+
+def turned_headings(recording: Recording, faults: PathFaults, pose_lag: float) -> Finding:
+    """Find the poses between jumps whose headings point elsewhere than the robot goes, beside those of other parts.
+
+    `pose_lag` [s] is by how much poses are stamped later than the wheels.
+    """
+    part = np.cumsum(faults.jumps, dtype=np.int64)
+    wrong = np.zeros(len(part), np.bool_)
+    largest = 0.0
+    if faults.jumps.any():
+        angles = _angles(_ways(recording, part, ~(faults.outliers | faults.held), pose_lag))
+        straightest = min(angles, key=lambda one: abs(angles[one][0]), default=0)
+        for one, (angle, std) in angles.items():
+            off = abs(float(wrapped(np.array(angle - angles[straightest][0]))))
+            if off > max(TURNED, SURE * np.hypot(std, angles[straightest][1])):
+                wrong |= part == one
+                largest = max(largest, off)
+    count = int(np.count_nonzero(wrong))
+    return Finding(
+        "pose_headings_turned",
+        count,
+        f"After a jump the tracker's headings are turned by {np.degrees(largest):.0f} degrees against the way that "
+        f"the robot goes: {counted(count, 'pose')} set aside. See to what is tracked on the robot.",
+        {"poses": wrong} if count else {},
+    )
+
+
+def _ways(recording: Recording, part: NDArray[np.int64], used: Mask, pose_lag: float) -> Ways | None:
+    """Return how the robot moved from each `used` pose to one a window later, of the same part; None if unknown."""
+    poses, part = recording.poses.where(used), part[used]
+    wheels, commands = recording.wheels, recording.commands
+    if len(poses) < FEWEST or max(len(wheels), len(commands)) < 2:
+        return None
+    origin = int(poses.utime[0])
+    travel = wheel_travel(wheels, origin) if len(wheels) > 1 else command_travel(commands, origin)
+    width = max(round(WINDOW / max(float(np.median(np.diff(poses.seconds))), SECONDS)), 1)
+    first = np.arange(0, len(poses) - width, width)
+    first = first[part[first] == part[first + width]]
+    last = first + width
+    place, theta = poses["x"] + 1j * poses["y"], poses["theta"]
+    turned = wrapped(theta[last] - theta[first])
+    moved = (place[last] - place[first]) * np.exp(-1j * (theta[first] + 0.5 * turned))
+    driven = np.interp(poses.seconds - pose_lag, travel.time, np.asarray(travel.driven))
+    return Ways(part[first], moved, driven[last] - driven[first], turned)
+
+
+def _angles(ways: Ways | None) -> dict[int, tuple[float, float]]:
+    """Return, by part, the angle [rad] from the heading to the way and its standard deviation.
+
+    The tracked point's lever arm and sideways skid, the same in all parts, are fitted beside it: in bends they, too,
+    carry the robot sideways.
+    """
+    if ways is None or len(ways.part) < FEWEST:
+        return {}
+    parts = np.unique(ways.part)
+    common = [ways.turned, ways.turned * ways.driven]
+    design = np.stack([ways.driven * (ways.part == one) for one in parts] + common, axis=1)
+    kept = np.ones(len(ways.part), np.bool_)
+    for _ in range(2):
+        solution = np.linalg.lstsq(design[kept], ways.moved[kept], rcond=None)[0]
+        left = ways.moved - design @ solution
+        noise = max(spread(np.append(left.real, left.imag)), 1e-9)
+        kept = np.abs(left) <= OUTLYING * noise
+    inverse = np.linalg.pinv(design[kept].T @ design[kept])
+    return {
+        int(one): (float(np.angle(solution[k])), noise * float(np.sqrt(inverse[k, k])) / abs(solution[k]))
+        for k, one in enumerate(parts)
+        if abs(solution[k]) * float(np.abs(ways.driven[ways.part == one]).sum()) > SHORTEST_WAY
+    }
