@@ -12,15 +12,18 @@ PATIENCE = 2.0  # times the age at which a reading is old, after which the motor
 class Health:
     """Takes what the controller at `path` tells in turn, once in a few `period` (s); holds and releases the `gate`.
 
+    What is `essential` is waited for before the motors may turn; and the voltage, where there is one to stop below.
     Times are the driver's monotonic clock (s).
     """
 
-    def __init__(self, gate: CommandGate, thresholds: Thresholds, path: str, period: float) -> None:
+    def __init__(
+        self, gate: CommandGate, thresholds: Thresholds, essential: frozenset[str], path: str, period: float
+    ) -> None:
         self._gate = gate
         self._path = path
         self._battery = BatteryGuard(thresholds)
         self._needs_voltage = thresholds.stop > 0.0
-        self._readings = Readings(period, ["battery_voltage"] if self._needs_voltage else [])
+        self._readings = Readings(period, essential | ({"battery_voltage"} if self._needs_voltage else set()))
 
     def begin(self, requests: int) -> None:
         """Know nothing: a new connection has been made, on which so many requests for telemetry are made in turn."""

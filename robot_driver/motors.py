@@ -73,7 +73,7 @@ class Motors(Device):
         self._encoders = WheelEncoders(ticks_per_turn)
         self._wiring = wiring
         self._ramp = Ramp(limits, longest_step=2 * self._period)
-        self._health = Health(gate, thresholds, port.path, self._period)
+        self._health = Health(gate, thresholds, controller_type.essential, port.path, self._period)
         self._publish = publish
         self._connection: _Connection | None = None
         self._jumps_told = 0

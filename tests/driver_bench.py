@@ -314,8 +314,10 @@ class DriverProcess:
         self.bus.publish(MOTOR_COMMAND, command, 0)
         self.in_service |= any(status.state == process_status_t.RUNNING for status in self._own_statuses())
 
-    def estop(self, engaged: bool) -> None:
-        self.bus.publish(ESTOP, make(estop_t, utime=now_utime(), engaged=engaged, source="test", reason="test"))
+    def estop(self, engaged: bool, *, age: float = 0.0) -> None:
+        """Engage or release the emergency stop by a message that was made `age` seconds ago."""
+        utime = now_utime() - round(1e6 * age)
+        self.bus.publish(ESTOP, make(estop_t, utime=utime, engaged=engaged, source="test", reason="test"))
 
     def listen(self, seconds: float) -> None:
         heard = [received.message for received in self.bus.receive(seconds)]

@@ -34,6 +34,29 @@ def utime_at(now: float) -> int:
     return EPOCH + round(now * 1e6)
 
 
+def test_until_an_emergency_stop_would_have_been_heard_nothing_but_zero_is_taken() -> None:
+    gate = CommandGate()
+
+    def offer(now: float, duty: float) -> Drive:
+        gate.offer(utime_at(now), duty, duty, now=now, utime=utime_at(now))
+        return gate.drive(now)
+
+    assert offer(10.0, 0.5) == ZERO
+    gate.note_listening(11.0)
+    assert offer(11.0, 0.0) == Drive(0.0, 0.0, 0)
+    assert offer(11.39, 0.5) == Drive(0.0, 0.0, 0)
+    assert gate.rejected == {"starting": 2}
+    assert offer(11.41, 0.5) == Drive(0.5, 0.5, 0)
+
+
+def test_after_the_start_zero_must_be_commanded_first() -> None:
+    gate = CommandGate()
+    gate.note_listening(10.0)
+    gate.offer(utime_at(11.0), 0.5, 0.5, now=11.0, utime=utime_at(11.0))
+    assert gate.drive(11.0) == ZERO
+    assert gate.rejected == {"not_zero": 1}
+
+
 def test_without_a_command_nothing_moves() -> None:
     assert Gate().drive(1000.0) == ZERO
 
@@ -127,6 +150,16 @@ def test_zero_commanded_before_the_release_does_not_count(stop: Stop) -> None:
     gate.command(10.2, 0.0, 0.0)
     gate.command(10.3, 0.5, 0.5)
     assert gate.drive(10.3) == Drive(0.5, 0.5, 0)
+
+
+def test_after_an_emergency_stop_during_which_nobody_commanded_zero_must_be_commanded_first() -> None:
+    gate = Gate()
+    gate.command(10.0, 0.5, 0.5)
+    gate.estop(10.1, True)
+    gate.estop(10.2, False)
+    gate.command(10.3, 0.5, 0.5)
+    assert gate.drive(10.3) == ZERO
+    assert gate.rejected == {"not_zero": 1}
 
 
 @pytest.mark.parametrize(("engaged_ago", "released_ago"), [(0.1, 0.2), (5.0, 0.6), (0.0, -0.6)])

@@ -1,5 +1,12 @@
 """Promises 10, 11 and 12: ports come and go, have two kinds of names, and belong to one driver."""
 
+import fcntl
+import os
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -7,9 +14,14 @@ import pytest
 from cmr.bus.messages import now_utime
 from cmr.msg import process_status_t
 from robot_driver import serial_port
+from robot_driver.controllers import Request
 from robot_driver.driver import Driver, Settings
-from robot_driver.serial_port import numbering_warning
+from robot_driver.port_thread import Device, PortThread
+from robot_driver.serial_port import PortLost, SerialPort, numbering_warning
+from robot_driver.stream_port import StreamPort
 from tests.driver_bench import DriverProcess, driving
+
+TIOCGEXCL = 0x80045440  # of Linux: whether TIOCEXCL holds
 
 
 def test_10_12_unplugging_is_told_at_once_and_the_robot_starts_from_zero_behind_the_same_name(tmp_path: Path) -> None:
@@ -32,6 +44,89 @@ def test_10_12_unplugging_is_told_at_once_and_the_robot_starts_from_zero_behind_
         driver.command_until(lambda: robot.device.duty == [16384, 16384])
         assert robot.drives[0][1:] == (0, 0)
         driver.command_until(lambda: driver.statuses and driver.statuses[-1].state == process_status_t.RUNNING)
+
+
+class CountedPauses(threading.Event):
+    """Notes how long it is to be waited for, and does not wait; set after eight times."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pauses: list[float | None] = []
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.pauses.append(timeout)
+        if len(self.pauses) == 8:
+            self.set()
+        return self.is_set()
+
+
+class Elusive(Device):
+    """A device that can be connected to at the fourth attempt, once, and is lost again at once."""
+
+    def __init__(self) -> None:
+        self.attempts = 0
+
+    def connect(self, stop: threading.Event) -> None:  # noqa: ARG002 - as of any device
+        self.attempts += 1
+        if self.attempts != 4:
+            raise PortLost("not there")
+
+    def turn(self, stop: threading.Event) -> None:  # noqa: ARG002 - as of any device
+        raise PortLost("lost")
+
+    def leave(self) -> None:
+        pass
+
+
+def test_10_between_attempts_to_get_a_device_back_the_pauses_grow_to_a_second(terminal: str) -> None:
+    thread = PortThread(SerialPort(terminal, 115200), Elusive())
+    thread._stop = pauses = CountedPauses()
+    with thread:
+        thread._thread.join(10.0)
+    assert pauses.pauses == [0.1, 0.2, 0.4, 0.1, 0.2, 0.4, 0.8, 1.0]
+
+
+def is_exclusive(port: SerialPort) -> bool:
+    return bool(int.from_bytes(fcntl.ioctl(port._opened().fileno(), TIOCGEXCL, bytes(4)), sys.byteorder))
+
+
+def test_12_the_kernel_refuses_a_port_to_all_others_but_not_a_pseudo_terminal(
+    terminal: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = SerialPort(terminal, 115200)
+    port.open()
+    assert not is_exclusive(port)
+    port.close()
+    monkeypatch.setattr(serial_port, "PSEUDO_TERMINALS", "/nowhere/")  # as if this were a port of hardware
+    port.open()
+    assert is_exclusive(port)
+    port.close()
+
+
+@pytest.mark.parametrize(("late", "believed"), [(0.01, True), (-0.001, False), (0.2, False)])
+def test_14_a_time_by_a_boards_clock_that_cannot_be_is_not_believed(terminal: str, late: float, believed: bool) -> None:
+    port = StreamPort(terminal, 115200)
+    told = 0
+
+    def measured() -> int:
+        nonlocal told
+        told = time.monotonic_ns() - round(1e9 * late)
+        return told
+
+    port.open()
+    answer = port.exchange(Request("time", b"", 0, lambda _reply: 0, lambda _reply: None, measured=measured))
+    port.close()
+    assert answer.measured == (told if believed else answer.arrived)
+
+
+@pytest.fixture
+def terminal() -> Iterator[str]:
+    """A port at whose other end is nobody."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    yield os.ttyname(slave)
+    os.close(master)
+    os.close(slave)
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND
 from cmr.msg import estop_t, motor_command_t
 from robot_driver import gyro_device
+from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import Driver, Settings
 from robot_driver.emulator import roboclaw_device
 from robot_driver.encoders import FASTEST_WHEEL
@@ -48,6 +49,14 @@ def test_a_silent_device_is_reported_and_does_not_hold_up_the_end(silent_port: s
             time.sleep(0.01)
         began = time.monotonic()
     assert time.monotonic() - began < 1.0
+
+
+@pytest.mark.parametrize("controller", sorted(CONTROLLERS))
+def test_9_the_attempts_to_stop_a_silent_device_end_in_time(silent_port: str, controller: str) -> None:
+    driver = Driver(Settings(port=silent_port, controller=controller))
+    with driver:
+        wait_for(lambda: "does not answer" in driver.problems())
+    assert not any(thread._thread.is_alive() for thread in driver._threads)
 
 
 def test_parameters_in_use_say_how_fast_wheels_can_turn(silent_port: str, tmp_path: Path) -> None:

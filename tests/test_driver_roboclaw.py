@@ -92,6 +92,22 @@ def test_two_units_drive_four_motors_and_measure_the_mean_of_each_side(tmp_path:
     assert [unit.duty for unit in device.units] == [[0, 0], [0, 0]]
 
 
+def test_13_counts_go_on_where_the_registers_wrap_upwards_and_downwards(tmp_path: Path) -> None:
+    settings = emulated.load_settings().ideal()
+    plant = Plant(settings)
+    device = RoboclawDevice(settings, plant)
+    device._encoder_zero = [10, -10]
+    assert device._encoders() == (2**32 - 10, 10)
+    with running(tmp_path, "roboclaw", plant, device) as run:
+        run.until(lambda: run.feedback and run.feedback[-1].ticks_left > 200 and run.feedback[-1].ticks_right < -100)
+        assert device._encoders()[0] < 2**16 < 2**31 < device._encoders()[1]
+        assert run.driver._motors.jumps == 0
+    ticks = [(message.ticks_left, message.ticks_right) for message in run.feedback]
+    assert ticks[0] == (0, 0)
+    assert [pair[0] for pair in ticks] == sorted(pair[0] for pair in ticks)
+    assert [pair[1] for pair in ticks] == sorted((pair[1] for pair in ticks), reverse=True)
+
+
 @pytest.mark.parametrize("dead", [0, 1])
 def test_when_one_of_two_units_falls_silent_the_other_is_stopped(tmp_path: Path, dead: int) -> None:
     plant, device = pair()

@@ -179,6 +179,14 @@ def test_4_a_slow_line_with_a_slow_adapter_works(tmp_path: Path) -> None:
     assert_all_true(run)
 
 
+def test_4_an_answer_that_takes_its_time_on_the_wire_is_waited_for(tmp_path: Path) -> None:
+    with bench(tmp_path, rate_hz=5.0, baud=2400) as run:  # where an answer takes up to 0.1 s
+        run.until_transactions(20)
+        assert_only_late_answers_failed(run)
+        assert run.thread.problem == ""
+    assert_all_true(run)
+
+
 def test_5_a_silent_device_is_waited_for(tmp_path: Path) -> None:
     with bench(tmp_path) as run:
         run.command(0.5, 0.5)

@@ -4,7 +4,7 @@ import math
 import random
 import signal
 import time
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 
 import pytest
@@ -20,6 +20,7 @@ from tests.driver_bench import DriverProcess, Robot, bench, driving, number, wai
 
 WATCHDOG = 0.5  # s, of the device
 CYCLE = 0.01  # s
+ESTOP_EVERY = 5  # commands, at 50 Hz: ESTOP is repeated at 10 Hz
 HELD_UP = 0.15  # s; this machine's, not the promise's
 
 
@@ -94,12 +95,57 @@ def test_18_a_released_emergency_stop_moves_nothing_until_zero_was_commanded(tmp
         driver.command_until(lambda: robot.device.duty == [0, 0])
         driver.command(0.0, 0.0)  # in advance, which does not count
         driver.estop(False)
-        count = len(robot.drives)
-        driver.command_until(lambda: len(robot.drives) > count + 30)
-        assert {drive[1:] for drive in robot.drives[count:]} == {(0, 0)}
+        assert_nothing_moves(robot, driver)
         driver.command(0.0, 0.0)
         driver.command_until(lambda: robot.device.duty == [16384, 16384])
         driver.command_until(lambda: any("not_zero" in status.message for status in driver.statuses))
+
+
+def test_18_an_emergency_stop_during_which_nobody_commands_is_followed_by_zero_first_too(tmp_path: Path) -> None:
+    with driving(tmp_path) as (robot, driver):
+        driver.estop(True)
+        wait_for(lambda: robot.device.duty == [0, 0])
+        driver.listen(0.1)
+        driver.estop(False)
+        assert_nothing_moves(robot, driver)
+        driver.command(0.0, 0.0)
+        driver.command_until(lambda: robot.device.duty == [16384, 16384])
+
+
+def test_18_a_release_that_is_too_old_does_not_release(tmp_path: Path) -> None:
+    with driving(tmp_path) as (robot, driver):
+        driver.estop(True, age=5.0)
+        driver.command_until(lambda: robot.device.duty == [0, 0])
+        driver.estop(False, age=2.0)
+        driver.command(0.0, 0.0)
+        assert_nothing_moves(robot, driver)
+        driver.command_until(
+            lambda: any("Releases of ESTOP not taken: 1" in status.message for status in driver.statuses)
+        )
+
+
+def test_18_a_driver_that_starts_while_an_emergency_stop_is_engaged_moves_nothing(tmp_path: Path) -> None:
+    robot, driver = Robot(tmp_path), DriverProcess(tmp_path)
+    driver.in_service = True  # so that all that is commanded here is sent
+    turn = count()
+
+    def taken_at_last() -> bool:
+        driver.command(0.0, 0.0)
+        if next(turn) % ESTOP_EVERY == 0:
+            driver.estop(True)
+        return any("starting" in status.message for status in driver.statuses)
+
+    driver.command_until(taken_at_last)
+    driver.end()
+    robot.unplug()
+    assert {drive[1:] for drive in robot.drives} == {(0, 0)}
+
+
+def assert_nothing_moves(robot: Robot, driver: DriverProcess) -> None:
+    """However much is commanded."""
+    count = len(robot.drives)
+    driver.command_until(lambda: len(robot.drives) > count + 30)
+    assert {drive[1:] for drive in robot.drives[count:]} == {(0, 0)}
 
 
 def test_13_a_controller_that_was_reset_during_a_silence_is_not_driven_on(tmp_path: Path) -> None:

@@ -67,7 +67,8 @@ class Controller(ABC):
     A new object is made for each connection, so it may remember what it learned about the device. The two channels
     are in the controller's own order and sign; which is left is the driver's business. `link` names, for a person, what
     the device must be set to so that it answers. `watchdog_seconds` is after what silence of ours it is to stop the
-    motors by itself. `streams`: the device talks all the time, asked or not. `gyro` is the gyro on the same board; it
+    motors by itself. `essential`: the keys of Telemetry that every such device tells, and without which the motors
+    must not turn. `streams`: the device talks all the time, asked or not. `gyro` is the gyro on the same board; it
     overhears all that comes. `objection` is a sentence on why the device must not be driven, as soon as what it says
     shows that; else "".
     """
@@ -75,6 +76,7 @@ class Controller(ABC):
     default_baud_rate: int
     link = "serial commands"
     watchdog_seconds = 0.5
+    essential: frozenset[str] = frozenset()
     streams = False
     gyro: type[Gyro] | None = None
     objection = ""

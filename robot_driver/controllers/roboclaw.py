@@ -56,6 +56,7 @@ class RoboClaw(Controller):
 
     default_baud_rate = 115200
     link = "packet serial, address 0x80,"
+    essential = frozenset({"status"})
 
     def __init__(self, address: int = FIRST_ADDRESS) -> None:
         self._address = address

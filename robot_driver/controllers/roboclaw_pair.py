@@ -21,6 +21,7 @@ class RoboClawPair(Controller):
 
     default_baud_rate = RoboClaw.default_baud_rate
     link = "packet serial, addresses 0x80 and 0x81,"
+    essential = frozenset({"status"})
 
     def __init__(self) -> None:
         self._front, self._rear = (RoboClaw(address) for address in ADDRESSES)

@@ -74,6 +74,7 @@ class Roboteq(Controller):
 
     default_baud_rate = 115200
     link = "text commands on its serial port (RS232 or USB)"
+    essential = frozenset({"status"})
 
     def __init__(self) -> None:
         self._echo_is_off = False
