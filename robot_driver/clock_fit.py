@@ -9,6 +9,7 @@ from collections import deque
 
 WINDOW = 30.0  # s of readings that a line is fitted to; over that time no quartz drifts noticeably
 RATE_TOLERANCE = 0.05  # share by which a sensor's rate may differ from its nominal one
+FIRST_SIGHT = 0.5  # s of arrivals of which some are surely in time; before, a busy computer may have held up all
 RATE_KNOWN = 10.0  # s of readings after which the rate is known to a part in a thousand, whatever held them back
 OWN_PACE = 0.01  # share by which no sensor with a quartz differs from what it says
 LONGEST_GAP = 0.5  # s without a reading after which nothing is known about how many are missing
@@ -34,7 +35,12 @@ class ClockFit:
         self._step = unnoticed
         self._arrivals: deque[Point] = deque(maxlen=SLIP_BEFORE + SLIP_AFTER)  # the last reading of each
         self._missing = 0
-        self._newest = 0
+        self._began = self._newest = 0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the times of the last readings are good to 2 ms."""
+        return self._newest - self._began >= FIRST_SIGHT * 1e9
 
     @property
     def pace(self) -> float:
@@ -51,6 +57,8 @@ class ClockFit:
         """
         if self._hull and readings[0][1] - self._newest > LONGEST_GAP * 1e9:
             self._begin_anew()
+        if not self._hull:
+            self._began = readings[-1][1]
         self._newest = readings[-1][1]
         points = [(number + self._missing, latest) for number, latest in readings]
         for point in points:

@@ -1,9 +1,11 @@
 """The gyro of one robot, as the thread of its port sees it: keep it talking, stamp what it says."""
 
+import math
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from cmr.bus.messages import make
@@ -14,10 +16,13 @@ from robot_driver.gyros import Gyro, GyroReading
 from robot_driver.port_thread import Device
 from robot_driver.serial_port import SerialPort
 
-SILENCE_LIMIT = 0.5  # s without a reading after which the gyro may have been off and needs to be woken up again
+SILENCE_LIMIT = 0.5  # s without a reading after which the gyro is woken up again
+GAP_READINGS, GAP_TIME = 5, 0.05  # missing, and held back by adapters (s); with more, the gyro may have been off
 LONGEST_READ = 0.05  # s
 INVALID_LIMIT = 1.0  # s without a valid reading, which is more than any gyro of ours takes to settle
 READ_SIZE = 4096  # bytes
+FAREWELLS = 3  # one may be damaged on its way, or come while the gyro does not listen
+FAREWELL_PAUSE = 0.05  # s
 LONGEST_DELAY = 100_000_000  # ns; a sensor's clock that says a reading took longer to arrive has not been set
 
 
@@ -39,6 +44,7 @@ class GyroDevice(Device):
         self._publish = publish
         self.counts: Counter[str] = Counter()
         self._last_reading = self._last_valid = 0.0
+        self._heard: int | None = None  # when readings came last since the gyro was woken up (monotonic ns)
         self._stamps = Stamps()
         self._clock_fit: ClockFit | None = None
         self._count = 0
@@ -58,19 +64,38 @@ class GyroDevice(Device):
         data = self._port.read(READ_SIZE, LONGEST_READ)
         arrived = time.monotonic_ns()
         readings = self._gyro.feed(data)
-        for reading, measured in zip(readings, self._measured(readings, arrived), strict=True):
-            self._publish(self._message(reading, measured, arrived))
+        if readings:
+            self._take(readings, arrived)
         if request := self._gyro.next_request():
             self._port.write(request)
         if readings:
             self._last_reading = time.monotonic()
-            self.problem = self._why_no_rate(readings)
         elif time.monotonic() - self._last_reading > SILENCE_LIMIT:
             self.problem = self._gyro.problem or (
                 f"The gyro at {self._port.path} sends no readings. Check its power, its cable and its baud rate "
                 f"({self._port.baud_rate})."
             )
             self._wake_up()
+
+    def _take(self, readings: list[GyroReading], arrived: int) -> None:
+        """Publish readings: as not valid where they follow a gap, or where it is not sure when they were taken."""
+        moments = self._measured(readings, arrived)
+        may_have_been_off = self._follow_gap(len(readings), arrived)
+        if may_have_been_off or (self._clock_fit is not None and not self._clock_fit.is_known):
+            readings = [replace(reading, yaw_rate=math.nan, valid=False) for reading in readings]
+        for reading, measured in zip(readings, moments, strict=True):
+            self._publish(self._message(reading, measured, arrived))
+        self.problem = self._why_no_rate(readings)
+        if may_have_been_off:
+            self._wake_up()
+
+    def _follow_gap(self, count: int, arrived: int) -> bool:
+        """Tell whether there was a gap since the last readings that these ones (`count`) do not account for."""
+        before, self._heard = self._heard, arrived
+        if before is None or not self._gyro.nominal_rate:
+            return False
+        missing = (arrived - before) / 1e9 - GAP_TIME - count / self._gyro.nominal_rate
+        return missing > GAP_READINGS / self._gyro.nominal_rate
 
     def _why_no_rate(self, readings: list[GyroReading]) -> str:
         """Count those that are not valid; return why there has been no rate for a while, or ""."""
@@ -86,13 +111,17 @@ class GyroDevice(Device):
         )
 
     def leave(self) -> None:
-        """Do nothing: a gyro moves nothing."""
+        """Have the gyro go on sending readings, should it be in the midst of telling how it is set."""
+        for _ in range(FAREWELLS if self._gyro.farewell else 0):
+            self._port.write(self._gyro.farewell)
+            time.sleep(FAREWELL_PAUSE)
 
     def _wake_up(self) -> None:
         """Begin anew with a gyro of which nothing is known."""
         self._gyro = self._gyro_type()
         self._port.write(self._gyro.wake_up)
         self._clock_fit = None
+        self._heard = None
         self._last_reading = self._last_valid = time.monotonic()
 
     def _measured(self, readings: list[GyroReading], arrived: int) -> list[int]:

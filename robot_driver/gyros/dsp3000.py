@@ -6,6 +6,7 @@ upright sensor counts clockwise positive. Source: KVH 54-0215 Rev C, pages 7, 12
 
 import math
 import re
+from collections import deque
 from dataclasses import replace
 
 from robot_driver.gyros.gyro import Gyro, GyroReading
@@ -15,6 +16,11 @@ SETTLING = 10  # readings after a mode letter that may still be in another mode
 ASKING = (10, 8, 6)  # of them still to come when the letter is sent: any one may be lost
 LONGEST_LINE = 64  # bytes; real lines have 21, a run of more without an LF is another protocol or noise
 RATE_MODE = b"R"
+LARGEST_LEAP = 50.0  # deg/s from one reading to the next; 5000 deg/s^2 is more than wheels give
+CLEAR_RATE = 2.0  # deg/s from which a fall to a fiftieth, from one reading to the next, is hardly a robot that stops
+FALL = 50.0
+SMOOTHEST = 0.001  # deg/s; see Doubts
+SMOOTH_READINGS = 8
 
 _LINE = re.compile(rb"[ \t]*(-?[0-9]{1,9}(?:\.[0-9]{0,9})?)[ \t]+([01])[ \t]*\r?\n")
 
@@ -22,9 +28,10 @@ _LINE = re.compile(rb"[ \t]*(-?[0-9]{1,9}(?:\.[0-9]{0,9})?)[ \t]+([01])[ \t]*\r?
 class Dsp3000(Gyro):
     """A DSP-3000 in rate mode, mounted upright.
 
-    Which mode it is in cannot be seen in what it sends. So the letter is sent again when its readings become valid:
-    at the first one, when nobody knows how long it has been on, and whenever it may just have been switched on. A
-    letter may be lost, so it is sent again, twice. Readings are told as not valid until they are sure to be rates.
+    It does not say which mode it is in. So the letter is sent again when its readings become valid: at the first one,
+    when nobody knows how long it has been on, and whenever it may just have been switched on; and when their values
+    raise doubts. A letter may be lost, so it is sent again, twice. Readings are told as not valid until they are sure
+    to be rates.
     """
 
     baud_rate = 38400
@@ -35,6 +42,7 @@ class Dsp3000(Gyro):
         self._at_line_start = False  # what comes first is the rest of a line that began before we listened
         self._damaged = 0  # lines since the last reading
         self._was_valid = False
+        self._doubts = Doubts()
         self._unsettled = 0
         self._request = b""
 
@@ -69,7 +77,8 @@ class Dsp3000(Gyro):
 
     def _settled(self, reading: GyroReading) -> GyroReading:
         """Return the reading, as not valid where it may be something else than a rate."""
-        if reading.valid and not self._was_valid:
+        doubtful = self._doubts.raised_by(reading)
+        if reading.valid and (doubtful or not self._was_valid):
             self._unsettled = SETTLING
         self._was_valid = reading.valid
         if not self._unsettled:
@@ -78,6 +87,39 @@ class Dsp3000(Gyro):
             self._request = self.wake_up
         self._unsettled -= 1
         return replace(reading, yaw_rate=math.nan, valid=False)
+
+
+class Doubts:
+    """Sees in the values where they may have begun to be angles; a false alarm costs SETTLING readings.
+
+    The angle turned since the last reading (mode A) is a hundredth of the rate: values fall. The angle turned since
+    the beginning (mode P) may be any: values leap. When the robot hardly turns they may do neither, but then angles are
+    too smooth: the sensor's random walk, some 0.05 deg/sqrt(h), scatters rates by 0.01 deg/s and angles by a hundredth
+    of that. What a robot's turning adds to the second differences of its rates is never negative, so only a change of
+    mode while it turns slowly and unsteadily stays unseen. The Earth's rate, 0.004 deg/s, shows nothing: the bias may
+    be as large.
+    """
+
+    def __init__(self) -> None:
+        self._rates: deque[float] = deque(maxlen=3)  # deg/s
+        self._smooth = 0  # readings in turn
+
+    def raised_by(self, reading: GyroReading) -> bool:
+        """Take the next reading; tell whether it raises doubts: at once, or once at the end of a smooth stretch."""
+        if not reading.valid:
+            self._rates.clear()
+            return False
+        self._rates.append(math.degrees(reading.yaw_rate))
+        before, rate = self._rates[max(len(self._rates) - 2, 0)], self._rates[-1]
+        falls = abs(before) > CLEAR_RATE and abs(rate) * FALL < abs(before)
+        self._smooth = self._smooth + 1 if self._is_smooth() else 0
+        return falls or abs(rate - before) > LARGEST_LEAP or self._smooth == SMOOTH_READINGS
+
+    def _is_smooth(self) -> bool:
+        if len(self._rates) < 3:
+            return False
+        first, second, third = self._rates
+        return abs(first - 2.0 * second + third) < SMOOTHEST
 
 
 def _reading(line: bytes, bytes_since: int, lost_before: int) -> GyroReading | None:

@@ -27,10 +27,10 @@ class GyroReading:
 class Gyro(ABC):
     """The protocol of a gyro; it does no I/O.
 
-    A new object is made for each connection and after each silence, since the gyro may have been off. `problem` is a
+    A new object is made for each connection and after each gap, since the gyro may have been off. `problem` is a
     sentence on why what comes cannot be used as it is, or "". `nominal_rate` (Hz) is how often readings come by the
-    device's own account, 0 where and while that is not known or not steady. `unnoticed` is how many readings, or a
-    multiple of it, may be lost without `lost_before` telling.
+    device's own account, 0 where and while that is not known or not steady; a gap of a few readings can only be told
+    where it is. `unnoticed` is how many readings, or a multiple of it, may be lost without `lost_before` telling.
     """
 
     baud_rate: int
@@ -46,6 +46,11 @@ class Gyro(ABC):
     @abstractmethod
     def feed(self, data: bytes) -> list[GyroReading]:
         """Take the next bytes of the stream, in pieces of any size; return the readings completed by them."""
+
+    @property
+    def farewell(self) -> bytes:
+        """What to send before the port is closed, so that readings go on coming; b"" if they surely do."""
+        return b""
 
     def next_request(self) -> bytes:
         """Return what is to be sent after what has been fed, once; b"" if there is nothing to say."""

@@ -2,7 +2,7 @@
 
 What a device is set to (rate or angle, unit, messages a second) is not visible in its messages, and every change of it
 is kept in the device's non-volatile memory, which a driver must not wear out or surprise other users with. So the
-driver changes nothing: it asks, and reads what comes accordingly. It asks anew after every silence, and when a
+driver changes nothing: it asks, and reads what comes accordingly. It asks anew after every gap, and when a
 self-test tells that the device was switched on.
 Sources: KVH 1775 IMU technical manual 56-0298 Rev. B, sections 5, 7 and 8; queries as in ros_kvh1750, src/imu.cpp.
 """
@@ -94,6 +94,11 @@ class KvhBinary(Gyro):
     def wake_up(self) -> bytes:
         """The command to enter configuration mode, whose answer begins the interview."""
         return ENTER_CONFIGURATION
+
+    @property
+    def farewell(self) -> bytes:
+        """The command to leave configuration mode, unless readings have come since the interview."""
+        return b"" if self._sequence is not None else b"\r\n" + LEAVE_CONFIGURATION
 
     def feed(self, data: bytes) -> list[GyroReading]:
         """Take the next bytes; return the readings completed by them. Damaged messages are skipped."""

@@ -8,7 +8,8 @@ from robot_driver.gyros.gyro import GyroReading
 from tests.any_bytes.script import Script, in_pieces
 from tests.golden_vectors import DSP3000_LINE
 
-RUNNING = b"\n" + SETTLING * DSP3000_LINE  # so that the next line is believed
+STEADY = b"".join(b"%15.6f   1\r\n" % (0.01 * (number % 2)) for number in range(SETTLING))  # with a rate's scatter
+RUNNING = b"\n" + STEADY  # so that the next line is believed
 ENDS = (b"\r\n", b"\n")
 
 
@@ -46,7 +47,7 @@ def _check_reading(stream: bytes, start: int, reading: GyroReading) -> None:
 
 def _check_recovery(gyro: Dsp3000) -> None:
     assert gyro.feed(b"\n" + DSP3000_LINE)[-1].bytes_since == len(DSP3000_LINE)
-    readings = gyro.feed(SETTLING * DSP3000_LINE)
+    readings = gyro.feed(STEADY)
     assert len(readings) == SETTLING
     assert readings[-1].valid
 
