@@ -103,7 +103,9 @@ def test_one_log_gives_the_three_files_and_says_what_was_found(
         said.out.split()
     )
     assert "3 poses cannot be true: set aside." in said.out
-    assert "20 % of what remains of the yaw rate follows speed" in " ".join(said.out.split())
+    assert "20 % of the variance of the one-step prediction errors of the yaw rate is foretold by speed" in " ".join(
+        said.out.split()
+    )
     assert said.out.count("Next: Drive straight at two speeds.") == 1
     assert lines[-1] == f"written to {out}: diagnosis.json, robot_0.yaml, report.html"
 

@@ -80,7 +80,8 @@ def test_bad_data_are_explained_before_all_else() -> None:
 
 def test_what_remains_unexplained_is_told_and_drawn() -> None:
     page = Page(report_of(STRANGE))
-    assert "from speed v and time, 34 % of its variance can be foretold" in page.text
+    errors = "34 % of the variance of the one-step prediction errors of the yaw rate \u03c9"
+    assert f"{errors} is foretold by speed v and time" in page.text
     assert "If you recognise the physics in the plots of what remains, add it as an effect of your own" in page.text
     drawn = [str(svg.get("aria-label")) for svg in page.named("svg")]
     assert any(alt.startswith("yaw rate \u03c9, real minus model, over speed v, over speed v") for alt in drawn)

@@ -10,11 +10,21 @@ import pytest
 from cmr.diagnosis.data import looked_at
 from cmr.diagnosis.engine import prepare
 from cmr.diagnosis.experiment import pieces_of
-from cmr.diagnosis.noise import Noise
-from cmr.diagnosis.prediction import SIGNALS, Predictor
-from cmr.diagnosis.unexplained import BURSTS, LEAST, Remaining, bursts_count, holds, remaining, spread_of
+from cmr.diagnosis.noise import Noise, SignalNoise
+from cmr.diagnosis.prediction import SIGNALS, Errors, Predictor
+from cmr.diagnosis.unexplained import (
+    BURSTS,
+    LEAST,
+    SMALLEST_SHARE,
+    Remaining,
+    bursts_count,
+    holds,
+    remaining,
+    spread_of,
+)
 from cmr.diagnosis.unexplained_bursts import bursts
 from cmr.diagnosis.unexplained_scores import Remainder, Score
+from cmr.diagnosis.unexplained_share import coloured, share_foretold
 from cmr.diagnosis.unexplained_terms import Term, drives_of, terms_for
 from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.diagnosis.words import REGRESSORS
@@ -251,3 +261,43 @@ def test_what_remains_of_two_recordings_holds_from_one_to_the_other() -> None:
     left = remaining_of([case.recording for case in cases], cases[0].recording.parameters)
     assert left.unexplained.present
     assert (left.unexplained.signal, left.unexplained.regressors) == ("yaw_rate", ("heading",))
+
+
+def noise_of(past: Floats, sizes: Floats) -> Noise:
+    return Noise({name: SignalNoise(past, np.zeros(3), (sizes,)) for name in ("psi_left", "psi_right", "yaw_rate")})
+
+
+def test_errors_made_white_are_put_back_as_they_were() -> None:
+    count = len(predictor().times["yaw_rate"])
+    random = np.random.default_rng(2)
+    past, sizes = np.array([0.3, 0.2, 0.1, 0.0, 0.1, 0.02, 0.0, 0.0, 0.0]), random.uniform(1.0, 2.0, count)
+    noise = noise_of(past, sizes)
+    seen = only(predictor(), ("yaw_rate",))
+    errors = 0.01 * random.standard_normal((count, 1))
+    errors[:66] = 0.0  # the first have no past
+    white = noise.white(0, seen, Errors({"yaw_rate": errors}, np.zeros((1, len(MOTION)))))["yaw_rate"]
+    assert np.allclose(coloured(white[:, 0], 0, "yaw_rate", noise.of["yaw_rate"]), errors[:, 0], atol=1e-12)
+
+
+def test_the_share_is_that_of_the_errors_themselves_and_never_negative() -> None:
+    """What is slow is a small part of the white errors, and most of those that the model makes."""
+    seen = only(predictor(), ("yaw_rate",))
+    count = len(seen.times["yaw_rate"])
+    past = np.zeros(9)
+    past[0] = 0.9
+    noise = noise_of(past, np.ones(count))
+    random = np.random.default_rng(3)
+    noisy, slow = random.standard_normal(count), np.full(count, 0.5)
+    white = float(slow @ slow) / float((noisy + slow) @ (noisy + slow))
+    shares = [share_foretold([seen], noise, noisy + slow, part, "yaw_rate") for part in (slow, -slow, 0.0 * slow)]
+    # 1 / (1 - 0.9) times as large, and noise 1 / (1 - 0.9^2) times its variance.
+    expected = 100.0 * 0.25 / (100.0 * 0.25 + 1.0 / (1.0 - 0.9**2))
+    assert white < 0.25
+    assert shares == [pytest.approx(expected, abs=0.05), 0.0, 0.0]
+
+
+def test_what_explains_next_to_nothing_of_the_errors_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert left_by("quadratic_drag").unexplained.share > SMALLEST_SHARE
+    monkeypatch.setattr("cmr.diagnosis.unexplained.share_foretold", lambda *_: 0.9 * SMALLEST_SHARE)
+    case = hidden_recording("quadratic_drag", seed=SEED)
+    assert not remaining_of([case.recording], case.recording.parameters).unexplained.present

@@ -99,14 +99,18 @@ class GenericTerm:
 class Unexplained:
     """Structure that remains and that no effect of the catalogue explains.
 
-    `signal` is the residual that has most of it, `regressors` predict it, on data they were not fitted on, with
-    `share` of its variance. `generic` is the term that extends the model all the same, None where none is any better.
+    `signal` is the one that has most of it. `share` is that of the variance of its one-step prediction errors, in its
+    own unit and with large ones cut off, which `regressors` predict on data they were not fitted on. Where errors come
+    in `bursts` instead, so many, nothing predicts them but the time: `share` is then what the bursts have, beyond what
+    is usual, of all its squared errors over their variances. `generic` is the term that extends the model all the same,
+    None where none is any better.
     """
 
     present: bool = False
     signal: str | None = None
     regressors: tuple[str, ...] = ()
     share: float = 0.0
+    bursts: int = 0
     generic: GenericTerm | None = None
 
 

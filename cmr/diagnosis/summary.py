@@ -7,7 +7,7 @@ from textwrap import TextWrapper
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.job import Outcome
 from cmr.diagnosis.result import GENERIC, Diagnosis, Fitted, NamedEffect
-from cmr.diagnosis.words import regressor_name, signal_name
+from cmr.diagnosis.words import regressor_name, share_sentence, signal_name
 from cmr.model.catalogue import definition
 
 WIDTH = 110  # characters
@@ -112,11 +112,9 @@ def _faults(diagnosis: Diagnosis) -> list[str]:
     sentences = [finding.sentence for finding in diagnosis.checks if finding.found]
     unexplained = diagnosis.unexplained
     if unexplained.present and unexplained.signal:
-        sentences.append(
-            f"Unexplained: {100.0 * unexplained.share:.0f} % of what remains of the {signal_name(unexplained.signal)} "
-            f"follows {' and '.join(map(regressor_name, unexplained.regressors))}, which no effect of the catalogue "
-            "explains."
-        )
+        by = " and ".join(map(regressor_name, unexplained.regressors))
+        share = share_sentence(unexplained, signal_name(unexplained.signal), by)
+        sentences.append(f"Unexplained: {share}, and no effect of the catalogue explains it.")
     return sentences
 
 

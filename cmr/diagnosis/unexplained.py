@@ -16,7 +16,9 @@ from cmr.diagnosis.prediction import WHEELS
 from cmr.diagnosis.result import Unexplained
 from cmr.diagnosis.study import Fit, Study, tempered
 from cmr.diagnosis.unexplained_bursts import Bursts, bursts
-from cmr.diagnosis.unexplained_scores import Score, remainder, scores
+from cmr.diagnosis.unexplained_scores import Score, foretold_by, remainder, scores
+from cmr.diagnosis.unexplained_share import share_foretold
+from cmr.diagnosis.unexplained_terms import drives_of
 
 LEAST, LEAST_SHARE = 40.0, 1e-3  # drop of the sum of squares, and share of it, from which a term is worth a word
 SURELY = 1.5  # as much, without the few moments that speak most for the term, is beyond doubt,
@@ -24,6 +26,7 @@ AGREED = 5e-5  # or less, on which all parts of the drive agree as chance does s
 PER_COEFFICIENT = 3.0  # drop that one more coefficient must bring for a term to be the better one
 HOLDS = 0.5  # of the drop must hold on data that it was not fitted on
 LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is exactly as the catalogue says
+SMALLEST_SHARE = 0.005  # of the variance of a signal's prediction errors: what is less does not matter
 BURSTS, BURST_SHARE = 3, 0.1  # fewest bursts, and least share that they have in all of a signal's squared errors
 BURSTS_LEFT_BY_EFFECTS = 0.2  # of what the effects named explain may remain in bursts
 
@@ -49,13 +52,21 @@ def remaining(study: Study, fit: Fit, base: Fit) -> Remaining:
     squares = np.sum(tempered(study.made_white(errors, fit.noise)) ** 2, axis=0)
     explained = max(0.0, float(squares[-1] - squares[0]))
     rest = remainder(study, fit, errors)
-    tried = sorted(scores(study, fit, errors, rest), key=lambda score: PER_COEFFICIENT * score.freedom - score.held_out)
+    drives = drives_of(study.predictors, errors, fit.values["k1"])
+    tried = scores(study, fit, errors, rest, drives)
+    tried.sort(key=lambda score: PER_COEFFICIENT * score.freedom - score.held_out)
     loud = bursts(rest)
     spread, least = spread_of(tried), max(LEAST, LEAST_SHARE * len(rest.white), LEFT_BY_EFFECTS * explained)
-    found = [_structure(score, least) for score in tried if holds(score, spread, least)][:1]
+    holding = [score for score in tried if holds(score, spread, least)][:1]
+    foretold = [foretold_by(score.term, study, fit, errors, rest, drives) for score in holding]
+    found = [
+        _structure(score, share_foretold(study.predictors, fit.noise, rest.white, by_term, score.signal), least)
+        for score, by_term in zip(holding, foretold, strict=True)
+    ]
     # Stamps that a busy host sets late make bursts in the wheels alone; a robot that jerks shows elsewhere, too.
     sudden = [one for one in loud if one.signal not in WHEELS and bursts_count(one, explained)]
     found += [_bursts(one, explained) for one in sudden][:1]
+    found = [one for one in found if one[0].share > SMALLEST_SHARE]
     # Coarse encoders make errors of their own, which go with speed.
     if not found or max(predictor.piece.tick for predictor in study.predictors) > COARSE:
         found = [(Unexplained(), tried[0].held_out if tried else 0.0, least)]
@@ -87,11 +98,13 @@ def least_excess(one: Bursts, explained: float) -> float:
     return max(BURST_SHARE * one.whole, BURSTS_LEFT_BY_EFFECTS * explained)
 
 
-def _structure(score: Score, threshold: float) -> tuple[Unexplained, float, float]:
-    words = Unexplained(present=True, signal=score.signal, regressors=score.term.regressors, share=score.share)
+def _structure(score: Score, share: float, threshold: float) -> tuple[Unexplained, float, float]:
+    words = Unexplained(present=True, signal=score.signal, regressors=score.term.regressors, share=share)
     return words, score.held_out, threshold
 
 
 def _bursts(one: Bursts, explained: float) -> tuple[Unexplained, float, float]:
-    words = Unexplained(present=True, signal=one.signal, regressors=("time",), share=one.excess / one.whole)
+    words = Unexplained(
+        present=True, signal=one.signal, regressors=("time",), share=one.excess / one.whole, bursts=one.number
+    )
     return words, one.excess, least_excess(one, explained)

@@ -14,7 +14,7 @@ import numpy as np
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import SIGNALS, Errors, Predictor
 from cmr.diagnosis.study import BLOCK, LARGE, Fit, Study
-from cmr.diagnosis.unexplained_terms import Column, Drive, Term, drives_of, terms_for
+from cmr.diagnosis.unexplained_terms import Column, Drive, Term, terms_for
 from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.model.observer import MOTION
 from cmr.recordings.signal import Floats, Mask
@@ -26,7 +26,6 @@ ALIKE = 1e-2  # of the largest: directions of a term that hardly differ from its
 NOTHING = 1e-6
 FEW_BLOCKS = 3
 JERKY = 2.0  # standard deviations by which a yaw rate may jump between two steps
-AVERAGED = 0.5  # s; single errors are mostly noise
 DROP_PER_COEFFICIENT, LEAST_DROP = 1.0, 12.0  # a term that drops less may be chance, whatever else speaks for it
 
 Indices = np.typing.NDArray[np.int64]
@@ -38,8 +37,8 @@ class Score:
 
     `drop` is that of the sum of squared white errors, `freedom` the number of its free coefficients. These are found
     only for a term that may explain something: `agreement`, the drop judged by how the `blocks` of time agree;
-    `steady`, the drop without the few blocks that speak most for the term; `held_out`, the drop on folds left out;
-    the `signal` that has most of it, and the `share` of that signal's variance that is foretold on folds left out.
+    `steady`, the drop without the few blocks that speak most for the term; `held_out`, the drop on folds left out, and
+    the `signal` that has most of it.
     """
 
     term: Term
@@ -50,7 +49,6 @@ class Score:
     steady: float = 0.0
     held_out: float = 0.0
     signal: str = ""
-    share: float = 0.0
 
     def chance(self, spread: float) -> float:
         """Return how often chance does as well: the worse of both judgements of the drop.
@@ -125,9 +123,8 @@ def _jerky(predictor: Predictor, motion: Floats, values: Mapping[str, float], si
     return np.asarray(jumps[at] * values["wheel_radius"] / values["base_width"] > JERKY * sizes)
 
 
-def scores(study: Study, fit: Fit, errors: Sequence[Errors], rest: Remainder) -> list[Score]:
-    """Return the scores of all terms, beside a fit that leaves `rest`."""
-    drives = drives_of(study.predictors, errors, fit.values["k1"])
+def scores(study: Study, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]) -> list[Score]:
+    """Return the scores of all terms, beside a fit that leaves `rest`, in the `drives` of a study."""
     foretold = all(len(predictor.piece.heard.given) == 0 for predictor in study.predictors)
     result = []
     terms = terms_for(drives, foretold)
@@ -138,28 +135,54 @@ def scores(study: Study, fit: Fit, errors: Sequence[Errors], rest: Remainder) ->
             continue
         views = [only(predictor, signals) for predictor in study.predictors]
         for chunk in _chunks(some, drives, len(rows.order)):
-            errors_of = [
-                traces(view, error.motion, fit.values, study.gains, _stacked([one[number] for _, one in chunk]))
-                for number, (view, error) in enumerate(zip(views, errors, strict=True))
-            ]
-            moves = _made_white(views, errors_of, fit.noise)
+            moves = _moves(study, fit, errors, views, [columns for _, columns in chunk])
             result += _scored([term for term, _ in chunk], [len(one[0]) for _, one in chunk], moves, rows)
     return result
+
+
+def foretold_by(
+    term: Term, study: Study, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]
+) -> Floats:
+    """Return what a term foretells of each white error (n,) as it is found on the other folds.
+
+    `drives` are those with which the term was made.
+    """
+    signals = SEEN_IN[term.disturbed]
+    views, rows = [only(predictor, signals) for predictor in study.predictors], _rows(rest, signals)
+    columns = [term.columns(drive) for drive in drives]
+    moves = _moves(study, fit, errors, views, [columns])
+    along = rows.basis.T @ moves
+    mixing = _mixing(moves, along)
+    own = (moves @ mixing - rows.basis @ (along @ mixing))[rows.order]
+    result = np.zeros(len(rest.white))
+    result[rows.there] = _foretold(own, _of_blocks(own, rows), rows)
+    return result
+
+
+def _moves(
+    study: Study, fit: Fit, errors: Sequence[Errors], views: Sequence[Predictor], columns: Sequence[list[list[Column]]]
+) -> Floats:
+    """Return the white traces (n, columns) of terms, side by side, whose `columns` are given in each drive."""
+    errors_of = [
+        traces(view, error.motion, fit.values, study.gains, _stacked([of_term[number] for of_term in columns]))
+        for number, (view, error) in enumerate(zip(views, errors, strict=True))
+    ]
+    return _made_white(views, errors_of, fit.noise)
 
 
 @dataclass(frozen=True)
 class _Rows:
     """White errors of some signals, and how they are put in `order` of their folds and, within, of their blocks.
 
-    In that order are `signal` and `window`, the number of a short span of time; blocks begin at `begins`, and `folds`
+    In that order are `signal`, and `there`, where each stands among all errors; blocks begin at `begins`, and `folds`
     are slices by number.
     """
 
     white: Floats
     basis: Floats
     order: Indices
+    there: Indices
     signal: Indices
-    window: Indices
     begins: Indices
     fold_of_block: Indices
     folds: Mapping[int, slice]
@@ -177,8 +200,8 @@ def _rows(rest: Remainder, signals: Sequence[str]) -> _Rows:
         white=rest.white[inside],
         basis=rest.basis[inside],
         order=order,
+        there=there,
         signal=rest.signal[there],
-        window=np.unique(rest.blocks(AVERAGED)[there], return_inverse=True)[1],
         begins=begins,
         fold_of_block=fold[begins],
         folds=folds,
@@ -232,17 +255,9 @@ def _scored(terms: Sequence[Term], counts: Sequence[int], moves: Floats, rows: _
 
 def _score(term: Term, moves: Floats, along: Floats, rows: _Rows) -> Score:
     """Return the score of a term with these traces (n, k), of which the model can imitate `along` (p, k)."""
-    normal = moves.T @ moves
-    before, imitated = np.diag(normal), np.einsum("pk,pk->k", along, along)
-    own = np.flatnonzero((before - imitated > OWN * before) & (before > NOTHING))
-    if not len(own):
+    mixing = _mixing(moves, along)
+    if not mixing.shape[1]:
         return Score(term, 0.0, 0)
-    size = np.sqrt(before - imitated)[own]
-    free = (normal - along.T @ along)[np.ix_(own, own)] / np.outer(size, size)
-    values, vectors = np.linalg.eigh(free)
-    kept = values > ALIKE * values[-1]
-    mixing = np.zeros((len(before), np.count_nonzero(kept)))
-    mixing[own] = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
     pull = (rows.white @ moves) @ mixing
     drop = float(pull @ pull)
     if drop < DROP_PER_COEFFICIENT * len(pull) + LEAST_DROP:
@@ -250,10 +265,29 @@ def _score(term: Term, moves: Floats, along: Floats, rows: _Rows) -> Score:
     return _judged(term, pull, moves @ mixing - rows.basis @ (along @ mixing), rows)
 
 
+def _mixing(moves: Floats, along: Floats) -> Floats:
+    """Return how traces (n, k) are mixed, (k, m), so that what the model cannot imitate of them is orthonormal.
+
+    `along` (p, k) is what it can imitate. Nothing is left, m = 0, where that is all.
+    """
+    normal = moves.T @ moves
+    before, imitated = np.diag(normal), np.einsum("pk,pk->k", along, along)
+    own = np.flatnonzero((before - imitated > OWN * before) & (before > NOTHING))
+    if not len(own):
+        return np.zeros((len(before), 0))
+    size = np.sqrt(before - imitated)[own]
+    free = (normal - along.T @ along)[np.ix_(own, own)] / np.outer(size, size)
+    values, vectors = np.linalg.eigh(free)
+    kept = values > ALIKE * values[-1]
+    mixing = np.zeros((len(before), np.count_nonzero(kept)))
+    mixing[own] = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    return mixing
+
+
 def _judged(term: Term, pull: Floats, moves: Floats, rows: _Rows) -> Score:
     """Return the score of a term with orthonormal traces (n, k), free of what the model does, which pull like this."""
     moves, white = moves[rows.order], rows.white[rows.order]
-    of_blocks = np.add.reduceat(moves * white[:, None], rows.begins, axis=0)
+    of_blocks = _of_blocks(moves, rows)
     steady = pull - of_blocks[np.argsort(of_blocks @ pull)[-FEW_BLOCKS:]].sum(axis=0)
     foretold = _foretold(moves, of_blocks, rows)
     drops = np.bincount(rows.signal, (2.0 * white - foretold) * foretold, len(SIGNALS))
@@ -267,8 +301,12 @@ def _judged(term: Term, pull: Floats, moves: Floats, rows: _Rows) -> Score:
         steady=float(steady @ steady),
         held_out=float(drops.sum()),
         signal=SIGNALS[best],
-        share=_share(white, foretold, rows, best),
     )
+
+
+def _of_blocks(moves: Floats, rows: _Rows) -> Floats:
+    """Return how each block pulls, (blocks, k), at traces (n, k) in the order of the blocks."""
+    return np.asarray(np.add.reduceat(moves * rows.white[rows.order][:, None], rows.begins, axis=0))
 
 
 def _foretold(moves: Floats, of_blocks: Floats, rows: _Rows) -> Floats:
@@ -280,11 +318,3 @@ def _foretold(moves: Floats, of_blocks: Floats, rows: _Rows) -> Floats:
         elsewhere = pull - of_blocks[rows.fold_of_block == fold].sum(axis=0)
         result[inside] = moves[inside] @ np.linalg.lstsq(whole - normal, elsewhere, rcond=1e-6)[0]
     return result
-
-
-def _share(white: Floats, foretold: Floats, rows: _Rows, signal: int) -> float:
-    """Return the foretold share of the variance of a signal's white errors, averaged over AVERAGED."""
-    of_signal = rows.signal == signal
-    windows = rows.window[of_signal]
-    whole, left = (np.bincount(windows, errors[of_signal]) for errors in (white, white - foretold))
-    return max(0.0, 1.0 - float(left @ left) / max(float(whole @ whole), NOTHING))

@@ -1,5 +1,10 @@
-"""What signals and regressors of residuals are called in a sentence."""
+"""What signals and regressors of residuals are called in a sentence, and what is left of them."""
 
+import math
+
+from cmr.diagnosis.result import Unexplained
+
+FEW = 0.1  # a share below which tenths of a percent are told
 SIGNALS = {
     "psi_left": "left wheel speed",
     "psi_right": "right wheel speed",
@@ -35,6 +40,21 @@ def signal_name(name: str) -> str:
 def regressor_name(name: str) -> str:
     """Return what a regressor is called; its own name in words where it is not known."""
     return REGRESSORS.get(name, _in_words(name))
+
+
+def share_sentence(unexplained: Unexplained, signal: str, regressors: str) -> str:
+    """Return what the share of the errors that nothing explains is of, and what speaks for it, without a full stop.
+
+    `signal` and `regressors` are theirs in words.
+    """
+    digits = 0 if unexplained.share >= FEW else 1
+    share = f"{100.0 * unexplained.share:.{digits}f} %" if math.isfinite(unexplained.share) else "a part"
+    if unexplained.bursts:
+        return (
+            f"{unexplained.bursts} short bursts make {share} of the squared one-step prediction errors of the {signal}"
+        )
+    of = f"{share} of the variance of the one-step prediction errors of the {signal}"
+    return f"{of} is foretold by {regressors}, on data that this was not fitted on"
 
 
 def _in_words(name: str) -> str:

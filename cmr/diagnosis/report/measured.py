@@ -25,6 +25,7 @@ from cmr.diagnosis.report.style import AFTER, BEFORE
 from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import Diagnosis, Fitted, Gain, NamedEffect
+from cmr.diagnosis.words import share_sentence
 from cmr.model.catalogue import DEFINITIONS
 from cmr.model.parameters import DEFINITIONS as PAPER
 
@@ -146,10 +147,10 @@ def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
         return section("What remains unexplained", paragraph(clean) if pairs else Html(""))
     signal = unexplained.signal or "path"
     by = " and ".join(regressor(name).words for name in unexplained.regressors) or "the regressors together"
-    share = f"{100.0 * unexplained.share:.0f} %" if math.isfinite(unexplained.share) else "a part"
     words = (
-        f"The residual of the {signal_words(signal)} has structure that no effect of the catalogue explains: "
-        f"from {by}, {share} of its variance can be foretold, on data that this was not fitted on."
+        f"The final model errs in the {signal_words(signal)} in a way that no effect of the catalogue explains: "
+        f"{share_sentence(unexplained, signal_words(signal), by)}. A prediction error is a reading less what the final "
+        "model, which follows the sensors, foretold of it just before."
     )
     shown = [p for name in unexplained.regressors for p in pairs if (p.signal, p.regressor) == (signal, name)]
     caption = (

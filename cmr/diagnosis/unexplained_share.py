@@ -1,0 +1,58 @@
+"""Which share of a signal's prediction errors is foretold: of the errors as they are, in the signal's unit.
+
+A search for structure makes errors white and weighs them; a share of such errors would be one of a noise that nobody
+sees. Here they are put back: what a term foretells is a share of what the model really errs by.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from cmr.diagnosis.noise import Noise, SignalNoise
+from cmr.diagnosis.prediction import Predictor
+from cmr.recordings.signal import Floats
+
+NOTHING = 1e-300
+
+
+def share_foretold(
+    predictors: Sequence[Predictor], noise: Noise, white: Floats, foretold: Floats, signal: str
+) -> float:
+    """Return the share of the variance of a signal's one-step prediction errors that is foretold.
+
+    Of all errors made white, shape (n,), `foretold` is known beforehand. Errors of poses are those that other sensors'
+    errors leave. 0 where what is foretold makes them no smaller.
+    """
+    whole = left = 0.0
+    for number, name, rows in _signals(predictors):
+        if name == signal:
+            of_signal = noise.of[name]
+            whole += _power(coloured(white[rows], number, name, of_signal))
+            left += _power(coloured(white[rows] - foretold[rows], number, name, of_signal))
+    return max(0.0, 1.0 - left / max(whole, NOTHING))
+
+
+def coloured(white: Floats, piece: int, name: str, noise: SignalNoise) -> Floats:
+    """Return errors made white, (n,) in one piece, as they were before, in the unit of the signal `name`.
+
+    This is the inverse of Noise.white, but for the influence of other signals' errors.
+    """
+    spans = noise.spans(name)
+    weights = np.concatenate([[1.0], -np.repeat(noise.past, spans)])
+    count = len(white)
+    length = 1 << int(np.ceil(np.log2(2 * (count + len(weights)))))  # room for what rings on after the end
+    spectrum = np.fft.rfft(white * noise.sizes[piece], length) / np.fft.rfft(weights, length)
+    return np.asarray(np.fft.irfft(spectrum, length)[:count], np.float64)
+
+
+def _signals(predictors: Sequence[Predictor]) -> Iterator[tuple[int, str, slice]]:
+    """Yield piece, signal and rows of all white errors, which stand piece by piece and signal by signal."""
+    begin = 0
+    for number, predictor in enumerate(predictors):
+        for name, times in predictor.times.items():
+            yield number, name, slice(begin, begin + len(times))
+            begin += len(times)
+
+
+def _power(errors: Floats) -> float:
+    return float(errors @ errors)
