@@ -5,6 +5,7 @@ import math
 import os
 import random
 import struct
+import sys
 from collections.abc import Iterator, Sequence
 
 import pytest
@@ -199,6 +200,20 @@ def test_a_line_without_end_is_not_kept() -> None:
     for _ in range(10):
         assert stream.feed(b"A," * 1000) == []
         assert len(stream._line) <= 256
+
+
+@pytest.mark.parametrize("noise", [b"\xfe", b"\xfe\x81", b"\xfe\x81\xff", b"\x00\xfe"])
+def test_noise_that_begins_no_message_is_passed_over_without_a_step_for_each_byte(noise: bytes) -> None:
+    calls: list[str] = []
+    stream, data = Stream(), noise * (4096 // len(noise))
+    sys.setprofile(lambda _frame, event, _: calls.append(event))
+    try:
+        said = stream.feed(data)
+    finally:
+        sys.setprofile(None)
+    assert said == []
+    assert len(calls) < 1000
+    assert len(stream.feed(b"\n" + KVH_SAMPLE)) == 1
 
 
 faults = st.lists(

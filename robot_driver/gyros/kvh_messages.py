@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 LONGEST_LINE = 256  # bytes; the longest answer, that to ?AXES, has 132
 
-_FIRST_BYTE = b"\xfe"  # of all binary messages; no text has it
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _ANSWER = re.compile(rb"([A-Z]+),([ -~]*)\Z")  # a prompt like "CFG>" may stand before it
 
@@ -30,7 +29,10 @@ LAYOUTS = {
     b"\xfe\x81\xff\x57": Layout(38, 32),  # format C, with a magnetometer
 }
 SELF_TESTS = {b"\xfe\x81\x00\xaa": 11, b"\xfe\x81\x00\xab": 13}  # header: length in bytes, the last a sum of the others
+# A header, or at the end what may be the beginning of one; no text has its first byte.
+_BEGINNING = re.compile(rb"\xfe(?:\Z|\x81(?:\Z|\xff(?:\Z|[\x55-\x57])|\x00(?:\Z|[\xaa\xab])))")
 _LENGTHS = SELF_TESTS | {header: layout.length for header, layout in LAYOUTS.items()}
+_LONGEST_MESSAGE = max(_LENGTHS.values())  # bytes
 
 
 @dataclass(frozen=True)
@@ -71,22 +73,23 @@ class Stream:
     def feed(self, data: bytes) -> list[Sample | SelfTest | Answer]:
         """Take the next bytes; return what is completed by them."""
         complete: list[Sample | SelfTest | Answer] = []
-        self._waiting += data
-        while True:
-            text, _, _ = self._waiting.partition(_FIRST_BYTE)
-            complete += self._answers(text)
-            self._waiting = self._waiting[len(text) :]
-            length = _length(self._waiting)
-            if length > len(self._waiting) or not self._waiting:
-                return complete
-            message = _message(self._waiting[:length], len(self._waiting))
+        data = self._waiting + data
+        text = position = 0  # where what is no message begins, and where a message may begin
+        while (beginning := _BEGINNING.search(data, position)) is not None:
+            start = beginning.start()
+            end = start + _LENGTHS.get(beginning[0], _LONGEST_MESSAGE)
+            if end > len(data):
+                break
+            message = _message(data[start:end], len(data) - start)
+            position = start + 1  # within a damaged message the next whole one may begin
             if message is not None:
-                complete.append(message)
+                complete += [*self._answers(data[text:start]), message]
                 self._line = b""  # what stood before a message is not the beginning of an answer
-            else:
-                self._line += _FIRST_BYTE  # nor is what stood before it continued behind it
-            # Within a damaged message the next whole one may begin.
-            self._waiting = self._waiting[length if message is not None else 1 :]
+                text = position = end
+        end = len(data) if beginning is None else beginning.start()
+        complete += self._answers(data[text:end])
+        self._waiting = data[end:]
+        return complete
 
     def _answers(self, text: bytes) -> list[Answer]:
         *lines, rest = re.split(rb"[\r\n]", self._line + text)
@@ -102,11 +105,6 @@ def checksum(data: bytes) -> int:
     """
     mirrored = zlib.crc32(data.translate(_REVERSED_BITS)) ^ 0xFFFFFFFF
     return int.from_bytes(mirrored.to_bytes(4, "little").translate(_REVERSED_BITS), "big")
-
-
-def _length(data: bytes) -> int:
-    """Return how many bytes the message has that begins with `data`, at least; 0 if none begins so."""
-    return min((length for header, length in _LENGTHS.items() if header.startswith(data[:4])), default=0)
 
 
 def _message(data: bytes, bytes_since: int) -> Sample | SelfTest | None:
