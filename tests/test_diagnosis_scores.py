@@ -1,5 +1,6 @@
 """A study counts what rows say as the customer's table means it; rows outlive a process that is killed."""
 
+import csv
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -204,6 +205,24 @@ def test_intervals_must_hold_the_truth_neither_too_often_nor_too_rarely() -> Non
     assert [score(named(held, 100), quantity).reached for held in (89, 90, 98, 99)] == [False, True, True, False]
 
 
+def test_the_papers_parameters_must_be_held_too_by_the_model_that_knows_what_is_hidden() -> None:
+    robot = {"k1": 0.05, "base_width": 0.16}
+    held, wrong = {"k1": interval(0.0501, 1e-4)}, {"k1": interval(0.0503, 1e-4)}
+    quantity = "95 % intervals of the paper's parameters"
+    nulls = [row("null", "", robot=robot, baseline=one, seed=seed) for seed, one in enumerate([*19 * [held], wrong])]
+    assert score(nulls, quantity).value == pytest.approx(0.95)
+    assert score(nulls, quantity).reached
+    assert not score(nulls[-2:], quantity).reached
+    single = [
+        row("single", "slope", "slope", robot=robot, extended=held, baseline=wrong),
+        row("single", "slope", "slope", robot=robot, extended=held | {"base_width": interval(0.161, 1e-4)}, seed=1),
+        row("single", "slope", "slope gyro_bias", robot=robot, extended=wrong, seed=2),
+        row("single", "encoder_scale", "wheel_radius_scale/encoder_scale", robot=robot, extended=wrong, seed=3),
+    ]
+    assert score(single, quantity).value == pytest.approx(2 / 3)
+    assert score(single, quantity).count == 3
+
+
 def test_the_error_foretold_must_be_within_a_fifth_of_the_one_measured() -> None:
     found = [
         row("gain", "slope", "slope", path_rmse=0.010, fresh_path_rmse=0.012),
@@ -245,13 +264,20 @@ def test_a_row_says_what_the_diagnosis_says() -> None:
         verdict="effects_found",
         sentence="The floor is not level.",
         effects=(effect,),
-        extended=Fitted(estimates={}, path_rmse=0.01, held_out_path_rmse=0.02),
+        baseline=Fitted(estimates={"k1": Estimate(0.05, 1e-4)}, path_rmse=0.03, held_out_path_rmse=0.04),
+        extended=Fitted(
+            estimates={"k1": Estimate(0.06, 1e-4), "slope_x": Estimate(1.0, 0.1)},
+            path_rmse=0.01,
+            held_out_path_rmse=0.02,
+        ),
         unexplained=Unexplained(present=True, signal="psi_left", regressors=("x",), share=0.3),
     )
     found = Row(set_name="single", case=Case(("slope",)), **rows.found(diagnosis))
     assert (found.verdict, found.names, found.indistinguishable) == ("effects_found", ("slope",), (("deadband",),))
     assert found.estimates["slope_x"] == pytest.approx(interval(1.0, 0.1))
     assert (found.unexplained, found.unexplained_signal, found.unexplained_share) == (True, "psi_left", 0.3)
+    assert found.baseline == {"k1": pytest.approx(interval(0.05, 1e-4))}
+    assert found.extended == {"k1": pytest.approx(interval(0.06, 1e-4))}
     assert (found.next_experiment, found.path_rmse) == ("Drive in all directions.", 0.02)
 
 
@@ -279,3 +305,17 @@ def test_rows_are_read_as_they_were_written_and_a_torn_line_costs_only_itself(tm
     assert rows.read(path) == [first, second]
     rows.append(path, [replace(second, verdict="unexplained")])
     assert rows.read(path) == [first, replace(second, verdict="unexplained")]
+
+
+def test_rows_of_older_studies_are_read_without_the_papers_parameters(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    old = row("single", "slope", "slope", path_rmse=0.5, fresh_path_rmse=0.25, cpu_seconds=1.5, memory=2.0)
+    rows.append(path, [old])
+    with path.open(newline="") as stream:
+        lines = [cells[: -rows.ADDED] for cells in csv.reader(stream)]
+    with path.open("w", newline="") as stream:
+        csv.writer(stream, lineterminator="\n").writerows(lines)
+    assert rows.read(path) == [old]
+    new = replace(old, case=replace(old.case, seed=1), extended={"k1": interval(0.05, 1e-4)})
+    rows.append(path, [new])
+    assert rows.read(path) == [old, new]

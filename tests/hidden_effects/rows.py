@@ -8,7 +8,9 @@ from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from cmr.diagnosis.result import Diagnosis
+from cmr.calibration.result import Estimate
+from cmr.diagnosis.result import Diagnosis, Fitted
+from cmr.model.parameters import DEFINITIONS as PAPER
 from tests.hidden_effects.cases import Case, Truth
 
 
@@ -20,7 +22,8 @@ class Row:
     each. `estimates` are (value, standard deviation, lower and upper end of the 95 % interval) by parameter.
     `path_rmse` [m] is the error foretold for drives that nothing was fitted on, `fresh_path_rmse` that on a fresh drive
     of the same robot. `cpu_seconds` took reading and diagnosing, `memory` [bytes] is the most that was in use;
-    `error` is the text of what went wrong, empty if nothing did.
+    `error` is the text of what went wrong, empty if nothing did. `baseline` and `extended` are estimates of the paper's
+    parameters in both models; rows that were written before these were kept have none.
     """
 
     set_name: str
@@ -41,6 +44,8 @@ class Row:
     cpu_seconds: float = math.nan
     memory: float = math.nan
     error: str = ""
+    baseline: Mapping[str, tuple[float, float, float, float]] = field(default_factory=dict)
+    extended: Mapping[str, tuple[float, float, float, float]] = field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, Case]:
@@ -51,24 +56,32 @@ class Row:
 def found(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return what a diagnosis says, as fields of a row."""
     named, extended = diagnosis.effects, diagnosis.extended
-    estimates = {
-        name: (estimate.value, estimate.std, *estimate.interval)
-        for effect in named
-        for name, estimate in effect.estimates.items()
-    }
     experiments = [diagnosis.next_experiment, *(effect.next_experiment for effect in named)]
     return {
         "verdict": diagnosis.verdict,
         "names": tuple(effect.name for effect in named),
         "statistics": tuple(float(effect.statistic) for effect in named),
         "indistinguishable": tuple(tuple(effect.indistinguishable_from) for effect in named),
-        "estimates": {name: tuple(map(float, estimate)) for name, estimate in estimates.items()},
+        "estimates": {name: one for effect in named for name, one in _intervals(effect.estimates).items()},
         "unexplained": diagnosis.unexplained.present,
         "unexplained_signal": diagnosis.unexplained.signal or "",
         "unexplained_share": float(diagnosis.unexplained.share),
         "next_experiment": next((text for text in experiments if text), ""),
         "path_rmse": math.nan if extended is None else float(extended.held_out_path_rmse),
+        "baseline": _of_paper(diagnosis.baseline),
+        "extended": _of_paper(extended),
     }
+
+
+def _of_paper(fitted: Fitted | None) -> dict[str, tuple[float, ...]]:
+    """Return the estimates that a model has of the paper's parameters."""
+    estimates = fitted.estimates if fitted else {}
+    return _intervals({name: estimate for name, estimate in estimates.items() if name in PAPER})
+
+
+def _intervals(estimates: Mapping[str, Estimate]) -> dict[str, tuple[float, ...]]:
+    """Return value, standard deviation, lower and upper end of the 95 % interval by name."""
+    return {name: tuple(map(float, (one.value, one.std, *one.interval))) for name, one in estimates.items()}
 
 
 def hidden(truth: Truth) -> dict[str, Any]:
@@ -76,6 +89,7 @@ def hidden(truth: Truth) -> dict[str, Any]:
     return {"robot": dict(truth.robot), "parameters": dict(truth.parameters)}
 
 
+ADDED = 2  # columns at the end that older files lack
 COLUMNS = ("set", *(part.name for part in fields(Case)), *(part.name for part in fields(Row)[2:]))
 
 
@@ -98,9 +112,11 @@ def read(path: Path) -> list[Row]:
     if not path.exists():
         return []
     with path.open(newline="", encoding="utf-8") as stream:
-        for cells in list(csv.reader(stream))[1:]:
+        whole = [line for line in stream if line.endswith("\n")]
+        for cells in list(csv.reader(whole))[1:]:
+            older = ["{}"] * ADDED if len(cells) == len(COLUMNS) - ADDED else []
             try:
-                row = _row(dict(zip(COLUMNS, cells, strict=True)))
+                row = _row(dict(zip(COLUMNS, [*cells, *older], strict=True)))
             except ValueError:
                 continue
             rows[row.key] = row

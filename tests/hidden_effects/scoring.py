@@ -121,6 +121,16 @@ def covered(row: Row) -> list[bool]:
     ]
 
 
+def covered_of_paper(row: Row, estimates: Mapping[str, Interval]) -> list[bool]:
+    """Tell for each of the paper's parameters that was estimated whether its 95 % interval holds the truth."""
+    return [estimate[2] <= row.robot[name] <= estimate[3] for name, estimate in estimates.items()]
+
+
+def told_as_hidden(row: Row) -> bool:
+    """Tell whether just what is hidden is named, by its own name: the paper's parameters then mean what they do."""
+    return set(row.names) == set(row.case.effects)
+
+
 def _right(row: Row, name: str, true: float, estimate: Interval) -> bool:
     allowed = max(RELATIVE * _span(row, name, true), DEVIATIONS * estimate[1])
     return abs(_error(name, true, estimate)) <= allowed
@@ -148,6 +158,7 @@ def score_single(rows: Sequence[Row]) -> list[Score]:
         _share("single", "nothing wrong named", [row for row in rows if not wrongly_named(row)], rows),
         _share("single", "parameter within 5 % or 3 std", _those(right, parameters_right), right, least=0.95),
         _coverage("single", right),
+        _coverage_of_paper("single", [(row, row.extended) for row in rows if told_as_hidden(row)]),
     ]
 
 
@@ -165,7 +176,7 @@ def score_eight(rows: Sequence[Row]) -> list[Score]:
 
 def score_null(rows: Sequence[Row]) -> list[Score]:
     """Score robots without any effect."""
-    return _score_silence("null", rows)
+    return [*_score_silence("null", rows), _coverage_of_paper("null", [(row, row.baseline) for row in rows])]
 
 
 def score_short(rows: Sequence[Row]) -> list[Score]:
@@ -329,8 +340,17 @@ def _share(
 
 def _coverage(name: str, rows: Sequence[Row]) -> Score:
     held = [inside for row in rows for inside in covered(row)]
+    return _share_held(name, "95 % intervals that hold the truth", held)
+
+
+def _coverage_of_paper(name: str, models: Sequence[tuple[Row, Mapping[str, Interval]]]) -> Score:
+    held = [inside for row, estimates in models for inside in covered_of_paper(row, estimates)]
+    return _share_held(name, "95 % intervals of the paper's parameters", held)
+
+
+def _share_held(name: str, quantity: str, held: Sequence[bool]) -> Score:
     share = float(np.mean(held)) if held else math.nan
-    return Score(name, "95 % intervals that hold the truth", share, len(held), "90 to 98 %", 0.90 <= share <= 0.98)
+    return Score(name, quantity, share, len(held), "90 to 98 %", 0.90 <= share <= 0.98)
 
 
 def _most(name: str, quantity: str, values: Sequence[float], limit: float, unit: str) -> list[Score]:
