@@ -1,6 +1,8 @@
 """The whole driver on the one port of an emulated MBot board: it drives, its gyro is read, and above all it stops."""
 
 import dataclasses
+import math
+import random
 import signal
 import struct
 from collections.abc import Iterator
@@ -14,11 +16,14 @@ import pytest
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t
+from robot_driver.controllers.mbot import MBot, MBotGyro
+from robot_driver.controllers.mbot.board import TIME_TELLING
+from robot_driver.controllers.mbot.frames import START, packed
 from robot_driver.driver import Driver, Settings
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
-from robot_driver.emulator.mbot_device import MBotDevice
+from robot_driver.emulator.mbot_device import TIMESYNC, MBotDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
@@ -29,6 +34,7 @@ HALF, MIRRORED = (0.5, 0.5), (0.5, -0.5)
 WATCHDOG = 1.0  # s, of the board
 PATIENCE = 20.0 + 0.1 * number("CMR_TRANSACTIONS_WITH_DAMAGE", 0)  # s
 PERIOD = 1.0 / 220.0  # s, of its loop
+UNEVEN = 0.0001  # s; without a clock of its own for the board's turns it is up to 0.001
 COUNTS = 7 + 8  # where they are in what the board says in one turn: after a header and the time
 YAW_RATE = 56 + 28 + 7 + 8 + 2 * 4  # after encoders, odometry, a header, the time and two other rates
 
@@ -116,6 +122,33 @@ def test_wheels_and_gyro_are_measured_through_one_port(tmp_path: Path) -> None:
     assert all(message.valid and message.yaw_rate in device.rates for message in client.gyro)
     for messages in (client.feedback, client.gyro):
         assert all(earlier.utime < later.utime for earlier, later in pairwise(messages))
+
+
+def test_measurements_keep_the_boards_pace_though_its_clock_is_set_again_and_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("robot_driver.controllers.mbot.board.time.monotonic_ns", lambda: 20_000_000_000)
+    settings = load_settings().ideal()
+    device = MBotDevice(settings, Plant(settings))
+    mbot, gyro, chance, told = MBot(), MBotGyro(), random.Random(0), -math.inf
+    wheels: list[int] = []
+    rates: list[int] = []
+    for _ in range(1000):
+        time = device.wake_time
+        if time - told >= TIME_TELLING / 1e6:
+            told, late = time, chance.uniform(0.0, 0.001)  # s
+            device.receive(packed(TIMESYNC, struct.pack("<q", round(1e6 * (10.0 + time - late)))), time)
+        said = b"".join(transmission.data for transmission in device.wake(time)) + START
+        request = mbot.read_encoders()
+        request.missing(said)
+        request.parse(said)
+        assert request.measured is not None
+        wheels.append(request.measured())
+        rates += [reading.measured for reading in gyro.feed(said) if reading.measured]
+    for moments in (wheels, rates):
+        steps = [(later - earlier) / 1e9 for earlier, later in pairwise(moments[100:])]
+        assert len(steps) > 800
+        assert max(abs(step - PERIOD) for step in steps) < UNEVEN
 
 
 def test_it_never_drives_when_the_board_has_no_watchdog(tmp_path: Path) -> None:
