@@ -76,6 +76,11 @@ class CommandGate:
         with self._lock:
             self._listening_until = now + LISTENING_TIME
 
+    @property
+    def needs_zero(self) -> bool:
+        """Whether zero must be commanded before anything else is taken, now that nothing holds the motors."""
+        return self._zero_first and not self._stops
+
     def offer(self, decided: int, left: float, right: float, *, now: float, utime: int) -> None:
         """Take a command that was decided at `decided` (us) and has arrived `now`, or count why not."""
         with self._lock:

@@ -137,6 +137,8 @@ class Driver:
     def remarks(self) -> str:
         """Return what else a person might want to know, in sentences."""
         remarks = [self.warnings, self.follower.message, self._motors.rhythm.sentence()]
+        if self._gate.needs_zero:
+            remarks.append("Waiting for zero to be commanded; nothing else moves the motors before.")
         if self._gate.rejected:
             counts = ", ".join(f"{reason} {count}" for reason, count in sorted(self._gate.rejected.items()))
             remarks.append(f"Commands not taken: {counts}.")

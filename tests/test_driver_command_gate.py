@@ -55,6 +55,9 @@ def test_after_the_start_zero_must_be_commanded_first() -> None:
     gate.offer(utime_at(11.0), 0.5, 0.5, now=11.0, utime=utime_at(11.0))
     assert gate.drive(11.0) == ZERO
     assert gate.rejected == {"not_zero": 1}
+    assert gate.needs_zero
+    gate.offer(utime_at(11.1), 0.0, 0.0, now=11.1, utime=utime_at(11.1))
+    assert not gate.needs_zero
 
 
 def test_without_a_command_nothing_moves() -> None:

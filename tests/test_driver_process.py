@@ -75,6 +75,8 @@ def test_a_nominal_parameter_file_with_the_wheel_radius_alone_is_fine(silent_por
     )
     driver = Driver(Settings(port=silent_port, parameters=path))
     assert driver._motors.fastest_wheel == FASTEST_WHEEL
+    assert driver.remarks() == "Waiting for zero to be commanded; nothing else moves the motors before."
+    open_gate_of(driver)
     assert driver.remarks() == ""
 
 

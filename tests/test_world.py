@@ -12,7 +12,7 @@ from cmr.bus.messages import make
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
-from cmr.msg import estop_t, motor_command_t, waypoints_t, world_state_t
+from cmr.msg import estop_t, motor_command_t, motor_feedback_t, waypoints_t, world_state_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour, FigureEight, Follow, make_behaviour
@@ -334,6 +334,16 @@ class TestPilot:
             command = pilot.command(EPOCH + 400_000)
             assert (command.left, command.right) == (0.0, 0.0)
         assert "zero" in pilot.waiting_for
+
+    def test_commands_zero_first_when_the_driver_has_been_started_again(self, pilot: Pilot) -> None:
+        self.drive(pilot, EPOCH)
+        (channel, stale), *_ = messages(seconds=0.1, channels=("MOTOR_FEEDBACK",))
+        stale.status = motor_feedback_t.STATUS_COMMAND_STALE
+        pilot.handle(EPOCH + 400_000, channel, stale)
+        command = pilot.command(EPOCH + 400_000)
+        assert (command.left, command.right) == (0.0, 0.0)
+        assert "zero" in pilot.waiting_for
+        assert self.drive(pilot, EPOCH + 420_000).left > 0.05
 
     def test_stops_when_the_leader_leaves_the_world(self, pilot: Pilot) -> None:
         self.drive(pilot, EPOCH)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import ESTOP, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import behaviour_of
 from cmr.msg import process_status_t
@@ -26,6 +26,7 @@ def main(arguments: list[str]) -> int:
     with Process("cmr-pilot", options.lcm_url) as process:
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(ESTOP, every=True)
+        process.subscribe(MOTOR_FEEDBACK, options.robot, every=True)
         process.subscribe(PARAMETERS, options.robot)
         process.subscribe(WAYPOINTS, options.robot)
         for utime in process.loop(rate_hz=RATE):

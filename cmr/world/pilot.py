@@ -4,15 +4,15 @@ from typing import Any
 
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import PARAMETERS, WAYPOINTS, WORLD_STATE
-from cmr.msg import motor_command_t
+from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.msg import motor_command_t, motor_feedback_t
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour
 from cmr.world.view import WorldView
 
 OLDEST_WORLD = 500_000  # us; with older knowledge of the world the robot stops
-ZEROS_AFTER_RELEASE = 10  # commands; a driver takes nothing else before one, and any message may be lost
+FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any message may be lost
 
 
 class Pilot:
@@ -28,10 +28,13 @@ class Pilot:
         self._zeros_to_send = 0
 
     def handle(self, utime: int, channel: str, message: Any) -> None:
-        """Take WORLD_STATE, PARAMETERS_N, WAYPOINTS_N or ESTOP."""
+        """Take WORLD_STATE, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N or ESTOP."""
         self._estop.handle(utime, channel, message)
         if channel == WORLD_STATE.name:
             self._world.handle(utime, channel, message)
+        elif channel == MOTOR_FEEDBACK.channel(self.robot_id):
+            if message.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
+                self._zeros_to_send = FIRST_ZEROS
         elif channel == PARAMETERS.channel(self.robot_id):
             self.parameters.handle(utime, channel, message)
         elif channel == WAYPOINTS.channel(self.robot_id):
@@ -52,9 +55,9 @@ class Pilot:
         me = self._world.robot(self.robot_id)
         if self._estop.engaged:
             self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
-            self._zeros_to_send = ZEROS_AFTER_RELEASE
+            self._zeros_to_send = FIRST_ZEROS
         elif self._zeros_to_send:
-            self.waiting_for = "the driver to hear of zero after the emergency stop"
+            self.waiting_for = "the driver to hear of zero, after its start or an emergency stop"
             self._zeros_to_send -= 1
         elif me is None or utime - me.utime > OLDEST_WORLD:
             self.waiting_for = f"robot {self.robot_id} in WORLD_STATE (from cmr-sim and its driver)"
