@@ -65,6 +65,20 @@ def test_the_true_parameters_leave_no_prediction_error(effect: dict[str, float])
     assert np.max(np.abs(said.pose[5:])) < 1e-9
 
 
+def test_a_gyro_reads_the_yaw_rate_of_its_moment_also_where_a_command_jumps() -> None:
+    """Beside a jump of the yaw acceleration the reading is that of the moment, not a mean over two steps."""
+    what = heard()
+    left, right = what.left.copy(), what.right.copy()
+    left[STEPS // 2 :] -= 0.6
+    said = observe(replace(what, left=left, right=right), ROBOT, FREE)
+    psi_left, psi_right = (said.motion[1:-1, MOTION.index(name)] for name in ("psi_left", "psi_right"))
+    yaw_rate = (psi_right - psi_left) * ROBOT["wheel_radius"] / ROBOT["base_width"]
+    jump = 0.6 * ROBOT["k2_over_k3"] * ROBOT["wheel_radius"] / ROBOT["base_width"]  # rad/s^2
+    reading = what.gyro - said.gyro[:, 0]
+    assert np.max(np.abs(np.diff(yaw_rate))) > 0.9 * jump * STEP
+    assert np.max(np.abs(reading - yaw_rate)[1:-1]) < 0.01 * jump * STEP  # the mean of two steps is a quarter off
+
+
 def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:
     """A gyro's bias is an error of its size in the gyro, and none in wheels and poses."""
     said = observe(heard(gyro_bias=0.01), ROBOT, FOLLOWING)

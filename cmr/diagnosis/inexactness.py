@@ -12,13 +12,15 @@ from cmr.model.parameters import DEFINITIONS as PAPER
 OF_VALUE = 0.008
 OF_TYPICAL = 0.012  # of the typical size: robots without the effect seem to have so much of some
 OF_FRICTION = 0.07  # of the value: how dry friction depends on the speed differs from one motor to the next
+# Of the paper's parameters: effects beside them are not exactly as the model has them.
+OF_PAPER = {"k2_over_k3": 0.0008, "k1": 0.0002, "base_width": 0.0005}
 FRICTION = ("coulomb_friction", "static_friction", "surface_patch_friction")
 
 
 def inexactness(name: str, value: float, scene: Scene) -> float:
-    """Return the standard deviation to be added to a parameter for this, in its unit; none to those of the paper."""
+    """Return the standard deviation to be added to a parameter for this, in its unit."""
     if name in PAPER:
-        return 0.0
+        return OF_PAPER.get(name, 0.0) * value
     parameter = definition(name)
     share = OF_FRICTION if name in FRICTION else OF_VALUE
     grows = parameter.switches and not is_limit(parameter)

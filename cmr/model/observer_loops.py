@@ -14,6 +14,7 @@ from cmr.model.step_helpers import sign
 LOOPS = '''
 
 NEARBY = 1e-3  # m
+PER_STEP = 3.0**0.5  # by how much more a quantity grows in a step than between the two points at which it is known
 
 @inlined
 def where(condition, yes, no):
@@ -35,7 +36,7 @@ def observe(
     stride = OWN + len(varying) * LANES
     packets = np.empty(ring * 3 * LANES)
     duty = np.empty((2, LANES))
-    past = np.empty((HISTORY, 4, LANES))
+    past = np.empty((HISTORY, 5, LANES))
     offset = np.empty((6, LANES))
     before = np.empty((2, LANES))
     offset_x, offset_y, offset_theta = offset[0], offset[1], offset[2]
@@ -56,7 +57,7 @@ def observe(
             offset_left[i], offset_right[i], offset_yaw_rate[i] = 0.0, 0.0, 0.0
             for h in range(HISTORY):
                 past[h, 0, i], past[h, 1, i], past[h, 2, i] = here[X + i], here[Y + i], here[THETA + i]
-                past[h, 3, i] = 0.0
+                past[h, 3, i], past[h, 4, i] = 0.0, 0.0
         for border in range(len(left) + 1):
             if border > 0:
                 for i in range(LANES):
@@ -85,12 +86,14 @@ def observe(
                         / numbers[BASE_WIDTH_NUMBER, i]
                     )
                     newest[3, i] = turning - offset_yaw_rate[i]
+                    newest[4, i] = PER_STEP * (work[YAW_RATE_SECOND + i] - work[YAW_RATE_FIRST + i])
             else:
                 for i in range(LANES):
                     before_left[i], before_right[i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
             now = border * dt
-            # Yaw rates are means over steps, known in their middles: what begins or ends within a step is then told
-            # half before and half behind.
+            # Yaw rates are known as means over steps, and by how much they grow in each; between the middles of two
+            # steps what both foretell is mixed. What begins at a border is then told where it does, what begins or
+            # ends within a step half before and half behind.
             while next_gyro < len(gyro_time) and gyro_time[next_gyro] + 0.5 * dt <= now:
                 stamp = gyro_time[next_gyro]
                 for i in range(lanes):
@@ -104,7 +107,9 @@ def observe(
                     first = first - 1 if first == border and border > 1 else first
                     share = position - first
                     one, other = past[first % HISTORY, 3, i], past[(first + 1) % HISTORY, 3, i]
-                    reading = one + share * (other - one) + offset_yaw_rate[i] if border > 0 else 0.0
+                    bend = past[first % HISTORY, 4, i] - past[(first + 1) % HISTORY, 4, i]
+                    reading = one + share * (other - one + (1.0 - share) * bend) + offset_yaw_rate[i]
+                    reading = reading if border > 0 else 0.0
                     yaw_rate = reading
     GYRO
                     gyro_error[next_gyro, block * LANES + i] = gyro[next_gyro] - reading
