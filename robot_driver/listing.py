@@ -2,11 +2,13 @@
 
 A gyro that talks is recognised by listening. Only to the others is anything sent: a question for the device's name, to
 boards that are silent until they are told the time also zero duty. A port that another program uses is left alone.
+Controllers are asked at their default baud rate first, then at the others that are usual for their kind.
 """
 
 import os
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 
 from robot_driver.controllers import CONTROLLERS, BadReply, Controller
 from robot_driver.gyros import GYROS, Gyro
@@ -18,14 +20,26 @@ CONVERSATION = 1.5  # s in which a gyro that has to be asked how it is set has a
 ENOUGH = 3  # readings that no noise brings about
 ATTEMPTS = 3  # a device may first have to get rid of what others were asked
 READ_SIZE = 4096  # bytes
+LONGEST_ASKING = 8.0  # s at a port; after that nothing more is begun, and nothing of it takes longer than 2 s
 
 
-def describe(path: str) -> str:
+@dataclass(frozen=True)
+class Rates:
+    """The only baud rates at which controllers and gyros are to be looked for; None: the usual ones of their kind."""
+
+    controller: int | None = None
+    gyro: int | None = None
+
+
+USUAL = Rates()
+
+
+def describe(path: str, rates: Rates = USUAL) -> str:
     """Return lines for a person: the port, what answers there, and how to start the driver with it."""
     device = os.path.realpath(path)
     title = path if device == path else f"{path} (now {device})"
     try:
-        found = devices_at(path)
+        found = devices_at(path, rates)
     except PortLost as lost:
         found = [f"not asked: {lost}"]
     warning = numbering_warning(path)
@@ -33,32 +47,65 @@ def describe(path: str) -> str:
     return "\n    ".join(lines)
 
 
-def devices_at(path: str) -> list[str]:
+def devices_at(path: str, rates: Rates = USUAL) -> list[str]:
     """Return what answers at a port, each as a few words.
 
     Raises PortLost when it cannot be opened or is lost meanwhile.
     """
+    end = time.monotonic() + LONGEST_ASKING
+    return _gyro_at(path, rates.gyro, end) or _controllers_at(path, rates.controller, end)
+
+
+def _gyro_at(path: str, only: int | None, end: float) -> list[str]:
+    """Return the gyro that talks at a port, if one does before `end` (s, monotonic)."""
     silent_at: set[int] = set()  # baud rates at which nothing comes
     for name, gyro in sorted(GYROS.items()):
-        if gyro.baud_rate not in silent_at and _talks(path, gyro, silent_at):
-            return [f"gyro: --gyro {name}"]
-    names = {name: _name_of(path, controller) for name, controller in sorted(CONTROLLERS.items())}
-    return [f"motor controller: --controller {name} ({said})" for name, said in names.items() if said]
+        baud = only or gyro.baud_rate
+        if baud not in silent_at and time.monotonic() < end and _talks(path, gyro, baud, silent_at):
+            return [f"gyro: --gyro {name}{_option('--gyro-baud', baud, gyro.baud_rate)}"]
+    return []
 
 
-def _talks(path: str, gyro_type: type[Gyro], silent_at: set[int]) -> bool:
+def _controllers_at(path: str, only: int | None, end: float) -> list[str]:
+    """Return the controllers that answer at the first baud rate at which any does."""
+    choices = {name: (only,) if only else _usual_rates(kind) for name, kind in sorted(CONTROLLERS.items())}
+    for turn in range(max(map(len, choices.values()))):
+        found = []
+        for name, bauds in choices.items():
+            kind = CONTROLLERS[name]
+            if turn < len(bauds) and time.monotonic() < end and (said := _name_of(path, kind, bauds[turn])):
+                option = _option("--baud", bauds[turn], kind.default_baud_rate)
+                found.append(f"motor controller: --controller {name}{option} ({said})")
+        if found:
+            return found
+    return []
+
+
+def _usual_rates(kind: type[Controller]) -> tuple[int, ...]:
+    return (kind.default_baud_rate, *kind.other_baud_rates)
+
+
+def _option(name: str, baud: int, default: int) -> str:
+    """Return what to add to a command line for this baud rate."""
+    return "" if baud == default else f" {name} {baud}"
+
+
+def _talks(path: str, gyro_type: type[Gyro], baud: int, silent_at: set[int]) -> bool:
     """Tell whether a gyro of this kind sends readings; it is only spoken to when it sends what needs explanation.
 
     Where nothing comes at all, its baud rate is added to `silent_at`.
     """
-    with _Opened(SerialPort(path, gyro_type.baud_rate)) as port:
+    with _Opened(SerialPort(path, baud)) as port:
         gyro = gyro_type()
         heard, readings = _listen(port, gyro, LISTENING)
         if not heard:
-            silent_at.add(gyro_type.baud_rate)
+            silent_at.add(baud)
         elif not readings:
-            port.write(gyro.wake_up)
-            _, readings = _listen(port, gyro, CONVERSATION)
+            try:
+                port.write(gyro.wake_up)
+                _, readings = _listen(port, gyro, CONVERSATION)
+            finally:
+                port.write(gyro.farewell)
         return readings >= ENOUGH
 
 
@@ -75,10 +122,10 @@ def _listen(port: SerialPort, gyro: Gyro, seconds: float) -> tuple[int, int]:
     return heard, readings
 
 
-def _name_of(path: str, controller_type: type[Controller]) -> str:
+def _name_of(path: str, controller_type: type[Controller], baud: int) -> str:
     """Return what a controller of this kind calls itself; "" when none answers."""
     port_type = StreamPort if controller_type.streams else SerialPort
-    with _Opened(port_type(path, controller_type.default_baud_rate)) as port:
+    with _Opened(port_type(path, baud)) as port:
         controller = controller_type()
         for _ in range(ATTEMPTS):
             with suppress(BadReply):

@@ -13,7 +13,7 @@ from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import BOARD, Driver, Settings
 from robot_driver.encoders import Wiring
 from robot_driver.gyros import GYROS
-from robot_driver.listing import describe
+from robot_driver.listing import Rates, describe
 from robot_driver.ramp import Limits
 from robot_driver.serial_port import PortLost, available_ports
 
@@ -34,7 +34,8 @@ def main(arguments: list[str]) -> int:
     """
     options = _options(arguments)
     if options.list_devices:
-        return _list_devices([path for path in (options.port, options.gyro_port) if path])
+        paths = [path for path in (options.port, options.gyro_port) if path]
+        return _list_devices(paths, Rates(options.baud, options.gyro_baud))
     try:
         with Process("cmr-driver", options.lcm_url) as process, Driver(_settings(options)) as driver:
             if driver.warnings:
@@ -52,11 +53,11 @@ def main(arguments: list[str]) -> int:
         raise CommandError(str(lost)) from lost
 
 
-def _list_devices(paths: list[str]) -> int:
+def _list_devices(paths: list[str], rates: Rates) -> int:
     """Print what answers at these ports, or at all there are."""
     ports = paths or available_ports()
     for port in ports:
-        print(describe(port), flush=True)
+        print(describe(port, rates), flush=True)
     if not ports:
         print("There are no serial ports. Plug the devices in; on a laptop, install the driver of the USB adapter.")
     return 0
@@ -94,7 +95,12 @@ def _settings(options: argparse.Namespace) -> Settings:
 def _options(arguments: list[str]) -> argparse.Namespace:
     result = parser("cmr-driver", DESCRIPTION, EXAMPLE)
     add = result.add_argument
-    add("--list-devices", action="store_true", help="show serial ports and what answers there; nothing moves")
+    add(
+        "--list-devices",
+        action="store_true",
+        help="show serial ports and what answers there, at --baud or the rates usual for each kind; nothing moves; "
+        "takes at most 10 s a port",
+    )
     add("--port", metavar="DEVICE", help="serial port of the motor controller")
     add("--gyro-port", metavar="DEVICE", help="serial port of the gyro, if it has one of its own")
     add("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")

@@ -69,11 +69,13 @@ class Controller(ABC):
     the device must be set to so that it answers. `watchdog_seconds` is after what silence of ours it is to stop the
     motors by itself. `essential`: the keys of Telemetry that every such device tells, and without which the motors
     must not turn. `streams`: the device talks all the time, asked or not. `gyro` is the gyro on the same board; it
-    overhears all that comes. `objection` is a sentence on why the device must not be driven, as soon as what it says
+    overhears all that comes. `other_baud_rates` are those at which such a device is looked for if it does not answer at
+    the default one. `objection` is a sentence on why the device must not be driven, as soon as what it says
     shows that; else "".
     """
 
     default_baud_rate: int
+    other_baud_rates: tuple[int, ...] = ()
     link = "serial commands"
     watchdog_seconds = 0.5
     essential: frozenset[str] = frozenset()

@@ -55,6 +55,7 @@ class RoboClaw(Controller):
     """One RoboClaw, at address 0x80 unless told otherwise; channel M1 is first, M2 second."""
 
     default_baud_rate = 115200
+    other_baud_rates = (38400, 460800, 9600)  # as it comes from the factory; the fastest; 9600 is a common choice
     link = "packet serial, address 0x80,"
     essential = frozenset({"status"})
 

@@ -20,6 +20,7 @@ class RoboClawPair(Controller):
     """
 
     default_baud_rate = RoboClaw.default_baud_rate
+    other_baud_rates = RoboClaw.other_baud_rates
     link = "packet serial, addresses 0x80 and 0x81,"
     essential = frozenset({"status"})
 
