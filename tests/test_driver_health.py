@@ -65,7 +65,7 @@ def test_16_a_voltage_that_does_not_come_any_more_is_unknown_and_holds_the_motor
         assert run.thread.problem == ""
         muted.add(READ_BATTERY)
         run.until(lambda: math.isnan(run.feedback[-1].battery_voltage))
-        assert "battery voltage unknown for 0 s." in run.thread.problem
+        run.until(lambda: "battery voltage unknown for 0 s." in run.thread.problem)
         assert run.device.duty != [0, 0]
         run.until(lambda: run.feedback[-1].status & BATTERY)
         assert_still(run)
