@@ -14,7 +14,6 @@ from cmr.model.step_helpers import sign
 LOOPS = '''
 
 NEARBY = 1e-3  # m
-PER_STEP = 3.0**0.5  # by how much more a quantity grows in a step than between the two points at which it is known
 
 @inlined
 def where(condition, yes, no):
@@ -38,10 +37,10 @@ def observe(
     duty = np.empty((2, LANES))
     past = np.empty((HISTORY, 5, LANES))
     offset = np.empty((6, LANES))
-    before = np.empty((2, LANES))
+    before = np.empty((3, LANES))
     offset_x, offset_y, offset_theta = offset[0], offset[1], offset[2]
     offset_left, offset_right, offset_yaw_rate = offset[3], offset[4], offset[5]
-    before_left, before_right = before[0], before[1]
+    before_left, before_right, before_difference = before[0], before[1], before[2]
     for block in range((robots + LANES - 1) // LANES):
         here = rows[block * stride : (block + 1) * stride]
         numbers = sensor[:, block * LANES : (block + 1) * LANES]
@@ -70,6 +69,8 @@ def observe(
                 if ring > 0:
                     duty[0], duty[1] = left[border - 1], right[border - 1]
                     send(here, stride, duty, index, seed, border - 1, packets, ring, border - 1, dt)
+                for i in range(LANES):
+                    before_difference[i] = here[PSI_RIGHT + i] - here[PSI_LEFT + i]
                 advance(here, work, varying, dt)
                 newest = past[border % HISTORY]
                 for i in range(LANES):
@@ -80,20 +81,17 @@ def observe(
                     # What corrections add fades as a wheel's speed does; without it the past is smooth.
                     offset_left[i] *= here[KEPT_END + i]
                     offset_right[i] *= here[KEPT_END + i]
-                    offset_yaw_rate[i] = (
-                        (offset_right[i] - offset_left[i])
-                        * numbers[WHEEL_RADIUS_NUMBER, i]
-                        / numbers[BASE_WIDTH_NUMBER, i]
-                    )
+                    per_difference = numbers[WHEEL_RADIUS_NUMBER, i] / numbers[BASE_WIDTH_NUMBER, i]
+                    offset_yaw_rate[i] = (offset_right[i] - offset_left[i]) * per_difference
                     newest[3, i] = turning - offset_yaw_rate[i]
-                    newest[4, i] = PER_STEP * (work[YAW_RATE_SECOND + i] - work[YAW_RATE_FIRST + i])
+                    newest[4, i] = (here[PSI_RIGHT + i] - here[PSI_LEFT + i] - before_difference[i]) * per_difference
             else:
                 for i in range(LANES):
                     before_left[i], before_right[i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
             now = border * dt
-            # Yaw rates are known as means over steps, and by how much they grow in each; between the middles of two
-            # steps what both foretell is mixed. What begins at a border is then told where it does, what begins or
-            # ends within a step half before and half behind.
+            # Yaw rates are known as means over steps, and by how much the wheels let them grow in each; between the
+            # middles of two steps what both foretell is mixed. What begins at a border is then told where it does,
+            # what begins or ends within a step half before and half behind.
             while next_gyro < len(gyro_time) and gyro_time[next_gyro] + 0.5 * dt <= now:
                 stamp = gyro_time[next_gyro]
                 for i in range(lanes):
