@@ -13,7 +13,7 @@ from robot_driver.controllers.roboclaw import READ_BATTERY, READ_STATUS, READ_TE
 from robot_driver.emulator import roboclaw_device
 from robot_driver.emulator.device import Transmission
 from robot_driver.health import Health
-from tests.driver_bench import Bench, bench, open_gate
+from tests.driver_bench import Bench, bench, open_gate, wait_for
 
 THRESHOLDS = Thresholds(11.0, 10.0)
 ESTOP, BATTERY = motor_feedback_t.STATUS_ESTOP, motor_feedback_t.STATUS_BATTERY
@@ -44,9 +44,10 @@ def assert_still(run: Bench, count: int = 30) -> None:
 
     def commanded() -> bool:
         run.command(0.0, 0.0)
+        run.command(0.2, 0.2)  # is in force until the next time
         return len(run.feedback) >= seen + count
 
-    run.until(commanded)
+    wait_for(commanded)
     assert {(message.applied_left, message.applied_right) for message in run.feedback[seen:]} == {(0.0, 0.0)}
 
 
