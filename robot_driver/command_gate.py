@@ -21,8 +21,7 @@ LISTENING_TIME = 0.4
 # Why a command was not taken. not_finite: NaN or infinite. out_of_range: beyond [-1, 1]. old: decided more than 0.5 s
 # ago, or not after one already taken, as in a log that is replayed. future: decided more than 0.5 s from now, by a
 # computer whose clock is wrong. held_up: it may have waited while this process was held up. starting: an emergency
-# stop might not have been heard yet. not_zero: at the start and after a stop was released, zero must be commanded
-# before anything else.
+# stop might not have been heard yet. not_zero: after a stop was released, zero must be commanded before anything else.
 REASONS = ("not_finite", "out_of_range", "old", "future", "held_up", "starting", "not_zero")
 
 
@@ -67,7 +66,7 @@ class CommandGate:
         self._last_decided: int | None = None
         self._stops: set[Stop] = set()
         self._engaged_utime = 0
-        self._zero_first = True
+        self._zero_first = False
         self._listening_until = math.inf
         self._closed_until = -math.inf
 

@@ -1,6 +1,8 @@
 """What several test files share."""
 
 import os
+import tty
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -30,3 +32,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def url() -> str:
     """A bus that nobody else is on."""
     return private_url()
+
+
+@pytest.fixture
+def silent_port() -> Iterator[str]:
+    """A port on which nothing ever answers."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    yield os.ttyname(slave)
+    os.close(master)
+    os.close(slave)

@@ -49,9 +49,18 @@ def test_until_an_emergency_stop_would_have_been_heard_nothing_but_zero_is_taken
     assert offer(11.41, 0.5) == Drive(0.5, 0.5, 0)
 
 
-def test_after_the_start_zero_must_be_commanded_first() -> None:
+def test_who_commands_from_the_start_on_is_obeyed_once_no_emergency_stop_was_heard() -> None:
     gate = CommandGate()
     gate.note_listening(10.0)
+    gate.offer(utime_at(11.0), 0.5, 0.5, now=11.0, utime=utime_at(11.0))
+    assert gate.drive(11.0) == Drive(0.5, 0.5, 0)
+
+
+def test_after_a_stop_that_was_heard_at_the_start_zero_must_be_commanded_first() -> None:
+    gate = CommandGate()
+    gate.note_listening(10.0)
+    gate.take_estop(True, utime_at(10.1), utime=utime_at(10.1))
+    gate.take_estop(False, utime_at(10.9), utime=utime_at(10.9))
     gate.offer(utime_at(11.0), 0.5, 0.5, now=11.0, utime=utime_at(11.0))
     assert gate.drive(11.0) == ZERO
     assert gate.rejected == {"not_zero": 1}

@@ -1,12 +1,9 @@
 """Promises 10, 11 and 12: ports come and go, have two kinds of names, and belong to one driver."""
 
 import fcntl
-import os
 import sys
 import threading
 import time
-import tty
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -78,8 +75,8 @@ class Elusive(Device):
         pass
 
 
-def test_10_between_attempts_to_get_a_device_back_the_pauses_grow_to_a_second(terminal: str) -> None:
-    thread = PortThread(SerialPort(terminal, 115200), Elusive())
+def test_10_between_attempts_to_get_a_device_back_the_pauses_grow_to_a_second(silent_port: str) -> None:
+    thread = PortThread(SerialPort(silent_port, 115200), Elusive())
     thread._stop = pauses = CountedPauses()
     with thread:
         thread._thread.join(10.0)
@@ -91,9 +88,9 @@ def is_exclusive(port: SerialPort) -> bool:
 
 
 def test_12_the_kernel_refuses_a_port_to_all_others_but_not_a_pseudo_terminal(
-    terminal: str, monkeypatch: pytest.MonkeyPatch
+    silent_port: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    port = SerialPort(terminal, 115200)
+    port = SerialPort(silent_port, 115200)
     port.open()
     assert not is_exclusive(port)
     port.close()
@@ -104,8 +101,10 @@ def test_12_the_kernel_refuses_a_port_to_all_others_but_not_a_pseudo_terminal(
 
 
 @pytest.mark.parametrize(("late", "believed"), [(0.01, True), (-0.001, False), (0.2, False)])
-def test_14_a_time_by_a_boards_clock_that_cannot_be_is_not_believed(terminal: str, late: float, believed: bool) -> None:
-    port = StreamPort(terminal, 115200)
+def test_14_a_time_by_a_boards_clock_that_cannot_be_is_not_believed(
+    silent_port: str, late: float, believed: bool
+) -> None:
+    port = StreamPort(silent_port, 115200)
     told = 0
 
     def measured() -> int:
@@ -117,16 +116,6 @@ def test_14_a_time_by_a_boards_clock_that_cannot_be_is_not_believed(terminal: st
     answer = port.exchange(Request("time", b"", 0, lambda _reply: 0, lambda _reply: None, measured=measured))
     port.close()
     assert answer.measured == (told if believed else answer.arrived)
-
-
-@pytest.fixture
-def terminal() -> Iterator[str]:
-    """A port at whose other end is nobody."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    yield os.ttyname(slave)
-    os.close(master)
-    os.close(slave)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The world: estimates of real robots, simulated robots, twins, and the pilot of a real robot."""
+"""The world: estimates of real robots, simulated robots, and twins."""
 
 import math
 from dataclasses import replace
@@ -12,7 +12,7 @@ from cmr.bus.messages import make
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
-from cmr.msg import estop_t, motor_command_t, motor_feedback_t, waypoints_t, world_state_t
+from cmr.msg import estop_t, motor_command_t, waypoints_t, world_state_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour, FigureEight, Follow, make_behaviour
@@ -20,7 +20,6 @@ from cmr.world.behaviours.behaviour import BehaviourError
 from cmr.world.behaviours.commanded import Commanded
 from cmr.world.behaviours.leading import figure_eight
 from cmr.world.estimator import Estimator
-from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, WorldView, world_messages
 from cmr.world.world import VirtualRobot, World
 from robot_driver.emulator.settings import Settings
@@ -274,83 +273,6 @@ def test_a_large_world_is_split_into_packets_that_hold_every_robot_once() -> Non
         robot = view.robot(i)
         assert robot is not None
         assert robot.state.x == i
-
-
-class TestPilot:
-    """The pilot of a real robot drives only when it knows enough, and never during an emergency stop."""
-
-    @pytest.fixture
-    def pilot(self, file: Path) -> Pilot:
-        return Pilot(0, Follow(leader=10, gap=0.5), ParameterFollower(0, file))
-
-    @staticmethod
-    def world_at(utime: int) -> Any:
-        far = RobotState(3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        (message,) = world_messages(
-            utime, [Robot(utime, 0, REAL, RobotState.at_rest()), Robot(utime, 10, VIRTUAL, far)]
-        )
-        return message
-
-    def drive(self, pilot: Pilot, utime: int) -> Any:
-        for k in range(20):
-            pilot.handle(utime + k * 20_000, WORLD_STATE.name, self.world_at(utime + k * 20_000))
-            last = pilot.command(utime + k * 20_000)
-        return last
-
-    def test_drives_after_its_leader(self, pilot: Pilot) -> None:
-        last = self.drive(pilot, EPOCH)
-        assert last.left > 0.05
-        assert last.right > 0.05
-        assert pilot.waiting_for == ""
-
-    def test_stands_still_without_a_world(self, pilot: Pilot) -> None:
-        assert (pilot.command(EPOCH).left, pilot.command(EPOCH).right) == (0.0, 0.0)
-        assert "cmr-sim" in pilot.waiting_for
-
-    def test_stops_when_the_world_falls_silent(self, pilot: Pilot) -> None:
-        self.drive(pilot, EPOCH)
-        late = pilot.command(EPOCH + 400_000 + 600_000)
-        assert (late.left, late.right) == (0.0, 0.0)
-
-    def test_stands_still_without_parameters(self, tmp_path: Path) -> None:
-        pilot = Pilot(0, Follow(leader=10), ParameterFollower(0, tmp_path / "missing.yaml"))
-        assert self.drive(pilot, EPOCH).left == 0.0
-        assert "parameters" in pilot.waiting_for
-
-    def test_stops_for_an_emergency_stop_until_its_release(self, pilot: Pilot) -> None:
-        self.drive(pilot, EPOCH)
-        for engaged in (True, False):
-            message = make(estop_t, utime=EPOCH, engaged=engaged, source="hand", reason="a child in the lab")
-            pilot.handle(EPOCH, ESTOP.name, message)
-            last = self.drive(pilot, EPOCH + 1_000_000)
-            assert (last.left == 0.0) == engaged
-            assert ("a child in the lab" in pilot.waiting_for) == engaged
-
-    def test_commands_zero_first_when_an_emergency_stop_was_released(self, pilot: Pilot) -> None:
-        self.drive(pilot, EPOCH)
-        for engaged in (True, False):
-            message = make(estop_t, utime=EPOCH, engaged=engaged, source="hand", reason="a child in the lab")
-            pilot.handle(EPOCH, ESTOP.name, message)
-            command = pilot.command(EPOCH + 400_000)
-            assert (command.left, command.right) == (0.0, 0.0)
-        assert "zero" in pilot.waiting_for
-
-    def test_commands_zero_first_when_the_driver_has_been_started_again(self, pilot: Pilot) -> None:
-        self.drive(pilot, EPOCH)
-        (channel, stale), *_ = messages(seconds=0.1, channels=("MOTOR_FEEDBACK",))
-        stale.status = motor_feedback_t.STATUS_COMMAND_STALE
-        pilot.handle(EPOCH + 400_000, channel, stale)
-        command = pilot.command(EPOCH + 400_000)
-        assert (command.left, command.right) == (0.0, 0.0)
-        assert "zero" in pilot.waiting_for
-        assert self.drive(pilot, EPOCH + 420_000).left > 0.05
-
-    def test_stops_when_the_leader_leaves_the_world(self, pilot: Pilot) -> None:
-        self.drive(pilot, EPOCH)
-        utime = EPOCH + 2_000_000
-        (alone,) = world_messages(utime, [Robot(utime, 0, REAL, RobotState.at_rest())])
-        pilot.handle(utime, WORLD_STATE.name, alone)
-        assert pilot.command(utime).left == 0.0
 
 
 class Circle(Behaviour):

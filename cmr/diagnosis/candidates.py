@@ -123,6 +123,7 @@ def _sizes(effect: Effect, scene: Scene) -> list[tuple[dict[str, float], bool]]:
 
 
 def _folds(effect: Effect) -> list[Trial]:
+    """Return trials of a map that is stretched so much that it folds."""
     return [
         Trial(effect.name, {parameter.name: -share * float(parameter.typical or 0.0)}, threshold=True, spare=True)
         for parameter in effect.parameters

@@ -34,7 +34,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Screening:
-    """The noise, the best score of each effect, best first, and the white errors (n,) with slopes (n, p) of the model.
+    """The noise, the best score of each effect, best first, and the inflation of scores.
 
     `traces` tells by effect how much of its typical size would show: the sum of squared white errors that it makes.
     """
