@@ -1,5 +1,6 @@
 """Names must not make free runs worse on data that they were not fitted on: those that do are taken back."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -37,8 +38,16 @@ def _strays(gain: Gain) -> bool:
 
 
 def as_the_paper_has_it(found: Search) -> Search:
-    """Return what was found with the paper's model for the final one; its parameters are known as both fits say."""
-    return replace(found, final=found.base, doubts={name: found.final.std(name) for name in found.base.names})
+    """Return what was found with the paper's model for the final one.
+
+    Both fits weigh the same data otherwise, by plain noise and by that which was found. So what lies between them is in
+    doubt, and what each of them leaves open.
+    """
+    doubts = {
+        name: math.hypot(found.final.std(name), found.final.values[name] - found.base.values[name])
+        for name in found.base.names
+    }
+    return replace(found, final=found.base, doubts=doubts)
 
 
 def _fitted(found: Search) -> list[Named]:
