@@ -22,7 +22,8 @@ KNOWN: dict[str, set[str]] = {
     "calibration": {*RECORDED, "colours"},
     "world": {*RECORDED, "colours", "manoeuvres"},
     "diagnosis": {*RECORDED, "colours", "files", "manoeuvres", "calibration"},
-    "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis"},
+    "scenario": {*RECORDED, "files", "world", "diagnosis"},
+    "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis", "scenario"},
     "tools": {*RECORDED, "commands"},
 }
 DRIVER = {*BUS, "parameters", "commands"}  # of commands only how command lines are read

@@ -1,0 +1,122 @@
+"""What must hold between the robots of a scenario, and between them and the room."""
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+from cmr.parameters.file import ParameterFileError
+from cmr.parameters.file import load as load_parameters
+from cmr.scenario.document import ScenarioError
+from cmr.scenario.plan import Disc, Point, Pose, RobotPlan, Wall
+from cmr.scenario.robots import Placed
+
+LEADER = "leader"  # the setting of a behaviour that names another robot
+
+
+def with_sources_of_parameters(placed: Sequence[Placed], shared: Path | None) -> list[Placed]:
+    """Return the robots, each with a source of parameters: its own file, the scenario's, or another robot's.
+
+    A virtual robot that names none moves by the first real or emulated robot's, if there is one.
+    Raises ScenarioError where there is no source, and for files that cannot be used.
+    """
+    first = next((plan.robot_id for plan, _ in placed if plan.kind != "virtual"), None)
+    sourced = [Placed(_with_source(robot, first, shared), robot.place) for robot in placed]
+    own = {plan.robot_id for plan, _ in sourced if plan.parameters is not None}
+    checked: set[Path] = set()
+    for plan, place in sourced:
+        if plan.parameters is None and plan.parameters_of not in own:
+            raise place.error(f"parameters_of names robot {plan.parameters_of}, which has no parameter file of its own")
+        if plan.parameters is not None and plan.parameters not in checked:
+            checked.add(plan.parameters)
+            try:
+                load_parameters(plan.parameters).robot_parameters  # noqa: B018 - says what is missing
+            except ParameterFileError as error:
+                raise place.error(f"parameters: {error}") from error
+    return sourced
+
+
+def _with_source(robot: Placed, first: int | None, shared: Path | None) -> RobotPlan:
+    plan = robot.plan
+    if plan.parameters is not None or plan.parameters_of is not None:
+        return plan
+    if plan.kind == "virtual" and first is not None:
+        return replace(plan, parameters_of=first)
+    if shared is None:
+        raise robot.place.error("has no parameters: name a file, here or for all robots at the top of the scenario")
+    return replace(plan, parameters=shared)
+
+
+def check_team(placed: Sequence[Placed]) -> None:
+    """Raise ScenarioError unless every leader is there and no robot leads itself."""
+    ids = {plan.robot_id for plan, _ in placed}
+    for plan, place in placed:
+        leader = plan.behaviour.settings.get(LEADER) if plan.behaviour else None
+        if leader is None:
+            continue
+        if not leader.isdecimal() or int(leader) not in ids:
+            raise place.error(f"behaviour: robot {plan.robot_id} has the leader {leader}, which is not there")
+        if int(leader) == plan.robot_id:
+            raise place.error(f"behaviour: robot {plan.robot_id} cannot be its own leader")
+
+
+def check_room(
+    placed: Sequence[Placed], radius: float, discs: Sequence[Disc], walls: Sequence[Wall], fence: Sequence[Point] | None
+) -> None:
+    """Raise ScenarioError if robots of this radius [m] start in one another, in an obstacle, or beyond the fence.
+
+    Only real and emulated robots have to be within the fence.
+    """
+    standing = [(robot, robot.plan.start) for robot in placed if robot.plan.start is not None]
+    _refuse_overlaps(standing, 2.0 * radius)
+    for (plan, place), start in standing:
+        who = f"start: robot {plan.robot_id} at ({start.x:g}, {start.y:g})"
+        for disc in discs:
+            if math.dist(start[:2], disc[:2]) < disc.radius + radius:
+                raise place.error(f"{who} is in the obstacle at ({disc.x:g}, {disc.y:g})")
+        for wall in walls:
+            if distance_to(start, wall) < radius:
+                raise place.error(f"{who} is in the wall from ({wall.x1:g}, {wall.y1:g})")
+        if fence is not None and plan.kind != "virtual" and not is_within((start.x, start.y), fence):
+            raise place.error(f"{who} is outside the geofence")
+
+
+def _refuse_overlaps(standing: Sequence[tuple[Placed, Pose]], nearest: float) -> None:
+    """Raise ScenarioError if two robots are nearer to one another than `nearest` [m]."""
+    cells: defaultdict[tuple[int, int], list[tuple[Placed, Pose]]] = defaultdict(list)
+    for robot, start in standing:
+        column, row = (math.floor(value / nearest) for value in start[:2])
+        around = product((column - 1, column, column + 1), (row - 1, row, row + 1))
+        for other, there in (entry for cell in around for entry in cells.get(cell, ())):
+            distance = math.dist(start[:2], there[:2])
+            if distance < nearest:
+                raise _overlap(robot, other, distance, nearest)
+        cells[column, row].append((robot, start))
+
+
+def _overlap(robot: Placed, other: Placed, distance: float, nearest: float) -> ScenarioError:
+    return robot.place.error(
+        f"start: robots {other.plan.robot_id} and {robot.plan.robot_id} are {distance:.3g} m apart, inside one "
+        f"another; {nearest:g} m (twice robot_radius) is the least"
+    )
+
+
+def distance_to(point: Pose, wall: Wall) -> float:
+    """Return how far [m] a point is from a wall."""
+    dx, dy = wall.x2 - wall.x1, wall.y2 - wall.y1
+    length = dx * dx + dy * dy
+    along = ((point.x - wall.x1) * dx + (point.y - wall.y1) * dy) / length if length else 0.0
+    share = min(max(along, 0.0), 1.0)
+    return math.hypot(wall.x1 + share * dx - point.x, wall.y1 + share * dy - point.y)
+
+
+def is_within(point: Point, fence: Sequence[Point]) -> bool:
+    """Tell whether a point is inside a polygon, by how often a ray from it crosses the border."""
+    x, y = point
+    inside = False
+    for (x1, y1), (x2, y2) in zip(fence, [*fence[1:], fence[0]], strict=True):
+        if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
+            inside = not inside
+    return inside

@@ -1,0 +1,137 @@
+"""What a scenario says of each robot and of the room; plain values, checked where they are read."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+Kind = Literal["real", "emulated", "virtual"]
+KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
+
+# What can be measured of a team, with its unit; cmr.team.metrics says how.
+METRICS = {
+    "formation_error": "m",
+    "time_to_goal": "s",
+    "minimum_separation": "m",
+    "path_spread": "m",
+    "distance_driven": "m",
+}
+
+
+class Pose(NamedTuple):
+    """A place [m; world frame] and a heading [rad, counter-clockwise from x]."""
+
+    x: float
+    y: float
+    theta: float = 0.0
+
+
+class Disc(NamedTuple):
+    """A round obstacle: its centre and radius [m; world frame]."""
+
+    x: float
+    y: float
+    radius: float
+
+
+class Wall(NamedTuple):
+    """A straight wall from one point to another [m; world frame]."""
+
+    x1: float
+    y1: float
+    x2: float
+    y2: float
+
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class BehaviourPlan:
+    """A behaviour by its name or `module:Class`, and its settings as texts: what make_behaviour takes."""
+
+    name: str
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """Return it as on a command line: `follow,leader=10,gap=0.5`."""
+        return ",".join([self.name, *(f"{key}={value}" for key, value in self.settings.items())])
+
+
+@dataclass(frozen=True)
+class DriverPlan:
+    """How a real robot is connected: the options of cmr-driver of the same names; None is that command's default."""
+
+    port: str
+    gyro_port: str | None = None
+    controller: str | None = None
+    gyro: str | None = None
+    baud: int | None = None
+    gyro_baud: int | None = None
+    rate: float | None = None
+    acceleration: float | None = None
+    deceleration: float | None = None
+    battery_warn: float | None = None
+    battery_stop: float | None = None
+    ticks_per_turn: int | None = None
+    swap: bool = False
+    invert_left: bool = False
+    invert_right: bool = False
+    invert_gyro: bool = False
+
+
+@dataclass(frozen=True)
+class EmulatorPlan:
+    """How an emulated robot is emulated: the options of cmr-emulate of the same names."""
+
+    settings: Path | None = None
+    ideal: bool = False
+    controller: str = "roboclaw"
+    gyro: str = "dsp3000"
+    pose_rate: float = 50.0
+
+
+@dataclass(frozen=True)
+class RobotPlan:
+    """One robot.
+
+    `parameters` is its own parameter file. Without one, a virtual robot moves by the parameters in force of robot
+    `parameters_of`; one of the two is set for every virtual robot. `start` is None only for a real robot: it begins
+    where it stands. `host` None: any machine, the one on which cmr-run is started.
+    """
+
+    robot_id: int
+    kind: Kind
+    behaviour: BehaviourPlan | None = None
+    parameters: Path | None = None
+    parameters_of: int | None = None
+    start: Pose | None = None
+    waypoints: tuple[Point, ...] = ()
+    driver: DriverPlan | None = None
+    emulator: EmulatorPlan | None = None
+    calibrate: bool = False
+    diagnose: bool = False
+    host: str | None = None
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What ends a run before its duration is over: all waypoints reached, or a metric beyond a bound."""
+
+    waypoints_reached: bool = False
+    metric: str | None = None
+    below: float | None = None
+    above: float | None = None
+
+
+def arguments_of(plan: DriverPlan | EmulatorPlan) -> list[str]:
+    """Return the plan as options of its command."""
+    options: list[str] = []
+    for entry in fields(plan):
+        value = getattr(plan, entry.name)
+        name = f"--{entry.name.replace('_', '-')}"
+        if value is True:
+            options.append(name)
+        elif value is not None and value is not False:
+            options += [name, str(value)]
+    return options

@@ -1,0 +1,176 @@
+"""A scenario: the whole of a team experiment, read from a YAML file that is checked as it is loaded."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cmr.bus.preflight import BusError, parse_udpm
+from cmr.scenario.checks import check_room, check_team, with_sources_of_parameters
+from cmr.scenario.document import Item, Place, ScenarioError, Section, read
+from cmr.scenario.plan import METRICS, Disc, Ending, Point, RobotPlan, Wall
+from cmr.scenario.robots import read_path, read_points, read_robots
+
+KEYS = (
+    *("name", "about", "duration", "seed", "rate", "robots", "obstacles", "geofence", "metrics", "ends_when"),
+    *("parameters", "population", "process_noise", "robot_radius", "host", "lcm_url"),
+)
+LONGEST = 604_800.0  # s; a week
+ROBOT_RADIUS = 0.1  # m; the paper's robots are 0.16 m from wheel to wheel
+LARGEST_SEED = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A team experiment.
+
+    `duration` [s] is how long it takes at most, `ends_when` what may end it before. `rate` [Hz] is that of WORLD_STATE.
+    `geofence` is the polygon [m; world frame] that real robots must not leave, None where there is none. `metrics`
+    are what is measured of the team. Virtual robots draw their parameters from the robots of the files `population`,
+    where there are any. `robot_radius` [m] is the size of robots where they start. `host` is the machine of what is
+    there once, simulation and log; None: the one on which cmr-run is started.
+    """
+
+    name: str
+    duration: float
+    robots: tuple[RobotPlan, ...]
+    about: str = ""
+    seed: int = 0
+    rate: float = 50.0
+    discs: tuple[Disc, ...] = ()
+    walls: tuple[Wall, ...] = ()
+    geofence: tuple[Point, ...] | None = None
+    metrics: tuple[str, ...] = tuple(METRICS)
+    ends_when: Ending = field(default_factory=Ending)
+    population: tuple[Path, ...] = ()
+    process_noise: bool = False
+    robot_radius: float = ROBOT_RADIUS
+    host: str | None = None
+    lcm_url: str | None = None
+
+    def robot(self, robot_id: int) -> RobotPlan | None:
+        """Return the robot of this id, None if there is none."""
+        return next((robot for robot in self.robots if robot.robot_id == robot_id), None)
+
+    @property
+    def of_flesh(self) -> tuple[RobotPlan, ...]:
+        """The robots that have a driver: real and emulated ones."""
+        return tuple(robot for robot in self.robots if robot.kind != "virtual")
+
+    @property
+    def virtual(self) -> tuple[RobotPlan, ...]:
+        """The virtual robots."""
+        return tuple(robot for robot in self.robots if robot.kind == "virtual")
+
+
+def load(path: Path) -> Scenario:
+    """Read a scenario from a YAML file.
+
+    Raises ScenarioError naming file, line and key when it is missing, unreadable or wrong.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{path}: cannot be read: it is not UTF-8 text") from error
+    return parse(text, str(path), path.parent)
+
+
+def parse(text: str, source: str = "scenario.yaml", folder: Path = Path()) -> Scenario:
+    """Return the scenario that a YAML text describes; `source` names it in errors, `folder` is where its files lie.
+
+    Raises ScenarioError naming line and key.
+    """
+    root = read(text, source).section(KEYS)
+    placed = read_robots(root.need("robots", "a list of robots"), folder)
+    placed = with_sources_of_parameters(placed, read_path(root.get("parameters"), folder))
+    discs, walls = _obstacles(root.get("obstacles"))
+    radius = root.get("robot_radius")
+    scenario = Scenario(
+        name=_text(root, "name") or Path(source).stem,
+        about=_text(root, "about") or "",
+        duration=root.need("duration", "how long it takes at most, in s").number(0.1, LONGEST),
+        robots=tuple(robot.plan for robot in placed),
+        seed=seed.whole(0, LARGEST_SEED) if (seed := root.get("seed")) else 0,
+        rate=rate.number(20.0, 100.0) if (rate := root.get("rate")) else Scenario.rate,
+        discs=discs,
+        walls=walls,
+        geofence=read_points(fence, fewest=3) if (fence := root.get("geofence")) else None,
+        metrics=_metrics(root.get("metrics")),
+        ends_when=_ending(root.get("ends_when")),
+        population=_population(root.get("population"), folder),
+        process_noise=bool((noise := root.get("process_noise")) and noise.flag()),
+        robot_radius=radius.number(0.001, 100.0) if radius else ROBOT_RADIUS,
+        host=_text(root, "host"),
+        lcm_url=_url(root.get("lcm_url")),
+    )
+    check_team(placed)
+    check_room(placed, scenario.robot_radius, discs, walls, scenario.geofence)
+    _check_ending(scenario, root.place)
+    return scenario
+
+
+def _text(root: Section, key: str) -> str | None:
+    item = root.get(key)
+    return item.text() if item else None
+
+
+def _url(item: Item | None) -> str | None:
+    if item is None:
+        return None
+    try:
+        parse_udpm(item.text())
+    except BusError as error:
+        raise item.place.error(str(error)) from error
+    return item.text()
+
+
+def _obstacles(item: Item | None) -> tuple[tuple[Disc, ...], tuple[Wall, ...]]:
+    if item is None:
+        return (), ()
+    section = item.section(("discs", "walls"))
+    discs = [Disc(*entry.numbers("x y radius")) for entry in _list(section.get("discs"))]
+    walls = [Wall(*entry.numbers("x1 y1 x2 y2")) for entry in _list(section.get("walls"))]
+    for entry, disc in zip(_list(section.get("discs")), discs, strict=True):
+        if disc.radius <= 0.0:
+            raise entry.place.error(f"the radius must be above 0, not {disc.radius:g}")
+    return tuple(discs), tuple(walls)
+
+
+def _list(item: Item | None) -> list[Item]:
+    return item.items() if item else []
+
+
+def _metrics(item: Item | None) -> tuple[str, ...]:
+    if item is None:
+        return tuple(METRICS)
+    return tuple(dict.fromkeys(entry.word(tuple(METRICS)) for entry in item.items()))
+
+
+def _population(item: Item | None, folder: Path) -> tuple[Path, ...]:
+    paths = (read_path(entry, folder) for entry in _list(item))
+    return tuple(path for path in paths if path is not None)
+
+
+def _ending(item: Item | None) -> Ending:
+    """Return what ends a run early: `waypoints_reached`, or a metric with `below` or `above`."""
+    if item is None:
+        return Ending()
+    if not item.is_mapping:
+        item.word(("waypoints_reached",))
+        return Ending(waypoints_reached=True)
+    section = item.section(("waypoints_reached", "metric", "below", "above"))
+    reached, metric = section.get("waypoints_reached"), section.get("metric")
+    below, above = section.get("below"), section.get("above")
+    if (metric is None) != (below is None and above is None):
+        raise section.place.error("a metric and a bound go together: {metric: minimum_separation, below: 0.1}")
+    return Ending(
+        waypoints_reached=bool(reached and reached.flag()),
+        metric=metric.word(tuple(METRICS)) if metric else None,
+        below=below.number() if below else None,
+        above=above.number() if above else None,
+    )
+
+
+def _check_ending(scenario: Scenario, place: Place) -> None:
+    if scenario.ends_when.waypoints_reached and not any(robot.waypoints for robot in scenario.robots):
+        raise place._replace(key="ends_when").error("no robot has waypoints that could be reached")
