@@ -49,7 +49,7 @@ class _Compiled:
     def __init__(self, signature: str, function: Callable[..., Any]) -> None:
         self._signature = signature
         self._dispatcher = jit(**OPTIONS)(function)
-        with suppress(RuntimeError), _caching_in(cache_folder() / _sources()):
+        with suppress(RuntimeError), _caching_in(cache_folder() / _sources(Path(function.__code__.co_filename).parent)):
             self._dispatcher.enable_caching()  # an error if nowhere can be written: each process compiles for itself
         self._call = self._load
 
@@ -84,12 +84,14 @@ def cache_folder() -> Path:
 
 
 @cache
-def _sources() -> str:
-    """Return a name for the state of the model's source files.
+def _sources(folder: Path) -> str:
+    """Return a name for the state of the model's source files, and of those in a folder of this package.
 
     Numba compiles a function anew when its own file changes; what is inlined into it comes from other files.
     """
-    files = sorted(Path(__file__).parent.glob("*.py"))
+    here = Path(__file__).parent
+    folders = [here, folder] if folder.is_relative_to(here.parent) and folder != here else [here]
+    files = [file for folder in folders for file in sorted(folder.glob("*.py"))]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
 
 

@@ -1,0 +1,131 @@
+"""A cell list: which points of the plane lie near which others, in a time that grows with their number.
+
+The plane is divided into square cells as large as the distance that counts as near, so that whoever is near a point is
+in its cell or in one of the eight around it. Cells are numbered row by row where there are few; otherwise they are
+hashed into some two bins for each point, so their number does not depend on how far apart points are. Points of
+different cells may share a bin: distances decide in the end.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.model.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+ALL_PAIRS = 50  # points up to which trying all pairs costs less
+FEWEST_BITS = 6
+MOST_CELLS = 8  # for each point, before they are hashed
+# A cell's bin is the leading bits of its column and row times these: fractions of 2^64 that fill the circle evenly
+# (Roberts, The unreasonable effectiveness of quasirandom sequences, 2018). Cells at most two columns and rows apart
+# differ by at least 0.06 of the circle, so the nine cells around a point have bins of their own, of 64 or more.
+COLUMN = np.uint64(0xC13FA9A902A6328F)
+ROW = np.uint64(0x91E10DA5C79E7B1D)
+SLACK = 1.0 + 1e-6  # of a cell's side, for rounding
+MOST_COLUMNS = 2.0**26  # cells along a side of the world; their columns are then exact enough for SLACK
+SMALLEST = 1e-300  # m; the side of a cell where all points lie in one place
+
+
+@compiled("Tuple((i4[::1], i4[::1]))(f8[::1], f8[::1], f8)")
+def close_pairs(x: Floats, y: Floats, reach: float) -> Any:
+    """Return all pairs of points at most `reach` [m] apart, each once, as two arrays of indices."""
+    n = len(x)
+    room = 4 * n + 16
+    first, second = np.empty(room, np.int32), np.empty(room, np.int32)
+    if n <= ALL_PAIRS:
+        found = _try_all(x, y, reach * reach, first, second)
+        if found > room:
+            first, second = np.empty(found, np.int32), np.empty(found, np.int32)
+            _try_all(x, y, reach * reach, first, second)
+        return first[:found], second[:found]
+    code, begin, members, shift, ahead, span = _binned(x, y, reach)
+    found = _try_around(x, y, reach * reach, code, begin, members, shift, ahead, span, first, second)
+    if found > room:
+        first, second = np.empty(found, np.int32), np.empty(found, np.int32)
+        _try_around(x, y, reach * reach, code, begin, members, shift, ahead, span, first, second)
+    return first[:found], second[:found]
+
+
+@compiled("i8(f8[::1], f8[::1], f8, i4[::1], i4[::1])")
+def _try_all(x: Floats, y: Floats, nearest: float, first: Any, second: Any) -> int:
+    """Write pairs nearer than the root of `nearest`, as many as there is room for; return how many there are."""
+    found = 0
+    for i in range(len(x)):
+        for j in range(i + 1, len(x)):
+            dx, dy = x[j] - x[i], y[j] - y[i]
+            if dx * dx + dy * dy <= nearest:
+                if found < len(first):
+                    first[found], second[found] = i, j
+                found += 1
+    return found
+
+
+@compiled("i8(f8[::1], f8[::1], f8, u8[::1], i4[::1], i4[::1], u8, u8[::1], i8, i4[::1], i4[::1])")
+def _try_around(x, y, nearest, code, begin, members, shift, ahead, span, first, second):  # type: ignore[no-untyped-def]
+    """Do the same with points in bins: each with those that follow in its bin and with those of four cells ahead.
+
+    From the other four cells around it, the point itself is met.
+    """
+    found = 0
+    for place in range(len(x)):
+        i = members[place]
+        own, xi, yi = code[i], x[i], y[i]
+        for cell in range(len(ahead)):
+            b = np.int64((own + ahead[cell]) >> shift)
+            start, end = (begin[b], begin[b + span]) if cell > 0 else (place + 1, begin[b + (span + 1) // 2])
+            for k in range(start, end):
+                j = members[k]
+                dx, dy = x[j] - xi, y[j] - yi
+                if dx * dx + dy * dy <= nearest:
+                    if found < len(first):
+                        first[found], second[found] = i, j
+                    found += 1
+    return found
+
+
+@compiled("Tuple((u8[::1], i4[::1], i4[::1], u8, u8[::1], i8))(f8[::1], f8[::1], f8)")
+def _binned(x: Floats, y: Floats, reach: float) -> Any:
+    """Sort points into bins.
+
+    Returns each point's code (n,), where each bin begins (bins + 1,), the points bin by bin (n,), by how many bits a
+    code is to be shifted to give its bin, by how much the codes of the cells looked at are more, beginning with a
+    point's own, and how many bins follow one another from each of those on.
+    """
+    n = len(x)
+    left, bottom = np.min(x), np.min(y)
+    width, height = np.max(x) - left, np.max(y) - bottom
+    per_side = 1.0 / max(reach * SLACK, width / MOST_COLUMNS, height / MOST_COLUMNS, SMALLEST)
+    columns, rows = np.floor(width * per_side) + 3.0, np.floor(height * per_side) + 3.0
+    hashed = columns * rows > MOST_CELLS * n
+    bins = 2.0 * n if hashed else columns * rows
+    bits: Any = FEWEST_BITS
+    while 2.0**bits < bins:
+        bits += 1
+    shift = np.uint64(64 - bits)
+    column = COLUMN if hashed else np.uint64(1) << shift
+    row = ROW if hashed else np.uint64(columns) << shift
+    code = np.empty(n, np.uint64)
+    for i in range(n):
+        # A column and a row are left free all around, so that none of the cells looked at lies beyond the others.
+        across, up = np.int64((x[i] - left) * per_side) + 1, np.int64((y[i] - bottom) * per_side) + 1
+        code[i] = np.uint64(across) * column + np.uint64(up) * row
+    begin = np.zeros((1 << bits) + 1, np.int32)
+    for i in range(n):
+        begin[np.int64(code[i] >> shift)] += 1
+    total: Any = 0
+    for b in range(1 << bits):
+        total += begin[b]
+        begin[b] = total
+    begin[1 << bits] = n
+    members = np.empty(n, np.int32)
+    for i in range(n - 1, -1, -1):
+        b = np.int64(code[i] >> shift)
+        begin[b] -= 1
+        members[begin[b]] = i
+    if hashed:
+        ahead = np.array([np.uint64(0), column, row - column, row, row + column])
+    else:
+        ahead = np.array([np.uint64(0), row - column])
+    return code, begin, members, shift, ahead, np.int64(1 if hashed else 3)
