@@ -9,7 +9,11 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from robot_driver.serial_port import SerialPort
+from robot_driver.stream_port import StreamPort
+from tests.exchanges import Exchanges
 from tests.private_bus import private_url
+from tests.stalls import Stalls
 
 # As the commands have it, before NumPy is imported: threads of linear algebra cost small matrices three times the CPU.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -42,6 +46,22 @@ def pytest_collection_finish() -> None:
 def url() -> str:
     """A bus that nobody else is on."""
     return private_url()
+
+
+@pytest.fixture(scope="session")
+def stalls() -> Iterator[Stalls]:
+    """What stands still on this machine, whoever is to blame but the driver."""
+    with Stalls() as watch:
+        yield watch
+
+
+@pytest.fixture
+def exchanges(stalls: Stalls, monkeypatch: pytest.MonkeyPatch) -> Exchanges:
+    """How all exchanges of this process with devices went."""
+    result = Exchanges(stalls)
+    for kind in (SerialPort, StreamPort):
+        monkeypatch.setattr(kind, "exchange", result.noting(kind.exchange))
+    return result
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from itertools import islice, pairwise
+from itertools import pairwise
 from multiprocessing.synchronize import Event as EventOfProcesses
 from pathlib import Path
 from typing import Any
@@ -28,20 +28,19 @@ from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports, PseudoTerminal
+from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import Settings, load_settings
 from robot_driver.encoders import Wiring
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread, go_first
 from robot_driver.ramp import Limits
+from robot_driver.rhythm import Rhythm
 from robot_driver.serial_port import SerialPort
 from tests.private_bus import private_url
+from tests.stalls import Interval
 
 ENCODER_REPLY = 10  # bytes
-BITS_PER_BYTE = 10
-FIRST_BYTE = 0.020  # s beyond its time on the wire within which an answer must begin
-BYTE_GAP = 0.010  # s within which the next byte must follow
 
 
 def number(name: str, default: int) -> int:
@@ -96,28 +95,30 @@ class PunctualEngine(Engine):
         super()._run()
 
 
-class NotedPort(SerialPort):
-    """A port that notes when each request was written, and its length."""
+class NotedRhythm(Rhythm):
+    """Notes when each turn began (s of the monotonic clock)."""
 
-    def __init__(self, path: str, baud_rate: int) -> None:
-        super().__init__(path, baud_rate)
-        self.asked: list[tuple[float, int]] = []
+    def __init__(self) -> None:
+        super().__init__()
+        self.turns: list[float] = []
 
-    def write(self, data: bytes) -> None:
-        self.asked.append((time.monotonic(), len(data)))
-        super().write(data)
+    def note_turn(self) -> None:
+        super().note_turn()
+        self.turns.append(time.monotonic())
+
+    def intervals(self) -> list[Interval]:
+        """Return from when to when each period lasted."""
+        return [Interval(*turns) for turns in pairwise(list(self.turns))]
 
 
 class Bench:
     """A running emulator and the motor thread of the driver on it, with what that publishes."""
 
-    def __init__(self, line: FaultyLine, device: NotedDevice, port: NotedPort) -> None:
+    def __init__(self, line: FaultyLine, device: NotedDevice) -> None:
         self.line = line
         self.device = device
-        self.port = port
         self.gate = open_gate()
         self.feedback: list[Any] = []
-        self.written: list[tuple[float, int]] = []  # when the emulator wrote to the line (s), and how many bytes
         self.motors: Motors
         self.thread: PortThread
 
@@ -147,21 +148,6 @@ class Bench:
             self.command(0.4 if len(self.line.truth) // 200 % 2 else -0.3, 0.2)
             time.sleep(0.02)
 
-    def late_answers(self) -> int:
-        """Count the answers that the emulator, held up by the machine, brought later than a driver must wait.
-
-        That is: more than 20 ms after their time on the wire, or with more than 10 ms between two bytes. Only where
-        every request is answered in whole.
-        """
-        moments = (moment for moment, length in list(self.written) for _ in range(length))
-        late = 0
-        for (asked, length), (_, answer) in zip(list(self.port.asked), list(self.line.truth), strict=False):
-            written = list(islice(moments, len(answer)))
-            wire_time = BITS_PER_BYTE * (length + len(answer)) / self.port.baud_rate
-            in_time = written and written[0] - asked <= wire_time + FIRST_BYTE
-            late += not in_time or any(after - before > BYTE_GAP for before, after in pairwise(written))
-        return late
-
 
 @contextmanager
 def bench(
@@ -172,11 +158,10 @@ def bench(
     baud: int = 115200,
     thresholds: Thresholds = Thresholds(),  # noqa: B008 - it is frozen
 ) -> Iterator[Bench]:
-    with _emulated(folder, faults or Faults(), baud) as (terminal, line, device):
-        result = Bench(line, device, NotedPort(str(folder / "motor"), baud))
-        result.motors = _motors(result.port, result.gate, rate_hz, thresholds, result.feedback.append)
-        _note_writes(terminal, result.written)
-        with PortThread(result.port, result.motors) as result.thread:
+    with _emulated(folder, faults or Faults(), baud) as (line, device):
+        result, port = Bench(line, device), SerialPort(str(folder / "motor"), baud)
+        result.motors = _motors(port, result.gate, rate_hz, thresholds, result.feedback.append)
+        with PortThread(port, result.motors) as result.thread:
             wait_for(lambda: len(result.feedback) > 2)
             yield result
 
@@ -208,14 +193,14 @@ def _emulate(folder: Path, faults: Faults, ready: EventOfProcesses, stop: EventO
 
 
 @contextmanager
-def _emulated(folder: Path, faults: Faults, baud: int) -> Iterator[tuple[PseudoTerminal, FaultyLine, NotedDevice]]:
+def _emulated(folder: Path, faults: Faults, baud: int) -> Iterator[tuple[FaultyLine, NotedDevice]]:
     settings = load_settings().ideal()
     settings = dataclasses.replace(settings, roboclaw=dataclasses.replace(settings.roboclaw, baud=baud))
     plant = Plant(settings)
     device = NotedDevice(settings, plant)
     line = FaultyLine(device, faults)
     with Ports(folder, ("motor",)) as ports, PunctualEngine(plant, {"motor": line}, ports.terminals) as engine:
-        yield ports.terminals["motor"], line, device
+        yield line, device
         engine.check()
 
 
@@ -234,16 +219,6 @@ def _motors(
         thresholds=thresholds,
         publish=publish,
     )
-
-
-def _note_writes(terminal: PseudoTerminal, written: list[tuple[float, int]]) -> None:
-    write = terminal.write
-
-    def noted(data: bytes) -> None:
-        written.append((time.monotonic(), len(data)))
-        write(data)
-
-    terminal.write = noted  # type: ignore[method-assign]
 
 
 @cache
@@ -277,7 +252,7 @@ class Robot:
         self.device = RoboclawDevice(load_settings().ideal(), plant, noted)
         with ExitStack() as stack:
             ports = stack.enter_context(Ports(self.folder, ("motor",)))
-            stack.enter_context(Engine(plant, {"motor": self.device}, ports.terminals))
+            stack.enter_context(PunctualEngine(plant, {"motor": self.device}, ports.terminals))
             self._plugged_in = stack.pop_all()
 
     def unplug(self) -> None:

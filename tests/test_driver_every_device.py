@@ -9,7 +9,6 @@ import pytest
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import Driver, Settings
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
-from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
@@ -17,7 +16,7 @@ from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros import GYROS
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
-from tests.driver_bench import wait_for
+from tests.driver_bench import PunctualEngine, wait_for
 from tests.test_driver_mbot import Client
 
 LEFT, RIGHT = 0.25, 0.5
@@ -38,7 +37,7 @@ def test_a_controller_drives_forward_measures_and_stops(tmp_path: Path, kind: st
     emulated = load_settings().ideal()
     plant = NotedPlant(emulated)
     device = CONTROLLER_DEVICES[kind](emulated, plant)
-    with Ports(tmp_path, ("motor",)) as ports, Engine(plant, {"motor": device}, ports.terminals) as engine:
+    with Ports(tmp_path, ("motor",)) as ports, PunctualEngine(plant, {"motor": device}, ports.terminals) as engine:
         with Driver(Settings(port=str(tmp_path / "motor"), controller=kind)) as driver:
             client = Client(driver)
             # The wheels reach one over k1, times the duty.
@@ -66,7 +65,7 @@ def test_a_gyro_tells_the_rate_counter_clockwise(tmp_path: Path, kind: str) -> N
     port = SerialPort(str(tmp_path / "gyro"), GYROS[kind].baud_rate)
     with (
         Ports(tmp_path, ("gyro",)) as ports,
-        Engine(plant, {"gyro": GYRO_DEVICES[kind](emulated, plant)}, ports.terminals),
+        PunctualEngine(plant, {"gyro": GYRO_DEVICES[kind](emulated, plant)}, ports.terminals),
         PortThread(port, GyroDevice(port, GYROS[kind], robot_id=0, sign=1, publish=published.append)) as thread,
     ):
         wait_for(lambda: published and published[-1].yaw_rate == pytest.approx(rate, rel=0.1))

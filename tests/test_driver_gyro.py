@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 from robot_driver.clock import Stamps, utime_at
 from robot_driver.clock_fit import ClockFit
 from robot_driver.emulator.dsp3000_device import INCREMENTAL_ANGLE, Dsp3000Device
-from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
 from robot_driver.emulator.kvh_binary_device import KvhBinaryDevice
 from robot_driver.emulator.plant import Plant
@@ -31,7 +30,7 @@ from robot_driver.gyros.dsp3000 import SETTLING, Dsp3000
 from robot_driver.gyros.kvh_binary import SEQUENCE, KvhBinary
 from robot_driver.port_thread import PortThread, go_first
 from robot_driver.serial_port import SerialPort
-from tests.driver_bench import number, wait_for
+from tests.driver_bench import PunctualEngine, number, wait_for
 from tests.test_dsp3000_protocol import scattered
 from tests.test_emulator_kvh_binary import RATE, kvh_settings
 
@@ -159,7 +158,7 @@ def test_a_gyro_that_tells_angles_and_is_faster_than_it_says_is_not_told_as_slow
     port = SerialPort(str(tmp_path / "gyro"), 4_000_000)
     with (
         Ports(tmp_path, ("gyro",)) as ports,
-        Engine(plant, {"gyro": device}, ports.terminals),
+        PunctualEngine(plant, {"gyro": device}, ports.terminals),
         PortThread(port, GyroDevice(port, KvhBinary, robot_id=0, sign=1, publish=published.append)),
     ):
         wait_for(lambda: len(published) > 500)
@@ -213,7 +212,7 @@ def test_15_a_gyro_that_comes_back_in_another_mode_never_tells_an_angle_as_a_rat
     rate = 2 * 0.3 / 0.054 * 0.04 / 0.161
     with (
         Ports(tmp_path, ("gyro",)) as ports,
-        Engine(plant, {"gyro": line}, ports.terminals),
+        PunctualEngine(plant, {"gyro": line}, ports.terminals),
         listening(str(tmp_path / "gyro")) as (published, thread),
     ):
         wait_for(lambda: published and published[-1].valid)

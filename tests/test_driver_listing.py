@@ -7,7 +7,6 @@ import pytest
 
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
-from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.kvh_binary_device import KvhBinaryDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports, PseudoTerminal
@@ -16,7 +15,7 @@ from robot_driver.gyros.kvh_binary import ENTER_CONFIGURATION, KvhBinary
 from robot_driver.listing import Rates, describe
 from robot_driver.main import main
 from robot_driver.serial_port import SerialPort
-from tests.driver_bench import wait_for
+from tests.driver_bench import PunctualEngine, wait_for
 from tests.test_emulator_kvh_binary import kvh_settings
 
 
@@ -25,7 +24,7 @@ def described(folder: Path, kind: str) -> tuple[str, Plant]:
     settings = load_settings().ideal()
     plant = Plant(settings)
     device = {**CONTROLLER_DEVICES, **GYRO_DEVICES}[kind](settings, plant)
-    with Ports(folder, ("port",)) as ports, Engine(plant, {"port": device}, ports.terminals):
+    with Ports(folder, ("port",)) as ports, PunctualEngine(plant, {"port": device}, ports.terminals):
         return describe(str(folder / "port")), plant
 
 
@@ -61,7 +60,7 @@ def roboclaw_described(folder: Path, speed: int, rates: Rates) -> str:
     device = CONTROLLER_DEVICES["roboclaw"](settings, plant)
     with Ports(folder, ("port",)) as ports:
         listens_at(ports.terminals["port"], speed)
-        with Engine(plant, {"port": device}, ports.terminals):
+        with PunctualEngine(plant, {"port": device}, ports.terminals):
             return describe(str(folder / "port"), rates)
 
 
@@ -105,7 +104,7 @@ def test_a_gyro_that_is_asked_how_it_is_set_and_does_not_tell_in_time_goes_on_ta
         return receive(data, time)
 
     monkeypatch.setattr(device, "receive", noted)
-    with Ports(tmp_path, ("port",)) as ports, Engine(plant, {"port": device}, ports.terminals):
+    with Ports(tmp_path, ("port",)) as ports, PunctualEngine(plant, {"port": device}, ports.terminals):
         assert "nothing that cmr-driver knows answers" in describe(str(tmp_path / "port"))
         wait_for(lambda: ENTER_CONFIGURATION in b"".join(told) and not device._configuring)
 

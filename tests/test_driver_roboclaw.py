@@ -19,12 +19,12 @@ from robot_driver.controllers.roboclaw_pair import RoboClawPair
 from robot_driver.driver import Driver, Settings
 from robot_driver.emulator import settings as emulated
 from robot_driver.emulator.device import Device
-from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import RoboclawPairDevice
-from tests.driver_bench import open_gate_of, wait_for
+from tests.driver_bench import PunctualEngine, open_gate_of, wait_for
+from tests.exchanges import Exchanges
 
 SAVE_TO_MEMORY = 94
 COMMANDED_ON = 0.3  # s for which a robot that has been stopped goes on being commanded
@@ -53,7 +53,7 @@ class Run:
 def running(folder: Path, controller: str, plant: Plant, device: Device) -> Iterator[Run]:
     with (
         Ports(folder, ("motor",)) as ports,
-        Engine(plant, {"motor": device}, ports.terminals),
+        PunctualEngine(plant, {"motor": device}, ports.terminals),
         Driver(Settings(port=str(folder / "motor"), controller=controller)) as driver,
     ):
         open_gate_of(driver)
@@ -70,25 +70,27 @@ def reply_of(unit: int, command: int, data: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("status_bytes", [1, 2, 4])
-def test_firmware_of_any_age_is_understood_from_the_first_connection(tmp_path: Path, status_bytes: int) -> None:
+def test_firmware_of_any_age_is_understood_from_the_first_connection(
+    tmp_path: Path, status_bytes: int, exchanges: Exchanges
+) -> None:
     settings = emulated.load_settings().ideal()
     settings = dataclasses.replace(settings, roboclaw=dataclasses.replace(settings.roboclaw, status_bytes=status_bytes))
     plant = Plant(settings)
     with running(tmp_path, "roboclaw", plant, RoboclawDevice(settings, plant)) as run:
         run.until(lambda: len(run.feedback) > 15)
-        assert run.driver._motors.faults == 0
+        exchanges.assert_only_stalls_failed()
         assert run.driver.problems() == ""
         assert run.feedback[-1].status == 0
 
 
-def test_two_units_drive_four_motors_and_measure_the_mean_of_each_side(tmp_path: Path) -> None:
+def test_two_units_drive_four_motors_and_measure_the_mean_of_each_side(tmp_path: Path, exchanges: Exchanges) -> None:
     plant, device = pair()
     with running(tmp_path, "roboclaw-pair", plant, device) as run:
         run.until(lambda: run.feedback and run.feedback[-1].ticks_left > 200)
         assert [unit.duty for unit in device.units] == [[16384, -8192], [16384, -8192]]
         assert run.feedback[-1].ticks_right < -50
         assert run.feedback[-1].battery_voltage == 12.4
-        assert run.driver._motors.faults == 0
+        exchanges.assert_only_stalls_failed()
     assert [unit.duty for unit in device.units] == [[0, 0], [0, 0]]
 
 

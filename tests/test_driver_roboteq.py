@@ -15,12 +15,12 @@ from cmr.bus.streams import MOTOR_COMMAND, MOTOR_FEEDBACK
 from cmr.msg import motor_command_t, motor_feedback_t
 from robot_driver.driver import Driver, Settings
 from robot_driver.emulator.device import Transmission
-from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import load_settings
-from tests.driver_bench import DriverProcess, open_gate_of
+from tests.driver_bench import DriverProcess, PunctualEngine, open_gate_of
+from tests.exchanges import Exchanges
 
 PATIENCE = 20.0  # s
 NOT_ARMED, ESTOP = motor_feedback_t.STATUS_NOT_ARMED, motor_feedback_t.STATUS_ESTOP
@@ -40,7 +40,7 @@ class Robot:
 
     def __enter__(self) -> "Robot":
         self._ports.__enter__()
-        self._engine = Engine(self.plant, {"motor": self.device}, self._ports.terminals)
+        self._engine = PunctualEngine(self.plant, {"motor": self.device}, self._ports.terminals)
         self._engine.__enter__()
         return self
 
@@ -170,11 +170,11 @@ def test_a_restarted_device_is_armed_anew_before_it_drives_again(tmp_path: Path,
         assert robot.device.watchdog == 500
 
 
-def test_a_slow_line_is_waited_for(tmp_path: Path) -> None:
+def test_a_slow_line_is_waited_for(tmp_path: Path, exchanges: Exchanges) -> None:
     settings = Settings(port=str(tmp_path / "motor"), controller="roboteq", baud=9600, rate=10.0)
     with Robot(tmp_path, baud=9600), Driver(settings) as driver:
         Client(driver).more(5)
-        assert "lost or damaged" not in driver.remarks()
+        exchanges.assert_only_stalls_failed()
 
 
 class Noisy(RoboteqDevice):
