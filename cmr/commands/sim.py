@@ -1,6 +1,7 @@
 """cmr-sim: the world. Estimates real robots, simulates virtual ones and twins, and tells everybody."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from cmr.commands.robots import numbered, virtual_robots
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours.help_text import help_text
+from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
 from cmr.world.view import world_messages
 from cmr.world.world import World
@@ -43,21 +45,25 @@ def main(arguments: list[str]) -> int:
         virtual_robots(options.virtual, options.parameters_of),
         lambda robot_id: ParameterFollower(robot_id, options.parameters / f"robot_{robot_id}.yaml"),
         loader.ready,
+        options.real,
     )
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
+    lateness = Lateness()
     with Process("cmr-sim", options.lcm_url) as process:
-        for stream in (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP):
+        for stream in (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP, WORLD_STATE):
             process.subscribe(stream, every=True)
         process.subscribe(MOTOR_COMMAND)
         for utime in process.loop(rate_hz=STEP_RATE):
             process.dispatch(world.handle)
             world.advance(utime)
+            process.overruns = world.late_steps
             if publish.due():
-                process.publish_all(_state_messages(world, utime, PACKET if options.split else None))
+                world.others.sent(world.utime)
+                process.publish_all(_state_messages(world, PACKET if options.split else None))
             if check.due():
                 world.poll_parameters()
-                _announce(world, loader, process)
+                _announce(world, loader, process, lateness)
         return process.exit_code
 
 
@@ -88,11 +94,26 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="N",
         help="whose parameters virtual robots move by",
     )
+    options.add_argument(
+        "--real",
+        type=_real,
+        default="all",
+        metavar="all|none|ID,...",
+        help="the real robots to estimate; of several simulators that share a world, each robot belongs to one",
+    )
     options.add_argument("--rate", type=_rate, default=50.0, metavar="HZ", help="of WORLD_STATE, 20 to 100")
     options.add_argument(
         "--split", action="store_true", help=f"split WORLD_STATE into messages of at most {PACKET} bytes"
     )
     return options.parse_args(arguments)
+
+
+def _real(text: str) -> Callable[[int], bool]:
+    """Return what tells which real robots this simulator estimates."""
+    if text in ("all", "none"):
+        return lambda _robot_id: text == "all"
+    chosen = {parse_robot_id(number) for number in text.split(",")}
+    return lambda robot_id: robot_id in chosen
 
 
 def _rate(text: str) -> float:
@@ -105,9 +126,9 @@ def _rate(text: str) -> float:
     return rate
 
 
-def _state_messages(world: World, utime: int, largest: int | None) -> list[tuple[Stream, int | None, Any]]:
+def _state_messages(world: World, largest: int | None) -> list[tuple[Stream, int | None, Any]]:
     messages: list[tuple[Stream, int | None, Any]] = [
-        (WORLD_STATE, None, message) for message in world_messages(utime, world.everybody(), largest)
+        (WORLD_STATE, None, message) for message in world_messages(world.utime, world.everybody(), largest)
     ]
     for robot in world.real():
         message = make(
@@ -117,7 +138,7 @@ def _state_messages(world: World, utime: int, largest: int | None) -> list[tuple
     return messages
 
 
-def _announce(world: World, loader: Loader, process: Process) -> None:
+def _announce(world: World, loader: Loader, process: Process, lateness: Lateness) -> None:
     """Repeat the parameters in use of all real robots, and report what keeps any from being used."""
     for robot_id in world.real_robots:
         announcement = world.parameters[robot_id].announcement()
@@ -125,6 +146,8 @@ def _announce(world: World, loader: Loader, process: Process) -> None:
             process.repeat(PARAMETERS, announcement, robot_id, period=1.0)
     followers = [world.parameters[robot_id] for robot_id in sorted(world.parameters)]
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
-    problems = [message for message in (*(follower.message for follower in followers), loader.message) if message]
+    told = [*(follower.message for follower in followers), loader.message, *world.others.problems(world.utime)]
+    told.append(lateness.problem(world.utime, world.late_steps))
+    problems = [message for message in told if message]
     process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
     process.message = " ".join(problems)

@@ -12,7 +12,17 @@ from typing import Any
 import numpy as np
 
 from cmr.bus.estop import EmergencyStop
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, Stream, identify
+from cmr.bus.streams import (
+    GYRO,
+    MOTOR_COMMAND,
+    MOTOR_FEEDBACK,
+    PARAMETERS,
+    POSE,
+    WAYPOINTS,
+    WORLD_STATE,
+    Stream,
+    identify,
+)
 from cmr.model.body import wrap
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -22,10 +32,12 @@ from cmr.world.behaviours import Behaviour
 from cmr.world.commands import CommandMemory
 from cmr.world.estimator import Estimator
 from cmr.world.fleet import STEP, Fleet
+from cmr.world.others import Others
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
 LARGEST_TURN = 2_000  # robots that decide in one step; of 10,000 each decides 20 times a second
+MOST_STEPS_AT_ONCE = 10  # made up in one turn, so that a world that was held up is seen while it catches up
 LOST = 1_000_000  # us; a real robot of which nothing newer was heard leaves the world
 
 
@@ -62,8 +74,11 @@ def _starting(virtual: list[VirtualRobot], parameters_of: int) -> Robots:
 class World:
     """All robots. `follow` makes the parameter follower of a robot id; virtual robots move as their models do.
 
-    Real robots are discovered by their MOTOR_FEEDBACK_N or POSE_N. `ready` tells whether robots can be simulated by
-    some parameters without delay; until then, those that move by others go on so, and new ones stand where they start.
+    Real robots are discovered by their MOTOR_FEEDBACK_N or POSE_N; `estimates` tells which ones are this world's.
+    Robots of other simulators, `others`, come on WORLD_STATE and are shown to behaviours.
+
+    `ready` tells whether robots can be simulated by some parameters without delay; until then, those that move by
+    others go on so, and new ones stand where they start.
     """
 
     def __init__(
@@ -71,10 +86,15 @@ class World:
         virtual: list[VirtualRobot],
         follow: Callable[[int], ParameterFollower],
         ready: Callable[[RobotParameters], bool] = lambda _parameters: True,
+        estimates: Callable[[int], bool] = lambda _robot_id: True,
     ) -> None:
         self.view = WorldView()
         self.estop = EmergencyStop()
         self.parameters: dict[int, ParameterFollower] = {}
+        self.others = Others(robot.robot_id for robot in virtual)
+        self._time = 0  # of the last turn [us]
+        self.late_steps = 0  # made more than a step after they were due, or left out
+        self._estimates = estimates
         self._follow = follow
         self._ready = ready
         self._models: dict[int, RobotParameters] = {}  # in use, by robot id
@@ -87,6 +107,11 @@ class World:
             self._parameters_of(robot.parameters_of)
 
     @property
+    def utime(self) -> int:
+        """The moment [us] for which the simulated robots' states hold; 0 before the first step."""
+        return self._fleet.utime
+
+    @property
     def real_robots(self) -> list[int]:
         """The ids of the real robots heard of so far."""
         return sorted(self._real)
@@ -95,6 +120,8 @@ class World:
         """Take one message from the bus or from a log."""
         self.estop.handle(utime, channel, message)
         stream, robot_id = identify(channel) or (None, None)
+        if stream is WORLD_STATE:
+            self._take_others(message)
         if stream is None or robot_id is None:
             return
         if stream is PARAMETERS:
@@ -102,7 +129,7 @@ class World:
                 self._take_over(robot_id)
         elif robot_id in self._virtual:
             self._handle_virtual(stream, robot_id, message)
-        elif stream in (MOTOR_FEEDBACK, POSE, GYRO):
+        elif stream in (MOTOR_FEEDBACK, POSE, GYRO) and self._estimates(robot_id):
             self._real_robot(robot_id).estimator.handle(utime, channel, message)
         elif stream is MOTOR_COMMAND and robot_id in self._real:
             self._real[robot_id].commands.take(utime, message.left, message.right)
@@ -117,13 +144,20 @@ class World:
     def advance(self, utime: int) -> None:
         """Let simulated robots move on to `utime` [us] in steps of 10 ms; behaviours decide at each step.
 
+        At most ten steps are made in one call: who was held up longer catches up in the next ones.
         Of more than LARGEST_TURN simulated robots, each decides at every second, third, ... step.
         """
+        self._time = utime
         for robot_id in sorted(self._not_ready):
             self._take_over(robot_id)
         self._place_virtual()
-        while self._fleet.advance(utime):
+        for _ in range(MOST_STEPS_AT_ONCE):
+            before = self._fleet.utime
+            if not self._fleet.advance(utime):
+                return
             now = self._fleet.utime
+            left_out = (now - before) // STEP - 1 if before else 0
+            self.late_steps += max(left_out, 0) + (utime - now > STEP)
             self.view.take(now, self._fleet.robots())
             for robots in self._standing():
                 self.view.take(now, robots)
@@ -153,6 +187,12 @@ class World:
             if abs(self._fleet.utime - robot.estimator.utime) <= LOST
         ]
 
+    def _take_others(self, message: Any) -> None:
+        """Show what another simulator says of its robots; before the first turn nobody knows what time it is."""
+        news = self.others.handle(self._time, message) if self._time else None
+        if news is not None:
+            self.view.take(message.utime, news)
+
     def _standing(self) -> list[Robots]:
         """Return the virtual robots whose parameters are known but not ready yet: they stand where they start."""
         return [robots for robot_id, robots in self._absent.items() if robot_id in self._not_ready]
@@ -160,6 +200,7 @@ class World:
     def _real_robot(self, robot_id: int) -> _RealRobot:
         if robot_id not in self._real:
             self._real[robot_id] = _RealRobot(robot_id)
+            self.others.claim(robot_id)
             self._parameters_of(robot_id)
             self._take_over(robot_id)
         return self._real[robot_id]

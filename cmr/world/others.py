@@ -1,0 +1,142 @@
+"""The robots of other simulators that share the world: taken from WORLD_STATE, shown, and never taken over.
+
+A world_state_t does not say who sent it. Its robots are whoever this simulator does not own; one that it does own and
+did not send itself is owned twice, which both simulators then say.
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from cmr.model.motion import RobotState
+from cmr.world.view import Robots
+
+Members: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # robot ids, and their origins
+Times: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+
+LOST = 1_000_000  # us; a robot of which nothing newer was heard is no longer shown
+MEMORY = 10_000_000  # us for which it is known what was sent; no network keeps a message for longer
+SPOKEN_OF = 2_000_000  # us for which a problem is spoken of after it was noticed
+MOST_GROUPS = 1_000  # different sets of robots in a message; more come only from senders that change them all the time
+MOST_NAMED = 5  # robots in a sentence
+
+
+class Others:
+    """The robots of other simulators; `own` are the ids of this simulator's, to which `claim` adds.
+
+    `sent` is told of what this simulator publishes, `handle` takes WORLD_STATE, its own messages included: the bus
+    brings them back.
+    """
+
+    def __init__(self, own: Iterable[int]) -> None:
+        self._own = set(own)
+        self._keys: list[tuple[int, int]] = []  # of all robots ever heard of; their place is their row below
+        self._rows: dict[tuple[int, int], int] = {}
+        self._utime: Times = np.zeros(0, np.int64)
+        self._state: Floats = np.zeros((len(RobotState._fields), 0))
+        self._groups: dict[Members, _Group] = {}
+        self._sent: dict[int, None] = {}
+        self._doubled: dict[int, int] = {}
+        self._clock = (0, 0)  # when a stamp was last too far from this host's time, and how far it was ahead [us]
+
+    def claim(self, robot_id: int) -> None:
+        """Note that this simulator owns a robot from now on."""
+        self._own.add(robot_id)
+        self._groups.clear()
+
+    def sent(self, utime: int) -> None:
+        """Note that this simulator publishes its robots as they are at `utime` [us]."""
+        self._sent[utime] = None
+        while abs(utime - (oldest := next(iter(self._sent)))) > MEMORY:
+            del self._sent[oldest]
+
+    def handle(self, now: int, message: Any) -> Robots | None:
+        """Take a world_state_t at `now` [us]; return the robots in it that are news from others, None if none are.
+
+        Messages may come late, twice or in another order than they were sent.
+        """
+        group = self._group((tuple(message.robot_id), tuple(message.origin)))
+        if group.own and not len(group.rows) and message.utime in self._sent:
+            return None  # came back from the bus
+        if abs(message.utime - now) > LOST:
+            self._clock = (now, message.utime - now)
+            return None
+        self._doubled.update(dict.fromkeys(group.own, now))
+        age = message.utime - self._utime[group.rows]
+        news = (age > 0) | (age < -LOST)  # or the other host's clock was set back
+        if not news.any():
+            return None
+        rows = group.rows[news]
+        state = np.array([getattr(message, name) for name in RobotState._fields])[:, group.columns[news]]
+        self._utime[rows] = message.utime
+        self._state[:, rows] = state
+        return Robots(*(group.members if news.all() else self._members(rows)), RobotState(*state))
+
+    def robots(self, now: int) -> Robots:
+        """Return the robots of others heard of within the last second, each as it was last heard of."""
+        heard = np.flatnonzero(now - self._utime <= LOST)
+        return Robots(*self._members(heard), RobotState(*self._state[:, heard]))
+
+    def problems(self, now: int) -> list[str]:
+        """Return sentences about what keeps the simulators from sharing one world; none if nothing does."""
+        doubled = sorted(robot_id for robot_id, heard in self._doubled.items() if now - heard <= SPOKEN_OF)
+        sentences = []
+        if doubled:
+            sentences.append(
+                f"Another cmr-sim publishes {named(doubled)}, too. Every robot belongs to one simulator: "
+                "give it to one of them (--virtual, --real)."
+            )
+        noticed, ahead = self._clock
+        if noticed and now - noticed <= SPOKEN_OF:
+            sentences.append(
+                "Robots of another cmr-sim are not shown: their stamps are more than 1 s "
+                f"{'ahead of' if ahead > 0 else 'behind'} this host's clock. Set the clocks of both hosts (chrony)"
+                f"{'.' if ahead > 0 else ', or give that cmr-sim less to do.'}"
+            )
+        return sentences
+
+    def _group(self, members: Members) -> "_Group":
+        """Return what is known of robots that come in one message."""
+        if members not in self._groups:
+            if len(self._groups) >= MOST_GROUPS:
+                self._groups.clear()
+            ids = members[0]
+            columns = np.array([i for i, robot_id in enumerate(ids) if robot_id not in self._own], np.int64)
+            rows = self._rows_of([(ids[i], members[1][i]) for i in columns.tolist()])
+            own = tuple(robot_id for robot_id in ids if robot_id in self._own)
+            self._groups[members] = _Group(self._members(rows), own, columns, rows)
+        return self._groups[members]
+
+    def _rows_of(self, keys: list[tuple[int, int]]) -> Times:
+        """Return the rows of robots, with room made for those that are new."""
+        for key in keys:
+            if key not in self._rows:
+                self._rows[key] = len(self._keys)
+                self._keys.append(key)
+        more = len(self._keys) - len(self._utime)
+        self._utime = np.append(self._utime, np.zeros(more, np.int64))
+        self._state = np.hstack([self._state, np.zeros((len(self._state), more))])
+        return np.array([self._rows[key] for key in keys], np.int64)
+
+    def _members(self, rows: Times) -> Members:
+        """Return the ids and the origins of robots."""
+        keys = [self._keys[row] for row in rows.tolist()]
+        return tuple(robot_id for robot_id, _ in keys), tuple(origin for _, origin in keys)
+
+
+class _Group(NamedTuple):
+    """Robots that come in one message: `members` are those of others, in `columns` of it, kept in `rows` here."""
+
+    members: Members
+    own: tuple[int, ...]
+    columns: Times
+    rows: Times
+
+
+def named(robot_ids: list[int]) -> str:
+    """Return robots as a sentence names them: `robot 3`, or `robots 3, 4, 5, 6, 7 and 17 more`."""
+    shown = ", ".join(map(str, robot_ids[:MOST_NAMED]))
+    more = f" and {len(robot_ids) - MOST_NAMED} more" if len(robot_ids) > MOST_NAMED else ""
+    return f"robot{'s' if len(robot_ids) > 1 else ''} {shown}{more}"
