@@ -32,6 +32,7 @@ LARGEST_STEP = 0.4  # duty from rest: 10 per second over two cycles
 LARGEST_SPEED = 200.0  # rad/s
 TICKS_PER_TURN = 2048
 COUNTER_RANGE = 2**32
+STALLS_BEFORE, STALLS_AFTER = SECOND, SECOND // 10  # us around a finding in which stalls of the machine are told
 
 
 class Window(NamedTuple):
@@ -67,10 +68,22 @@ class Findings:
     counts: Counter[str] = field(default_factory=Counter)
     largest: dict[str, float] = field(default_factory=lambda: defaultdict(float))  # s
     stamp_errors: list[int] = field(default_factory=list)  # us
+    stalls: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=1000))  # begin and end
+
+    def note_stall(self, begin: int, end: int) -> None:
+        """Note that the machine stood still."""
+        self.stalls.append((begin, end))
+        self.counts["times the machine stood still"] += 1
+        key = "the machine stood still"
+        self.largest[key] = max(self.largest[key], (end - begin) / SECOND)
 
     def blame(self, utime: int, text: str) -> None:
-        """Note something that must not be, and say it at once."""
-        self.wrong.append(f"{utime / SECOND:.3f}: {text}")
+        """Note something that must not be, and whether the machine stood still about then; say it at once."""
+        near = [
+            end - begin for begin, end in self.stalls if begin < utime + STALLS_AFTER and end > utime - STALLS_BEFORE
+        ]
+        stood = f"stood still {len(near)} times, at most {max(near) / 1000:.0f} ms" if near else "ran"
+        self.wrong.append(f"{utime / SECOND:.3f}: {text}; in the second before, the machine {stood}")
         print(f"WRONG {self.wrong[-1]}", file=sys.stderr, flush=True)
 
 

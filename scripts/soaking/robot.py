@@ -262,8 +262,12 @@ class GyroLine(Line):
             self.end.device.receive(bytes([INCREMENTAL_ANGLE]), time)
 
     def invalid(self, time: float, seconds: float) -> None:
-        """Have it send readings that it says are not valid."""
-        self.end.device = self._made(time, time + seconds)
+        """Have it send readings that it says are not valid; it is not a new one, which would tell of its self-test."""
+        device: Any = self.end.device
+        if isinstance(device, Dsp3000Device):
+            device._start_up = time + seconds
+        else:
+            device._valid_from = time + seconds
 
     def _made(self, time: float, valid_from: float) -> Any:
         """Return a gyro that was switched on at `time` (s)."""
