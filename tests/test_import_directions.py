@@ -23,7 +23,9 @@ KNOWN: dict[str, set[str]] = {
     "world": {*RECORDED, "colours", "manoeuvres"},
     "diagnosis": {*RECORDED, "colours", "files", "manoeuvres", "calibration"},
     "scenario": {*RECORDED, "files", "world", "diagnosis"},
-    "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis", "scenario"},
+    "team": {*RECORDED, "world"},
+    "fidelity": {*RECORDED, "colours", "files", "calibration", "diagnosis", "team"},
+    "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis", "scenario", "team", "fidelity"},
     "tools": {*RECORDED, "commands"},
 }
 DRIVER = {*BUS, "parameters", "commands"}  # of commands only how command lines are read

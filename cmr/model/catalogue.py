@@ -5,10 +5,12 @@ The catalogue holds what has a cause that can be named. The model also knows gen
 A package adds effects by an entry point of the group `cmr.effects`, each pointing at one `Effect`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 from itertools import chain
 from typing import Any
+
+import numpy as np
 
 from cmr.model import parameters as paper
 from cmr.model.effect import Effect
@@ -75,3 +77,11 @@ def typical(effect: Effect) -> dict[str, float]:
 def with_effects(parameters: RobotParameters, values: Mapping[str, Any]) -> RobotParameters:
     """Return the parameters with these values, by name, in place of their own."""
     return RobotParameters.of({**parameters.values, **values})
+
+
+def together(robots: Sequence[RobotParameters]) -> RobotParameters:
+    """Return the parameters of many robots as one: arrays of shape (n,); what one lacks is neutral."""
+    names = dict.fromkeys(name for robot in robots for name in robot.values)
+    return RobotParameters.of(
+        {name: np.array([robot.values.get(name, definition(name).neutral) for robot in robots], float) for name in names}
+    )

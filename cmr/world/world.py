@@ -4,9 +4,10 @@ It knows no bus: messages go in by `handle`, time passes by `advance`, robots co
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour
 from cmr.world.commands import CommandMemory
 from cmr.world.estimator import Estimator
-from cmr.world.fleet import STEP, Fleet
+from cmr.world.fleet import STEP, Fleet, Key
 from cmr.world.others import Others
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
@@ -79,6 +80,9 @@ class World:
 
     `ready` tells whether robots can be simulated by some parameters without delay; until then, those that move by
     others go on so, and new ones stand where they start.
+
+    Virtual robots steer by the parameters of the robot that they go by, and move by them as well, unless
+    `own_parameters` has others under their id: robots differ from what is believed of them.
     """
 
     def __init__(
@@ -87,6 +91,7 @@ class World:
         follow: Callable[[int], ParameterFollower],
         ready: Callable[[RobotParameters], bool] = lambda _parameters: True,
         estimates: Callable[[int], bool] = lambda _robot_id: True,
+        own_parameters: Mapping[int, RobotParameters] = MappingProxyType({}),
     ) -> None:
         self.view = WorldView()
         self.estop = EmergencyStop()
@@ -97,6 +102,8 @@ class World:
         self._estimates = estimates
         self._follow = follow
         self._ready = ready
+        self._own_parameters = own_parameters
+        self._kinds = list({frozenset(own.effects): own for own in own_parameters.values()}.values())
         self._models: dict[int, RobotParameters] = {}  # in use, by robot id
         self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
@@ -222,7 +229,7 @@ class World:
             return
         if robot_id in self._real:
             self._real[robot_id].estimator.parameters = model
-        if not self._ready(model):
+        if not all([self._ready(one) for one in (model, *self._kinds)]):  # all begin to get ready
             self._not_ready.add(robot_id)
             return
         self._not_ready.discard(robot_id)
@@ -231,15 +238,23 @@ class World:
         followers += [(v.robot_id, VIRTUAL) for v in self._virtual.values() if v.parameters_of == robot_id]
         followers = [key for key in followers if key in self._fleet]
         if followers:
-            self._fleet.set_parameters(followers, model)
+            self._fleet.set_parameters(followers, self._moving_by(followers, model))
 
     def _place_virtual(self) -> None:
         """Place the virtual robots whose parameters are known by now."""
         for robot_id in self._absent.keys() & self._models.keys():
             robots = self._absent.pop(robot_id)
-            self._fleet.place(
-                list(zip(robots.robot_id, robots.origin, strict=True)), robots.state, self._models[robot_id]
-            )
+            keys = list(zip(robots.robot_id, robots.origin, strict=True))
+            self._fleet.place(keys, robots.state, self._moving_by(keys, self._models[robot_id]))
+
+    def _moving_by(self, keys: Sequence[Key], model: RobotParameters) -> RobotParameters:
+        """Return what these robots move by: what their own parameters are, otherwise `model`."""
+        if self._own_parameters.keys().isdisjoint(robot_id for robot_id, origin in keys if origin == VIRTUAL):
+            return model
+        from cmr.model.catalogue import together  # robots of the paper's model do without the catalogue
+
+        own = self._own_parameters
+        return together([model if origin == TWIN else own.get(robot_id, model) for robot_id, origin in keys])
 
     def _handle_virtual(self, stream: Stream, robot_id: int, message: Any) -> None:
         behaviour = self._virtual[robot_id].behaviour
