@@ -72,6 +72,11 @@ def pilot() -> int:
     return run("cmr.commands.pilot")
 
 
+def run_scenario() -> int:
+    """Start cmr-run."""
+    return run("cmr.commands.run")
+
+
 def sim() -> int:
     """Start cmr-sim."""
     return run("cmr.commands.sim")

@@ -13,11 +13,11 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.preflight import DEFAULT_URL
 from cmr.bus.process import Process
 from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
-from cmr.commands.children import Children, our_command
 from cmr.commands.command_line import CommandError, parser
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, process_status_t, waypoints_t
 from cmr.parameters.file import ParameterFile, Value, load
+from cmr.scenario.children import Children, our_command
 from cmr.world.behaviours.leading import figure_eight
 from cmr.world.comparison import Drive, drives_of
 from cmr.world.figure import draw_before_and_after

@@ -23,6 +23,8 @@ from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.following import ParameterFollower
+from cmr.scenario import ScenarioError
+from cmr.scenario.virtual import Cast, cast_of
 from cmr.world.behaviours.help_text import help_text
 from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
@@ -41,12 +43,15 @@ def main(arguments: list[str]) -> int:
             f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
         )
     loader = Loader()
+    cast = _cast(options.scenario)
     world = World(
-        virtual_robots(options.virtual, options.parameters_of),
-        lambda robot_id: ParameterFollower(robot_id, options.parameters / f"robot_{robot_id}.yaml"),
+        [*virtual_robots(options.virtual, options.parameters_of), *cast.robots],
+        lambda robot_id: ParameterFollower(robot_id, cast.parameter_file(robot_id, options.parameters)),
         loader.ready,
         options.real,
     )
+    for robot_id, message in cast.waypoints:
+        world.handle(message.utime, WAYPOINTS.channel(robot_id), message)
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()
@@ -83,6 +88,9 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         default=[],
         metavar="ID=BEHAVIOUR,...",
         help="virtual robots",
+    )
+    options.add_argument(
+        "--scenario", type=Path, metavar="FILE", help="whose virtual robots to simulate, as cmr-run has it"
     )
     options.add_argument(
         "--parameters", type=Path, default=Path(), metavar="DIR", help="folder with the files robot_<id>.yaml"
@@ -124,6 +132,13 @@ def _rate(text: str) -> float:
     if not 20.0 <= rate <= 100.0:
         raise argparse.ArgumentTypeError(f"{text!r} is not a rate between 20 and 100 Hz")
     return rate
+
+
+def _cast(path: Path | None) -> Cast:
+    try:
+        return cast_of(path)
+    except ScenarioError as error:
+        raise CommandError(str(error)) from error
 
 
 def _state_messages(world: World, largest: int | None) -> list[tuple[Stream, int | None, Any]]:

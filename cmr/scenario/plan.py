@@ -16,6 +16,7 @@ METRICS = {
     "path_spread": "m",
     "distance_driven": "m",
 }
+ENDING_METRICS = ("minimum_separation", "distance_driven")  # those known while robots drive
 
 
 class Pose(NamedTuple):

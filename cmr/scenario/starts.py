@@ -13,12 +13,18 @@ LEAST_SPACING = 0.01  # m
 def starts_of(item: Item | None, count: int, *, many: bool) -> list[Pose]:
     """Return the start of each robot.
 
-    One robot has `[x, y, theta]`, `[x, y]` or `{x:, y:, theta:}`; many have `{rule:, spacing:, x:, y:, theta:}`.
+    One robot has `[x, y, theta]`, `[x, y]` or `{x:, y:, theta:}`; many have `{rule:, spacing:, x:, y:, theta:}`, or
+    a list of as many poses.
     """
     if not many:
         return [_pose(item)]
     if item is None:
         return line(count, DEFAULT_SPACING, Pose(0.0, 0.0))
+    if item.is_list:
+        poses = [_pose(entry) for entry in item.items()]
+        if len(poses) != count:
+            raise item.place.error(f"has {len(poses)} poses for {count} robots")
+        return poses
     section = item.section(("rule", "spacing", "x", "y", "theta"))
     spacing = section.get("spacing")
     rule = section.need("rule", f"how they stand: {', '.join(RULES)}").word(RULES)

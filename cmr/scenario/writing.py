@@ -1,6 +1,7 @@
-"""A scenario as YAML that reads back as the same scenario: every robot by itself, nothing left to a rule."""
+"""A scenario as YAML that reads back as the same scenario: nothing is left to a rule or to a default file."""
 
-from dataclasses import fields
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,8 @@ import yaml
 from cmr.scenario.plan import BehaviourPlan, RobotPlan
 from cmr.scenario.scenario import Scenario
 
+DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # in C where it is installed
+
 
 def to_yaml(scenario: Scenario) -> str:
     """Return the text of a file; paths are written as they are, so relative ones hold from the working folder."""
@@ -16,12 +19,32 @@ def to_yaml(scenario: Scenario) -> str:
     obstacles = {name: _plain(getattr(scenario, name)) for name in ("discs", "walls") if getattr(scenario, name)}
     if obstacles:
         content["obstacles"] = obstacles
-    content["robots"] = [_robot(robot) for robot in scenario.robots]
-    return yaml.safe_dump(content, sort_keys=False, width=120, allow_unicode=True)
+    content["robots"] = [_entry(alike) for alike in _alike(scenario.robots)]
+    return str(yaml.dump(content, Dumper=DUMPER, sort_keys=False, width=120, allow_unicode=True))
 
 
-def _robot(robot: RobotPlan) -> dict[str, Any]:
-    return {"id": robot.robot_id, **_without_defaults(robot, {"robot_id"})}
+def _alike(robots: Sequence[RobotPlan]) -> Iterator[list[RobotPlan]]:
+    """Yield runs of virtual robots that differ in their start alone, with one id after the other; all others alone."""
+    run: list[RobotPlan] = []
+    for robot in robots:
+        if run and not _follows(run[-1], robot):
+            yield run
+            run = []
+        run.append(robot)
+    yield run
+
+
+def _follows(one: RobotPlan, other: RobotPlan) -> bool:
+    return one.kind == "virtual" and replace(one, robot_id=one.robot_id + 1, start=other.start) == other
+
+
+def _entry(alike: list[RobotPlan]) -> dict[str, Any]:
+    """Return one entry of the list of robots."""
+    first = alike[0]
+    if len(alike) == 1:
+        return {"id": first.robot_id, **_without_defaults(first, {"robot_id"})}
+    entry = {"first_id": first.robot_id, "count": len(alike), **_without_defaults(first, {"robot_id", "start"})}
+    return {**entry, "start": [_plain(robot.start) for robot in alike]}
 
 
 def _without_defaults(plan: Any, without: set[str]) -> dict[str, Any]:

@@ -5,27 +5,15 @@ from pathlib import Path
 from cmr.diagnosis.report import found, measured, origin
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.pairs import pairs_of
-from cmr.diagnosis.report.style import STYLE
+from cmr.diagnosis.report.whole import whole_page
 from cmr.diagnosis.result import BAD_DATA, Diagnosis
 from cmr.files import write_atomically
-
-# Nothing may be loaded and nothing may run, whatever a name in the data says.
-POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 
 
 def report_of(diagnosis: Diagnosis) -> str:
     """Return the report as HTML that needs no network, no other file and no script."""
     title = f"Diagnosis of robot {diagnosis.robot_id}: {found.BADGES.get(diagnosis.verdict, diagnosis.verdict)}"
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", http_equiv="Content-Security-Policy", content=POLICY),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("title", title),
-        tag("style", Html(STYLE)),
-    )
-    page = tag("html", head, tag("body", found.header(diagnosis), tag("main", _sections(diagnosis))), lang="en")
-    return f"<!DOCTYPE html>\n{page}\n"
+    return whole_page(title, found.header(diagnosis), tag("main", _sections(diagnosis)))
 
 
 def write_report(diagnosis: Diagnosis, path: Path) -> None:

@@ -1,0 +1,119 @@
+"""cmr-run: one command for a whole team experiment, from a scenario to its report."""
+
+import argparse
+import shlex
+import socket
+import time
+from importlib.resources import files
+from pathlib import Path
+
+from cmr.bus.preflight import parse_udpm
+from cmr.bus.process import Process
+from cmr.commands.command_line import CommandError, parser
+from cmr.scenario import Scenario, ScenarioError, load
+from cmr.scenario.children import Children
+from cmr.scenario.jobs import Job, jobs_of
+from cmr.scenario.live_run import LiveRun, Outcome
+from cmr.scenario.preparing import prepare
+from cmr.scenario.report import write_report
+from cmr.scenario.terminal import Terminal
+
+SHIPPED = Path(str(files("cmr.scenario"))) / "shipped"
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-run."""
+    options = _options(arguments)
+    if options.list:
+        return _list_shipped()
+    scenario = _load(options.scenario)
+    folder: Path = options.out or Path(f"{scenario.name}-{time.strftime('%Y%m%d-%H%M%S')}")
+    with Process("cmr-run", options.lcm_url or scenario.lcm_url) as process:
+        url = process.bus.url
+        try:
+            prepared = prepare(scenario, folder)
+        except OSError as error:
+            raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
+        ours, others = _by_host(jobs_of(prepared, folder, url))
+        _tell_others(others, url)
+        with Children(folder) as children:
+            run = LiveRun(prepared, folder, process, ours, children, Terminal())
+            began = time.time()
+            outcome = run.run()
+            run.say(f"Stopping: {outcome.ended_by}.")
+            run.supervisor.stop()
+        write_report(run, outcome, began, folder)
+        print(f"Look at {folder}/report.html; the log is {folder}/run.lcm, what each process said is beside it.")
+        return _exit_code(outcome)
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-run",
+        "Run a team experiment: start what its scenario names (drivers or emulators, cmr-sim, pilots, calibrator), "
+        "start again what dies, record the log, show how it goes, and write a report. "
+        "Processes are stopped in order, those that command motors first.",
+        "cmr-run line\n  cmr-run my_scenario.yaml --out results\n  cmr-run --list",
+    )
+    options.add_argument("scenario", nargs="?", help="YAML file, or the name of a shipped scenario")
+    options.add_argument("--list", action="store_true", help="show the shipped scenarios")
+    options.add_argument("--out", type=Path, metavar="DIR", help="folder for the results; otherwise NAME-DATE-TIME")
+    result = options.parse_args(arguments)
+    if result.scenario is None and not result.list:
+        options.error("name a scenario; --list shows the shipped ones")
+    return result
+
+
+def shipped() -> dict[str, Path]:
+    """Return the shipped scenarios by name."""
+    return {path.stem: path for path in sorted(SHIPPED.glob("*.yaml"))}
+
+
+def _list_shipped() -> int:
+    for name, path in shipped().items():
+        print(f"{name:10s} {load(path).about}")
+    print(f"To change one, copy it from {SHIPPED}.")
+    return 0
+
+
+def _load(name: str) -> Scenario:
+    """Return the scenario of a file, or a shipped one.
+
+    Raises CommandError saying what is wrong, and where.
+    """
+    path = Path(name)
+    if not path.exists() and name in shipped():
+        path = shipped()[name]
+    elif not path.exists() and not path.suffix:
+        raise CommandError(f"There is neither a file nor a shipped scenario {name!r}. Shipped: {', '.join(shipped())}.")
+    try:
+        return load(path)
+    except ScenarioError as error:
+        raise CommandError(str(error)) from error
+
+
+def _by_host(jobs: list[Job]) -> tuple[list[Job], list[Job]]:
+    """Return the processes to start here, and those that belong to other machines."""
+    own = {None, "localhost", socket.gethostname(), socket.gethostname().partition(".")[0]}
+    return [job for job in jobs if job.host in own], [job for job in jobs if job.host not in own]
+
+
+def _tell_others(others: list[Job], url: str) -> None:
+    """Say what to start on other machines.
+
+    Raises CommandError if the bus does not reach them.
+    """
+    if others and url.startswith("udpm") and parse_udpm(url).ttl == 0:
+        raise CommandError(
+            f"{others[0].name} runs on {others[0].host}, but the bus {url!r} does not leave this machine. "
+            "Use an LCM URL with ttl=1, for example with lcm_url in the scenario."
+        )
+    for job in others:
+        command = [Path(job.command[0]).name, *job.command[1:]]
+        print(f"Start on {job.host}: {shlex.join(command)}", flush=True)
+
+
+def _exit_code(outcome: Outcome) -> int:
+    if outcome.failed:
+        raise CommandError(f"{outcome.ended_by}. See the files *.txt beside the report.")
+    return 130 if outcome.interrupted else 0

@@ -1,0 +1,110 @@
+"""Start other processes and see to it that every one of them ends, whatever happens."""
+
+import ctypes
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+
+PATIENCE = 3.0  # s for a process to end after SIGTERM; ours take less than 1 s
+PR_SET_PDEATHSIG = 1  # Linux, prctl(2): the signal a process gets when its parent dies
+
+
+class Children:
+    """Processes of ours; a context manager that stops them in reverse order of their start.
+
+    Each writes what it says to `<folder>/<name>.txt`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._started: set[str] = set()
+
+    def __enter__(self) -> "Children":
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        for name in reversed(list(self._running)):
+            self.stop(name)
+
+    def start(self, name: str, command: list[str]) -> int:
+        """Start a process in a session of its own, so that Ctrl-C reaches only its parent, who stops it in order.
+
+        What one that is started again says is added to what it said before. Returns the process id.
+        """
+        with self._file(name).open("ab" if name in self._started else "wb") as said:
+            self._started.add(name)
+            self._running[name] = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                preexec_fn=_die_with_parent,
+            )
+        return self._running[name].pid
+
+    def stop(self, *names: str) -> dict[str, int]:
+        """End processes at the same time: SIGTERM, and SIGKILL for those that do not listen; return exit codes."""
+        processes = {name: process for name in names if (process := self._running.pop(name, None)) is not None}
+        for process in processes.values():
+            if process.poll() is None:
+                process.terminate()
+        deadline = time.monotonic() + PATIENCE
+        for process in processes.values():
+            try:
+                process.wait(max(deadline - time.monotonic(), 0.0))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        return {name: process.returncode for name, process in processes.items()}
+
+    def is_running(self, name: str) -> bool:
+        """Tell whether a process runs."""
+        process = self._running.get(name)
+        return process is not None and process.poll() is None
+
+    def ended(self) -> dict[str, int]:
+        """Return the processes that ended by themselves since the last call, with their exit codes."""
+        codes = {name: code for name, process in self._running.items() if (code := process.poll()) is not None}
+        for name in codes:
+            del self._running[name]
+        return codes
+
+    def failed(self) -> str:
+        """Return a sentence about a process that ended by itself with an error; empty if there is none."""
+        for name, process in self._running.items():
+            if process.poll() not in (None, 0):
+                said = self.last_words(name) or "without a word"
+                return f"{name} ended with exit code {process.returncode}: {said}"
+        return ""
+
+    def said(self, name: str) -> str:
+        """Return what a process has written so far."""
+        return self._file(name).read_text(errors="replace")
+
+    def last_words(self, name: str) -> str:
+        """Return the last line that a process has written; empty if there is none."""
+        said = self.said(name).strip().splitlines() if name in self._started else []
+        return said[-1] if said else ""
+
+    def _file(self, name: str) -> Path:
+        return self.folder / f"{name.replace(' ', '_')}.txt"
+
+
+def our_command(name: str) -> str:
+    """Return the path of one of our commands, installed beside the Python that runs this one."""
+    return str(Path(sys.executable).parent / name)
+
+
+def _die_with_parent() -> None:
+    """Have the kernel end this process when its parent is killed; elsewhere than on Linux, do without."""
+    try:
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    except (OSError, AttributeError):
+        return

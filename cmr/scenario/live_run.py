@@ -1,0 +1,184 @@
+"""One live run of a scenario: gather the team, send it off, watch it, and tell when it is over."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cmr.bus.process import Process
+from cmr.bus.streams import PROCESS_STATUS, WAYPOINTS, WORLD_STATE
+from cmr.msg import process_status_t
+from cmr.scenario.children import Children
+from cmr.scenario.jobs import PILOT, SIM, Job
+from cmr.scenario.preparing import write_sim_scenario
+from cmr.scenario.scenario import Scenario
+from cmr.scenario.supervisor import Supervisor
+from cmr.scenario.terminal import Terminal
+from cmr.scenario.virtual import waypoints_message
+from cmr.scenario.watch import TeamWatch
+
+RATE = 20.0  # Hz
+START_UP = 120.0  # s for all robots and processes to be in service, on a slow machine
+SETTLING = 10.0  # s in which robots come to rest after the last waypoint
+AT_REST = 1.0  # s without motion after which robots have come to rest
+WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended: in words, and after how many seconds in service; `failed` if it never began."""
+
+    ended_by: str
+    seconds: float
+    failed: bool = False
+    interrupted: bool = False
+
+
+class LiveRun:
+    """A run of a scenario, whose files lie in `folder`, by the processes `jobs`.
+
+    What happens is told on the terminal, on PROCESS_STATUS, and kept in `events` as (seconds since the start, words).
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        folder: Path,
+        process: Process,
+        jobs: Sequence[Job],
+        children: Children,
+        terminal: Terminal,
+    ) -> None:
+        self.scenario = scenario
+        self.watch = TeamWatch(scenario)
+        self.supervisor = Supervisor(jobs, children, self.watch.is_degraded, self._prepare)
+        self.events: list[tuple[float, str]] = []
+        self._folder = folder
+        self._process = process
+        self._terminal = terminal
+        self._created = time.monotonic()
+        self._seconds = 0.0  # in service
+        self._over_since: float | None = None
+        self._moved = 0.0  # when a robot last moved, in seconds in service
+        self.first_utime = 0  # when all were in service
+        self._to_send: set[int] = set()  # robots that have to be told of their waypoints
+        process.subscribe(WORLD_STATE, every=True)
+        process.subscribe(PROCESS_STATUS, every=True)
+
+    def run(self) -> Outcome:
+        """Start everything, and return when the run is over; nothing is stopped yet."""
+        for _utime in self._process.loop(RATE):
+            self._turn()
+            lacking = self._lacking()
+            self._terminal.progress(f"Waiting for {lacking}")
+            if not lacking:
+                return self._drive()
+            given_up = self.supervisor.given_up()
+            if given_up:
+                return Outcome(f"{given_up[0]} is not started again", 0.0, failed=True)
+            if time.monotonic() - self._created > START_UP:
+                return Outcome(f"waited {START_UP:.0f} s in vain for {lacking.rstrip('.')}", 0.0, failed=True)
+        return Outcome("somebody ended it before all were in service", 0.0, interrupted=True)
+
+    def say(self, words: str) -> None:
+        """Tell and keep what happened."""
+        self.events.append((time.monotonic() - self._created, words))
+        self._terminal.say(words)
+
+    def _drive(self) -> Outcome:
+        """Let the team drive until the run is over."""
+        count = len(self.scenario.robots)
+        self.say(f"{f'All {count} robots are' if count > 1 else 'The robot is'} in service.")
+        began = time.monotonic()
+        self.first_utime = self.watch.utime
+        for _utime in self._process.loop(RATE):
+            self._seconds = time.monotonic() - began
+            self._turn()
+            self._send_waypoints()
+            self._terminal.progress(self._progress())
+            reason = self._why_over()
+            if reason:
+                return Outcome(reason, self._seconds)
+        return Outcome("somebody ended it", self._seconds, interrupted=True)
+
+    def _turn(self) -> None:
+        """Listen, start what died again, and say on PROCESS_STATUS how it goes."""
+        self._process.dispatch(self.watch.handle)
+        for sentence in self.supervisor.poll(time.monotonic()):
+            self.say(sentence)
+        down = [name for name in self.supervisor.states if not self.supervisor.is_running(name)]
+        self._process.state = process_status_t.DEGRADED if down else process_status_t.RUNNING
+        self._process.message = f"Not running: {', '.join(down)}." if down else ""
+
+    def _lacking(self) -> str:
+        """Return what keeps the run from beginning; empty if nothing does."""
+        missing = self.watch.missing()
+        if not missing:
+            waiting = [name for name in self.supervisor.states if not self._in_service(name)]
+            return self._words_of(waiting[0]) if waiting else ""
+        listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+        return f"robot{'s' if len(missing) > 1 else ''} {listed} in WORLD_STATE"
+
+    def _words_of(self, name: str) -> str:
+        status = self.watch.statuses.get(self.supervisor.states[name].pid)
+        said = status.message if status is not None else self.supervisor.last_words(name)
+        return f"{name}{': ' + said if said else ''}"
+
+    def _in_service(self, name: str) -> bool:
+        """Tell whether a process runs and says that it is well; one that is done is, too."""
+        status = self.watch.statuses.get(self.supervisor.states[name].pid)
+        well = status is not None and status.state == process_status_t.RUNNING
+        return well or self.supervisor.is_done(name)
+
+    def _prepare(self, job: Job) -> None:
+        """Before a process starts, again perhaps: what moves robots goes on where they are, and with what is left."""
+        waypoints = self.watch.remaining_waypoints()
+        if job.role == SIM:
+            write_sim_scenario(self.scenario, self._folder, self.watch.poses())
+            self._to_send.update(robot.robot_id for robot in self.scenario.virtual if waypoints.get(robot.robot_id))
+        elif job.role == PILOT and job.robot_id is not None and waypoints.get(job.robot_id):
+            self._to_send.add(job.robot_id)
+
+    def _send_waypoints(self) -> None:
+        """Tell robots of their waypoints once the process that moves them is in service."""
+        waypoints = self.watch.remaining_waypoints()
+        for robot_id in sorted(self._to_send)[:WAYPOINTS_A_TURN]:
+            name = f"pilot {robot_id}"
+            if self._in_service(name if name in self.supervisor.states else "sim"):
+                here = self.watch.pose(robot_id)
+                points = ((here.x, here.y), *waypoints[robot_id])  # the way to the first is part of the way
+                self._process.publish(WAYPOINTS, waypoints_message(robot_id, points), robot_id)
+                self._to_send.discard(robot_id)
+
+    def _progress(self) -> str:
+        """Return how it goes, in one line."""
+        watch, count = self.watch, len(self.scenario.robots)
+        parts = [
+            f"{self._seconds:5.1f} s, {max(self.scenario.duration - self._seconds, 0.0):.0f} s left",
+            f"{count - len(watch.missing())}/{count} robots",
+            f"{watch.rate():.0f} Hz",
+            f"{watch.overruns} late turns",
+            f"{watch.distance.sum():.1f} m driven",
+            f"nearest {watch.nearest.distance:.2f} m" if watch.nearest.utime else "",
+            f"{self.supervisor.restarts} restarts" if self.supervisor.restarts else "",
+        ]
+        return " | ".join(part for part in parts if part)
+
+    def _why_over(self) -> str:
+        """Return why the run is over; empty while it is not."""
+        ending, watch = self.scenario.ends_when, self.watch
+        if self._seconds >= self.scenario.duration:
+            return "its time is over"
+        if ending.metric is not None:
+            value = watch.measure(ending.metric)
+            low = ending.below is not None and value < ending.below
+            if low or (ending.above is not None and value > ending.above):
+                return f"{ending.metric} is {value:.3g}"
+        if not (ending.waypoints_reached and watch.waypoints_reached):
+            return ""
+        if self._over_since is None:
+            self._over_since = self._seconds
+        if watch.moving.any():
+            self._moved = self._seconds
+        settled = self._seconds - self._moved > AT_REST or self._seconds - self._over_since > SETTLING
+        return "all waypoints are reached" if settled else ""

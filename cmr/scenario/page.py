@@ -1,0 +1,174 @@
+"""The page of a run: what happened in figures, from the document that is its report.json."""
+
+from typing import Any
+
+import numpy as np
+
+from cmr.diagnosis.report.markup import Html, joined, tag
+from cmr.diagnosis.report.numbers import number
+from cmr.diagnosis.report.section import code, paragraph, quiet, section
+from cmr.diagnosis.report.style import AFTER, GRID, INK, REAL, REAL_OUTLINE
+from cmr.diagnosis.report.svg import Frame, dots, line, plot
+from cmr.diagnosis.report.table import table
+from cmr.diagnosis.report.whole import whole_page
+from cmr.scenario.plan import Disc
+
+WIDTH = 720.0
+LABELS_X, LABELS_Y = 65.0, 57.0  # what a frame's labels take of its width and height
+ROOM = 0.3  # m, left free around everything
+LEAST, MOST = 0.35, 1.1  # height of the map over its width
+MOST_ROWS = 40  # robots in the table
+WALL, GROUND = "#4a4e57", "#8a8f9a"
+CORNERS = np.linspace(0.0, 2.0 * np.pi, 25)  # of a disc as it is drawn
+
+Document = dict[str, Any]
+
+
+def page_of(document: Document) -> str:
+    """Return the page as HTML that needs nothing beside it."""
+    content = (_paths(document), _robots(document), _processes(document), _events(document))
+    title = f"Run of {document['scenario']}"
+    return whole_page(title, _header(document), tag("main", *content))
+
+
+def _header(document: Document) -> Html:
+    """Return how it ended, and the numbers that a hurried reader wants."""
+    words = f"{document['scenario']}: {document['seconds']:.0f} s, then {document['ended_by']}"
+    verdict = "bad_data" if document["failed"] else "effects_found"  # the colours of the style sheet
+    badge = tag("span", "failed" if document["failed"] else "done", class_="badge")
+    said = f" Began {document['began']}, seed {document['seed']}. {document['about']}"
+    head = tag("header", tag("h1", words), tag("p", badge, said), class_=verdict)
+    values = (
+        ("robots", f"{len(document['robots'])}"),
+        ("driven by all", f"{number(document['distance_driven_m'], 3)} m"),
+        ("minimum separation", f"{number(document['minimum_separation_m'], 3)} m"),
+        ("world", f"{number(document['world_rate_hz'], 3)} Hz"),
+        ("late turns of loops", f"{document['overruns']}"),
+        ("restarts", f"{document['restarts']}"),
+    )
+    return joined(head, tag("dl", *(tag("div", tag("dt", a), tag("dd", b)) for a, b in values), class_="key"))
+
+
+def _paths(document: Document) -> Html:
+    """Return the map: all paths, obstacles and the geofence."""
+    robots = [robot for robot in document["robots"] if robot["path"]["x"]]
+    if not robots:
+        return section("Paths", paragraph("No robot was seen."))
+    frame = _frame(document, robots)
+    drawn = [*_room(frame, document)]
+    many = len(robots) > MOST_ROWS
+    for robot in sorted(robots, key=lambda robot: robot["kind"] != "virtual"):
+        drawn += _path(frame, robot, thin=many)
+    picture = plot(frame, *drawn, x_label="x [m]", y_label="y [m]", alt=f"Paths of {len(robots)} robots from above.")
+    words = "Paths of all robots from above: real and emulated ones yellow, virtual ones blue. "
+    words += "A ring is the start, a dot the end, a cross a waypoint; the dashed line is the geofence."
+    return section("Paths", tag("figure", picture, tag("figcaption", words)))
+
+
+def _frame(document: Document, robots: list[Document]) -> Frame:
+    """Return a frame that holds everything, with a metre as long in x as in y."""
+    xs, ys = [[value for robot in robots for value in robot["path"][axis]] for axis in ("x", "y")]
+    corners = [*(document["geofence"] or ()), *(w for r in robots[:MOST_ROWS] for w in r["waypoints"])]
+    corners += [(d[0] + s * d[2], d[1] + s * d[2]) for d in document["obstacles"]["discs"] for s in (-1, 1)]
+    corners += [end for wall in document["obstacles"]["walls"] for end in (wall[:2], wall[2:])]
+    xs, ys = xs + [corner[0] for corner in corners], ys + [corner[1] for corner in corners]
+    x, y = (min(xs) - ROOM, max(xs) + ROOM), (min(ys) - ROOM, max(ys) + ROOM)
+    inner = WIDTH - LABELS_X
+    shape = min(max((y[1] - y[0]) / (x[1] - x[0]), LEAST), MOST)
+    metres = max((x[1] - x[0]) / inner, (y[1] - y[0]) / (shape * inner))
+    about = (sum(x) / 2.0, sum(y) / 2.0)
+    half = (metres * inner / 2.0, metres * shape * inner / 2.0)
+    ranges = [(middle - size, middle + size) for middle, size in zip(about, half, strict=True)]
+    return Frame(x=ranges[0], y=ranges[1], width=WIDTH, height=shape * inner + LABELS_Y)
+
+
+def _room(frame: Frame, document: Document) -> list[Html]:
+    """Return obstacles and the geofence."""
+    drawn = []
+    for disc in (Disc(*disc) for disc in document["obstacles"]["discs"]):
+        x, y = disc.x + disc.radius * np.cos(CORNERS), disc.y + disc.radius * np.sin(CORNERS)
+        drawn.append(line(frame, x, y, WALL, 2.0))
+    for x1, y1, x2, y2 in document["obstacles"]["walls"]:
+        drawn.append(line(frame, np.array([x1, x2]), np.array([y1, y2]), WALL, 4.0))
+    if document["geofence"]:
+        fence = np.array([*document["geofence"], document["geofence"][0]])
+        drawn.append(line(frame, fence[:, 0], fence[:, 1], GROUND, 1.4, dashes="7 5"))
+    return drawn
+
+
+def _path(frame: Frame, robot: Document, *, thin: bool) -> list[Html]:
+    """Return the path of one robot with its ends, and its waypoints."""
+    x, y = np.array(robot["path"]["x"]), np.array(robot["path"]["y"])
+    virtual = robot["kind"] == "virtual"
+    colour, outline = (AFTER, None) if virtual else (REAL, REAL_OUTLINE)
+    width = 0.5 if thin and virtual else 1.4 if virtual else 3.0
+    drawn = [line(frame, x, y, colour, width, under=outline)]
+    if robot["waypoints"] and not thin:
+        waypoints = np.array(robot["waypoints"])
+        drawn += [_cross(frame, *place) for place in waypoints]
+    size = 3.0 if thin and virtual else 8.0
+    if not (thin and virtual):
+        drawn += [dots(frame, x[:1], y[:1], INK, size + 2.0), dots(frame, x[:1], y[:1], GRID, size)]
+    drawn.append(dots(frame, x[-1:], y[-1:], outline or colour, size))
+    return drawn
+
+
+def _cross(frame: Frame, x: float, y: float) -> Html:
+    across, down = float(frame.across(np.array(x))), float(frame.down(np.array(y)))
+    steps = f"M{across - 4:.1f} {down - 4:.1f}l8 8M{across - 4:.1f} {down + 4:.1f}l8 -8"
+    return tag("path", d=steps, stroke=INK, stroke_width=1.2)
+
+
+def _robots(document: Document) -> Html:
+    robots = document["robots"]
+    rows = [
+        [
+            str(robot["id"]),
+            robot["kind"],
+            robot["behaviour"],
+            number(robot["distance_m"], 3),
+            f"{len(robot['waypoints']) - robot['waypoints_left']} of {len(robot['waypoints'])}"
+            if robot["waypoints"]
+            else "",
+            number(robot["goal_reached_at_s"], 3) if robot["goal_reached_at_s"] is not None else "",
+        ]
+        for robot in robots[:MOST_ROWS]
+    ]
+    headings = ("robot", "kind", "behaviour", "driven [m]", "waypoints", "last one at [s]")
+    more = (
+        quiet(f"The first {MOST_ROWS} of {len(robots)}; all are in report.json.")
+        if len(robots) > MOST_ROWS
+        else Html("")
+    )
+    near = document["nearest_robots"]
+    nearest = (
+        paragraph(
+            f"Robots {near[0]} and {near[1]} came nearest to one another: "
+            f"{number(document['minimum_separation_m'], 3)} m from centre to centre, "
+            f"{number(document['nearest_at_s'], 3)} s after all were in service."
+        )
+        if near
+        else Html("")
+    )
+    return section("Robots", table(headings, rows, numbers=(3, 5)), more, nearest)
+
+
+def _processes(document: Document) -> Html:
+    rows = [
+        [
+            process["name"],
+            str(process["starts"]),
+            "; ".join(process["ends"]),
+            number(process["loop_rate_hz"], 3),
+            "" if process["overruns"] is None else str(process["overruns"]),
+            joined(*([code(process["last_words"]), " "] if process["last_words"] else []), process["message"]),
+        ]
+        for process in document["processes"]
+    ]
+    headings = ("process", "starts", "ended", "loop [Hz]", "late turns", "what it said at last, and its last status")
+    return section("Processes", table(headings, rows, numbers=(1, 3, 4)))
+
+
+def _events(document: Document) -> Html:
+    rows = [[f"{event['at_s']:.1f} s", event["words"]] for event in document["events"]]
+    return section("What happened", table(("time", "event"), rows) if rows else Html(""))

@@ -1,0 +1,117 @@
+"""The report of a run: `report.json` with all that was measured, and `report.html`, one page to look at."""
+
+import json
+import math
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cmr.files import write_atomically
+from cmr.scenario.live_run import LiveRun, Outcome
+from cmr.scenario.page import page_of
+from cmr.scenario.watch import Floats, TeamWatch
+
+SCHEMA = 1
+MOST_POINTS = 200_000  # of all paths together
+FEWEST_POINTS = 20  # of a path
+
+
+def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> None:
+    """Write report.json and report.html into a folder; `began` is the time of day [s since the epoch].
+
+    Raises OSError when they cannot be written.
+    """
+    document = document_of(run, outcome, began)
+    write_atomically(json.dumps(document, allow_nan=False) + "\n", folder / "report.json")
+    write_atomically(page_of(document), folder / "report.html")
+
+
+def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
+    """Return what was measured: lengths in m, times in s since all robots were in service."""
+    watch, scenario = run.watch, run.scenario
+    first = run.first_utime or (watch.sample_utime[0] if watch.sample_utime else 0)
+    near = watch.nearest
+    return {
+        "schema": SCHEMA,
+        "scenario": scenario.name,
+        "about": scenario.about,
+        "began": datetime.fromtimestamp(began, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "seconds": round(outcome.seconds, 3),
+        "ended_by": outcome.ended_by,
+        "failed": outcome.failed,
+        "seed": scenario.seed,
+        "minimum_separation_m": _number(near.distance),
+        "nearest_robots": list(near.robots) if near.utime else [],
+        "nearest_at_s": (near.utime - first) * 1e-6 if near.utime else None,
+        "distance_driven_m": _number(float(watch.distance.sum())),
+        "worlds": watch.worlds,
+        "world_rate_hz": _number(mean_rate(watch)),
+        "overruns": watch.overruns,
+        "restarts": run.supervisor.restarts,
+        "obstacles": {"discs": scenario.discs, "walls": scenario.walls},
+        "geofence": scenario.geofence,
+        "robots": _robots(run, first),
+        "processes": _processes(run),
+        "events": [{"at_s": round(at, 2), "words": words} for at, words in run.events],
+    }
+
+
+def mean_rate(watch: TeamWatch) -> float:
+    """Return how often the world was published on average [Hz]."""
+    span = (watch.sample_utime[-1] - watch.sample_utime[0]) * 1e-6 if len(watch.sample_utime) > 1 else 0.0
+    return (watch.worlds - 1) / span if span > 0.0 else 0.0
+
+
+def _robots(run: LiveRun, first: int) -> list[dict[str, Any]]:
+    watch = run.watch
+    paths: Floats = np.array(watch.samples, dtype=float).reshape(-1, 2, len(watch.ids))
+    step = max(math.ceil(len(paths) / max(MOST_POINTS // len(watch.ids), FEWEST_POINTS)), 1)
+    seconds: Floats = (np.array(watch.sample_utime[::step], dtype=np.int64) - first) * 1e-6
+    plans = {robot.robot_id: robot for robot in run.scenario.robots}
+    remaining = watch.remaining_waypoints()
+    return [
+        {
+            "id": robot_id,
+            "kind": plans[robot_id].kind,
+            "behaviour": str(plans[robot_id].behaviour or ""),
+            "distance_m": _number(float(watch.distance[index])),
+            "waypoints": plans[robot_id].waypoints,
+            "waypoints_left": len(remaining.get(robot_id, ())),
+            "goal_reached_at_s": (reached - first) * 1e-6 if (reached := watch.reached_utime.get(robot_id)) else None,
+            "path": _path(seconds, paths[::step, :, index]),
+        }
+        for index, robot_id in enumerate(watch.ids.tolist())
+    ]
+
+
+def _path(seconds: Floats, places: Floats) -> dict[str, list[float]]:
+    """Return times [s] and places [m] of a robot while it was seen."""
+    seen = np.isfinite(places[:, 0])
+    columns = {"t": seconds[seen].round(2), "x": places[seen, 0].round(4), "y": places[seen, 1].round(4)}
+    return {name: values.tolist() for name, values in columns.items()}
+
+
+def _processes(run: LiveRun) -> list[dict[str, Any]]:
+    rows = []
+    for name, state in run.supervisor.states.items():
+        status = run.watch.statuses.get(state.pid)
+        rows.append(
+            {
+                "name": name,
+                "command": state.job.command,
+                "starts": state.starts,
+                "ends": state.ends,
+                "last_words": run.supervisor.last_words(name),
+                "loop_rate_hz": _number(status.loop_rate_hz) if status else None,
+                "overruns": int(status.loop_overruns) if status else None,
+                "message": status.message if status else "",
+            }
+        )
+    return rows
+
+
+def _number(value: float) -> float | None:
+    """Return a number that JSON can hold."""
+    return round(value, 4) if math.isfinite(value) else None

@@ -1,0 +1,65 @@
+"""What of a scenario cmr-sim simulates: the virtual robots, and where they are sent."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cmr.bus.messages import make, now_utime
+from cmr.msg import waypoints_t
+from cmr.scenario.plan import Point
+from cmr.scenario.scenario import Scenario, load
+from cmr.world.behaviours import make_behaviour
+from cmr.world.behaviours.commanded import Commanded
+from cmr.world.world import VirtualRobot
+
+
+@dataclass(frozen=True)
+class Cast:
+    """What cmr-sim takes from a scenario: virtual robots, where they are sent, and parameter files by robot."""
+
+    robots: tuple[VirtualRobot, ...] = ()
+    waypoints: tuple[tuple[int, Any], ...] = ()  # robot id and waypoints_t
+    files: Mapping[int, Path] = field(default_factory=dict)
+
+    def parameter_file(self, robot_id: int, folder: Path) -> Path:
+        """Return the parameter file of a robot: the scenario's, otherwise robot_N.yaml in `folder`."""
+        return self.files.get(robot_id, folder / f"robot_{robot_id}.yaml")
+
+
+def cast_of(path: Path | None) -> Cast:
+    """Return what the scenario in a file has for cmr-sim; nothing where there is no scenario.
+
+    Raises ScenarioError.
+    """
+    if path is None:
+        return Cast()
+    scenario = load(path, starts_checked=False)
+    return Cast(
+        tuple(virtual_robots(scenario)),
+        tuple(
+            (plan.robot_id, waypoints_message(plan.robot_id, plan.waypoints))
+            for plan in scenario.virtual
+            if plan.waypoints
+        ),
+        {plan.robot_id: plan.parameters for plan in scenario.robots if plan.parameters is not None},
+    )
+
+
+def virtual_robots(scenario: Scenario) -> list[VirtualRobot]:
+    """Return the virtual robots; those without a behaviour do what MOTOR_COMMAND_N says."""
+    return [
+        VirtualRobot(
+            plan.robot_id,
+            make_behaviour(plan.behaviour.name, dict(plan.behaviour.settings)) if plan.behaviour else Commanded(),
+            plan.robot_id if plan.parameters_of is None else plan.parameters_of,
+            **(plan.start._asdict() if plan.start else {}),
+        )
+        for plan in scenario.virtual
+    ]
+
+
+def waypoints_message(robot_id: int, points: tuple[Point, ...]) -> Any:
+    """Return the waypoints_t that sends a robot along these points."""
+    x, y = ([point[axis] for point in points] for axis in (0, 1))
+    return make(waypoints_t, utime=now_utime(), robot_id=robot_id, x=x, y=y)

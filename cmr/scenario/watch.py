@@ -1,0 +1,163 @@
+"""What is seen of a team while it drives: places, distances, how near robots came, waypoints, health of processes.
+
+It knows no bus: messages go in by `handle`.
+"""
+
+import math
+from collections import deque
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.msg import process_status_t
+from cmr.scenario.plan import Point, Pose
+from cmr.scenario.scenario import Scenario
+from cmr.world.view import OLDEST, TWIN
+
+Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+
+SAMPLE_PERIOD = 100_000  # us between the places that are kept
+MOST_SAMPLES = 6_000  # then every second one is dropped, and half as many are kept from then on
+JITTER = 0.02  # m; a robot that moves less stands, and its estimate trembles
+REACHED = 0.15  # m from a waypoint, which robots that look ahead cut
+STANDING = 0.2  # rad/s; a slower wheel rests
+
+
+class Nearest(NamedTuple):
+    """How near [m] two robots came, centre to centre, and which; `utime` 0: no two were seen yet."""
+
+    distance: float = math.inf
+    robots: tuple[int, int] = (0, 0)
+    utime: int = 0
+
+
+class TeamWatch:
+    """Follows the robots of a scenario.
+
+    Arrays have one element for each robot, in the order of `ids`. `x`, `y` [m] are NaN before a robot is seen.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.ids = np.array(sorted(robot.robot_id for robot in scenario.robots), dtype=np.int64)
+        count = len(self.ids)
+        self.x, self.y, self.theta = (np.full(count, np.nan) for _ in range(3))
+        self.moving = np.zeros(count, dtype=bool)
+        self.seen = np.zeros(count, dtype=np.int64)  # us
+        self.distance = np.zeros(count)  # m driven
+        self.nearest = Nearest()
+        self.utime = 0
+        self.worlds = 0  # how many states of the world were received
+        self._world_utimes: deque[int] = deque(maxlen=100)
+        self._period = SAMPLE_PERIOD
+        self.sample_utime: list[int] = []
+        self.samples: list[Floats] = []  # (2, robots): x and y [m] at each of these moments
+        self.statuses: dict[int, Any] = {}  # the last process_status_t of each process, by pid
+        self._goals = {robot.robot_id: robot.waypoints for robot in scenario.robots if robot.waypoints}
+        self._next = dict.fromkeys(self._goals, 0)
+        self.reached_utime: dict[int, int] = {}  # when a robot was at its last waypoint
+        self._anchor = np.full((2, count), np.nan)
+
+    def handle(self, utime: int, channel: str, message: Any) -> None:
+        """Take WORLD_STATE or PROCESS_STATUS."""
+        if channel == WORLD_STATE.name:
+            self._take_world(utime, message)
+        elif channel == PROCESS_STATUS.name:
+            self.statuses[message.pid] = message
+
+    def missing(self) -> list[int]:
+        """Return the robots that are not in the world, or not any more."""
+        gone = (self.seen == 0) | (self.utime - self.seen > OLDEST)
+        return [int(robot_id) for robot_id in self.ids[gone]]
+
+    def poses(self) -> dict[int, Pose]:
+        """Return where robots were seen last."""
+        return {robot_id: self.pose(robot_id) for robot_id in self.ids[self.seen > 0].tolist()}
+
+    def pose(self, robot_id: int) -> Pose:
+        """Return where a robot was seen last."""
+        k = int(np.searchsorted(self.ids, robot_id))
+        return Pose(float(self.x[k]), float(self.y[k]), float(self.theta[k]))
+
+    def remaining_waypoints(self) -> dict[int, tuple[Point, ...]]:
+        """Return the waypoints that are still to be driven, by robot id."""
+        return {robot_id: goals[self._next[robot_id] :] for robot_id, goals in self._goals.items()}
+
+    @property
+    def waypoints_reached(self) -> bool:
+        """Whether every robot that has waypoints was at the last of them."""
+        return all(self._next[robot_id] == len(goals) for robot_id, goals in self._goals.items())
+
+    def measure(self, metric: str) -> float:
+        """Return one of ENDING_METRICS as it stands: of all robots since the beginning."""
+        return {"minimum_separation": self.nearest.distance, "distance_driven": float(self.distance.sum())}[metric]
+
+    def rate(self) -> float:
+        """Return how often the world was published lately [Hz]."""
+        span = self._world_utimes[-1] - self._world_utimes[0] if len(self._world_utimes) > 1 else 0
+        return (len(self._world_utimes) - 1) / (span * 1e-6) if span > 0 else 0.0
+
+    @property
+    def overruns(self) -> int:
+        """How many turns of their loops all processes were late for."""
+        return int(sum(status.loop_overruns for status in self.statuses.values()))
+
+    def is_degraded(self, pid: int) -> bool:
+        """Tell whether a process was in doubt when it was last heard."""
+        status = self.statuses.get(pid)
+        return status is not None and status.state == process_status_t.DEGRADED
+
+    def _take_world(self, utime: int, message: Any) -> None:
+        ids = np.asarray(message.robot_id, dtype=np.int64)
+        places = np.searchsorted(self.ids, ids).clip(max=len(self.ids) - 1)
+        known = (self.ids[places] == ids) & (np.asarray(message.origin) != TWIN)
+        places = places[known]
+        for column, values in ((self.x, message.x), (self.y, message.y), (self.theta, message.theta)):
+            column[places] = np.asarray(values)[known]
+        wheels = np.abs(np.asarray([message.psi_left, message.psi_right]))
+        self.moving[places] = (wheels.max(axis=0) > STANDING)[known]
+        self.seen[places] = utime
+        if utime > self.utime:
+            self.utime = utime
+            self.worlds += 1
+            self._world_utimes.append(utime)
+        if not self.sample_utime or utime - self.sample_utime[-1] >= self._period:
+            self._sample(utime)
+
+    def _sample(self, utime: int) -> None:
+        present = (self.seen > 0) & (utime - self.seen <= OLDEST)
+        places = np.where(present, [self.x, self.y], np.nan)
+        self.sample_utime.append(utime)
+        self.samples.append(places)
+        if len(self.samples) > MOST_SAMPLES:
+            self.samples, self.sample_utime, self._period = self.samples[::2], self.sample_utime[::2], 2 * self._period
+        self._add_distances(places)
+        self._note_nearest(places, np.flatnonzero(present), utime)
+        self._note_goals(places, utime)
+
+    def _add_distances(self, places: Floats) -> None:
+        step = np.hypot(*(places - self._anchor))
+        fresh = np.isnan(self._anchor[0])
+        self.distance += np.where(step > JITTER, step, 0.0)
+        moved = fresh | (step > JITTER)
+        self._anchor[:, moved] = places[:, moved]
+
+    def _note_nearest(self, places: Floats, present: np.ndarray[Any, np.dtype[np.intp]], utime: int) -> None:
+        if len(present) < 2:
+            return
+        from scipy.spatial import cKDTree
+
+        distances, neighbours = cKDTree(places[:, present].T).query(places[:, present].T, k=2)
+        own = int(np.argmin(distances[:, 1]))
+        if distances[own, 1] < self.nearest.distance:
+            pair = sorted(int(self.ids[present[k]]) for k in (own, neighbours[own, 1]))
+            self.nearest = Nearest(float(distances[own, 1]), (pair[0], pair[1]), utime)
+
+    def _note_goals(self, places: Floats, utime: int) -> None:
+        for robot_id, goals in self._goals.items():
+            place = places[:, int(np.searchsorted(self.ids, robot_id))]
+            following = self._next[robot_id]
+            if following < len(goals) and math.dist(place, goals[following]) < REACHED:
+                self._next[robot_id] = following + 1
+                if following + 1 == len(goals):
+                    self.reached_utime[robot_id] = utime
