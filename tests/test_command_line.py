@@ -32,6 +32,7 @@ def command_line(name: str, folder: Path, url: str) -> list[str]:
         "cmr-emulate": ["--ports", str(folder / "ports")],
         "cmr-demo": ["--out", str(folder / "demo")],
         "cmr-diagnose": ["--live"],
+        "cmr-run": ["line", "--out", str(folder / "run")],
     }
     return [str(Path(sys.executable).parent / name), "--lcm-url", url, *options.get(name, [])]
 

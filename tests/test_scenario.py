@@ -2,12 +2,18 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
-from cmr.scenario import Scenario, ScenarioError
+from cmr.scenario import Scenario, ScenarioError, load
 from cmr.scenario.plan import arguments_of
-from cmr.scenario.scenario import parse
+from cmr.scenario.robots import KEYS as ROBOT_KEYS
+from cmr.scenario.scenario import KEYS, parse
+from cmr.scenario.writing import to_yaml
 
 SHIPPED = Path(__file__).resolve().parents[1] / "cmr/scenario/shipped"
 PARAMETERS = SHIPPED / "parameters/robot_0.yaml"
@@ -114,3 +120,134 @@ def test_what_is_wrong_is_refused_with_file_line_and_key(right: str) -> None:
         parse(TEXT.replace(right, wrong, 1), "lab.yaml")
     assert str(refused.value).startswith(f"lab.yaml: line {line}: {key}: "), refused.value
     assert allowed in str(refused.value)
+
+
+def test_a_leader_must_be_another_robot() -> None:
+    with pytest.raises(ScenarioError, match="its own leader"):
+        parse(TEXT.replace("leader: 10", "leader: 0"))
+
+
+ROOM = {
+    "obstacles: {discs: [[-1.0, 0.2, 0.15]]}": "robot 11 .* is in the obstacle",
+    "obstacles: {walls: [[-3, 0.05, 3, 0.05]]}": "robot 10 .* is in the wall",
+    "obstacles: {discs: [[3, 3, 0]]}": r"obstacles.discs\[0\]: the radius must be above 0",
+    "ends_when: waypoints_reached": "ends_when: no robot has waypoints",
+    "ends_when: {metric: minimum_separation}": "a metric and a bound go together",
+    "ends_when: {metric: path_spread, below: 1}": "one of minimum_separation, distance_driven",
+    "population: [nobody.yaml]": r"population\[0\]: there is no file nobody.yaml",
+    "lcm_url: 'udpm://10.0.0.1:7667'": "lcm_url: .*not a multicast address",
+}
+
+
+@pytest.mark.parametrize("line", ROOM)
+def test_what_does_not_fit_the_room_is_refused(line: str) -> None:
+    with pytest.raises(ScenarioError, match=ROOM[line]):
+        parse(f"{line}\n{TEXT}")
+
+
+def test_only_robots_of_flesh_have_to_start_within_the_geofence() -> None:
+    fence = "geofence: [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]\n"
+    assert len(parse(fence + TEXT).robots) == 5
+    start = "port: /dev/ttyUSB0}\n    start: [2, 0]"
+    with pytest.raises(ScenarioError, match=r"robot 0 at \(2, 0\) is outside the geofence"):
+        parse(fence + TEXT.replace("port: /dev/ttyUSB0, invert_left: true, battery_stop: 10.5}", start))
+
+
+@pytest.mark.parametrize("kind", ["virtual", "emulated"])
+def test_every_robot_needs_parameters(kind: str) -> None:
+    with pytest.raises(ScenarioError, match="has no parameters"):
+        parse(f"duration: 1\nrobots: [{{id: 0, kind: {kind}}}]")
+
+
+@pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_scenarios_are_sound_and_say_what_they_are(path: Path) -> None:
+    scenario = load(path)
+    assert scenario.name == path.stem
+    assert scenario.about
+    assert any(robot.kind != "virtual" for robot in scenario.robots)
+    assert all(robot.kind != "real" for robot in scenario.robots), "it must run without hardware"
+
+
+def test_a_file_that_is_missing_or_no_text_is_named(tmp_path: Path) -> None:
+    for path in (tmp_path / "missing.yaml", tmp_path):
+        with pytest.raises(ScenarioError, match=str(path)):
+            load(path)
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\xff")
+    with pytest.raises(ScenarioError, match=r"binary\.yaml.*not UTF-8"):
+        load(tmp_path / "binary.yaml")
+
+
+# Whatever the text
+
+
+NUMBERS = st.one_of(st.integers(-3, 40), st.floats(allow_nan=True), st.sampled_from([0.5, 1.0, 2**70]))
+WORDS = st.sampled_from(
+    ["virtual", "emulated", "real", "line", "grid", "circle", "follow", "follow,leader=10", "figure_eight", "previous"]
+)
+SCALARS = st.one_of(st.none(), st.booleans(), NUMBERS, WORDS, st.text(max_size=8))
+KEYS_OF_ALL = st.sampled_from([*KEYS, *ROBOT_KEYS, "rule", "spacing", "x", "y", "name", "discs", "port", "metric"])
+VALUES = st.recursive(
+    SCALARS, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(KEYS_OF_ALL, inner, max_size=4), max_leaves=12
+)
+ROBOTS = st.lists(st.dictionaries(st.sampled_from(ROBOT_KEYS), VALUES, max_size=6), max_size=3)
+
+
+def is_refused_or_sound(text: str) -> None:
+    refusals: list[str] = []
+    try:
+        scenario = parse(text)
+    except ScenarioError as error:
+        refusals.append(str(error))
+    else:
+        assert parse(to_yaml(scenario)) == scenario
+    assert all(refusal.startswith("scenario.yaml: line ") for refusal in refusals)
+
+
+@given(st.text())
+@example("[" * 10_000)
+@example("a: &a [*a]")
+@example("? [1]: 2")
+@example("a: \x00")
+@example("a: 1\n---\nb: 2")
+@example("duration: !!python/object/apply:os.system ['true']")
+@example("robots: [{id: 1, kind: virtual, behaviour: '.a:b'}]\nduration: 1")
+def test_no_text_ever_gives_another_exception(text: str) -> None:
+    is_refused_or_sound(text)
+
+
+@settings(max_examples=200)
+@given(st.dictionaries(st.sampled_from(KEYS), VALUES), ROBOTS)
+def test_no_scenario_ever_gives_another_exception(content: dict[str, Any], robots: list[dict[str, Any]]) -> None:
+    is_refused_or_sound(yaml.safe_dump({"duration": 5, "parameters": str(PARAMETERS), **content, "robots": robots}))
+
+
+@settings(max_examples=100)
+@given(st.data())
+def test_a_damaged_scenario_never_gives_another_exception(data: st.DataObject) -> None:
+    at = data.draw(st.integers(0, len(TEXT)))
+    until = data.draw(st.integers(at, min(at + 20, len(TEXT))))
+    is_refused_or_sound(TEXT[:at] + data.draw(st.text(max_size=5)) + TEXT[until:])
+
+
+COORDINATES = st.floats(-50.0, 50.0)
+GROUPS = st.tuples(
+    st.sampled_from(["line", "grid", "circle"]), st.integers(1, 30), st.floats(0.3, 3.0), st.floats(-4.0, 4.0)
+)
+
+
+@settings(max_examples=30)
+@given(GROUPS, st.lists(st.tuples(COORDINATES, COORDINATES), max_size=4), st.integers(0, 2**63 - 1), st.booleans())
+def test_what_is_written_reads_back_the_same(
+    group: tuple[str, int, float, float], waypoints: list[tuple[float, float]], seed: int, noise: bool
+) -> None:
+    rule, count, spacing, theta = group
+    start = {"rule": rule, "spacing": spacing, "x": 1000.0, "theta": theta}
+    many = {"count": count, "first_id": 20, "kind": "virtual", "behaviour": "follow,leader=previous", "start": start}
+    lead = {"id": 19, "kind": "virtual", "start": [0, 5], "waypoints": [list(point) for point in waypoints]}
+    content = yaml.safe_load(TEXT)
+    content |= {"seed": seed, "process_noise": noise, "host": "lab-pc"}
+    content["obstacles"] = {"discs": [[80, 0, 1]], "walls": [[70, 0, 70, 1]]}
+    content["robots"] += [lead, many]
+    scenario = parse(yaml.safe_dump(content), "a.yaml")
+    assert len(scenario.robots) == 6 + count
+    assert parse(to_yaml(scenario), "b.yaml") == scenario

@@ -106,7 +106,7 @@ class LiveRun:
         self._process.dispatch(self.watch.handle)
         for sentence in self.supervisor.poll(time.monotonic()):
             self.say(sentence)
-        down = [name for name in self.supervisor.states if not self.supervisor.is_running(name)]
+        down = self.supervisor.down()
         self._process.state = process_status_t.DEGRADED if down else process_status_t.RUNNING
         self._process.message = f"Not running: {', '.join(down)}." if down else ""
 

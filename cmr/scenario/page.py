@@ -40,7 +40,7 @@ def _header(document: Document) -> Html:
     head = tag("header", tag("h1", words), tag("p", badge, said), class_=verdict)
     values = (
         ("robots", f"{len(document['robots'])}"),
-        ("driven by all", f"{number(document['distance_driven_m'], 3)} m"),
+        ("driven on average", f"{number(document['distance_driven_m'], 3)} m"),
         ("minimum separation", f"{number(document['minimum_separation_m'], 3)} m"),
         ("world", f"{number(document['world_rate_hz'], 3)} Hz"),
         ("late turns of loops", f"{document['overruns']}"),

@@ -45,7 +45,7 @@ def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
         "minimum_separation_m": _number(near.distance),
         "nearest_robots": list(near.robots) if near.utime else [],
         "nearest_at_s": (near.utime - first) * 1e-6 if near.utime else None,
-        "distance_driven_m": _number(float(watch.distance.sum())),
+        "distance_driven_m": _number(watch.measure("distance_driven")),
         "worlds": watch.worlds,
         "world_rate_hz": _number(mean_rate(watch)),
         "overruns": watch.overruns,
@@ -68,7 +68,7 @@ def _robots(run: LiveRun, first: int) -> list[dict[str, Any]]:
     watch = run.watch
     paths: Floats = np.array(watch.samples, dtype=float).reshape(-1, 2, len(watch.ids))
     step = max(math.ceil(len(paths) / max(MOST_POINTS // len(watch.ids), FEWEST_POINTS)), 1)
-    seconds: Floats = (np.array(watch.sample_utime[::step], dtype=np.int64) - first) * 1e-6
+    seconds = np.asarray(np.array(watch.sample_utime[::step], dtype=np.int64) - first, dtype=np.float64) * 1e-6
     plans = {robot.robot_id: robot for robot in run.scenario.robots}
     remaining = watch.remaining_waypoints()
     return [

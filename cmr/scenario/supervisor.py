@@ -86,13 +86,14 @@ class Supervisor:
         ends = self.states[name].ends
         return not self.is_running(name) and bool(ends) and ends[-1] == _how(0)
 
+    def down(self) -> list[str]:
+        """Return the processes that ended before their time and do not run."""
+        started = (name for name, state in self.states.items() if state.starts)
+        return [name for name in started if not self.is_running(name) and not self.is_done(name)]
+
     def given_up(self) -> list[str]:
-        """Return the processes that ended before their time and are not started again."""
-        return [
-            name
-            for name, state in self.states.items()
-            if state.starts and state.due is None and not self.is_running(name) and not self.is_done(name)
-        ]
+        """Return those of them that are not started again."""
+        return [name for name in self.down() if self.states[name].due is None]
 
     def last_words(self, name: str) -> str:
         """Return the last line that a process said; empty if there is none."""

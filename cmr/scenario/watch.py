@@ -89,8 +89,8 @@ class TeamWatch:
         return all(self._next[robot_id] == len(goals) for robot_id, goals in self._goals.items())
 
     def measure(self, metric: str) -> float:
-        """Return one of ENDING_METRICS as it stands: of all robots since the beginning."""
-        return {"minimum_separation": self.nearest.distance, "distance_driven": float(self.distance.sum())}[metric]
+        """Return one of ENDING_METRICS as it stands [m]: the least distance between any two, the average driven."""
+        return {"minimum_separation": self.nearest.distance, "distance_driven": float(self.distance.mean())}[metric]
 
     def rate(self) -> float:
         """Return how often the world was published lately [Hz]."""
