@@ -22,7 +22,7 @@ KNOWN: dict[str, set[str]] = {
     "calibration": {*RECORDED, "colours"},
     "world": {*RECORDED, "colours", "manoeuvres"},
     "diagnosis": {*RECORDED, "colours", "files", "manoeuvres", "calibration"},
-    "scenario": {*RECORDED, "files", "world", "diagnosis"},
+    "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
     "team": {*RECORDED, "world"},
     "fidelity": {*RECORDED, "colours", "files", "calibration", "diagnosis", "team"},
     "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis", "scenario", "team", "fidelity"},

@@ -130,11 +130,14 @@ def test_a_leader_must_be_another_robot() -> None:
 ROOM = {
     "obstacles: {discs: [[-1.0, 0.2, 0.15]]}": "robot 11 .* is in the obstacle",
     "obstacles: {walls: [[-3, 0.05, 3, 0.05]]}": "robot 10 .* is in the wall",
-    "obstacles: {discs: [[3, 3, 0]]}": r"obstacles.discs\[0\]: the radius must be above 0",
+    "obstacles: {discs: [[3, 3, 0]]}": "obstacles: disc 0: the radius must be above 0",
+    "obstacles: {walls: [[3, 3, 3, 3]]}": "obstacles: wall 0 begins and ends at",
+    "geofence: [[0, 0], [2, 2], [2, 0], [0, 2]]": "geofence: sides 0 and 2 of the geofence meet",
     "ends_when: waypoints_reached": "ends_when: no robot has waypoints",
     "ends_when: {metric: minimum_separation}": "a metric and a bound go together",
     "ends_when: {metric: path_spread, below: 1}": "one of minimum_separation, distance_driven",
     "population: [nobody.yaml]": r"population\[0\]: there is no file nobody.yaml",
+    f"population: [{PARAMETERS}]": "population: .*no standard deviations",
     "lcm_url: 'udpm://10.0.0.1:7667'": "lcm_url: .*not a multicast address",
 }
 

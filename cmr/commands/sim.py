@@ -49,6 +49,7 @@ def main(arguments: list[str]) -> int:
         lambda robot_id: ParameterFollower(robot_id, cast.parameter_file(robot_id, options.parameters)),
         loader.ready,
         options.real,
+        cast.own_parameters,
     )
     for robot_id, message in cast.waypoints:
         world.handle(message.utime, WAYPOINTS.channel(robot_id), message)

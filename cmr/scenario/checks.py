@@ -10,8 +10,9 @@ from pathlib import Path
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.file import load as load_parameters
 from cmr.scenario.document import ScenarioError
-from cmr.scenario.plan import Disc, Point, Pose, RobotPlan, Wall
+from cmr.scenario.plan import Disc, Pose, RobotPlan, Wall
 from cmr.scenario.robots import Placed
+from cmr.world.interaction.obstacles import Geofence
 
 LEADER = "leader"  # the setting of a behaviour that names another robot
 
@@ -54,8 +55,8 @@ def check_team(placed: Sequence[Placed]) -> None:
     ids = {plan.robot_id for plan, _ in placed}
     for plan, place in placed:
         leader = plan.behaviour.settings.get(LEADER) if plan.behaviour else None
-        if leader is None:
-            continue
+        if leader is None or leader.startswith("-"):
+            continue  # nobody leads: a formation about its own middle
         if not leader.isdecimal() or int(leader) not in ids:
             raise place.error(f"behaviour: robot {plan.robot_id} has the leader {leader}, which is not there")
         if int(leader) == plan.robot_id:
@@ -63,7 +64,7 @@ def check_team(placed: Sequence[Placed]) -> None:
 
 
 def check_room(
-    placed: Sequence[Placed], radius: float, discs: Sequence[Disc], walls: Sequence[Wall], fence: Sequence[Point] | None
+    placed: Sequence[Placed], radius: float, discs: Sequence[Disc], walls: Sequence[Wall], fence: Geofence | None
 ) -> None:
     """Raise ScenarioError if robots of this radius [m] start in one another, in an obstacle, or beyond the fence.
 
@@ -79,7 +80,7 @@ def check_room(
         for wall in walls:
             if distance_to(start, wall) < radius:
                 raise place.error(f"{who} is in the wall from ({wall.x1:g}, {wall.y1:g})")
-        if fence is not None and plan.kind != "virtual" and not is_within((start.x, start.y), fence):
+        if fence is not None and plan.kind != "virtual" and not fence.contains(start.x, start.y):
             raise place.error(f"{who} is outside the geofence")
 
 
@@ -110,13 +111,3 @@ def distance_to(point: Pose, wall: Wall) -> float:
     along = ((point.x - wall.x1) * dx + (point.y - wall.y1) * dy) / length if length else 0.0
     share = min(max(along, 0.0), 1.0)
     return math.hypot(wall.x1 + share * dx - point.x, wall.y1 + share * dy - point.y)
-
-
-def is_within(point: Point, fence: Sequence[Point]) -> bool:
-    """Tell whether a point is inside a polygon, by how often a ray from it crosses the border."""
-    x, y = point
-    inside = False
-    for (x1, y1), (x2, y2) in zip(fence, [*fence[1:], fence[0]], strict=True):
-        if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
-            inside = not inside
-    return inside

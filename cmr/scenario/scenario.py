@@ -8,6 +8,8 @@ from cmr.scenario.checks import check_room, check_team, with_sources_of_paramete
 from cmr.scenario.document import Item, Place, ScenarioError, Section, read
 from cmr.scenario.plan import ENDING_METRICS, METRICS, Disc, Ending, Point, RobotPlan, Wall
 from cmr.scenario.robots import read_path, read_points, read_robots
+from cmr.team.population import PopulationError, drawn_from
+from cmr.world.interaction.obstacles import Geofence, ObstacleError, Obstacles
 
 KEYS = (
     *("name", "about", "duration", "seed", "rate", "robots", "obstacles", "geofence", "metrics", "ends_when"),
@@ -106,7 +108,8 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
     )
     check_team(placed)
     if starts_checked:
-        check_room(placed, scenario.robot_radius, discs, walls, scenario.geofence)
+        fence = _geofence(scenario.geofence, root)
+        check_room(placed, scenario.robot_radius, discs, walls, fence)
     _check_ending(scenario, root.place)
     return scenario
 
@@ -132,10 +135,18 @@ def _obstacles(item: Item | None) -> tuple[tuple[Disc, ...], tuple[Wall, ...]]:
     section = item.section(("discs", "walls"))
     discs = [Disc(*entry.numbers("x y radius")) for entry in _list(section.get("discs"))]
     walls = [Wall(*entry.numbers("x1 y1 x2 y2")) for entry in _list(section.get("walls"))]
-    for entry, disc in zip(_list(section.get("discs")), discs, strict=True):
-        if disc.radius <= 0.0:
-            raise entry.place.error(f"the radius must be above 0, not {disc.radius:g}")
+    try:
+        Obstacles(discs, walls)
+    except ObstacleError as error:
+        raise item.place.error(str(error)) from error
     return tuple(discs), tuple(walls)
+
+
+def _geofence(corners: tuple[Point, ...] | None, root: Section) -> Geofence | None:
+    try:
+        return Geofence(corners) if corners is not None else None
+    except ObstacleError as error:
+        raise root.need("geofence").place.error(str(error)) from error
 
 
 def _list(item: Item | None) -> list[Item]:
@@ -149,8 +160,14 @@ def _metrics(item: Item | None) -> tuple[str, ...]:
 
 
 def _population(item: Item | None, folder: Path) -> tuple[Path, ...]:
-    paths = (read_path(entry, folder) for entry in _list(item))
-    return tuple(path for path in paths if path is not None)
+    """Return the files of a population, from which one can be drawn."""
+    paths = [path for entry in _list(item) if (path := read_path(entry, folder)) is not None]
+    if item is not None and paths:
+        try:
+            drawn_from(paths, [], 0)
+        except PopulationError as error:
+            raise item.place.error(str(error)) from error
+    return tuple(paths)
 
 
 def _ending(item: Item | None) -> Ending:

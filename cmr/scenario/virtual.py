@@ -6,20 +6,30 @@ from pathlib import Path
 from typing import Any
 
 from cmr.bus.messages import make, now_utime
+from cmr.model.parameters import RobotParameters
 from cmr.msg import waypoints_t
 from cmr.scenario.plan import Point
 from cmr.scenario.scenario import Scenario, load
+from cmr.team.population import drawn_from
 from cmr.world.behaviours import make_behaviour
 from cmr.world.behaviours.commanded import Commanded
+from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.world import VirtualRobot
 
 
 @dataclass(frozen=True)
 class Cast:
-    """What cmr-sim takes from a scenario: virtual robots, where they are sent, and parameter files by robot."""
+    """What cmr-sim takes from a scenario.
+
+    Virtual robots, and where they are sent; what stands in their way; the parameters that they move by, drawn from a
+    population, by robot id; and parameter files by robot id.
+    """
 
     robots: tuple[VirtualRobot, ...] = ()
     waypoints: tuple[tuple[int, Any], ...] = ()  # robot id and waypoints_t
+    obstacles: Obstacles = field(default_factory=Obstacles.none)
+    geofence: Geofence | None = None
+    own_parameters: Mapping[int, RobotParameters] = field(default_factory=dict)
     files: Mapping[int, Path] = field(default_factory=dict)
 
     def parameter_file(self, robot_id: int, folder: Path) -> Path:
@@ -35,6 +45,7 @@ def cast_of(path: Path | None) -> Cast:
     if path is None:
         return Cast()
     scenario = load(path, starts_checked=False)
+    ids = [plan.robot_id for plan in scenario.virtual]
     return Cast(
         tuple(virtual_robots(scenario)),
         tuple(
@@ -42,6 +53,9 @@ def cast_of(path: Path | None) -> Cast:
             for plan in scenario.virtual
             if plan.waypoints
         ),
+        Obstacles(scenario.discs, scenario.walls),
+        Geofence(scenario.geofence) if scenario.geofence is not None else None,
+        drawn_from(scenario.population, ids, scenario.seed) if scenario.population else {},
         {plan.robot_id: plan.parameters for plan in scenario.robots if plan.parameters is not None},
     )
 
