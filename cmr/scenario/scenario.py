@@ -88,6 +88,8 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
     placed = with_sources_of_parameters(placed, read_path(root.get("parameters"), folder))
     discs, walls = _obstacles(root.get("obstacles"))
     radius = root.get("robot_radius")
+    corners = read_points(fence, fewest=3) if (fence := root.get("geofence")) else None
+    border = _geofence(corners, root)
     scenario = Scenario(
         name=_text(root, "name") or Path(source).stem,
         about=_text(root, "about") or "",
@@ -97,7 +99,7 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
         rate=rate.number(20.0, 100.0) if (rate := root.get("rate")) else Scenario.rate,
         discs=discs,
         walls=walls,
-        geofence=read_points(fence, fewest=3) if (fence := root.get("geofence")) else None,
+        geofence=corners,
         metrics=_metrics(root.get("metrics")),
         ends_when=_ending(root.get("ends_when")),
         population=_population(root.get("population"), folder),
@@ -108,8 +110,7 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
     )
     check_team(placed)
     if starts_checked:
-        fence = _geofence(scenario.geofence, root)
-        check_room(placed, scenario.robot_radius, discs, walls, fence)
+        check_room(placed, scenario.robot_radius, discs, walls, border)
     _check_ending(scenario, root.place)
     return scenario
 
