@@ -19,6 +19,7 @@ from cmr.scenario.watch import TeamWatch
 
 RATE = 20.0  # Hz
 START_UP = 120.0  # s for all robots and processes to be in service, on a slow machine
+GRACE = 10.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
 WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
@@ -58,6 +59,7 @@ class LiveRun:
         self._terminal = terminal
         self._created = time.monotonic()
         self._seconds = 0.0  # in service
+        self._there_since: float | None = None  # when all robots were in the world
         self._over_since: float | None = None
         self._moved = 0.0  # when a robot last moved, in seconds in service
         self.first_utime = 0  # when all were in service
@@ -69,10 +71,13 @@ class LiveRun:
         """Start everything, and return when the run is over; nothing is stopped yet."""
         for _utime in self._process.loop(RATE):
             self._turn()
-            lacking = self._lacking()
+            missing = self._missing()
+            doubt = "" if missing else self._doubt()
+            lacking = missing or doubt
             self._terminal.progress(f"Waiting for {lacking}")
-            if not lacking:
-                return self._drive()
+            self._there_since = None if missing else (self._there_since or time.monotonic())
+            if self._there_since is not None and time.monotonic() - self._there_since > (GRACE if doubt else 0.0):
+                return self._drive(doubt)
             given_up = self.supervisor.given_up()
             if given_up:
                 return Outcome(f"{given_up[0]} is not started again", 0.0, failed=True)
@@ -85,10 +90,12 @@ class LiveRun:
         self.events.append((time.monotonic() - self._created, words))
         self._terminal.say(words)
 
-    def _drive(self) -> Outcome:
-        """Let the team drive until the run is over."""
+    def _drive(self, doubt: str) -> Outcome:
+        """Let the team drive until the run is over; `doubt` is what a process complains of."""
         count = len(self.scenario.robots)
         self.say(f"{f'All {count} robots are' if count > 1 else 'The robot is'} in service.")
+        if doubt:
+            self.say(f"In doubt, {doubt}")
         began = time.monotonic()
         self.first_utime = self.watch.utime
         for _utime in self._process.loop(RATE):
@@ -110,25 +117,31 @@ class LiveRun:
         self._process.state = process_status_t.DEGRADED if down else process_status_t.RUNNING
         self._process.message = f"Not running: {', '.join(down)}." if down else ""
 
-    def _lacking(self) -> str:
-        """Return what keeps the run from beginning; empty if nothing does."""
+    def _missing(self) -> str:
+        """Return which robots or processes are not there; empty if all are."""
         missing = self.watch.missing()
-        if not missing:
-            waiting = [name for name in self.supervisor.states if not self._in_service(name)]
-            return self._words_of(waiting[0]) if waiting else ""
-        listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        return f"robot{'s' if len(missing) > 1 else ''} {listed} in WORLD_STATE"
+        if missing:
+            listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+            return f"robot{'s' if len(missing) > 1 else ''} {listed} in WORLD_STATE"
+        names = self.supervisor.states
+        silent = [name for name in names if not self._is_heard(name) and not self.supervisor.is_done(name)]
+        return self._words_of(silent[0]) if silent else ""
+
+    def _doubt(self) -> str:
+        """Return the first process that does not say that it is well, with what it says; empty if there is none."""
+        states = self.supervisor.states
+        ill = [name for name in states if self._is_heard(name) and self.watch.is_degraded(states[name].pid)]
+        return self._words_of(ill[0]) if ill else ""
 
     def _words_of(self, name: str) -> str:
         status = self.watch.statuses.get(self.supervisor.states[name].pid)
         said = status.message if status is not None else self.supervisor.last_words(name)
         return f"{name}{': ' + said if said else ''}"
 
-    def _in_service(self, name: str) -> bool:
-        """Tell whether a process runs and says that it is well; one that is done is, too."""
+    def _is_heard(self, name: str) -> bool:
+        """Tell whether a process as it was last started is on the bus."""
         status = self.watch.statuses.get(self.supervisor.states[name].pid)
-        well = status is not None and status.state == process_status_t.RUNNING
-        return well or self.supervisor.is_done(name)
+        return status is not None and status.state != process_status_t.STARTING
 
     def _prepare(self, job: Job) -> None:
         """Before a process starts, again perhaps: what moves robots goes on where they are, and with what is left."""
@@ -144,7 +157,7 @@ class LiveRun:
         waypoints = self.watch.remaining_waypoints()
         for robot_id in sorted(self._to_send)[:WAYPOINTS_A_TURN]:
             name = f"pilot {robot_id}"
-            if self._in_service(name if name in self.supervisor.states else "sim"):
+            if self._is_heard(name if name in self.supervisor.states else "sim"):
                 here = self.watch.pose(robot_id)
                 points = ((here.x, here.y), *waypoints[robot_id])  # the way to the first is part of the way
                 self._process.publish(WAYPOINTS, waypoints_message(robot_id, points), robot_id)
