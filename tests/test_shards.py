@@ -276,3 +276,11 @@ def test_a_simulator_says_that_it_is_late_while_it_is() -> None:
     lateness = Lateness()
     said = [lateness.problem(EPOCH + k * 250_000, late) for k, late in enumerate((0, 0, 9, 11, 11, 11, 11, 11))]
     assert [bool(sentence) for sentence in said] == [False, False, False, True, True, True, False, False]
+
+
+def test_turns_that_come_a_little_sooner_or_later_make_one_step_each_in_time() -> None:
+    world, shift = world_of(standing(10)), random.Random(1)
+    for turn in range(500):
+        world.advance(EPOCH + turn * STEP + shift.randint(-2_000, 2_000) * (turn > 0))
+        assert world.utime == EPOCH + turn * STEP
+    assert world.late_steps == 0

@@ -11,6 +11,7 @@ from cmr.model.parameters import RobotParameters
 from cmr.world.view import Robots
 
 STEP = 10_000  # us; one step of the simulation
+EARLY = STEP // 2  # us; turns come a little sooner or later, and each is to make its one step
 FURTHEST_BEHIND = 1_000_000  # us; a simulator held up for longer, or whose clock was set, skips the rest
 
 Key = tuple[int, int]  # robot id and origin
@@ -58,10 +59,10 @@ class Fleet:
         self._model.command(chosen, *np.clip(np.reshape(duties, (-1, 2)), -1.0, 1.0).T)
 
     def advance(self, utime: int) -> bool:
-        """Let one step pass if it is due by `utime`; tell whether it did."""
+        """Let one step pass if it is due by `utime`, or in less than half a step; tell whether it did."""
         if abs(utime - self.utime) > FURTHEST_BEHIND:
             self.utime = utime - STEP
-        if self.utime + STEP > utime:
+        if self.utime + STEP > utime + EARLY:
             return False
         self.utime += STEP
         if self._index:
