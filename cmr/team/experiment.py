@@ -1,0 +1,189 @@
+"""One experiment with a team, without hardware and without a bus, as fast as it goes; the same seed, the same result.
+
+Simulator, estimators and pilots are those of the live system (`cmr.world`), fed with messages at the rates of the
+live system. Virtual robots move by the model. Real robots move by a plant of its own, which the model never sees.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.bus.messages import make
+from cmr.bus.streams import PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.msg import waypoints_t
+from cmr.parameters.file import ParameterFile
+from cmr.parameters.following import ParameterFollower
+from cmr.team import metrics
+from cmr.team.casting import Cast, RobotLike, ScenarioLike
+from cmr.team.metrics import Bond, has_arrived
+from cmr.team.real_robots import PERIOD, Message, RealRobots
+from cmr.world.behaviours import make_behaviour
+from cmr.world.pilot import Pilot
+from cmr.world.view import VIRTUAL, world_messages
+from cmr.world.world import VirtualRobot, World
+
+Floats = NDArray[np.float64]
+EPOCH = 1_700_000_000_000_000  # us; when experiments begin
+RECORD_EVERY = 2  # periods: trajectories at 25 Hz
+
+
+class ExperimentError(Exception):
+    """The experiment cannot be run; the text says why and what to do."""
+
+
+@dataclass(frozen=True)
+class TeamRun:
+    """Where the robots really were: `time` [s] of shape (t,), `x`, `y` [m] and `theta` [rad] of shape (t, n).
+
+    `robot_ids` are those of the columns; `metrics` holds the team's metrics by name, in the units of
+    `cmr.team.metrics`, NaN for those that mean nothing for this team.
+    """
+
+    robot_ids: tuple[int, ...]
+    time: Floats
+    x: Floats
+    y: Floats
+    theta: Floats
+    metrics: Mapping[str, float]
+
+
+def run(
+    scenario: ScenarioLike,
+    cast: Cast,
+    seed: int,
+    *,
+    listen: Callable[[int, Message], None] = lambda _utime, _message: None,
+) -> TeamRun:
+    """Run a scenario until its duration is over, or its waypoints are reached where it ends then.
+
+    `seed` fixes all that is random. `listen` gets all messages from and to real robots, with their time [us].
+    Raises ExperimentError for a robot that starts nowhere or that nobody commands.
+    """
+    world, real = _world(scenario, cast), _real_robots(scenario, cast, seed)
+    for message in _waypoints(scenario):
+        world.handle(EPOCH, *message)
+        real.hear(EPOCH, [message])
+    places: list[Floats] = []
+    goals = _goals(scenario)
+    for period in range(round(scenario.duration * 1e6) // PERIOD + 1):
+        utime = EPOCH + period * PERIOD
+        if period % RECORD_EVERY == 0:
+            places.append(_places(scenario, world, real))
+            goals = {
+                column: goal
+                for column, goal in goals.items()
+                if not has_arrived(places[-1][0, column], places[-1][1, column], goal)
+            }
+            if scenario.ends_when.waypoints_reached and not goals:
+                break
+        _take_turns(utime, world, real, listen)
+    return _run_of(scenario, np.array(places))
+
+
+def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[int, Message], None]) -> None:
+    """Let a period pass: robots measure, the simulator goes on, pilots see its news and decide."""
+    for message in real.advance(utime):
+        world.handle(utime, *message)
+        listen(utime, message)
+    world.advance(utime)
+    real.hear(utime, [(WORLD_STATE.name, message) for message in world_messages(utime, world.everybody())])
+    for message in real.decide(utime):
+        world.handle(utime, *message)
+        listen(utime, message)
+
+
+def bonds_of(scenario: ScenarioLike) -> list[Bond]:
+    """Return which robot keeps which distance to which: that of the behaviours with a `leader` and a `gap`."""
+    columns = {robot.robot_id: column for column, robot in enumerate(scenario.robots)}
+    bonds = []
+    for robot_id, column in columns.items():
+        behaviour = _behaviour(scenario.robots[column])
+        leader, gap = getattr(behaviour, "leader", None), getattr(behaviour, "gap", None)
+        if leader in columns and leader != robot_id and gap:
+            bonds.append(Bond(column, columns[leader], float(gap)))
+    return bonds
+
+
+def _behaviour(robot: RobotLike) -> Any:
+    """Return a behaviour for one robot.
+
+    Raises ExperimentError for a robot without one.
+    """
+    if robot.behaviour is None:
+        raise ExperimentError(f"Robot {robot.robot_id} has no behaviour; without hardware nobody else commands it.")
+    return make_behaviour(robot.behaviour.name, dict(robot.behaviour.settings))
+
+
+def _start(robot: RobotLike) -> tuple[float, float, float]:
+    if robot.start is None:
+        raise ExperimentError(f"Robot {robot.robot_id} has no start: without hardware somebody must say where it is.")
+    return robot.start
+
+
+def _world(scenario: ScenarioLike, cast: Cast) -> World:
+    """Return the simulator with all virtual robots, and parameters for everybody."""
+    virtual = [
+        VirtualRobot(robot.robot_id, _behaviour(robot), cast.believed.robot_id, *_start(robot))
+        for robot in scenario.robots
+        if robot.robot_id not in cast.real
+    ]
+    return World(virtual, partial(_follower, cast.believed), own_parameters=cast.moves_by)
+
+
+def _real_robots(scenario: ScenarioLike, cast: Cast, seed: int) -> RealRobots:
+    robots = [robot for robot in scenario.robots if robot.robot_id in cast.real]
+    return RealRobots(
+        [Pilot(r.robot_id, _behaviour(r), _follower(cast.believed, r.robot_id)) for r in robots],
+        [cast.laboratory.robot(r.robot_id) for r in robots],
+        np.reshape([_start(robot) for robot in robots], (-1, 3)).T,
+        [(seed, robot.robot_id) for robot in robots],
+    )
+
+
+def _follower(believed: ParameterFile, robot_id: int) -> ParameterFollower:
+    """Return the parameters of a robot in use: those believed, under its own id."""
+    follower = ParameterFollower(robot_id)
+    follower.handle(0, PARAMETERS.channel(robot_id), replace(believed, robot_id=robot_id).announcement(sequence=1))
+    return follower
+
+
+def _waypoints(scenario: ScenarioLike) -> Iterator[Message]:
+    for robot in scenario.robots:
+        if robot.waypoints:
+            x, y = zip(*robot.waypoints, strict=True)
+            message = make(waypoints_t, utime=EPOCH, robot_id=robot.robot_id, x=x, y=y)
+            yield WAYPOINTS.channel(robot.robot_id), message
+
+
+def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:
+    """Return where all robots really are, shape (3, n), in the order of the scenario."""
+    everybody = world.everybody()
+    simulated = np.array(everybody.state[:3], dtype=float)
+    keys = zip(everybody.robot_id, everybody.origin, strict=True)
+    columns = {robot_id: simulated[:, at] for at, (robot_id, origin) in enumerate(keys) if origin == VIRTUAL}
+    columns.update(zip(real.robot_ids, real.place.T.copy(), strict=True))
+    return np.array([columns.get(robot.robot_id, _start(robot)) for robot in scenario.robots]).T
+
+
+def _goals(scenario: ScenarioLike) -> dict[int, tuple[float, float]]:
+    """Return the last waypoint of each robot that has some, by its column."""
+    return {column: robot.waypoints[-1] for column, robot in enumerate(scenario.robots) if robot.waypoints}
+
+
+def _run_of(scenario: ScenarioLike, places: Floats) -> TeamRun:
+    """Return the run with its metrics; `places` has the shape (t, 3, n)."""
+    time: Floats = np.arange(len(places), dtype=float) * (RECORD_EVERY * PERIOD * 1e-6)
+    x, y, theta = places.transpose(1, 0, 2)
+    bonds = bonds_of(scenario)
+    scores = {
+        "formation_error": metrics.formation_error(x, y, bonds),
+        "time_to_goal": metrics.time_to_goal(time, x, y, _goals(scenario)),
+        "minimum_separation": metrics.minimum_separation(x, y),
+        "path_spread": metrics.path_spread(x, y, bonds),
+        "distance_driven": metrics.distance_driven(x, y),
+    }
+    return TeamRun(tuple(robot.robot_id for robot in scenario.robots), time, x, y, theta, scores)

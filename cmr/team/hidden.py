@@ -1,0 +1,105 @@
+"""Robots as they really are: what a laboratory's robots have in common, and how each differs from the others.
+
+What is drawn here stays hidden. A calibration sees the sensors of such a robot and nothing else.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# By how much each of the paper's parameters exceeds what its maker's data sheet says, on average.
+FACTORS = {"wheel_radius": 1.0, "k2_over_k3": 1.3, "k1": 0.85, "base_width": 0.85}
+LARGEST_DRAW = 3.0  # standard deviations; a robot further out would have gone back to its maker
+
+
+@dataclass(frozen=True, kw_only=True)
+class HiddenRobot:
+    """One real robot. The first four are as in the paper; each of the others vanishes where it is 0.
+
+    Asymmetries are the share by which the left side exceeds the right one.
+    """
+
+    wheel_radius: float = 0.04  # m
+    k2_over_k3: float = 118.0  # rad/s^2
+    k1: float = 0.054  # s/rad
+    base_width: float = 0.161  # m
+    motor_asymmetry: float = 0.0
+    radius_asymmetry: float = 0.0
+    coulomb_friction: float = 0.0  # rad/s^2
+    static_friction: float = 0.0  # rad/s^2 beyond the former, at rest; fades within 0.5 rad/s
+    battery_sag: float = 0.0  # share of the voltage lost to one motor stalled at full duty
+    command_delay: float = 0.0  # s, in whole milliseconds, at most 0.2
+    turn_slip: float = 0.0  # s/rad; growth of the base width with the rate of turn
+    longitudinal_slip: float = 0.0  # s; ground speed = wheel speed - this * wheel acceleration
+    torque_noise: float = 0.0  # rad/s^2, standard deviation
+    torque_noise_time: float = 0.1  # s, its correlation time
+    slip_noise: float = 0.0  # m, standard deviation of the way of a wheel after 1 m
+    gyro_bias: float = 0.0  # rad/s
+    gyro_noise: float = 0.005  # rad/s, of each sample
+    position_noise: float = 0.003  # m, of each coordinate of a pose
+    heading_noise: float = 0.005  # rad
+    ticks_per_turn: float = 2048.0  # of the encoder
+
+
+# Beside the paper's parameters, of a robot as small as the paper's; frictions are for k2_over_k3 of 118 rad/s^2.
+USUAL = HiddenRobot(
+    coulomb_friction=5.0,
+    static_friction=1.0,
+    battery_sag=0.03,
+    command_delay=0.03,
+    turn_slip=0.01,
+    longitudinal_slip=0.002,
+    torque_noise=1.0,
+    slip_noise=0.002,
+)
+# How robots of one make differ: standard deviations of logarithms, and of what may have either sign.
+SPREAD = {
+    "wheel_radius": 0.005,
+    "k2_over_k3": 0.06,
+    "k1": 0.04,
+    "base_width": 0.02,
+    "coulomb_friction": 0.25,
+    "static_friction": 0.25,
+    "battery_sag": 0.25,
+    "turn_slip": 0.25,
+    "longitudinal_slip": 0.25,
+}
+SIGNED_SPREAD = {"motor_asymmetry": 0.03, "radius_asymmetry": 0.005, "gyro_bias": 0.002}
+TORQUES = ("coulomb_friction", "static_friction", "torque_noise")
+SENSORS = ("gyro_noise", "position_noise", "heading_noise", "ticks_per_turn", "torque_noise_time")
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """The robots of a laboratory: one with each id, always the same for the same `seed`.
+
+    `believed` are the paper's parameters that everybody takes for theirs. `size` scales all that sets the robots
+    apart from what is believed of them and from one another: 1 as it is usual, 0 not at all.
+    """
+
+    believed: Mapping[str, float]
+    seed: int = 0
+    size: float = 1.0
+
+    def robot(self, robot_id: int) -> HiddenRobot:
+        """Return one robot."""
+        random = np.random.default_rng([self.seed, robot_id])
+        drawn: dict[str, float] = {name: self.size * size for name, size in asdict(USUAL).items()}
+        drawn |= {name: self.believed[name] * factor**self.size for name, factor in FACTORS.items()}
+        drawn |= {name: getattr(USUAL, name) for name in SENSORS}
+        for name in TORQUES:
+            drawn[name] *= drawn["k2_over_k3"] / USUAL.k2_over_k3
+        for name, spread in (SPREAD | SIGNED_SPREAD).items():
+            deviation = self.size * spread * float(np.clip(random.standard_normal(), -LARGEST_DRAW, LARGEST_DRAW))
+            drawn[name] = deviation if name in SIGNED_SPREAD else drawn[name] * math.exp(deviation)
+        return HiddenRobot(**drawn)
+
+
+def columns(robots: Sequence[HiddenRobot]) -> dict[str, Floats]:
+    """Return the numbers of several robots by name, each of shape (n,)."""
+    return {one.name: np.array([getattr(robot, one.name) for robot in robots], float) for one in fields(HiddenRobot)}
