@@ -22,15 +22,25 @@ settings.register_profile("patient", deadline=None)
 settings.load_profile("patient")
 
 
-# Drivers, emulated devices and the bus keep time: their tests do not share the machine with others (scripts/test).
-REAL_TIME = ("test_bus", "test_demo", "test_driver", "test_emulator", "test_kvh", "test_mbot", "test_roboteq")
+# Drivers, emulated devices and the bus keep time to some ms: their tests have the machine to themselves (scripts/test).
+REAL_TIME = ("test_bus", "test_driver", "test_kvh", "test_mbot", "test_roboteq", "test_stalls")
+# Whole systems and emulators wait most of the time, and are not upset by what only computes meanwhile.
+WAITS = ("test_demo", "test_emulator", "test_run", "test_supervisor")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make known what tests are marked with here."""
+    config.addinivalue_line("markers", "waits: whole systems and emulated devices, which mostly wait")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that keep time."""
+    """Mark the tests that keep time, and those that wait."""
     for item in items:
-        if Path(item.path).name.startswith(REAL_TIME):
+        name = Path(item.path).name
+        if name.startswith(REAL_TIME):
             item.add_marker(pytest.mark.real_time)
+        elif name.startswith(WAITS):
+            item.add_marker(pytest.mark.waits)
 
 
 def pytest_collection_finish() -> None:
