@@ -19,7 +19,7 @@ from cmr.scenario.watch import TeamWatch
 
 RATE = 20.0  # Hz
 START_UP = 120.0  # s for all robots and processes to be in service, on a slow machine
-GRACE = 10.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
+GRACE = 30.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
 WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
