@@ -113,6 +113,10 @@ class Blocks:
         """Write what changes, by name, of the robots in these slots."""
         self.rows[slots // LANES, self._row[name], slots % LANES] = values
 
+    def all(self, name: str) -> Floats:
+        """Return what changes, by name, of all robots, and then of the lanes that are left over."""
+        return np.asarray(self.rows[:, self._row[name]].reshape(-1))
+
     def get(self, name: str, slots: NDArray[np.int64]) -> Floats:
         """Return what changes, by name, of the robots in these slots."""
         return np.asarray(self.rows[slots // LANES, self._row[name], slots % LANES])

@@ -67,10 +67,16 @@ class ExtendedGroup:
 
     def write(self, state: Floats, chosen: NDArray[np.bool_] | None = None, domega: Floats | None = None) -> None:
         """Write x, y, theta and both psi into the fleet's state (5, robots), for `chosen` ones by index; and domega."""
-        slots = self._slots if chosen is None else self._slots[chosen[self._robots]]
-        robots = self._robots[slots]
+        names = START if domega is None else (*START, "domega_left", "domega_right")
+        slots = None if chosen is None else self._slots[chosen[self._robots]]
+        for row, name in zip((*state, *(() if domega is None else domega)), names, strict=True):
+            if slots is None:
+                row[self._columns] = self._blocks.all(name)[: len(self._slots)]
+            else:
+                row[self._robots[slots]] = self._blocks.get(name, slots)
+
+    def read(self, state: Floats, chosen: NDArray[np.bool_]) -> None:
+        """Take x, y, theta and both psi from the fleet's state (5, robots), of `chosen` ones by index."""
+        slots = self._slots[chosen[self._robots]]
         for row, name in zip(state, START, strict=True):
-            row[robots] = self._blocks.get(name, slots)
-        if domega is not None:
-            for row, name in zip(domega, ("domega_left", "domega_right"), strict=True):
-                row[robots] = self._blocks.get(name, slots)
+            self._blocks.put(name, row[self._robots[slots]], slots)

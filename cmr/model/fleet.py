@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model import paper
-from cmr.model.body import wrap
 from cmr.model.motion import LARGEST_HALF_TURN, RobotState, half_turn
-from cmr.model.motor import wheel_acceleration
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 
 if TYPE_CHECKING:
@@ -105,14 +103,31 @@ class Fleet:
 
     def states(self, index: Any = slice(None)) -> RobotState:
         """Return the states as arrays; headings lie in (-pi, pi]."""
-        n = self._count
-        state, duty = self._state[:, :n].copy(), self._duty[:, :n]
-        parameters = RobotParameters(*self._parameters[:, :n])
-        domega = np.array([wheel_acceleration(state[3 + side], duty[side], parameters) for side in (0, 1)])
+        states = np.empty((len(RobotState._fields), self._count))
+        paper.read(self._state, self._duty, self._parameters, states)
         if self._extended:
-            self._extended.write(state, domega=domega)
-        state[2] = wrap(state[2])
-        return RobotState(*np.vstack([state, domega])[:, index])
+            self._extended.write(states[:POSE_AND_SPEED], domega=states[POSE_AND_SPEED:])
+        paper.wrap(states[2])
+        return RobotState(*states[:, index])
+
+    def bodies(self) -> Floats:
+        """Return x, y, theta [unwrapped], psi_left and psi_right of all robots, (5, n); whoever changes them in place
+        says of whom to `take_back`.
+        """
+        if self._changed:
+            self._prepare()
+        if self._extended:
+            self._extended.write(self._state)
+        return self._state[:, : self._count]
+
+    def take_back(self, changed: NDArray[np.bool_]) -> None:
+        """Let robots, as `changed` (n,) tells by index, go on as they are in `bodies` now; their memory stays."""
+        if self._extended:
+            self._extended.read(self._state, changed)
+
+    def parameter(self, name: str) -> Floats:
+        """Return one of the paper's parameters of all robots, (n,); it shows later changes."""
+        return self._parameters[list(DEFINITIONS).index(name), : self._count]
 
     def _make_room(self, count: int) -> None:
         room = len(self._placed)

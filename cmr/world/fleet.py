@@ -1,14 +1,17 @@
 """Simulated robots, virtual ones and twins: one step of the model advances them all together."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
-from cmr.world.view import Robots
+from cmr.world.interaction.body import body_radius
+from cmr.world.interaction.obstacles import Floats, Obstacles
+from cmr.world.view import TWIN, Robots
 
 STEP = 10_000  # us; one step of the simulation
 EARLY = STEP // 2  # us; turns come a little sooner or later, and each is to make its one step
@@ -18,10 +21,19 @@ Key = tuple[int, int]  # robot id and origin
 
 
 class Fleet:
-    """The simulated robots of a world, known by (robot id, origin); `utime` is the moment for which states hold."""
+    """The simulated robots of a world, known by (robot id, origin); `utime` is the moment for which states hold.
 
-    def __init__(self) -> None:
+    Virtual robots meet one another, `obstacles` and `standing`: robots that cannot be pushed, (3, m) with rows x, y and
+    radius [m]. `radius` has the radii [m] of those by id that are not as large as their base width makes one expect.
+    Twins meet nobody.
+    """
+
+    def __init__(self, obstacles: Obstacles | None = None, radius: Mapping[int, float] = MappingProxyType({})) -> None:
         self.utime = 0
+        self.standing: Floats = np.zeros((3, 0))
+        self._obstacles = obstacles or Obstacles.none()
+        self._own_radius = radius
+        self._radius: Floats = np.zeros(0)
         self._index: dict[Key, int] = {}
         self._robots = Robots.of([])
 
@@ -30,6 +42,12 @@ class Fleet:
         from cmr.model.fleet import Fleet as Model  # imports Numba, which takes half a second
 
         return Model(STEP * 1e-6)
+
+    @cached_property
+    def _contacts(self) -> Any:
+        from cmr.world.interaction.contacts import Contacts  # the same
+
+        return Contacts(self._obstacles)
 
     def __contains__(self, key: Key) -> bool:
         return key in self._index
@@ -45,13 +63,15 @@ class Fleet:
             self._index.update(zip(keys, added.tolist(), strict=True))
         robot_ids, origins = zip(*self._index, strict=True)
         self._robots = Robots(robot_ids, origins, self._model.states())
+        self._measure()
 
     def set_parameters(self, keys: Sequence[Key], parameters: RobotParameters) -> None:
         """Let robots move by other parameters from now on; their states stay."""
         self._model.set_parameters(self._indices(keys), parameters)
+        self._measure()
 
-    def command(self, first: int, duties: Sequence[tuple[float, float]]) -> None:
-        """Drive robots with these duties from now on: those from index `first` on in the order of `robots`.
+    def command(self, first: int, duties: Any) -> None:
+        """Drive robots with these duties (n, 2) from now on: those from index `first` on in the order of `robots`.
 
         Duties are clipped to [-1, 1].
         """
@@ -67,12 +87,26 @@ class Fleet:
         self.utime += STEP
         if self._index:
             self._model.advance()
+            self._meet()
             self._robots = self._robots._replace(state=self._model.states())
         return True
 
     def robots(self) -> Robots:
         """Return all robots as they were after the last step; other commands and parameters show after the next."""
         return self._robots
+
+    def _meet(self) -> None:
+        """Part robots that have come too near to one another, or to what stands in their way."""
+        bodies, wheel_radius = self._model.bodies(), self._model.parameter("wheel_radius")
+        if self._contacts.resolve(bodies, self._radius, wheel_radius, self.standing):
+            self._model.take_back(self._contacts.touched.astype(bool))
+
+    def _measure(self) -> None:
+        """Find out how large each robot is; 0 stands for twins."""
+        radius = body_radius(self._model.parameter("base_width"))
+        for (robot_id, origin), index in self._index.items():
+            radius[index] = 0.0 if origin == TWIN else self._own_radius.get(robot_id, radius[index])
+        self._radius = radius
 
     def _indices(self, keys: Sequence[Key]) -> list[int]:
         return [self._index[key] for key in keys]

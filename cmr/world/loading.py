@@ -3,9 +3,12 @@
 import time
 from threading import Lock, Thread
 
+import numpy as np
+
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
-from cmr.world.fleet import STEP
+from cmr.world.fleet import STEP, Fleet
+from cmr.world.view import VIRTUAL
 
 LONG = 1.0  # s; what takes longer is worth a word
 
@@ -41,13 +44,11 @@ class Loader:
 
     def _load(self, key: Key, parameters: RobotParameters) -> None:
         """Simulate one robot by these parameters, which loads all that it takes."""
-        from cmr.model.fleet import Fleet
-
         try:
             with self._one_at_a_time:
-                fleet = Fleet(STEP * 1e-6)
-                fleet.add(RobotState.at_rest(), parameters)
-                fleet.advance()
+                fleet = Fleet()
+                fleet.place([(0, VIRTUAL)], RobotState.at_rest(np.zeros(1)), parameters)
+                fleet.advance(STEP)
         except Exception as error:  # of whatever kind: an effect that a package adds is anybody's code
             self._failure = f"Robots cannot be simulated by the newest parameters: {error}"
             return

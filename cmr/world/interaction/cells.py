@@ -121,9 +121,9 @@ def _binned(x: Floats, y: Floats, reach: float) -> Any:
     begin[1 << bits] = n
     members = np.empty(n, np.int32)
     for i in range(n - 1, -1, -1):
-        b = np.int64(code[i] >> shift)
-        begin[b] -= 1
-        members[begin[b]] = i
+        own = np.int64(code[i] >> shift)
+        begin[own] -= 1
+        members[begin[own]] = i
     if hashed:
         ahead = np.array([np.uint64(0), column, row - column, row, row + column])
     else:

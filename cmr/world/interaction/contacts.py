@@ -14,8 +14,6 @@ stays.
 Who is near whom is looked up in lists that hold for several steps, until somebody has moved far enough.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,16 +28,10 @@ Pairs = NDArray[np.int32]  # (2, n): indices of the one and of the other
 
 TOLERANCE = 1e-4  # m of overlap that is left
 MOST_SWEEPS = 40
-RADIUS_PER_BASE = 0.65  # a body reaches beyond its wheels: TurtleBot3 Burger 0.656, e-puck 0.66, Khepera IV 0.664
 SKIN = 2.0  # of the largest radius: who is nearer than that to touching is in the lists
 LARGEST_PUSH = 0.125  # of the skin: nobody is put further in one step: the lists hold, and nobody flies
 FURTHEST = 1e12  # m; robots beyond, or nowhere, touch nobody
 GOLDEN_ANGLE = 2.399963229728653  # rad; the directions in which robots part that stand in one place
-
-
-def body_radius(base_width: Any) -> Any:
-    """Return the radius [m] of the disc that a robot is taken for where nothing else is said."""
-    return RADIUS_PER_BASE * base_width
 
 
 class Contacts:
@@ -80,7 +72,7 @@ class Contacts:
 
     def _with(self, standing: Floats) -> Floats:
         """Return obstacles and standing robots in one array (5, m)."""
-        return np.hstack([self._obstacles, standing[[0, 1, 0, 1, 2]]])
+        return np.ascontiguousarray(np.hstack([self._obstacles, standing[[0, 1, 0, 1, 2]]]))
 
     def _look_around(self, state: Floats, fixed: Floats) -> None:
         """List who is near whom, and remember where all were."""
