@@ -19,8 +19,7 @@ from cmr.model.motion import RobotState, Trajectory, drive
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
-from cmr.world.behaviours import Behaviour
-from cmr.world.behaviours.behaviour import BehaviourError, make_behaviour
+from cmr.world.behaviours import Behaviour, BehaviourError, make_behaviour
 from cmr.world.behaviours.manoeuvring import DriveManoeuvre
 from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, Robot, WorldView, world_messages

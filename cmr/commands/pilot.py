@@ -4,12 +4,14 @@ import argparse
 from pathlib import Path
 
 from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import ESTOP, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import behaviour_of
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours.help_text import help_text
+from cmr.world.guarding import MARGIN
+from cmr.world.interaction.obstacles import FURTHEST, Geofence
 from cmr.world.pilot import Pilot
 
 RATE = 50.0  # Hz
@@ -22,11 +24,20 @@ def main(arguments: list[str]) -> int:
     if pose:
         raise CommandError("A real robot starts where it stands: x, y and theta are for virtual robots.")
     path = options.parameters or Path(f"robot_{options.robot}.yaml")
-    pilot = Pilot(options.robot, behaviour, ParameterFollower(options.robot, path))
+    pilot = Pilot(
+        options.robot,
+        behaviour,
+        ParameterFollower(options.robot, path),
+        geofence=options.geofence,
+        margin=options.margin,
+        keep_clear=options.keep_clear,
+    )
+    pilot.prepare()
     with Process("cmr-pilot", options.lcm_url) as process:
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(ESTOP, every=True)
         process.subscribe(MOTOR_FEEDBACK, options.robot, every=True)
+        process.subscribe(POSE, options.robot, every=True)
         process.subscribe(PARAMETERS, options.robot)
         process.subscribe(WAYPOINTS, options.robot)
         for utime in process.loop(rate_hz=RATE):
@@ -35,7 +46,8 @@ def main(arguments: list[str]) -> int:
             process.publish(MOTOR_COMMAND, pilot.command(utime), options.robot)
             process.parameters_sha256 = pilot.parameters.sha256
             process.state = process_status_t.DEGRADED if pilot.waiting_for else process_status_t.RUNNING
-            process.message = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
+            waiting = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
+            process.message = pilot.left_fence or waiting
             if behaviour.finished:
                 break
         process.publish(MOTOR_COMMAND, pilot.stop(), options.robot)
@@ -48,14 +60,54 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options = parser(
         "cmr-pilot",
         "Drive a real robot by a behaviour: it sees the world on WORLD_STATE and commands the motors on "
-        "MOTOR_COMMAND_N. It stops whenever cmr-sim, the robot or its parameters are missing, and on ESTOP. "
-        "It ends when a manoeuvre is over.",
+        "MOTOR_COMMAND_N. It stops whenever cmr-sim, the robot, its parameters or poses that came before are missing, "
+        "and on ESTOP. It ends when a manoeuvre is over. A robot that left its geofence stands until it is put back "
+        "inside and cmr-pilot is started again.",
         "cmr-pilot --robot 0 --behaviour follow,leader=10,gap=0.5\n"
-        "  cmr-pilot --robot 0 --behaviour manoeuvre,name=steps,speed=0.8\n\n" + help_text(),
+        "  cmr-pilot --robot 0 --behaviour manoeuvre,name=steps,speed=0.8\n"
+        "  cmr-pilot --robot 0 --geofence=-2,-1,2,-1,2,1,-2,1 --margin 0.3\n\n" + help_text(),
     )
     options.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="robot id")
     options.add_argument("--behaviour", default="follow", metavar="NAME,KEY=VALUE,...", help="see below")
     options.add_argument(
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
     )
+    options.add_argument(
+        "--geofence",
+        type=_geofence,
+        default=None,
+        metavar="X1,Y1,X2,Y2,...",
+        help="corners [m; world frame] of the polygon that the robot must not leave; needs poses (POSE_N)",
+    )
+    options.add_argument(
+        "--margin", type=_margin, default=MARGIN, metavar="M", help=f"from its border, in m (default: {MARGIN:g})"
+    )
+    options.add_argument(
+        "--keep-clear",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="stop before robots in the way, real and virtual ones (default)",
+    )
     return options.parse_args(arguments)
+
+
+def _geofence(text: str) -> Geofence:
+    try:
+        numbers = [float(number) for number in text.split(",")]
+        if len(numbers) % 2:
+            raise ValueError("it has an x without a y")
+        return Geofence(zip(numbers[::2], numbers[1::2], strict=True))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no geofence: {error}. An example: --geofence=-2,-1,2,-1,2,1,-2,1"
+        ) from error
+
+
+def _margin(text: str) -> float:
+    try:
+        margin = float(text)
+    except ValueError:
+        margin = -1.0
+    if not 0.0 <= margin <= FURTHEST:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a distance of 0 m or more")
+    return margin

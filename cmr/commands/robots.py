@@ -2,23 +2,44 @@
 
 import argparse
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from cmr.commands.command_line import CommandError, parse_robot_id
-from cmr.world.behaviours import Behaviour, BehaviourError, make_behaviour
-from cmr.world.behaviours.behaviour import number_of
+from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviours
+from cmr.world.behaviours.making import number_of
 from cmr.world.world import VirtualRobot
 
 POSE_KEYS = ("x", "y", "theta")
 
 
-def behaviour_of(text: str) -> tuple[Behaviour, dict[str, float]]:
+def behaviour_of(text: str) -> tuple[AnyBehaviour, dict[str, float]]:
     """Return the behaviour that `name,key=value,...` describes, and the start pose among its keys.
 
     Raises CommandError saying what is wrong.
     """
+    [(behaviour, pose)] = _behaviours_of({0: text}).values()
+    return behaviour, pose
+
+
+def _behaviours_of(texts: Mapping[int, str]) -> dict[int, tuple[AnyBehaviour, dict[str, float]]]:
+    """Return behaviours and start poses by robot id; robots described equally share a behaviour of many."""
     if "" not in sys.path:
         sys.path.append("")  # a user's own module:Class lies in the folder where the command is run
+    poses, descriptions = {}, {}
+    for robot_id, text in texts.items():
+        name, settings = _split(text)
+        try:
+            poses[robot_id] = {key: number_of(key, settings.pop(key)) for key in POSE_KEYS if key in settings}
+            descriptions[robot_id] = (name, settings)
+            make_behaviours({robot_id: (name, settings)})
+        except BehaviourError as error:
+            raise CommandError(f"{text!r}: {error}") from error
+    behaviours = make_behaviours(descriptions)
+    return {robot_id: (behaviours[robot_id], poses[robot_id]) for robot_id in texts}
+
+
+def _split(text: str) -> tuple[str, dict[str, str]]:
     name, *pairs = text.split(",")
     settings = {}
     for pair in pairs:
@@ -26,11 +47,7 @@ def behaviour_of(text: str) -> tuple[Behaviour, dict[str, float]]:
         if not equals:
             raise CommandError(f"{text!r}: {pair!r} is not of the form key=value")
         settings[key.strip()] = value.strip()
-    try:
-        pose = {key: number_of(key, settings.pop(key)) for key in POSE_KEYS if key in settings}
-        return make_behaviour(name.strip(), settings), pose
-    except BehaviourError as error:
-        raise CommandError(f"{text!r}: {error}") from error
+    return name.strip(), settings
 
 
 @dataclass(frozen=True)
@@ -52,10 +69,12 @@ def virtual_robots(descriptions: list[_Numbered], parameters_of: int) -> list[Vi
 
     Raises CommandError for an id that is given twice or a behaviour that does not exist.
     """
-    robots: dict[int, VirtualRobot] = {}
+    texts: dict[int, str] = {}
     for numbered_robot in descriptions:
-        if numbered_robot.robot_id in robots:
+        if numbered_robot.robot_id in texts:
             raise CommandError(f"robot {numbered_robot.robot_id} is described twice")
-        behaviour, pose = behaviour_of(numbered_robot.description)
-        robots[numbered_robot.robot_id] = VirtualRobot(numbered_robot.robot_id, behaviour, parameters_of, **pose)
-    return list(robots.values())
+        texts[numbered_robot.robot_id] = numbered_robot.description
+    return [
+        VirtualRobot(robot_id, behaviour, parameters_of, **pose)
+        for robot_id, (behaviour, pose) in _behaviours_of(texts).items()
+    ]

@@ -1,37 +1,75 @@
 """Drive a real robot by a behaviour, from what WORLD_STATE says of the world."""
 
+import math
 from typing import Any
 
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
+from cmr.model.body import forward
+from cmr.model.parameters import RobotParameters
 from cmr.msg import motor_command_t, motor_feedback_t
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
-from cmr.world.behaviours import Behaviour
-from cmr.world.view import WorldView
+from cmr.world.behaviours import AnyBehaviour, TeamBehaviour
+from cmr.world.behaviours.team import Alone
+from cmr.world.guarding import MARGIN, FenceGuard, PoseGuard, kept_clear, load
+from cmr.world.interaction.obstacles import Geofence
+from cmr.world.view import Robot, WorldView
 
 OLDEST_WORLD = 500_000  # us; with older knowledge of the world the robot stops
 FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any message may be lost
 
 
 class Pilot:
-    """The pilot of one real robot; `waiting_for` says what keeps it from driving, empty when nothing does."""
+    """The pilot of one real robot; `waiting_for` says what keeps it from driving, empty when nothing does.
 
-    def __init__(self, robot_id: int, behaviour: Behaviour, parameters: ParameterFollower) -> None:
+    Inside of a `geofence`, `margin` [m] from its border, it drives; once it was elsewhere, it stands for good, as
+    `left_fence` says. With a geofence, or once poses were heard, it stands while they are missing. With `keep_clear` it
+    stops before robots in its way, real and virtual ones.
+    """
+
+    def __init__(
+        self,
+        robot_id: int,
+        behaviour: AnyBehaviour,
+        parameters: ParameterFollower,
+        *,
+        geofence: Geofence | None = None,
+        margin: float = MARGIN,
+        keep_clear: bool = True,
+    ) -> None:
         self.robot_id = robot_id
-        self.behaviour = behaviour
+        self.behaviour = Alone(behaviour, robot_id) if isinstance(behaviour, TeamBehaviour) else behaviour
         self.parameters = parameters
         self.waiting_for = "the world"
+        self._keep_clear = keep_clear
+        self._fence = FenceGuard(robot_id, geofence, margin) if geofence else None
+        self._poses = PoseGuard(robot_id, needed=geofence is not None)
         self._world = WorldView()
+        self._world.geofence = geofence
         self._estop = EmergencyStop()
         self._zeros_to_send = 0
 
+    @property
+    def left_fence(self) -> str:
+        """The sentence that says where the robot left its geofence; empty while it did not."""
+        return self._fence.left if self._fence else ""
+
+    def prepare(self) -> None:
+        """Load what deciding takes, which may take seconds: called where no robot waits for a command."""
+        if isinstance(self.behaviour, Alone):
+            self.behaviour.team.prepare()
+        if self._keep_clear:
+            load()
+
     def handle(self, utime: int, channel: str, message: Any) -> None:
-        """Take WORLD_STATE, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N or ESTOP."""
+        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N or ESTOP."""
         self._estop.handle(utime, channel, message)
         if channel == WORLD_STATE.name:
             self._world.handle(utime, channel, message)
+        elif channel == POSE.channel(self.robot_id):
+            self._poses.take(message)
         elif channel == MOTOR_FEEDBACK.channel(self.robot_id):
             if message.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
                 self._zeros_to_send = FIRST_ZEROS
@@ -53,7 +91,12 @@ class Pilot:
 
     def _decide(self, utime: int) -> tuple[float, float]:
         me = self._world.robot(self.robot_id)
-        if self._estop.engaged:
+        model, without_model = self._model()
+        without_poses = self._poses.missing(utime)
+        self._look_at_fence(me, model)
+        if self.left_fence:
+            self.waiting_for = "a new start of cmr-pilot"
+        elif self._estop.engaged:
             self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
             self._zeros_to_send = FIRST_ZEROS
         elif self._zeros_to_send:
@@ -61,14 +104,39 @@ class Pilot:
             self._zeros_to_send -= 1
         elif me is None or utime - me.utime > OLDEST_WORLD:
             self.waiting_for = f"robot {self.robot_id} in WORLD_STATE (from cmr-sim and its driver)"
-        elif self.parameters.parameters is None:
-            self.waiting_for = f"parameters of robot {self.robot_id}. {self.parameters.message}"
+        elif without_poses or model is None:
+            self.waiting_for = without_poses or without_model
         else:
-            try:
-                model = self.parameters.parameters.robot_parameters
-            except ParameterFileError as error:
-                self.waiting_for = f"complete parameters of robot {self.robot_id}: {error}"
-            else:
-                self.waiting_for = ""
-                return self.behaviour.command(utime, me, self._world, model)
+            return self._drive(utime, me, model)
         return 0.0, 0.0
+
+    def _drive(self, utime: int, me: Robot, model: RobotParameters) -> tuple[float, float]:
+        """Return what the behaviour decides, as far as nothing is in the way."""
+        self.waiting_for = ""
+        duties = self.behaviour.command(utime, me, self._world, model)
+        if not all(map(math.isfinite, duties)):
+            self.waiting_for = f"its behaviour to decide on numbers, not on {duties}"
+            return 0.0, 0.0
+        if self._keep_clear:
+            duties, self.waiting_for = kept_clear(me, self._world, model, duties)
+        return duties
+
+    def _model(self) -> tuple[RobotParameters | None, str]:
+        """Return the robot's parameters, or what is missing of them."""
+        if self.parameters.parameters is None:
+            return None, f"parameters of robot {self.robot_id}. {self.parameters.message}"
+        try:
+            return self.parameters.parameters.robot_parameters, ""
+        except ParameterFileError as error:
+            return None, f"complete parameters of robot {self.robot_id}: {error}"
+
+    def _look_at_fence(self, me: Robot | None, model: RobotParameters | None) -> None:
+        """Look where the robot is by its newest pose, and where it is and goes by the world's estimate."""
+        if self._fence is None:
+            return
+        if self._poses.place is not None:
+            self._fence.look(*self._poses.place)
+        if me is not None and self._poses.place is not None:
+            speed = float(forward(me.state.psi_left, me.state.psi_right, model)) if model else 0.0
+            going = (speed * math.cos(me.state.theta), speed * math.sin(me.state.theta))
+            self._fence.look(me.state.x, me.state.y, going)

@@ -8,12 +8,16 @@ import numpy as np
 from cmr.bus.messages import make
 from cmr.model.motion import RobotState
 from cmr.msg import robot_state_t, world_state_t
+from cmr.world.interaction.obstacles import Geofence, Obstacles
+from cmr.world.surroundings import Floats, Indices, Members, Surroundings
 
 REAL: int = robot_state_t.REAL
 VIRTUAL: int = robot_state_t.VIRTUAL
 TWIN: int = robot_state_t.TWIN
 
+SEEN = ("x", "y", "theta", "psi_left", "psi_right")  # what `surroundings` tells of each robot
 OLDEST = 1_000_000  # us; a robot of which nothing newer was heard is no longer in the world
+FURTHEST = 1e9  # m; whoever is further away is nowhere
 BYTES_PER_ROBOT = 4 + 1 + 7 * 4
 BYTES_OF_HEAD = 8 + 8 + 4  # fingerprint, utime, n
 
@@ -65,13 +69,20 @@ class Robots(NamedTuple):
 class WorldView:
     """The robots of the world, kept up to date by `put` and `take`, or from WORLD_STATE messages by `handle`.
 
-    A robot's own state is made only when somebody asks for it: of thousands, few are looked at.
+    `obstacles` and `geofence` are those that behaviours heed. A robot's own state is made only when somebody asks for
+    it: of thousands, few are looked at.
     """
 
     def __init__(self) -> None:
         self.utime = 0
         self._groups: dict[tuple[tuple[int, ...], tuple[int, ...]], _Group] = {}
         self._places: dict[tuple[int, int], tuple[_Group, int]] = {}
+        self._all: list[_Group] = []  # all that hold a robot
+        self._chosen: list[tuple[_Group, Indices]] | None = None  # whom `surroundings` shows
+        self._members = Members(np.zeros(0, np.int64))
+        self._surroundings: Surroundings | None = None
+        self.obstacles = Obstacles.none()
+        self.geofence: Geofence | None = None
 
     def put(self, robot: Robot) -> None:
         """Take the newest state of a robot."""
@@ -84,7 +95,8 @@ class WorldView:
             self._regroup(members)
         group = self._groups[members]
         group.utime, group.robots = utime, robots
-        self.utime = max(self.utime, utime)
+        self.utime = max(self.utime, utime) if self.utime - utime <= OLDEST else utime  # or a clock was set back
+        self._surroundings = None
 
     def handle(self, utime: int, _channel: str, message: Any) -> None:
         """Take a world_state_t, the whole world or a part of it."""
@@ -103,6 +115,35 @@ class WorldView:
         """Return the twin of a real robot, None if it has none."""
         return self._robot(robot_id, TWIN)
 
+    def surroundings(self) -> Surroundings:
+        """Return all real and virtual robots that are in the world now, as arrays."""
+        if self._surroundings is None:
+            if self._chosen is None or [group for group, _ in self._chosen] != self._fresh():
+                self._choose()
+            states = [_of_each(group.robots.state, index) for group, index in self._chosen or []]
+            state = np.hstack(states) if states else np.zeros((len(SEEN), 0))
+            sound = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
+            members = self._members
+            if not sound.all():
+                members, state = Members(members.robot_id[sound]), state[:, sound]
+            self._surroundings = Surroundings(members, state)
+        return self._surroundings
+
+    def _fresh(self) -> "list[_Group]":
+        """Return the groups of which something was heard lately."""
+        return [group for group in self._all if self.utime - group.utime <= OLDEST]
+
+    def _choose(self) -> None:
+        """Note whom `surroundings` shows: those robots of fresh groups that are no twins and are in no newer group."""
+        fresh = self._fresh()
+        chosen: dict[int, list[tuple[int, int]]] = {id(group): [] for group in fresh}
+        for (robot_id, origin), (group, index) in self._places.items():
+            if origin != TWIN and id(group) in chosen:
+                chosen[id(group)].append((index, robot_id))
+        pairs = [np.array(chosen[id(group)], np.int64).reshape(-1, 2) for group in fresh]
+        self._chosen = [(group, pair[:, 0]) for group, pair in zip(fresh, pairs, strict=True)]
+        self._members = Members(np.concatenate([pair[:, 1] for pair in pairs] or [np.zeros(0, np.int64)]))
+
     def _robot(self, robot_id: int, origin: int) -> Robot | None:
         place = self._places.get((robot_id, origin))
         if place is None:
@@ -120,6 +161,14 @@ class WorldView:
             self._places[key] = (group, index)
         self._groups = {known: other for known, other in self._groups.items() if id(other) not in left}
         self._groups[members] = group
+        self._all = list({id(other): other for other, _ in self._places.values()}.values())
+        self._chosen = None
+
+
+def _of_each(state: RobotState, index: Indices) -> Floats:
+    """Return pose and wheel speeds of some robots as rows."""
+    columns = np.array([getattr(state, name) for name in SEEN], dtype=float)
+    return columns if np.array_equal(index, np.arange(columns.shape[1])) else columns[:, index]
 
 
 class _Group:

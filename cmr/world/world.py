@@ -3,8 +3,7 @@
 It knows no bus: messages go in by `handle`, time passes by `advance`, robots come out of `robots`.
 """
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from types import MappingProxyType
@@ -29,15 +28,15 @@ from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
-from cmr.world.behaviours import Behaviour
+from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
 from cmr.world.commands import CommandMemory
+from cmr.world.deciding import Deciding
 from cmr.world.estimator import Estimator
 from cmr.world.fleet import STEP, Fleet, Key
 from cmr.world.others import Others
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
-LARGEST_TURN = 2_000  # robots that decide in one step; of 10,000 each decides 20 times a second
 MOST_STEPS_AT_ONCE = 10  # made up in one turn, so that a world that was held up is seen while it catches up
 LOST = 1_000_000  # us; a real robot of which nothing newer was heard leaves the world
 
@@ -47,7 +46,7 @@ class VirtualRobot:
     """A virtual robot: where it starts [m, m, rad; world frame], what it does, and whose parameters it moves by."""
 
     robot_id: int
-    behaviour: Behaviour
+    behaviour: AnyBehaviour
     parameters_of: int
     x: float = 0.0
     y: float = 0.0
@@ -110,8 +109,12 @@ class World:
         self._absent = {robot_id: _starting(virtual, robot_id) for robot_id in {r.parameters_of for r in virtual}}
         self._real: dict[int, _RealRobot] = {}
         self._fleet = Fleet()
+        self._deciding: Deciding | None = None
+        self._models_changed = False
         for robot in virtual:
             self._parameters_of(robot.parameters_of)
+            if isinstance(robot.behaviour, TeamBehaviour):
+                robot.behaviour.prepare()  # now, as no turn may wait for a compiler
 
     @property
     def utime(self) -> int:
@@ -152,7 +155,7 @@ class World:
         """Let simulated robots move on to `utime` [us] in steps of 10 ms; behaviours decide at each step.
 
         At most ten steps are made in one call: who was held up longer catches up in the next ones.
-        Of more than LARGEST_TURN simulated robots, each decides at every second, third, ... step.
+        Of many robots with behaviours of their own, each decides at every second, third, ... step (`deciding`).
         """
         self._time = utime
         for robot_id in sorted(self._not_ready):
@@ -233,7 +236,7 @@ class World:
             self._not_ready.add(robot_id)
             return
         self._not_ready.discard(robot_id)
-        self._models[robot_id] = model
+        self._models[robot_id], self._models_changed = model, True
         followers = [(robot_id, TWIN)]
         followers += [(v.robot_id, VIRTUAL) for v in self._virtual.values() if v.parameters_of == robot_id]
         followers = [key for key in followers if key in self._fleet]
@@ -259,8 +262,12 @@ class World:
     def _handle_virtual(self, stream: Stream, robot_id: int, message: Any) -> None:
         behaviour = self._virtual[robot_id].behaviour
         if stream is WAYPOINTS:
-            behaviour.take_waypoints(list(message.x), list(message.y))
-        elif stream is MOTOR_COMMAND:
+            x, y = list(message.x), list(message.y)
+            if isinstance(behaviour, TeamBehaviour):
+                behaviour.take_waypoints(robot_id, x, y)
+            else:
+                behaviour.take_waypoints(x, y)
+        elif stream is MOTOR_COMMAND and isinstance(behaviour, Behaviour):
             behaviour.take_command(message.utime, message.left, message.right)
 
     def _begin_drive(self, robot_id: int, real: _RealRobot, utime: int) -> None:
@@ -278,19 +285,18 @@ class World:
         return (0.0, 0.0) if self.estop.engaged else real.commands.at(utime)
 
     def _decide(self, utime: int) -> None:
-        """Command the simulated robots whose turn it is: all of them, unless there are very many."""
+        """Command the simulated robots as their behaviours decide, and twins as their robots are."""
         robots = self._fleet.robots()
-        turns = math.ceil(len(robots.robot_id) / LARGEST_TURN) or 1
-        first = utime // STEP % turns * LARGEST_TURN
-        duties = list(self._duties(robots.part(first, first + LARGEST_TURN), utime))
-        if duties:
-            self._fleet.command(first, duties)
+        if not robots.robot_id:
+            return
+        if self._deciding is None or self._deciding.robot_id is not robots.robot_id or self._models_changed:
+            behaviours = {robot_id: robot.behaviour for robot_id, robot in self._virtual.items()}
+            self._deciding = Deciding(robots, behaviours, self._model_of, self._command_of_twin, self._deciding)
+            self._models_changed = False
+        self._fleet.command(0, self._deciding.duties(utime, utime // STEP, robots, self.view))
 
-    def _duties(self, robots: Robots, utime: int) -> Iterator[tuple[float, float]]:
-        """Yield the duties of simulated robots: what behaviours decide, and what twins' robots are told."""
-        for me in robots.each(utime):
-            if me.origin == TWIN:
-                yield self._command_of(self._real[me.robot_id], utime)
-            else:
-                virtual = self._virtual[me.robot_id]
-                yield virtual.behaviour.command(utime, me, self.view, self._models[virtual.parameters_of])
+    def _model_of(self, robot_id: int) -> RobotParameters:
+        return self._models[self._virtual[robot_id].parameters_of]
+
+    def _command_of_twin(self, robot_id: int, utime: int) -> tuple[float, float]:
+        return self._command_of(self._real[robot_id], utime)

@@ -6,13 +6,22 @@ from cmr import manoeuvres
 def help_text() -> str:
     """Return the end of a command's --help: behaviours with their settings, manoeuvres with duration and space."""
     return f"""\
-behaviours, each with its settings:
+behaviours, each with its settings (and clearance, in m between bodies):
   figure_eight (size, speed, laps, start)   drive a figure-eight, or waypoints
+  waypoints (speed, points, laps)           drive waypoints, points=0:0/1.5:0 [m]
   follow (leader, gap, speed)               drive where the leader drove
+  formation (leader, shape, spacing, speed, members, heading)
+                                            keep a place: line, column, wedge,
+                                            circle; leader=-1 for none
+  flock (speed, radius, distance, cohesion, alignment, separation, border)
+                                            keep together, do not crowd
+  right_of_way (speed, points, laps, at_x, at_y, zone, rule)
+                                            waypoints through a crossing; yield
+                                            to the right or to the first
   commanded                                 do what MOTOR_COMMAND_N says
   manoeuvre (name, speed, repeats, start, space)
                                             drive a manoeuvre, then stop
-  module:Class                              your own
+  module:Class, or a name that a package brings: docs/write_a_behaviour.md
 
 manoeuvres, several in turn as name=steps+circles; time and space (how far the
 robot's centre may get from its start) for a top speed of 0.74 m/s and a base

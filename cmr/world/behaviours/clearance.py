@@ -1,0 +1,144 @@
+"""Keep clear of what is in the way: the speed at which a robot can still stop, and the way round on the right.
+
+A robot may go as fast as lets it brake before it comes too near to what is ahead, if that brakes, too: the rule of
+Shalev-Shwartz, Shammah and Shashua, On a formal model of safe and scalable self-driving cars, 2017.
+"""
+
+import math
+
+from cmr.model.compiled import compiled
+from cmr.world.behaviours.team import Floats, Indices
+
+BRAKING = 0.5  # m/s^2, which wheels on a smooth floor hold
+VIEW_STEP = 0.25  # m
+WIDE = 1.05  # of the distance to be kept, at which others are passed
+REACTION = 0.15  # s until a robot follows its command: the time constant of its motors
+
+
+def view_needed(apart: float, speed: float, reaction: float) -> float:
+    """Return how far [m] who drives at `speed` [m/s] has to look so that centres stay `apart` [m].
+
+    It is rounded up, so that those who need about the same can share a search.
+    """
+    needed = apart + speed * reaction + speed * speed / BRAKING  # each of two that meet brakes
+    return math.ceil(float(needed) / VIEW_STEP) * VIEW_STEP
+
+
+@compiled("f8(f8, f8, f8, f8, f8, f8, f8, f8, f8)")
+def speed_before(dx, dy, along_x, along_y, speed_x, speed_y, clearance, reaction, fastest):  # type: ignore[no-untyped-def]
+    """Return the speed [m/s], at most `fastest`, that keeps `clearance` [m] from what is at (dx, dy) [m] from here.
+
+    (along_x, along_y) is the direction in which the robot goes, of length 1; (speed_x, speed_y) [m/s] is how the other
+    moves. The robot does nothing for `reaction` [s] and then brakes with BRAKING.
+    """
+    ahead = dx * along_x + dy * along_y
+    aside = dx * along_y - dy * along_x
+    if ahead <= 0.0 or abs(aside) >= clearance:
+        return fastest
+    free = ahead - math.sqrt(clearance * clearance - aside * aside)
+    flees = speed_x * along_x + speed_y * along_y
+    free += flees * abs(flees) / (2.0 * BRAKING)  # what the other needs to stop, towards us or away
+    if free <= 0.0:
+        return 0.0
+    late = BRAKING * reaction
+    return min(fastest, math.sqrt(late * late + 2.0 * BRAKING * free) - late)
+
+
+@compiled("UniTuple(f8, 2)(f8, f8, f8, b1)")
+def tangent(dx: float, dy: float, apart: float, left: bool) -> tuple[float, float]:
+    """Return the direction in which what is at (dx, dy) [m] is passed at a distance of `apart` [m], on our left or not.
+
+    Who is nearer than that already goes a little away from it.
+    """
+    away = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+    if away >= apart:
+        sine = apart / away
+        cosine = math.sqrt(1.0 - sine * sine)
+    else:
+        sine = away / apart
+        cosine = -math.sqrt(1.0 - sine * sine)
+    if left:
+        sine = -sine
+    return (dx * cosine - dy * sine) / away, (dy * cosine + dx * sine) / away
+
+
+@compiled(
+    "void(i8[::1], f8[::1], i8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1],"
+    " f8[::1], f8, f8, f8[::1], f8[::1], f8[::1], f8[::1])"
+)
+def keep_clear(  # type: ignore[no-untyped-def]
+    me: Indices,
+    theta: Floats,
+    start: Indices,
+    near,
+    x: Floats,
+    y: Floats,
+    speed_x: Floats,
+    speed_y: Floats,
+    disc_x: Floats,
+    disc_y: Floats,
+    disc_radius: Floats,
+    round_it,
+    radius: Floats,
+    clearance: float,
+    reaction: float,
+    target_x: Floats,
+    target_y: Floats,
+    speed: Floats,
+    forward: Floats,
+):
+    """Lower the speeds [m/s] of n robots that head for targets [m] to where each can stop before what is in its way.
+
+    `me` (n,) are their places in `x`, `y`, `speed_x`, `speed_y`, which hold everybody, `theta` [rad] their headings;
+    the neighbours of robot i are near[start[i]:start[i + 1]], as of `pairs_within`. Bodies keep `clearance` [m] from
+    one another and from the discs (disc_x, disc_y, disc_radius); others are taken to be as large as oneself, `radius`
+    [m] (n,). Who may go round (`round_it` (n,)) and is held up gets a target on the right of what is in its way, or on
+    the shorter side of a disc. Writes `speed` and the targets, and how fast they may go along their headings while
+    they turn to the targets: `forward`, all (n,).
+    """
+    for k in range(len(me)):
+        i = me[k]
+        forward[k] = speed[k] if i >= 0 else 0.0
+        speed[k] = forward[k]
+        dx, dy = target_x[k] - x[i], target_y[k] - y[i]
+        distance = math.sqrt(dx * dx + dy * dy)
+        if distance < 1e-9 or speed[k] <= 0.0:
+            continue
+        wanted, apart = speed[k], 2.0 * radius[k] + clearance
+        along_x, along_y = dx / distance, dy / distance
+        for look in range(3):  # towards the target, towards another one if that is blocked, and straight on
+            if look == 1 and (speed[k] >= wanted or not round_it[k]):
+                continue
+            if look == 2:
+                along_x, along_y = math.cos(theta[k]), math.sin(theta[k])
+            slowest, blocking = wanted, -1
+            for n in range(start[i], start[i + 1]):
+                j = near[n]
+                allowed = speed_before(
+                    x[j] - x[i], y[j] - y[i], along_x, along_y, speed_x[j], speed_y[j], apart, reaction, wanted
+                )
+                if allowed < slowest:
+                    slowest, blocking = allowed, j
+            for n in range(len(disc_x)):
+                bare = disc_radius[n] + radius[k] + clearance
+                allowed = speed_before(
+                    disc_x[n] - x[i], disc_y[n] - y[i], along_x, along_y, 0.0, 0.0, bare, reaction, wanted
+                )
+                if allowed < slowest:
+                    slowest, blocking = allowed, len(x) + n
+            if look == 2:
+                forward[k] = slowest
+                continue
+            speed[k] = slowest
+            if look == 1:
+                target_x[k], target_y[k] = x[i] + distance * along_x, y[i] + distance * along_y
+            elif blocking >= 0:
+                bare, left = apart, True  # the other is passed with it on the left
+                if blocking < len(x):
+                    dx, dy = x[blocking] - x[i], y[blocking] - y[i]
+                else:
+                    disc = blocking - len(x)
+                    dx, dy = disc_x[disc] - x[i], disc_y[disc] - y[i]
+                    bare = disc_radius[disc] + radius[k] + clearance
+                    left = dx * along_y - dy * along_x <= 0.0
+                along_x, along_y = tangent(dx, dy, WIDE * bare, left)

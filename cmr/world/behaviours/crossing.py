@@ -1,0 +1,99 @@
+"""Whose turn it is at a crossing, told from where everybody is and where they head.
+
+Around the middle is a core, where paths meet, and a ring about it. One robot at a time is let over the line into the
+ring. Should two enter it at once, because they see the world at different times (a pilot's is some hundredths of a
+second old), the lower id goes on into the core and the other waits for it to have left: ids are the same for all who
+look, so nobody runs into anybody, and somebody can always go.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.world.behaviours.team import Floats, Indices
+from cmr.world.surroundings import Surroundings
+
+RING = 0.3  # m; a robot is in it for so long that all have seen it before it gets into the core
+SMALLEST_ZONE = 0.5  # m
+BAND = 0.25  # m before the line: there is room for one robot of each direction, and it is the next to go
+STOP_SHORT = 0.06  # m before a line; motors take their time
+REACTION = 0.2  # s until a robot follows its command
+TOWARDS = 0.5  # cosine: a robot that we do not drive heads for the middle if it is turned to it by less than 60 degrees
+RIGHT = 0.5  # cosine of the angle about the right-hand side from which one has to be yielded to
+TURN = 5_000_000  # us; who does not use its turn for so long comes last
+PATIENCE = 15_000_000  # us; who waits for longer goes before those on its right
+NOBODY = -1
+
+
+class Crossing:
+    """A crossing about (at_x, at_y) [m] with its line `zone` [m] from there; it remembers who came when."""
+
+    def __init__(self, at_x: float, at_y: float, zone: float, *, by_right: bool) -> None:
+        self.at_x, self.at_y, self.zone, self.core = at_x, at_y, zone, zone - RING
+        self._by_right = by_right
+        self._came: dict[int, int] = {}  # robots that wait: since when [us]
+        self._turn = (NOBODY, 0)  # whose turn it is, and since when [us]
+
+    def free_for(self, utime: int, around: Surroundings, index: Indices, inward: NDArray[np.bool_]) -> tuple[int, int]:
+        """Return the ids of the robots that may go over the line, and on into the core; NOBODY where none may.
+
+        `index` are our robots among everybody, `inward` tells which of them head for the middle; of others it is
+        guessed from their headings.
+        """
+        to_x, to_y = self.at_x - around.x, self.at_y - around.y
+        away = np.hypot(to_x, to_y)
+        near = np.flatnonzero(away < self.zone + BAND)
+        heads = np.cos(around.theta[near]) * to_x[near] + np.sin(around.theta[near]) * to_y[near]
+        heading_in = np.zeros(len(away), bool)
+        heading_in[near] = heads > TOWARDS * away[near]
+        ours = index >= 0
+        heading_in[index[ours]] = inward[ours]
+        robot_id = around.members.robot_id
+        in_core = near[away[near] < self.core]
+        others = near[(away[near] >= self.core) & heading_in[near]]
+        ring, waiting = others[away[others] < self.zone], others[away[others] >= self.zone]
+        next_in = self._next(utime, robot_id[waiting], -to_x[waiting], -to_y[waiting])
+        into_core = int(robot_id[ring].min()) if len(ring) and not len(in_core) else NOBODY
+        return NOBODY if len(in_core) or len(ring) else next_in, into_core
+
+    def limit(
+        self, robot_id: Indices, x: Floats, y: Floats, inward: NDArray[np.bool_], free: tuple[int, int], braking: float
+    ) -> Floats:
+        """Return the speeds [m/s] at which robots at (x, y) [m] can stop before what they may not enter."""
+        away = np.hypot(x - self.at_x, y - self.at_y)
+        outside = away >= self.zone
+        room = away - np.where(outside, self.zone, self.core) - STOP_SHORT
+        may = (robot_id == np.where(outside, *free)) | ~inward | (away < self.core)
+        late = braking * REACTION
+        return np.where(may, np.inf, np.sqrt(late * late + 2.0 * braking * np.maximum(room, 0.0)) - late)
+
+    def _next(self, utime: int, robot_ids: Indices, x: Floats, y: Floats) -> int:
+        """Return whose turn it is of those who wait at (x, y) [m] from the middle."""
+        waiting = robot_ids.tolist()
+        self._came = {robot_id: min(self._came.get(robot_id, utime), utime) for robot_id in waiting}
+        if not waiting:
+            return NOBODY
+        chosen = self._in_order(utime, waiting, x, y)
+        if chosen != self._turn[0]:
+            self._turn = (chosen, utime)
+        elif abs(utime - self._turn[1]) > TURN:
+            self._came[chosen] = utime
+            others = [k for k, robot_id in enumerate(waiting) if robot_id != chosen]
+            if others:
+                chosen = self._in_order(utime, [waiting[k] for k in others], x[others], y[others])
+            self._turn = (chosen, utime)
+        return chosen
+
+    def _in_order(self, utime: int, waiting: list[int], x: Floats, y: Floats) -> int:
+        """Return who goes first by the rule."""
+        first = min(waiting, key=lambda robot_id: (self._came[robot_id], robot_id))
+        if not self._by_right or utime - self._came[first] > PATIENCE:
+            return first
+        # The right of who comes from (x, y) is (-y, x): turned by a quarter, as the heading is (-x, -y).
+        away = np.hypot(x, y)
+        from_right: Any = np.greater(np.outer(-y, x) + np.outer(x, y), RIGHT * np.outer(away, away))
+        free = [
+            robot_id for robot_id, blocked in zip(waiting, from_right.any(axis=1).tolist(), strict=True) if not blocked
+        ]
+        return min(free or waiting, key=lambda robot_id: (self._came[robot_id], robot_id) if free else (0, robot_id))

@@ -1,0 +1,134 @@
+"""How behaviours are made from their descriptions: a name and settings as texts."""
+
+import inspect
+import math
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any, TypeAlias
+
+from cmr.world.behaviours.behaviour import Behaviour, BehaviourError
+from cmr.world.behaviours.team import TeamBehaviour
+
+AnyBehaviour: TypeAlias = Behaviour | TeamBehaviour
+
+SHIPPED = {
+    "figure_eight": "cmr.world.behaviours.leading:FigureEight",
+    "follow": "cmr.world.behaviours.following:Follow",
+    "waypoints": "cmr.world.behaviours.waypoints:Waypoints",
+    "formation": "cmr.world.behaviours.formation:Formation",
+    "flock": "cmr.world.behaviours.flocking:Flock",
+    "right_of_way": "cmr.world.behaviours.right_of_way:RightOfWay",
+    "commanded": "cmr.world.behaviours.commanded:Commanded",
+    "manoeuvre": "cmr.world.behaviours.manoeuvring:DriveManoeuvre",
+}
+GROUP = "cmr.behaviours"  # of entry points, by which packages bring behaviours of their own
+LARGEST_SETTING = 1e9  # metres, seconds, robots
+
+
+def make_behaviour(description: str, settings: Mapping[str, str]) -> AnyBehaviour:
+    """Return the behaviour that `description` names: a shipped one, one that a package brings, or `module:Class`.
+
+    Settings go to its constructor. Raises BehaviourError when there is no such behaviour or setting, or a value is not
+    what the setting takes.
+    """
+    kind = _kind(description)
+    return _made(kind, description, _values(kind, description, settings))
+
+
+def make_behaviours(descriptions: Mapping[int, tuple[str, Mapping[str, str]]]) -> dict[int, AnyBehaviour]:
+    """Return the behaviours of many robots, by robot id; those that can share a TeamBehaviour do.
+
+    They can when they have the same name and settings, apart from settings that it takes for each robot.
+    Raises BehaviourError as make_behaviour does.
+    """
+    shared: dict[Any, TeamBehaviour] = {}
+    made: dict[int, AnyBehaviour] = {}
+    for robot_id, (description, settings) in descriptions.items():
+        kind = _kind(description)
+        values = _values(kind, description, settings)
+        own = {name: values[name] for name in values if issubclass(kind, TeamBehaviour) and name in kind.per_robot}
+        key = (kind, *sorted((name, value) for name, value in values.items() if name not in own))
+        behaviour = shared.get(key)
+        if behaviour is None or own:
+            alone = _made(kind, description, values)  # also where it is shared: it checks the values
+            if isinstance(alone, Behaviour):
+                made[robot_id] = alone
+                continue
+            behaviour = shared.setdefault(key, alone)
+        if isinstance(behaviour, TeamBehaviour) and kind.per_robot:
+            behaviour.adopt(robot_id, _with_defaults(kind, own))
+        made[robot_id] = behaviour
+    return made
+
+
+def _kind(description: str) -> Any:
+    """Return the class of a behaviour."""
+    target = SHIPPED.get(description) or _of_packages().get(description, description)
+    module_name, _colon, class_name = target.partition(":")
+    try:
+        kind = getattr(import_module(module_name), class_name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise BehaviourError(
+            f"There is no behaviour {description!r} ({error}). Shipped: {', '.join(SHIPPED)}; "
+            f"{_told(_of_packages())}yours: module:Class."
+        ) from error
+    if not (inspect.isclass(kind) and issubclass(kind, Behaviour | TeamBehaviour)):
+        raise BehaviourError(
+            f"{description} is not a class derived from cmr.world.behaviours.Behaviour or TeamBehaviour."
+        )
+    return kind
+
+
+def _of_packages() -> dict[str, str]:
+    """Return the behaviours that installed packages register; the names of shipped ones cannot be taken."""
+    return {entry.name: entry.value for entry in entry_points(group=GROUP)}
+
+
+def _told(names: Mapping[str, str]) -> str:
+    return f"of packages: {', '.join(sorted(names))}; " if names else ""
+
+
+def _values(kind: Any, description: str, settings: Mapping[str, str]) -> dict[str, float | str]:
+    """Return the settings as the constructor takes them."""
+    allowed = inspect.signature(kind).parameters
+    unknown = set(settings) - set(allowed)
+    if unknown:
+        raise BehaviourError(f"{description} has no setting {min(unknown)!r}; it has {', '.join(allowed) or 'none'}.")
+    return {name: _value(name, text, allowed[name].annotation) for name, text in settings.items()}
+
+
+def _made(kind: Any, description: str, values: Mapping[str, float | str]) -> AnyBehaviour:
+    try:
+        behaviour: AnyBehaviour = kind(**values)
+    except (ValueError, TypeError) as error:
+        raise BehaviourError(f"{description}: {error}") from error
+    return behaviour
+
+
+def _with_defaults(kind: Any, own: Mapping[str, float | str]) -> dict[str, Any]:
+    """Return the values of all settings that robots may have of their own."""
+    parameters = inspect.signature(kind).parameters
+    return {name: own.get(name, parameters[name].default) for name in kind.per_robot}
+
+
+def _value(name: str, text: str, annotation: object) -> float | str:
+    """Return a setting's value: a text where the constructor asks for `str`, otherwise a number."""
+    if annotation in (str, "str"):
+        return text
+    return number_of(name, text, int if annotation in (int, "int") else float)
+
+
+def number_of(name: str, text: str, kind: type[int] | type[float] = float) -> float:
+    """Return the number that a setting is given as.
+
+    Raises BehaviourError when it is none, of another kind, or larger than any laboratory.
+    """
+    try:
+        value = kind(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= LARGEST_SETTING:
+        whole = "a whole number" if kind is int else "a number"
+        raise BehaviourError(f"{name}={text} is not {whole} from {-LARGEST_SETTING:g} to {LARGEST_SETTING:g}")
+    return value

@@ -1,0 +1,57 @@
+"""Drive waypoints through a crossing, one robot at a time, in the order that a rule of the road gives."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.world.behaviours.crossing import NOBODY, SMALLEST_ZONE, Crossing
+from cmr.world.behaviours.seeking import ACCELERATION, CLEARANCE, Goals, Team
+from cmr.world.behaviours.waypoints import Waypoints
+from cmr.world.view import Robots, WorldView
+
+RULES = ("right", "first")
+
+
+class RightOfWay(Waypoints):
+    """Drive waypoints, as `waypoints` does, through a crossing about (`at_x`, `at_y`) [m] without a traffic light.
+
+    Robots stop `zone` [m] before the middle of it until it is their turn: with rule=right nobody goes while another
+    waits on its right, with rule=first who came first goes first. Where each has somebody on its right, and of those
+    who come at once, the lowest id goes. Paths of opposite directions must leave room for two robots beside each other,
+    and end outside of the zone.
+    """
+
+    def __init__(
+        self,
+        speed: float = 0.3,
+        points: str = "",
+        laps: int = 1,
+        at_x: float = 0.0,
+        at_y: float = 0.0,
+        zone: float = 0.8,
+        rule: str = "right",
+        clearance: float = CLEARANCE,
+    ) -> None:
+        super().__init__(speed, points, laps, clearance)
+        if rule not in RULES:
+            raise ValueError(f"rule is right or first, not {rule!r}")
+        if not zone > SMALLEST_ZONE:
+            raise ValueError(f"zone must be above {SMALLEST_ZONE:g} m")
+        self._crossing = Crossing(at_x, at_y, zone, by_right=rule == "right")
+
+    def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
+        """Return points on the paths; speeds of those who have to wait end at the lines where they wait."""
+        goals = super().goals(utime, team, me, world)
+        goals.round_it[:] = False  # whoever is in the way will go
+        inward = self._heads_in(team, goals)
+        around = world.surroundings()
+        free = self._crossing.free_for(utime, around, team.place, inward)
+        robot_id = np.append(around.members.robot_id, NOBODY)[team.place]  # a robot that is MISSING is nobody
+        limit = self._crossing.limit(robot_id, team.x, team.y, inward, free, ACCELERATION)
+        np.minimum(goals.speed, limit, out=goals.speed)
+        return goals
+
+    def _heads_in(self, team: Team, goals: Goals) -> NDArray[np.bool_]:
+        """Tell who heads for the middle; those who rest do not."""
+        x, y = self._crossing.at_x, self._crossing.at_y
+        nearer = np.hypot(goals.x - x, goals.y - y) < np.hypot(team.x - x, team.y - y)
+        return np.asarray(nearer & (goals.speed > 0.0))

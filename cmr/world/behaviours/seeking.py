@@ -1,0 +1,115 @@
+"""What shipped behaviours share: each says where its robots head for and how fast, and here they get there safely."""
+
+from abc import abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.model.parameters import RobotParameters
+from cmr.world.behaviours.team import Duties, Floats, Indices, Memory, TeamBehaviour
+from cmr.world.surroundings import Members, Surroundings
+from cmr.world.view import Robots, WorldView
+
+ACCELERATION = 0.5  # m/s^2
+LONGEST_TURN = 0.1  # s; who decided longer ago gathers no more speed than in this time
+CLEARANCE = 0.05  # m between the bodies of robots
+LOOK_AHEAD = 0.15  # m along a path to the point that is headed for
+
+
+class Team(NamedTuple):
+    """The n robots that decide now: their rows in the memory, their places among everybody, poses and parameters.
+
+    `dt` is the time [s] since each decided last, `radius` [m] that of its body, `apart` [m] the least distance between
+    its centre and that of another robot.
+    """
+
+    row: Indices
+    place: Indices
+    x: Floats
+    y: Floats
+    theta: Floats
+    dt: Floats
+    radius: Floats
+    apart: Floats
+    parameters: RobotParameters
+
+
+class Goals(NamedTuple):
+    """Where n robots head for [m], how fast [m/s], and who may go round what is in its way."""
+
+    x: Floats
+    y: Floats
+    speed: Floats
+    round_it: NDArray[np.bool_]
+
+
+class Seeker(TeamBehaviour):
+    """A behaviour whose robots head for points; derive from it and write `goals`.
+
+    They gather speed with ACCELERATION, keep their bodies `clearance` [m] away from those of other robots and from
+    discs, and stand where there is no other way.
+    """
+
+    def __init__(self, speed: float, clearance: float, **remembered: float) -> None:
+        if not speed > 0.0 or not clearance >= 0.0:
+            raise ValueError("speed must be above 0, clearance 0 or more")
+        self.speed, self.clearance = speed, clearance
+        self.memory = Memory(speed=0.0, utime=0.0, **remembered)
+        self._index: tuple[tuple[int, ...], Members, Indices] | None = None
+
+    @abstractmethod
+    def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
+        """Return where these robots head for. One with speed 0 stands."""
+
+    def prepare(self) -> None:
+        """Load the compiled functions by a turn of nobody."""
+        nobody = np.zeros(0)
+        self.commands(0, Robots.of([]), WorldView(), RobotParameters(nobody, nobody, nobody, nobody))
+
+    def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
+        """Return the duties that take robots where `goals` says."""
+        from cmr.world.behaviours.steering import steer
+        from cmr.world.interaction.body import body_radius
+
+        around = world.surroundings()
+        row = self.memory.rows(me.robot_id)
+        x, y, theta = (np.ascontiguousarray(column, dtype=float) for column in me.state[:3])
+        dt = np.minimum(np.maximum((utime - self.memory["utime"][row]) * 1e-6, 0.0), LONGEST_TURN)
+        self.memory["utime"][row] = utime
+        index, radius = self._index_of(me.robot_id, around.members), body_radius(parameters.base_width)
+        team = Team(row, index, x, y, theta, dt, radius, 2.0 * radius + self.clearance, parameters)
+        goals = self.goals(utime, team, me, world)
+        np.minimum(goals.speed, self.memory["speed"][row] + ACCELERATION * dt, out=goals.speed)
+        forward = self._keep_clear(team, goals, around, world)
+        self.memory["speed"][row] = goals.speed
+        duties = np.empty((len(row), 2))
+        body = (parameters.wheel_radius, parameters.k1, parameters.base_width)
+        steer(x, y, theta, goals.x, goals.y, goals.speed, forward, *body, duties)
+        return duties
+
+    def _keep_clear(self, team: Team, goals: Goals, around: Surroundings, world: WorldView) -> Floats:
+        """Lower speeds, and move targets, for what is in the way; return how fast robots may go straight on [m/s]."""
+        from cmr.world.behaviours.clearance import REACTION, keep_clear, view_needed
+
+        forward = np.empty(len(team.row))
+        near = around.neighbours(view_needed(team.apart.max(initial=0.0), goals.speed.max(initial=0.0), REACTION))
+        speed_x, speed_y = around.velocities(wheel_radius_of(team))
+        disc_x, disc_y, disc_radius = world.obstacles.discs
+        keep_clear(
+            *(team.place, team.theta, near.start, near.index, around.x, around.y, speed_x, speed_y),
+            *(disc_x, disc_y, disc_radius, goals.round_it, team.radius, self.clearance, REACTION),
+            *(goals.x, goals.y, goals.speed, forward),
+        )
+        return forward
+
+    def _index_of(self, robot_ids: tuple[int, ...], members: Members) -> Indices:
+        """Return where these robots are among everybody; the answer is kept as long as the same are asked for."""
+        if self._index is None or self._index[0] is not robot_ids or self._index[1] is not members:
+            self._index = (robot_ids, members, members.index_of(np.array(robot_ids, np.int64)))
+        return self._index[2]
+
+
+def wheel_radius_of(team: Team) -> float:
+    """Return a wheel radius [m] by which to tell how fast others are: they are taken to be of one's own kind."""
+    return float(team.parameters.wheel_radius[0]) if len(team.row) else 0.0

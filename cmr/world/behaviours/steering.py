@@ -1,0 +1,50 @@
+"""From a point to head for to duties of the motors.
+
+Source of the steering law: Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, CMU 1992.
+"""
+
+import math
+
+from cmr.model.compiled import compiled
+from cmr.world.behaviours.team import Duties, Floats
+
+LARGEST_DUTY = 0.9  # leaves the motors something to turn with
+
+
+@compiled("void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1])")
+def steer(
+    x: Floats,
+    y: Floats,
+    theta: Floats,
+    target_x: Floats,
+    target_y: Floats,
+    speed: Floats,
+    fastest: Floats,
+    wheel_radius: Floats,
+    k1: Floats,
+    base_width: Floats,
+    duties: Duties,
+) -> None:
+    """Write the duties (n, 2) that take robots at poses [m, m, rad] to targets [m] at these speeds [m/s].
+
+    Each follows the arc through its target, and turns more sharply where it may go at most `fastest` [m/s] straight
+    on. Where the target lies behind, it turns on the spot. One without speed stands.
+    """
+    for i in range(len(x)):
+        dx, dy = target_x[i] - x[i], target_y[i] - y[i]
+        distance = math.sqrt(dx * dx + dy * dy)
+        if not (speed[i] > 0.0 and distance > 1e-9):
+            duties[i, 0] = duties[i, 1] = 0.0
+            continue
+        cos, sin = math.cos(theta[i]), math.sin(theta[i])
+        ahead, aside = dx * cos + dy * sin, dy * cos - dx * sin
+        if ahead > 0.0:
+            forward = min(speed[i], fastest[i])
+            sideways = speed[i] * aside / (distance * distance) * base_width[i]
+        else:
+            forward = 0.0
+            sideways = math.copysign(speed[i], aside)
+        per_speed = k1[i] / wheel_radius[i]
+        left, right = (forward - sideways) * per_speed, (forward + sideways) * per_speed
+        excess = max(1.0, abs(left) / LARGEST_DUTY, abs(right) / LARGEST_DUTY)
+        duties[i, 0], duties[i, 1] = left / excess, right / excess

@@ -1,0 +1,115 @@
+"""What keeps a real robot from harm whatever its behaviour says: its geofence, its poses, and robots in its way."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cmr.model.body import forward
+from cmr.model.parameters import RobotParameters
+from cmr.world.interaction.obstacles import Geofence
+from cmr.world.view import Robot, WorldView
+
+MARGIN = 0.3  # m from the geofence's border at which a robot is stopped
+STOPPING = 0.3  # s of driving on until a robot stands: what a pilot sees is old, and motors take their time
+OLDEST_POSE = 500_000  # us
+STANDING = 0.01  # m/s; slower than this, a robot stands
+
+
+class FenceGuard:
+    """Stops a robot that gets nearer than `margin` [m] to the border of its geofence, or would soon be outside.
+
+    `left` is then a sentence; it stays for good, as a robot that somebody carries back must not drive on in the hands.
+    """
+
+    def __init__(self, robot_id: int, geofence: Geofence, margin: float = MARGIN) -> None:
+        self.left = ""
+        self._robot_id, self._geofence, self._margin = robot_id, geofence, margin
+
+    def look(self, x: float, y: float, going: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Look at where the robot is [m; world frame] and how it moves [m/s]."""
+        inside = bool(self._geofence.contains(x, y))
+        away = float(self._geofence.distance(x, y))
+        soon = (x + STOPPING * going[0], y + STOPPING * going[1])
+        if self.left or (inside and away >= self._margin and self._geofence.contains(*soon)):
+            return
+        where = f"{away:.2f} m {'inside' if inside else 'outside'} of the border" if math.isfinite(away) else "nowhere"
+        self.left = (
+            f"Robot {self._robot_id} left its geofence: at ({x:.2f}, {y:.2f}) m it was {where}, with a margin of "
+            f"{self._margin:g} m. It stands. Put it back inside by hand and start cmr-pilot again."
+        )
+
+
+class PoseGuard:
+    """Knows whether poses of the robot come (POSE_N): `missing` says what is wrong with them.
+
+    Robots that never had poses do without, unless `needed`. Who had them once needs them.
+    """
+
+    def __init__(self, robot_id: int, *, needed: bool) -> None:
+        self.place: tuple[float, float] | None = None
+        self._robot_id, self._needed = robot_id, needed
+        self._stamp: int | None = None
+        self._news = False
+        self._heard = 0
+
+    def take(self, message: Any) -> None:
+        """Take a pose_xyt_t; one that is no number is none, and the same one again is no news."""
+        if not math.isfinite(message.x + message.y + message.theta):
+            return
+        self.place = (message.x, message.y)
+        if message.utime != self._stamp:
+            self._stamp, self._news = message.utime, True
+
+    def missing(self, utime: int) -> str:
+        """Return what the robot waits for at `utime` [us]; empty if its poses are there, or are not needed."""
+        if self._news:
+            self._heard, self._news = utime, False
+        if self._stamp is None:
+            return f"poses (POSE_{self._robot_id}), without which it cannot stay inside its geofence" * self._needed
+        silence, age = utime - self._heard, utime - self._stamp
+        if silence > OLDEST_POSE:
+            return f"poses: POSE_{self._robot_id} fell silent {silence * 1e-6:.1f} s ago"
+        if abs(age) > OLDEST_POSE:
+            words = f"{abs(age) * 1e-6:.1f} s {'old' if age > 0 else 'ahead of the clock of this host'}"
+            return f"newer poses: the last on POSE_{self._robot_id} is {words}; is one of the clocks wrong?"
+        return ""
+
+
+def load() -> None:
+    """Load what `kept_clear` takes."""
+    from cmr.world.behaviours.clearance import speed_before
+
+    speed_before(1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.5, STOPPING, 1.0)
+
+
+def kept_clear(
+    me: Robot, world: WorldView, model: RobotParameters, duties: tuple[float, float]
+) -> tuple[tuple[float, float], str]:
+    """Return duties with which the robot can stop before real and virtual robots in its way, and for whom it stands.
+
+    Both duties are lowered alike, so it drives the same arc; turning on the spot is always possible.
+    """
+    from cmr.world.behaviours.clearance import speed_before, view_needed  # compiled: half a second
+    from cmr.world.behaviours.seeking import CLEARANCE
+    from cmr.world.interaction.body import body_radius
+
+    speed = float(forward(duties[0] / model.k1, duties[1] / model.k1, model))
+    if speed == 0.0:
+        return duties, ""
+    sign = math.copysign(1.0, speed)
+    along = (sign * math.cos(me.state.theta), sign * math.sin(me.state.theta))
+    around = world.surroundings()
+    apart = 2.0 * float(body_radius(model.base_width)) + CLEARANCE
+    dx, dy = around.x - me.state.x, around.y - me.state.y
+    seen = np.hypot(dx, dy) <= view_needed(apart, abs(speed), STOPPING)
+    speed_x, speed_y = around.velocities(float(model.wheel_radius))
+    slowest, whom = abs(speed), ""
+    for k in np.flatnonzero(seen & (around.members.robot_id != me.robot_id)).tolist():
+        allowed = speed_before(dx[k], dy[k], *along, speed_x[k], speed_y[k], apart, STOPPING, abs(speed))
+        if allowed < slowest:
+            away = math.hypot(dx[k], dy[k])
+            slowest = allowed
+            whom = f"robot {around.members.robot_id[k]}, {away:.2f} m away, to get out of its way"
+    share = slowest / abs(speed)
+    return (duties[0] * share, duties[1] * share), whom if slowest < STANDING else ""

@@ -1,0 +1,59 @@
+"""Everybody at once, as arrays: what behaviours of many robots see of the world."""
+
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from cmr.world.interaction.neighbours import Neighbours
+
+Floats: TypeAlias = NDArray[np.float64]
+Indices: TypeAlias = NDArray[np.int64]
+
+MISSING = -1  # index of a robot that is not there
+
+
+class Members:
+    """Who is there: ids in the order in which their states come."""
+
+    def __init__(self, robot_id: Indices) -> None:
+        self.robot_id = robot_id
+        self._order = np.argsort(robot_id, kind="stable")
+        self._sorted = robot_id[self._order]
+
+    def index_of(self, robot_ids: Indices) -> Indices:
+        """Return where these robots are in the order of `robot_id`; MISSING for those that are not there."""
+        if not len(self._sorted):
+            return np.full(len(robot_ids), MISSING)
+        place = np.minimum(np.searchsorted(self._sorted, robot_ids), len(self._sorted) - 1)
+        return np.where(self._sorted[place] == robot_ids, self._order[place], MISSING)
+
+
+class Surroundings:
+    """The real and virtual robots of the world at one moment: positions [m], headings [rad], wheel speeds [rad/s].
+
+    Robots whose state is no number are left out. All arrays have the order of `members.robot_id`; `members` stays the
+    same object as long as the same robots are there.
+    """
+
+    def __init__(self, members: Members, state: Floats) -> None:
+        self.members = members
+        self.x, self.y, self.theta, self.psi_left, self.psi_right = state
+        self._neighbours: dict[float, Neighbours] = {}
+        self._velocities: tuple[float, Floats, Floats] | None = None
+
+    def neighbours(self, radius: float) -> "Neighbours":
+        """Return for each robot those at most `radius` [m] away; found once for all who ask."""
+        if radius not in self._neighbours:
+            from cmr.world.interaction.neighbours import pairs_within  # imports Numba, which takes half a second
+
+            self._neighbours[radius] = pairs_within(self.x, self.y, radius)
+        return self._neighbours[radius]
+
+    def velocities(self, wheel_radius: float) -> tuple[Floats, Floats]:
+        """Return how everybody moves [m/s; world frame], taking all wheels to have this radius [m]."""
+        if self._velocities is None or self._velocities[0] != wheel_radius:
+            speed = (0.5 * wheel_radius) * (self.psi_left + self.psi_right)
+            self._velocities = (wheel_radius, speed * np.cos(self.theta), speed * np.sin(self.theta))
+        return self._velocities[1:]
