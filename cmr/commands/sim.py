@@ -26,6 +26,7 @@ from cmr.parameters.following import ParameterFollower
 from cmr.scenario import ScenarioError
 from cmr.scenario.virtual import Cast, cast_of
 from cmr.world.behaviours.help_text import help_text
+from cmr.world.interaction.obstacles import ObstacleError, Obstacles
 from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
 from cmr.world.view import world_messages
@@ -50,7 +51,9 @@ def main(arguments: list[str]) -> int:
         loader.ready,
         options.real,
         cast.own_parameters,
+        _obstacles(options, cast.obstacles),
     )
+    world.view.geofence = cast.geofence
     for robot_id, message in cast.waypoints:
         world.handle(message.utime, WAYPOINTS.channel(robot_id), message)
     publish = Timer(1.0 / options.rate)
@@ -78,7 +81,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "cmr-sim",
         "Keep the state of the whole world: estimate real robots from their sensors, simulate virtual robots and a "
         "twin of each real robot, and publish all on WORLD_STATE. Real robots are found by their messages.",
-        "cmr-sim --virtual 10=figure_eight,x=0.5 --virtual 11=follow,leader=10,x=0.2 --parameters .\n\n"
+        "cmr-sim --virtual 10=figure_eight,x=0.5 --virtual 11=follow,leader=10,x=0.2 --parameters .\n"
+        "  cmr-sim --virtual 10=figure_eight --obstacle 1,0.5,0.2 --wall=-2,2,2,2\n\n"
         "x, y, theta set where a virtual robot starts.\n\n" + help_text(),
     )
     options.add_argument(
@@ -110,6 +114,22 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="all|none|ID,...",
         help="the real robots to estimate; of several simulators that share a world, each robot belongs to one",
     )
+    options.add_argument(
+        "--obstacle",
+        type=_numbers,
+        action="append",
+        default=[],
+        metavar="X,Y,RADIUS",
+        help="a disc [m] that virtual robots cannot drive through; may be given again",
+    )
+    options.add_argument(
+        "--wall",
+        type=_numbers,
+        action="append",
+        default=[],
+        metavar="X1,Y1,X2,Y2",
+        help="a straight wall [m] that virtual robots cannot drive through; may be given again",
+    )
     options.add_argument("--rate", type=_rate, default=50.0, metavar="HZ", help="of WORLD_STATE, 20 to 100")
     options.add_argument(
         "--split", action="store_true", help=f"split WORLD_STATE into messages of at most {PACKET} bytes"
@@ -123,6 +143,22 @@ def _real(text: str) -> Callable[[int], bool]:
         return lambda _robot_id: text == "all"
     chosen = {parse_robot_id(number) for number in text.split(",")}
     return lambda robot_id: robot_id in chosen
+
+
+def _numbers(text: str) -> list[float]:
+    """Parse numbers in a row for argparse; how many there must be is checked with what they describe."""
+    return [float(number) for number in text.split(",")]
+
+
+def _obstacles(options: argparse.Namespace, others: Obstacles) -> Obstacles:
+    """Return the obstacles of the command line and of the scenario together.
+
+    Raises CommandError naming the one that cannot be.
+    """
+    try:
+        return Obstacles([*options.obstacle, *others.discs.T], [*options.wall, *others.walls.T])
+    except ObstacleError as error:
+        raise CommandError(f"--obstacle, --wall: {error}") from error
 
 
 def _rate(text: str) -> float:

@@ -33,17 +33,23 @@ from cmr.world.commands import CommandMemory
 from cmr.world.deciding import Deciding
 from cmr.world.estimator import Estimator
 from cmr.world.fleet import STEP, Fleet, Key
+from cmr.world.interaction.body import body_radius
+from cmr.world.interaction.obstacles import Floats, Obstacles
 from cmr.world.others import Others
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
 MOST_STEPS_AT_ONCE = 10  # made up in one turn, so that a world that was held up is seen while it catches up
 LOST = 1_000_000  # us; a real robot of which nothing newer was heard leaves the world
+USUAL_BASE_WIDTH = 0.16  # m; of real robots whose parameters nobody knows yet
 
 
 @dataclass(frozen=True)
 class VirtualRobot:
-    """A virtual robot: where it starts [m, m, rad; world frame], what it does, and whose parameters it moves by."""
+    """A virtual robot: where it starts [m, m, rad; world frame], what it does, and whose parameters it moves by.
+
+    `radius` [m] is that of the disc that it meets others with; by default it follows from the base width.
+    """
 
     robot_id: int
     behaviour: AnyBehaviour
@@ -51,6 +57,7 @@ class VirtualRobot:
     x: float = 0.0
     y: float = 0.0
     theta: float = 0.0
+    radius: float | None = None
 
 
 class _RealRobot:
@@ -82,6 +89,8 @@ class World:
 
     Virtual robots steer by the parameters of the robot that they go by, and move by them as well, unless
     `own_parameters` has others under their id: robots differ from what is believed of them.
+
+    Virtual robots that meet one another are pushed apart; real robots and `obstacles` cannot be pushed.
     """
 
     def __init__(
@@ -91,6 +100,7 @@ class World:
         ready: Callable[[RobotParameters], bool] = lambda _parameters: True,
         estimates: Callable[[int], bool] = lambda _robot_id: True,
         own_parameters: Mapping[int, RobotParameters] = MappingProxyType({}),
+        obstacles: Obstacles | None = None,
     ) -> None:
         self.view = WorldView()
         self.estop = EmergencyStop()
@@ -108,7 +118,7 @@ class World:
         self._virtual = {robot.robot_id: robot for robot in virtual}
         self._absent = {robot_id: _starting(virtual, robot_id) for robot_id in {r.parameters_of for r in virtual}}
         self._real: dict[int, _RealRobot] = {}
-        self._fleet = Fleet()
+        self._fleet = Fleet(obstacles, {robot.robot_id: robot.radius for robot in virtual if robot.radius is not None})
         self._deciding: Deciding | None = None
         self._models_changed = False
         for robot in virtual:
@@ -163,6 +173,7 @@ class World:
         self._place_virtual()
         for _ in range(MOST_STEPS_AT_ONCE):
             before = self._fleet.utime
+            self._fleet.standing = self._bodies_of_real()
             if not self._fleet.advance(utime):
                 return
             now = self._fleet.utime
@@ -196,6 +207,15 @@ class World:
             for robot_id, robot in self._real.items()
             if abs(self._fleet.utime - robot.estimator.utime) <= LOST
         ]
+
+    def _bodies_of_real(self) -> Floats:
+        """Return x, y and radius [m] of the real robots heard of lately, (3, m)."""
+        bodies = []
+        for robot in self.real():
+            parameters = self._real[robot.robot_id].estimator.parameters
+            base_width = parameters.base_width if parameters else USUAL_BASE_WIDTH
+            bodies.append((robot.state.x, robot.state.y, body_radius(base_width)))
+        return np.array(bodies, dtype=float).reshape(-1, 3).T
 
     def _take_others(self, message: Any) -> None:
         """Show what another simulator says of its robots; before the first turn nobody knows what time it is."""
