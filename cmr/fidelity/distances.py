@@ -1,0 +1,94 @@
+"""How far two sets of experiments are apart, how sure that is, and whether calibration brings them together.
+
+A distance is Wasserstein's between the distributions of a metric: how far, on average, values must be moved to turn one
+set into the other, in the metric's unit. Two sets of real teams are apart too, by chance alone: that is the floor.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+RESAMPLES = 1000
+INTERVAL = (2.5, 97.5)  # percent
+CHANCE = 0.05  # a distance that chance reaches more often is no finding
+
+CLOSES = "closes the gap"
+NOT_SHOWN = "not shown to close the gap"
+WIDENS = "widens the gap"
+NO_GAP = "no gap to close"
+
+
+@dataclass(frozen=True)
+class Distance:
+    """A distance between two sets, in the metric's unit, with the 95 % interval of its bootstrap.
+
+    `p_value` is how often two sets that differ by chance alone are as far apart (permutation test).
+    """
+
+    value: float
+    low: float
+    high: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Closing:
+    """What one preparation of the virtual robots did to the distance of another.
+
+    `share` of the distance beyond the floor is closed (1: all, 0: nothing, below 0: it grew), with its 95 % interval;
+    NaN where there was no gap.
+    """
+
+    verdict: str
+    share: float
+    low: float
+    high: float
+
+
+def wasserstein(a: Floats, b: Floats) -> float:
+    """Return Wasserstein's distance between two sets of values."""
+    from scipy.stats import wasserstein_distance  # slow to import
+
+    return float(wasserstein_distance(a, b))
+
+
+def distance(real: Floats, other: Floats, seed: int = 0) -> Distance:
+    """Return the distance of a set of experiments to those with real robots; each is of shape (n,), without NaN."""
+    random = np.random.default_rng(seed)
+    value = wasserstein(real, other)
+    drawn = [wasserstein(_again(real, random), _again(other, random)) for _ in range(RESAMPLES)]
+    both = np.concatenate([real, other])
+    shuffled = [_split(random.permutation(both), len(real)) for _ in range(RESAMPLES)]
+    as_far = sum(one >= value - 1e-12 for one in shuffled)
+    low, high = np.percentile(drawn, INTERVAL)
+    return Distance(value, float(low), float(high), (1 + as_far) / (1 + RESAMPLES))
+
+
+def closing(real: Floats, before: Floats, after: Floats, floor: float, seed: int = 0) -> Closing:
+    """Return what came of preparing the virtual robots better.
+
+    `before` and `after` are of the same experiments, in the same order, with the robots prepared in one way or the
+    other; `floor` is the distance of real teams among themselves. It tells a change only where its 95 % interval does.
+    """
+    gap = distance(real, before, seed)
+    if gap.p_value > CHANCE or gap.value <= floor:
+        return Closing(NO_GAP if distance(real, after, seed).p_value > CHANCE else WIDENS, *3 * [float("nan")])
+    random = np.random.default_rng(seed)
+    closed = []
+    for _ in range(RESAMPLES):
+        those, pairs = _again(real, random), random.integers(len(before), size=len(before))
+        closed.append(wasserstein(those, before[pairs]) - wasserstein(those, after[pairs]))
+    share = (gap.value - wasserstein(real, after)) / (gap.value - floor)
+    low, high = (float(one) for one in np.percentile(closed, INTERVAL) / (gap.value - floor))
+    verdict = CLOSES if low > 0.0 else WIDENS if high < 0.0 else NOT_SHOWN
+    return Closing(verdict, share, low, high)
+
+
+def _again(values: Floats, random: np.random.Generator) -> Floats:
+    return values[random.integers(len(values), size=len(values))]
+
+
+def _split(values: Floats, first: int) -> float:
+    return wasserstein(values[:first], values[first:])

@@ -1,0 +1,108 @@
+"""Prepare virtual robots as a laboratory would: calibrate its real robots, diagnose one, draw a population.
+
+The drives are made without hardware; what is made of them is the very work of cmr-calibrate and cmr-diagnose.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from cmr.calibration.calibrator import Calibrator
+from cmr.calibration.result import CalibrationError
+from cmr.diagnosis.diagnose import diagnose
+from cmr.diagnosis.document import extended_file
+from cmr.model.parameters import RobotParameters
+from cmr.parameters.file import ParameterFile
+from cmr.recordings.recording import Recorder, Recording
+from cmr.team.casting import Cast
+from cmr.team.experiment import ExperimentError, run
+from cmr.team.hidden import Laboratory
+from cmr.team.population import population_of
+from cmr.team.real_robots import Message
+
+EIGHT = {"size": "0.7", "speed": "0.3", "laps": "1", "start": "1.5"}
+EIGHT_DURATION = 24.0  # s
+RICH = {"name": "rich_drive", "space": "10"}  # m: there are no walls
+RICH_DURATION = 130.0  # s
+OTHERS = (1_000_001, 1_000_002)  # ids of the robots calibrated for a population, beside the one of the experiment
+
+
+@dataclass(frozen=True)
+class _Behaviour:
+    name: str
+    settings: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class _Robot:
+    robot_id: int
+    behaviour: _Behaviour
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    waypoints: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class _Ending:
+    waypoints_reached: bool = False
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """A scenario of one robot."""
+
+    robots: tuple[_Robot, ...]
+    duration: float
+    ends_when: _Ending = field(default_factory=_Ending)
+
+
+def calibrated(laboratory: Laboratory, believed: ParameterFile, robot_id: int, seed: int) -> ParameterFile:
+    """Return the parameters that cmr-calibrate finds of a real robot in a figure-eight.
+
+    Raises ExperimentError where it finds none.
+    """
+    nominal = replace(believed, robot_id=robot_id)
+    calibrator = Calibrator(robot_id, nominal)
+    _drive(_Behaviour("figure_eight", EIGHT), EIGHT_DURATION, Cast(nominal, (robot_id,), laboratory), seed, calibrator)
+    result = calibrator.fit()
+    if result is None:
+        raise ExperimentError(f"Robot {robot_id} could not be calibrated: {calibrator.failure}")
+    return result.parameter_file({"log": "cmr-fidelity"})
+
+
+def diagnosed(laboratory: Laboratory, believed: ParameterFile, robot_id: int, seed: int) -> ParameterFile:
+    """Return the parameters, with effects, that cmr-diagnose finds of a real robot in a figure-eight and a rich drive.
+
+    Raises ExperimentError where the paper's model cannot be fitted.
+    """
+    nominal = replace(believed, robot_id=robot_id)
+    cast = Cast(nominal, (robot_id,), laboratory)
+    drives = ((_Behaviour("figure_eight", EIGHT), EIGHT_DURATION), (_Behaviour("manoeuvre", RICH), RICH_DURATION))
+    recordings = [_recorded(*drive, cast, seed) for drive in drives]
+    try:
+        return extended_file(diagnose(recordings, nominal), {"log": "cmr-fidelity"})
+    except CalibrationError as error:
+        raise ExperimentError(f"Robot {robot_id} could not be diagnosed: {error}") from error
+
+
+def population(
+    laboratory: Laboratory, believed: ParameterFile, known: ParameterFile, virtual: list[int], seed: int
+) -> dict[int, RobotParameters]:
+    """Return virtual robots drawn from three calibrated ones: the one that is `known` and two more."""
+    files = [known, *(calibrated(laboratory, believed, robot_id, seed) for robot_id in OTHERS)]
+    drawn_from = population_of(files)
+    return {robot_id: drawn_from.draw(seed, robot_id) for robot_id in virtual}
+
+
+def _recorded(behaviour: _Behaviour, duration: float, cast: Cast, seed: int) -> Recording:
+    recorder = Recorder(cast.believed.robot_id)
+    _drive(behaviour, duration, cast, seed, recorder)
+    return recorder.recording()
+
+
+def _drive(behaviour: _Behaviour, duration: float, cast: Cast, seed: int, hears: Calibrator | Recorder) -> None:
+    """Let one real robot drive alone, and have somebody hear its messages."""
+    robot_id = cast.believed.robot_id
+
+    def listen(utime: int, message: Message) -> None:
+        hears.handle(utime, *message)
+
+    run(_Drive((_Robot(robot_id, behaviour),), duration), cast, seed, listen=listen)
