@@ -82,5 +82,8 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
         yield Job(f"diagnoser {robot_id}", DIAGNOSER, command, robot_id, host=scenario.host)
     if robot.behaviour is not None:
         command = [our_command("cmr-pilot"), *who, "--behaviour", str(robot.behaviour), *parameters, *bus]
+        if scenario.geofence is not None:
+            corners = ",".join(f"{value!r}" for corner in scenario.geofence for value in corner)
+            command.append(f"--geofence={corners}")
         once = robot.behaviour.name == OPEN_LOOP
         yield Job(f"pilot {robot_id}", PILOT, command, robot_id, host=robot.host, once=once)

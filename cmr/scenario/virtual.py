@@ -11,10 +11,11 @@ from cmr.msg import waypoints_t
 from cmr.scenario.plan import Point
 from cmr.scenario.scenario import Scenario, load
 from cmr.team.population import drawn_from
-from cmr.world.behaviours import make_behaviour
-from cmr.world.behaviours.commanded import Commanded
+from cmr.world.behaviours import make_behaviours
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.world import VirtualRobot
+
+COMMANDED = "commanded"  # the behaviour that does what MOTOR_COMMAND_N says
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,15 @@ def cast_of(path: Path | None) -> Cast:
 
 def virtual_robots(scenario: Scenario) -> list[VirtualRobot]:
     """Return the virtual robots; those without a behaviour do what MOTOR_COMMAND_N says."""
+    descriptions = {
+        plan.robot_id: (plan.behaviour.name, plan.behaviour.settings) if plan.behaviour else (COMMANDED, {})
+        for plan in scenario.virtual
+    }
+    behaviours = make_behaviours(descriptions)  # those that are described equally decide together
     return [
         VirtualRobot(
             plan.robot_id,
-            make_behaviour(plan.behaviour.name, dict(plan.behaviour.settings)) if plan.behaviour else Commanded(),
+            behaviours[plan.robot_id],
             plan.robot_id if plan.parameters_of is None else plan.parameters_of,
             **(plan.start._asdict() if plan.start else {}),
         )
