@@ -150,6 +150,13 @@ def test_the_exit_code_of_a_command_is_handed_on() -> None:
     assert guarded(interrupted, []) == 130
 
 
+def test_a_command_whose_reader_has_ended_says_nothing_more() -> None:
+    program = "import cmr.commands.command_line as c, sys; sys.exit(c.guarded(lambda _: print('x' * 100_000) or 0, []))"
+    command = ["bash", "-c", '"$0" -c "$1" | true', sys.executable, program]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
+    assert result.stderr == ""
+
+
 # Ctrl-C while a command is still starting
 
 

@@ -7,12 +7,14 @@ import pytest
 
 from cmr.diagnosis.data import looked_at, refusal, with_clocks_set
 from cmr.diagnosis.diagnose import diagnose
+from cmr.diagnosis.holding import Elsewhere, why_not_of_moments
 from cmr.diagnosis.localising import best_moment, best_place
 from cmr.diagnosis.polishing import parabola
 from cmr.diagnosis.study import LARGE, tempered
 from tests.hidden_effects import hidden_recording
 
 COUNT = 4000
+TWO_DRIVES = ("figure_eight", "steps")
 
 
 def test_the_moment_of_a_change_is_found() -> None:
@@ -93,3 +95,29 @@ def test_data_without_wheels_are_refused() -> None:
     recording = hidden_recording(manoeuvre="rich", seed=1).recording
     blind = replace(recording, wheels=recording.wheels.between(0, 1))
     assert "MOTOR_FEEDBACK_N" in refusal(looked_at([blind]))
+
+
+def test_a_drive_that_does_not_show_an_effect_says_nothing_against_it() -> None:
+    drives = [hidden_recording("current_limit", manoeuvre=drive, seed=1, run=k) for k, drive in enumerate(TWO_DRIVES)]
+    found = diagnose([drive.recording for drive in drives])
+    assert [effect.name for effect in found.effects] == ["current_limit"]
+    limit = found.effects[0].estimates["current_limit"]
+    assert limit.value == pytest.approx(drives[0].truth.parameters["current_limit"], abs=3.0 * limit.std)
+
+
+@pytest.mark.parametrize(
+    ("drops", "gains", "holds"),
+    [
+        ((0.0, 2e5), (0.0, 50.0), True),  # seen in one drive only, which helps the other
+        ((0.0, 2e5), (-1e6, -50.0), True),  # what a drive makes up that does not show it is no argument
+        ((0.0, 2e5), (0.0, -2e4), False),  # what one drive finds ruins the other
+        ((100.0, 100.0), (30.0, -40.0), False),
+        ((20.0, 20.0), (5.0, 5.0), True),  # neither speaks for it alone, each helps the other
+        ((20.0, 20.0), (5.0, -6.0), False),
+        ((20.0, 1.0), (5.0, 5.0), False),
+    ],
+)
+def test_what_one_drive_finds_must_not_ruin_another(
+    drops: tuple[float, float], gains: tuple[float, float], holds: bool
+) -> None:
+    assert (why_not_of_moments(Elsewhere(drops, gains, 0.5), 35.0) == "") == holds

@@ -1,6 +1,7 @@
 """What all cmr-* commands share on the command line: help with an example, --version, exit codes, errors."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable
 from textwrap import fill
@@ -61,9 +62,17 @@ def parse_robot_id(text: str) -> int:
 
 
 def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
-    """Run `main`; turn an expected error into one line on stderr and exit code 1."""
+    """Run `main`; turn an expected error into one line on stderr and exit code 1.
+
+    Where nobody reads what it says any more, as after `| head`, it says nothing more.
+    """
     try:
-        return main(arguments)
+        code = main(arguments)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except (CommandError, BusError) as error:
         print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
         return 1

@@ -11,7 +11,7 @@ from cmr.diagnosis.engine import Ready, prepare
 from cmr.diagnosis.experiment import Piece
 from cmr.diagnosis.free_runs import WINDOW
 from cmr.diagnosis.inexactness import inexactness
-from cmr.diagnosis.judging import Named, Tried
+from cmr.diagnosis.judging import TOO_SMALL, Named, Tried
 from cmr.diagnosis.looking import look
 from cmr.diagnosis.measuring import Measured, measure
 from cmr.diagnosis.naming import Search
@@ -52,7 +52,7 @@ from cmr.recordings.recording import Recording
 BY_COURSES = (  # whose errors last, and go with much by chance
     "Effects were looked for in the course of the motion, not moment by moment. What remains beside them is not judged."
 )
-MOST_UNSEEN = 4  # effects named in one recommendation
+MOST_UNSEEN = 4  # effects for which a drive is composed
 
 
 def diagnose(
@@ -150,7 +150,7 @@ def _diagnosis(
     return Diagnosis(
         robot_id=robot_id,
         verdict=verdict,
-        sentence=_sentence(effects, unexplained, found.unseen),
+        sentence=_sentence(effects, unexplained, found),
         unexplained=unexplained,
         baseline=_fitted(found.base, found, measured.before, measured.held_out_before),
         extended=_fitted(whole.final, found, measured.after, measured.held_out_after),
@@ -214,7 +214,8 @@ def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search, unexplai
             experiment_to_explain(unexplained.signal, unexplained.regressors, robot_id=robot_id, robot=robot)
         )
     elif found.unseen and not any(effect.next_experiment for effect in effects):
-        sentences.append(experiment_to_show(found.unseen[:MOST_UNSEEN], robot_id=robot_id, robot=robot))
+        few = found.unseen if len(found.unseen) <= MOST_UNSEEN else ()  # else the drive in which any effect would show
+        sentences.append(experiment_to_show(few, robot_id=robot_id, robot=robot))
     return " ".join(sentences) or None
 
 
@@ -261,7 +262,7 @@ def p_value(drop: float, parameters: int, inflation: float) -> float:
     return float(min(1.0, len(definitions_of(CATALOGUE)) * chi2.sf(drop / inflation, parameters)))
 
 
-def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, unseen: Sequence[str]) -> str:
+def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, search: Search) -> str:
     found = " ".join(effect.cause for effect in effects)
     if unexplained.present:
         goes_with = " and ".join(map(regressor_name, unexplained.regressors))
@@ -271,9 +272,12 @@ def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, unseen: 
         return f"{sentence} {_generic_sentence(unexplained.generic)}" if unexplained.generic else sentence
     if found:
         return found
+    small = [tried.effect.name.replace("_", " ") for tried, why in search.others if why == TOO_SMALL]
     nothing = f"Nothing in the data speaks for any of the {len(CATALOGUE)} effects"
-    if unseen:
-        return f"{nothing}; but these drives would not show {len(unseen)} of them."
+    if small:
+        nothing = f"Of the {len(CATALOGUE)} effects none matters here ({', '.join(small)}: seen, but too small)"
+    if search.unseen:
+        return f"{nothing}; but these drives would not show {len(search.unseen)} of them."
     return f"{nothing}: the paper's model is enough."
 
 

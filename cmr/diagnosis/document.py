@@ -162,7 +162,11 @@ def _generic(term: GenericTerm | None) -> Document | None:
 
 
 def _data_check(finding: Finding) -> Document:
-    return {"check": finding.check, "found": int(finding.found), "sentence": finding.sentence}
+    return {
+        "check": finding.check,
+        "found": int(finding.found),
+        "sentence": finding.sentence if finding.found else None,
+    }
 
 
 def _estimate(name: str, estimate: Estimate) -> Document:

@@ -15,42 +15,55 @@ from cmr.model.catalogue import definition
 from cmr.recordings.signal import Floats
 
 LEAST_SEEN = 4.0  # drop of the sum of squares that each part alone must show
+LOST = 0.1  # of what an effect explains of one part that it may cost the other, as no model is exact
 LEAST_GAIN = 10.0  # log-likelihood that an effect must add to the parts that it was not fitted on
 LEAST_SHARE = 0.05  # of a signal's squares on data left out that an effect must explain to matter
 IN_COMMON = 0.5  # correlation of what two effects explain from which on either may stand for the other
 SEEN = 0.7  # of the fastest turns: sensors err, and the ground gives a little
 GYRO = "yaw_rate"
+DOES_NOT_HOLD = "It does not hold on another part of the data, fitted anew without it."
 
 
 @dataclass(frozen=True)
 class Elsewhere:
     """What an effect does on data that it was not fitted on.
 
-    `seen` tells that each part of the data speaks for it. `gain` is the log-likelihood that it adds to the other part,
-    both ways together; `share` the largest share of any signal's squares that it explains there: of wheels and poses
-    in free runs, of the gyro beside the wheels as they were measured.
+    Fitted on the first part of the data and on the second, it has `drops` there of the sum of squares, and adds `gains`
+    of log-likelihood to the other part. `share` is the largest share of any signal's squares that it explains there: of
+    wheels and poses in free runs, of the gyro beside the wheels as they were measured.
     """
 
-    seen: bool
-    gain: float
+    drops: tuple[float, float]
+    gains: tuple[float, float]
     share: float
+
+    @property
+    def seen(self) -> bool:
+        """Whether each part of the data speaks for it."""
+        return min(self.drops) > LEAST_SEEN
+
+    @property
+    def gain(self) -> float:
+        """The log-likelihood that it adds to the parts that it was not fitted on."""
+        return sum(self.gains)
 
 
 def elsewhere(study: Study, before: Fit, after: Fit) -> Elsewhere:
     """Fit the model before and after an effect came in on each of two parts, and try both on the other part."""
     first = two_parts(study.predictors)
     gyro = np.concatenate([np.full(len(t), n == GYRO) for p in study.predictors for n, t in p.times.items()])
-    seen, squares, of_gyro, models = True, np.zeros(2), np.zeros(2), []
+    drops, gains, of_gyro, models = [], [], np.zeros(2), []
     for part in (first, ~first):
         fits = _fits_on(study.part(part), (before, after), after.noise)
-        seen = seen and fits[0].squares - fits[1].squares > LEAST_SEEN
+        drops.append(fits[0].squares - fits[1].squares)
         values = tuple(fit.values for fit in fits)
         white = study.white(lanes_of(values), after.noise) ** 2
-        squares += np.sum(white[~part], axis=0)
+        squares = np.sum(white[~part], axis=0)
+        gains.append(0.5 * float(squares[0] - squares[1]))
         of_gyro += np.sum(white[~part & gyro], axis=0)
         models.append(values)
     share = float(1.0 - of_gyro[1] / of_gyro[0]) if of_gyro[0] > 0.0 else 0.0
-    return Elsewhere(seen, 0.5 * float(squares[0] - squares[1]), max(share, _share(study, models)))
+    return Elsewhere((drops[0], drops[1]), (gains[0], gains[1]), max(share, _share(study, models)))
 
 
 def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:
@@ -95,18 +108,37 @@ def _squares(errors: Errors, name: str) -> float:
     return float(np.sum(squares))
 
 
-def why_not_elsewhere(study: Study, before: Fit, after: Fit | None) -> str:
-    """Return why what an effect explains is not believed to hold elsewhere; empty if it is."""
+def why_not_elsewhere(study: Study, before: Fit, after: Fit | None, significant: float) -> str:
+    """Return why what an effect explains is not believed to hold elsewhere; empty if it is.
+
+    `significant` is the drop of the sum of squares from which a part of the data speaks for it by itself.
+    """
     if after is None:
         return "It was not fitted."
     found = elsewhere(study, before, after)
+    if study.by_moments:
+        return why_not_of_moments(found, significant)
     if not found.seen:
         return "Only a part of the data shows it."
-    if found.gain <= (0.0 if study.by_moments else LEAST_GAIN):
-        return "It does not hold on another part of the data, fitted anew without it."
-    if not study.by_moments and found.share < LEAST_SHARE:
-        return "It hardly helps to foretell data that it was not fitted on."
-    return ""
+    if found.gain <= LEAST_GAIN:
+        return DOES_NOT_HOLD
+    return "It hardly helps to foretell data that it was not fitted on." if found.share < LEAST_SHARE else ""
+
+
+def why_not_of_moments(found: Elsewhere, significant: float) -> str:
+    """Return why an effect does not hold elsewhere, moment by moment.
+
+    A drive in which an effect does not show says nothing against it. So what a part finds that speaks for the effect by
+    itself must not make the other part worse; where none does, both together must make each other better.
+    """
+    speaking = [
+        (drop, gain) for drop, gain in zip(found.drops, found.gains, strict=True) if drop > max(significant, LEAST_SEEN)
+    ]
+    if speaking:
+        return DOES_NOT_HOLD if any(gain < -0.5 * LOST * drop for drop, gain in speaking) else ""
+    if not found.seen:
+        return "Only a part of the data shows it."
+    return DOES_NOT_HOLD if found.gain <= 0.0 else ""
 
 
 def contradicted(values: Mapping[str, float], scene: Scene) -> bool:

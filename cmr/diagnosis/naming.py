@@ -1,6 +1,6 @@
 """Name effects one after the other: the one that explains most, if it also foretells what it was not fitted on."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -121,7 +121,8 @@ def _search(study: Study, base: Fit, say: Callable[[str], None], least_of_wheels
             named, current = pruned(study, named, current, inflation)
     last = finished(study, named, current, inflation)
     others = [*last.dropped, *others]
-    return Search(study, base, last.final, last.named, others, inflation.all, last.doubts, _unseen(screening))
+    unseen = _unseen(study, screening, [one.tried.effect.name for one in last.named])
+    return Search(study, base, last.final, last.named, others, inflation.all, last.doubts, unseen)
 
 
 def _next(
@@ -140,12 +141,14 @@ def _next(
     return chosen, others
 
 
-def _unseen(screening: Screening) -> tuple[str, ...]:
-    """Return effects whose typical size these drives would not show."""
+def _unseen(study: Study, screening: Screening, named: Collection[str]) -> tuple[str, ...]:
+    """Return effects whose typical size these drives would not show, and those that cannot be tried on them."""
+    tried = {effect.name for effect in study.effects}
     return tuple(
         name
-        for name, trace in screening.traces.items()
-        if trace < needed(CATALOGUE[name]) * screening.inflation.of(name)
+        for name, effect in CATALOGUE.items()
+        if name not in named
+        and (name not in tried or screening.traces.get(name, np.inf) < needed(effect) * screening.inflation.of(name))
     )
 
 
@@ -276,7 +279,8 @@ def _judged(study: Study, current: Fit, tried: Tried, inflation: Inflation) -> t
         tried = _with_everything(study, current, tried)
         why = why_not(study, current, tried, inflation)
     if not why and (study.several or not study.by_moments):
-        why = why_not_elsewhere(study, current, tried.fit)
+        significant = needed(tried.effect) * inflation.of(tried.effect.name)
+        why = why_not_elsewhere(study, current, tried.fit, significant)
     return tried, why
 
 
