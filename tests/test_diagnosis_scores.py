@@ -125,13 +125,15 @@ def test_on_eights_what_is_named_must_hold_the_truth_and_silence_must_say_what_n
         row("eight", "slope", "slope", manoeuvre=EIGHT),
         row("eight", "slope", "gyro_bias/slope", manoeuvre=EIGHT, seed=1),
         row("eight", "slope", "gyro_bias", manoeuvre=EIGHT, seed=2),
-        row("eight", "slope", manoeuvre=EIGHT, seed=3, next_experiment="Drive in all directions."),
+        row("eight", "slope", manoeuvre=EIGHT, seed=3, next_experiment="Slope would show in a star."),
         row("eight", "slope", manoeuvre=EIGHT, seed=4),
+        row("eight", "slope", manoeuvre=EIGHT, seed=5, next_experiment="Backlash would show in steps."),
+        row("eight", "slope", manoeuvre=EIGHT, seed=6, next_experiment="Any effect would show in the rich drive."),
     ]
     assert score(eights, "where something is named: it, or in the set").value == pytest.approx(2 / 3)
-    assert score(eights, "wrongly named").value == pytest.approx(1 / 5)
-    assert score(eights, "where nothing is named: next experiment").value == pytest.approx(1 / 2)
-    assert score(eights, "right name first").value == pytest.approx(1 / 5)
+    assert score(eights, "wrongly named").value == pytest.approx(1 / 7)
+    assert score(eights, "where nothing is named: next experiment").value == pytest.approx(2 / 4)
+    assert score(eights, "right name first").value == pytest.approx(1 / 7)
 
 
 def test_of_a_hundred_null_logs_one_may_be_named_and_not_two() -> None:
