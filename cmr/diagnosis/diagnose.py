@@ -52,7 +52,6 @@ from cmr.recordings.recording import Recording
 BY_COURSES = (  # whose errors last, and go with much by chance
     "Effects were looked for in the course of the motion, not moment by moment. What remains beside them is not judged."
 )
-MOST_UNSEEN = 4  # effects for which a drive is composed
 
 
 def diagnose(
@@ -214,8 +213,9 @@ def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search, unexplai
             experiment_to_explain(unexplained.signal, unexplained.regressors, robot_id=robot_id, robot=robot)
         )
     elif found.unseen and not any(effect.next_experiment for effect in effects):
-        few = found.unseen if len(found.unseen) <= MOST_UNSEEN else ()  # else the drive in which any effect would show
-        sentences.append(experiment_to_show(few, robot_id=robot_id, robot=robot))
+        # Drives that show nothing and would hide several effects hide others, too, that are smaller than usual.
+        certain = found.unseen if effects or len(found.unseen) == 1 else ()
+        sentences.append(experiment_to_show(certain, robot_id=robot_id, robot=robot))
     return " ".join(sentences) or None
 
 
