@@ -23,6 +23,7 @@ from cmr.commands.command_line import guarded
 from cmr.commands.diagnose import main
 from cmr.diagnosis.job import Job, Telling, attempt
 from cmr.diagnosis.result import EFFECTS_FOUND, Diagnosis
+from cmr.diagnosis.summary import summary
 from cmr.parameters.file import ParameterFile, load
 from cmr.recordings.recording import Recording
 from tests.emulated_drive import NOMINAL, messages
@@ -108,6 +109,14 @@ def test_one_log_gives_the_three_files_and_says_what_was_found(
     )
     assert said.out.count("Next: Drive straight at two speeds.") == 1
     assert lines[-1] == f"written to {out}: diagnosis.json, robot_0.yaml, report.html"
+
+
+@pytest.mark.parametrize(
+    ("ratio", "words"), [(1.0, "unchanged: a ratio of 1.00"), (0.8, "not smaller: a ratio of 0.80")]
+)
+def test_effects_that_gain_nothing_on_the_path_are_not_said_to(ratio: float, words: str) -> None:
+    assert DIAGNOSIS.gain is not None
+    assert words in " ".join(summary(replace(DIAGNOSIS, gain=replace(DIAGNOSIS.gain, ratio=ratio))).split())
 
 
 def test_several_logs_of_one_robot_are_diagnosed_together(engine: Engine, logs: Path, tmp_path: Path) -> None:

@@ -93,8 +93,10 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.gain is None or not math.isfinite(diagnosis.gain.ratio):
         return [f"{errors}."]
     low, high = diagnosis.gain.interval
-    gained = "smaller by a factor" if diagnosis.gain.ratio >= 1.0 else "not smaller: a ratio"
-    return [f"{errors}, {gained} of {diagnosis.gain.ratio:.2f} (95 %: {low:.2f} to {high:.2f})."]
+    ratio = f"{diagnosis.gain.ratio:.2f}"
+    unlike = "smaller by a factor" if diagnosis.gain.ratio > 1.0 else "not smaller: a ratio"
+    gained = "unchanged: a ratio" if ratio == "1.00" else unlike
+    return [f"{errors}, {gained} of {ratio} (95 %: {low:.2f} to {high:.2f})."]
 
 
 def _added(diagnosis: Diagnosis) -> str:
