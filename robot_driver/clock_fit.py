@@ -5,6 +5,7 @@ the true times lie on a straight line over the numbers of the readings, below al
 convex hull. The sensor's rate is its own, whatever it says; a few per cent around the nominal one are believed.
 """
 
+from bisect import bisect
 from collections import deque
 
 WINDOW = 30.0  # s of readings that a line is fitted to; over that time no quartz drifts noticeably
@@ -12,6 +13,8 @@ RATE_TOLERANCE = 0.05  # share by which a sensor's rate may differ from its nomi
 FIRST_SIGHT = 0.5  # s of arrivals of which some are surely in time; before, a busy computer may have held up all
 RATE_KNOWN = 10.0  # s of readings after which the rate is known to a part in a thousand, whatever held them back
 OWN_PACE = 0.01  # share by which no sensor with a quartz differs from what it says
+LONGEST_DRIFT = 0.5  # s by which readings may come later and later only because a computer becomes busier
+PACE_AGREEMENT = 0.2  # share of what the pace is off by, within which both halves of the readings must tell the same
 LONGEST_GAP = 0.5  # s without a reading after which nothing is known about how many are missing
 SLIP_BEFORE, SLIP_AFTER = 10, 5  # arrivals; a step of lateness between them that lasts shows that readings are missing
 SLIP_FROM = 1.0  # s of readings after which the rate is known well enough to see one
@@ -44,11 +47,19 @@ class ClockFit:
 
     @property
     def pace(self) -> float:
-        """How many times as fast as it says the sensor sends readings; 1 unless it surely has a pace of its own."""
+        """How many times as fast as it says the sensor sends readings; 1 unless it surely has a pace of its own.
+
+        A computer that has become busy makes readings late from then on, which bends the line; a sensor's own pace
+        gives a straight one, and leads further and further away.
+        """
         if not self._hull or self._hull[-1][1] - self._hull[0][1] < RATE_KNOWN * 1e9:
             return 1.0
-        pace = self._nominal / self._slope()
-        return pace if abs(pace - 1.0) > OWN_PACE else 1.0
+        (first, begin), (last, end) = self._hull[0], self._hull[-1]
+        drift = end - begin - (last - first) * self._nominal
+        pace, difference = self._nominal / self._slope(), self._difference_of_halves()
+        is_straight = difference < PACE_AGREEMENT * abs(pace - 1.0)
+        is_sure = abs(pace - 1.0) > OWN_PACE and abs(drift) > LONGEST_DRIFT * 1e9 and is_straight
+        return pace if is_sure else 1.0
 
     def times_of(self, readings: list[Point]) -> list[int]:
         """Return when readings were taken that came together, as (number, time by which it was taken at the latest).
@@ -106,6 +117,16 @@ class ClockFit:
         """Return the time on the highest line of the middle's slope that no reading lies below."""
         slope = self._slope()
         return min(time + slope * (number - at) for at, time in self._hull)
+
+    def _difference_of_halves(self) -> float:
+        """Return by what share of a period readings come less often in one half of them than in the other."""
+        numbers, times = [number for number, _ in self._hull], [time for _, time in self._hull]
+        begin, end = self._hull[0], self._hull[-1]
+        number = (begin[0] + end[0]) / 2
+        after = bisect(numbers, number)
+        share = (number - numbers[after - 1]) / (numbers[after] - numbers[after - 1])
+        middle = times[after - 1] + share * (times[after] - times[after - 1])
+        return abs(begin[1] + end[1] - 2 * middle) / ((number - begin[0]) * self._nominal)
 
     def _slope(self) -> float:
         hull = self._hull

@@ -101,6 +101,20 @@ def test_14_the_gyros_own_rate_is_found_under_any_delay(rate: float) -> None:
     assert fit.pace == (1.0 if rate == 100.0 else pytest.approx(rate / 100.0, rel=1e-3))
 
 
+@pytest.mark.parametrize("late", [0.086, 0.3])
+@pytest.mark.parametrize("busy_from", [0.01, 1.0, 4.0, 4.9, 8.0])
+@pytest.mark.parametrize("busy_for", [0.1, 2.0, 10.0])
+def test_14_a_computer_that_becomes_busy_does_not_change_the_pace_of_a_gyro(
+    late: float, busy_from: float, busy_for: float
+) -> None:
+    fit, chance = ClockFit(100.0, SEQUENCE), random.Random(0)
+    for taken in range(2500):
+        moment = 0.01 * taken + chance.expovariate(1 / 0.0005)
+        moment += late if busy_from <= 0.01 * taken <= busy_from + busy_for else 0.0
+        fit.times_of([(taken, round(1e9 * moment))])
+        assert fit.pace == 1.0
+
+
 @pytest.mark.parametrize("told", [5, 10, 25, 50, 100, 250, 500, 750, 1000, 3600, 5000])
 @pytest.mark.parametrize("pace", [0.962, 1.04])
 def test_14_a_gyro_that_is_four_per_cent_off_what_it_says_is_followed(told: int, pace: float) -> None:
@@ -149,6 +163,7 @@ def test_a_gyro_that_tells_angles_and_is_faster_than_it_says_is_not_told_as_slow
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("robot_driver.clock_fit.RATE_KNOWN", 1.0)
+    monkeypatch.setattr("robot_driver.clock_fit.LONGEST_DRIFT", 0.03)
     settings = kvh_settings(rate=250, clock_error=0.04)
     plant = Plant(settings)
     plant.command(-0.1, 0.1)
