@@ -16,7 +16,8 @@ from robot_driver.gyros import Gyro, GyroReading
 from robot_driver.port_thread import Device
 from robot_driver.serial_port import SerialPort
 
-SILENCE_LIMIT = 0.5  # s without a reading after which the gyro is woken up again
+SILENCE_LIMIT = 0.5  # s without a reading, or an answer that leads to the next request: the gyro is woken up again
+PATIENCE = 0.1  # s without an answer after which is asked again
 GAP_READINGS, GAP_TIME = 5, 0.05  # missing, and held back by adapters (s); with more, the gyro may have been off
 LONGEST_READ = 0.05  # s
 INVALID_LIMIT = 1.0  # s without a valid reading, which is more than any gyro of ours takes to settle
@@ -43,7 +44,8 @@ class GyroDevice(Device):
         self._sign = sign
         self._publish = publish
         self.counts: Counter[str] = Counter()
-        self._last_reading = self._last_valid = 0.0
+        self._last_reading = self._last_valid = self._last_request = 0.0
+        self._last_sign = 0.0  # when the gyro last said something that was waited for
         self._heard: int | None = None  # when readings came last since the gyro was woken up (monotonic ns)
         self._stamps = Stamps()
         self._clock_fit: ClockFit | None = None
@@ -66,16 +68,28 @@ class GyroDevice(Device):
         readings = self._gyro.feed(data)
         if readings:
             self._take(readings, arrived)
+        now = time.monotonic()
         if request := self._gyro.next_request():
-            self._port.write(request)
+            self._ask(request)
+            self._last_sign = now
+        elif not readings and now - self._last_request > PATIENCE and self._gyro.unanswered:
+            self._ask(self._gyro.unanswered)
         if readings:
-            self._last_reading = time.monotonic()
-        elif time.monotonic() - self._last_reading > SILENCE_LIMIT:
-            self.problem = self._gyro.problem or (
-                f"The gyro at {self._port.path} sends no readings. Check its power, its cable and its baud rate "
-                f"({self._port.baud_rate})."
-            )
+            self._last_reading = self._last_sign = now
+        elif now - self._last_reading > SILENCE_LIMIT:
+            self._report_silence()
+        if now - self._last_sign > SILENCE_LIMIT:
             self._wake_up()
+
+    def _report_silence(self) -> None:
+        self.problem = self._gyro.problem or (
+            f"The gyro at {self._port.path} sends no readings. Check its power, its cable and its baud rate "
+            f"({self._port.baud_rate})."
+        )
+
+    def _ask(self, request: bytes) -> None:
+        self._port.write(request)
+        self._last_request = time.monotonic()
 
     def _take(self, readings: list[GyroReading], arrived: int) -> None:
         """Publish readings: as not valid where they follow a gap, or where it is not sure when they were taken."""
@@ -119,10 +133,10 @@ class GyroDevice(Device):
     def _wake_up(self) -> None:
         """Begin anew with a gyro of which nothing is known."""
         self._gyro = self._gyro_type()
-        self._port.write(self._gyro.wake_up)
+        self._ask(self._gyro.wake_up)
         self._clock_fit = None
         self._heard = None
-        self._last_reading = self._last_valid = time.monotonic()
+        self._last_reading = self._last_valid = self._last_sign = self._last_request
 
     def _measured(self, readings: list[GyroReading], arrived: int) -> list[int]:
         """Return when readings that came together were taken (monotonic ns), as well as can be known."""

@@ -201,6 +201,24 @@ def test_14_nothing_is_believed_before_it_is_known_well_when_it_was_measured(mon
     assert 0.5e6 <= first.received_utime - published[0].received_utime < 0.6e6
 
 
+@pytest.mark.parametrize("step", range(12))
+def test_a_kvh_binary_gyro_is_asked_again_at_once_what_it_did_not_answer(
+    step: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = kvh_settings(rate=100)
+    device = KvhBinaryDevice(settings, Plant(settings))
+    receive, requests = device.receive, iter(range(1000))
+
+    def receive_not_all(data: bytes, time: float) -> list[Transmission]:
+        return [] if next(requests) == step else receive(data, time)
+
+    monkeypatch.setattr(device, "receive", receive_not_all)
+    client = Client(Line(device, Plant(settings), lambda _: 0.0), KvhBinary, monkeypatch)
+    published = client.run(0.4)
+    assert len(published) > 15
+    assert client.gyro.problem == ""
+
+
 @pytest.mark.parametrize("answers", range(11))
 def test_a_kvh_binary_gyro_is_not_left_in_configuration_mode(answers: int, monkeypatch: pytest.MonkeyPatch) -> None:
     client, device = kvh_binary(monkeypatch)

@@ -52,6 +52,11 @@ class Gyro(ABC):
         """What to send before the port is closed, so that readings go on coming; b"" if they surely do."""
         return b""
 
+    @property
+    def unanswered(self) -> bytes:
+        """What to send again when nothing has come of it for a while; b"" if no answer is waited for."""
+        return b""
+
     def next_request(self) -> bytes:
         """Return what is to be sent after what has been fed, once; b"" if there is nothing to say."""
         return b""

@@ -100,6 +100,15 @@ class KvhBinary(Gyro):
         """The command to leave configuration mode, unless readings have come since the interview."""
         return b"" if self._sequence is not None else b"\r\n" + LEAVE_CONFIGURATION
 
+    @property
+    def unanswered(self) -> bytes:
+        """The step of the interview at which the device is, after a line end that finishes what is left of a line."""
+        if self._interview is not None:
+            return b"\r\n" + self._interview.question
+        if self._reading is None:
+            return b"" if self.problem else ENTER_CONFIGURATION
+        return self.farewell
+
     def feed(self, data: bytes) -> list[GyroReading]:
         """Take the next bytes; return the readings completed by them. Damaged messages are skipped."""
         readings = []

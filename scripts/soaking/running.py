@@ -45,9 +45,6 @@ MEMORY_FROM = 60.0  # s; what is there by then may stay
 LARGEST_GROWTH = 5e6  # bytes
 LONGEST_STATUS_GAP = 2 * SECOND  # us
 SETTLED = SECOND // 2  # us by which the robot's account must be ahead of what is checked
-# A KVH has to be asked for its settings first. Of all attempts, each of which takes 0.5 s, six in ten fail: one packet
-# in 25 is damaged each way, and there are eleven questions.
-KVH_RECOVERY = RECOVERY + 10 * SECOND  # us
 PAGE = os.sysconf("SC_PAGE_SIZE")
 INTERRUPTED = 130
 
@@ -80,7 +77,6 @@ class Soak:
         self._windows: list[Window] = []
         self._fault_due = 5.0
         self._last_status = 0
-        self._recovery = {"MOTOR_FEEDBACK": RECOVERY, "GYRO": KVH_RECOVERY if gyro == "kvh-binary" else RECOVERY}
 
     def run(self, seconds: float) -> None:
         """Soak for so long."""
@@ -102,6 +98,7 @@ class Soak:
         process.start()
         there.close()
         stack.callback(process.join)
+        assert process.pid is not None
         self._emulator = process.pid
         assert here.recv() == []
         for order in plan.always():
@@ -166,7 +163,7 @@ class Soak:
             connection.send(order)
         for window in self._windows:
             windows = self._list_of(window)
-            windows[windows.index(window)] = window._replace(end=now_utime() + self._recovery[window.stream])
+            windows[windows.index(window)] = window._replace(end=now_utime() + RECOVERY)
         self._fault = None
         self._fault_due = passed + self._chance.uniform(*plan.REST)
 
