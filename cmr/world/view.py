@@ -121,7 +121,7 @@ class WorldView:
             if self._chosen is None or [group for group, _ in self._chosen] != self._fresh():
                 self._choose()
             states = [_of_each(group.robots.state, index) for group, index in self._chosen or []]
-            state = np.ascontiguousarray(np.hstack(states)) if states else np.zeros((len(SEEN), 0))
+            state = np.hstack(states) if states else np.zeros((len(SEEN), 0))
             sound = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
             members = self._members
             if not sound.all():
