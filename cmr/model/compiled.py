@@ -8,6 +8,7 @@ import hashlib
 import os
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -25,6 +26,7 @@ signatures: Any = sigutils
 config: Any = numba.config
 OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
+_ONE_AT_A_TIME = threading.Lock()
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
@@ -98,12 +100,13 @@ def _sources(folder: Path) -> str:
 @contextmanager
 def _caching_in(folder: Path) -> Iterator[None]:
     """Let Numba choose this folder for what it caches, unless the user has chosen one (NUMBA_CACHE_DIR)."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = before or str(folder)
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = before
+    with _ONE_AT_A_TIME:  # the option is everybody's, and modules are imported by several threads
+        before = config.CACHE_DIR
+        config.CACHE_DIR = before or str(folder)
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = before
 
 
 @contextmanager
