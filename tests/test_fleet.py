@@ -25,10 +25,11 @@ from cmr.msg import world_state_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour
+from cmr.world.deciding import LARGEST_TURN
 from cmr.world.fleet import STEP, Fleet
 from cmr.world.loading import Loader
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView, world_messages
-from cmr.world.world import LARGEST_TURN, VirtualRobot, World
+from cmr.world.world import VirtualRobot, World
 
 EPOCH = 1_700_000_000_000_000  # us
 PAPER = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.161}

@@ -10,6 +10,7 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.model.compiled import config
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
 from cmr.msg import estop_t, motor_command_t, waypoints_t, world_state_t
@@ -19,8 +20,11 @@ from cmr.world.behaviours import Behaviour, FigureEight, Follow, make_behaviour
 from cmr.world.behaviours.behaviour import BehaviourError
 from cmr.world.behaviours.commanded import Commanded
 from cmr.world.behaviours.leading import figure_eight
+from cmr.world.behaviours.waypoints import Waypoints
 from cmr.world.estimator import Estimator
-from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, WorldView, world_messages
+from cmr.world.interaction.body import body_radius
+from cmr.world.interaction.obstacles import Obstacles
+from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView, world_messages
 from cmr.world.world import VirtualRobot, World
 from robot_driver.emulator.settings import Settings
 from tests.emulated_drive import DEFAULT, EPOCH, TRUTH, Message, messages
@@ -258,6 +262,48 @@ def test_a_real_robot_that_fell_silent_leaves_the_world(file: Path) -> None:
     assert (0, REAL) in robots(world)
     run(world, 2.0, message.utime)
     assert (0, REAL) not in robots(world)
+
+
+def test_a_virtual_robot_follows_a_real_one_behind_its_twin(file: Path) -> None:
+    """Compiled, as users run it: the follower sees states of a fleet and of a real robot together."""
+    world = world_of(file, VirtualRobot(11, Follow(leader=0, gap=0.4), parameters_of=0, x=-0.5))
+    assert config.DISABLE_JIT == 0
+    for channel, message in messages(DEFAULT, seconds=8.0):
+        world.handle(message.utime, channel, message)
+        world.advance(message.utime)
+    here = robots(world)
+    leader, follower = here[0, REAL].state, here[11, VIRTUAL].state
+    assert math.hypot(leader.x, leader.y) > 0.5
+    assert math.hypot(follower.x + 0.5, follower.y) > 0.3
+    assert 0.2 < math.hypot(leader.x - follower.x, leader.y - follower.y) < 0.8
+
+
+@pytest.mark.parametrize("nowhere", [(), (2,)])
+def test_surroundings_are_as_compiled_functions_take_them_whoever_is_in_them(nowhere: tuple[int, ...]) -> None:
+    view = WorldView()
+    state = RobotState(*np.arange(35.0).reshape(5, 7).T)  # strided, as a message or a part of a fleet may be
+    view.take(EPOCH, Robots(tuple(range(5)), (VIRTUAL,) * 5, state))
+    view.put(Robot(EPOCH, 9, REAL, RobotState.at_rest(90.0)))
+    for robot_id in nowhere:
+        view.put(Robot(EPOCH, robot_id, VIRTUAL, RobotState.at_rest(math.nan)))
+    around = view.surroundings()
+    assert sorted(around.members.robot_id.tolist()) == sorted({0, 1, 2, 3, 4, 9} - set(nowhere))
+    rows = (around.x, around.y, around.theta, around.psi_left, around.psi_right)
+    assert all(row.flags.c_contiguous for row in rows)
+    assert dict(zip(around.members.robot_id.tolist(), around.x, strict=True))[9] == 90.0
+
+
+def test_behaviours_see_the_obstacles_of_the_world(file: Path) -> None:
+    disc = Obstacles([(1.0, 0.0, 0.2)])
+    virtual = VirtualRobot(11, Waypoints(points="2:0"), parameters_of=0)
+    world = World([virtual], lambda robot_id: ParameterFollower(robot_id, file), obstacles=disc)
+    nearest = math.inf
+    for k in range(1_000):
+        world.advance(EPOCH + 10_000 * k)
+        state = robots(world)[11, VIRTUAL].state
+        nearest = min(nearest, math.hypot(state.x - 1.0, state.y))
+    assert nearest > 0.2 + float(body_radius(MODEL.base_width))  # it went round without touching it
+    assert state.x == pytest.approx(2.0, abs=0.06)
 
 
 def test_a_large_world_is_split_into_packets_that_hold_every_robot_once() -> None:

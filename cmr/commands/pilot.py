@@ -83,10 +83,10 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "--margin", type=_margin, default=MARGIN, metavar="M", help=f"from its border, in m (default: {MARGIN:g})"
     )
     options.add_argument(
-        "--keep-clear",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="stop before robots in the way, real and virtual ones (default)",
+        "--no-keep-clear",
+        dest="keep_clear",
+        action="store_false",
+        help="do not stop before robots in the way, real and virtual ones",
     )
     return options.parse_args(arguments)
 

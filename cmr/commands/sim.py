@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cmr.bus.messages import make
 from cmr.bus.process import Process, Timer
@@ -23,14 +23,15 @@ from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.following import ParameterFollower
-from cmr.scenario import ScenarioError
-from cmr.scenario.virtual import Cast, cast_of
 from cmr.world.behaviours.help_text import help_text
 from cmr.world.interaction.obstacles import ObstacleError, Obstacles
 from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
 from cmr.world.view import world_messages
 from cmr.world.world import World
+
+if TYPE_CHECKING:
+    from cmr.scenario.virtual import Cast
 
 STEP_RATE = 100.0  # Hz
 PACKET = 1400  # bytes; more than that is split by a real network
@@ -43,19 +44,7 @@ def main(arguments: list[str]) -> int:
         raise CommandError(
             f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
         )
-    loader = Loader()
-    cast = _cast(options.scenario)
-    world = World(
-        [*virtual_robots(options.virtual, options.parameters_of), *cast.robots],
-        lambda robot_id: ParameterFollower(robot_id, cast.parameter_file(robot_id, options.parameters)),
-        loader.ready,
-        options.real,
-        cast.own_parameters,
-        _obstacles(options, cast.obstacles),
-    )
-    world.view.geofence = cast.geofence
-    for robot_id, message in cast.waypoints:
-        world.handle(message.utime, WAYPOINTS.channel(robot_id), message)
+    world, loader = _world(options)
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()
@@ -74,6 +63,29 @@ def main(arguments: list[str]) -> int:
                 world.poll_parameters()
                 _announce(world, loader, process, lateness)
         return process.exit_code
+
+
+def _world(options: argparse.Namespace) -> tuple[World, Loader]:
+    """Return the world that the command line and the scenario describe, and what loads its models."""
+    cast = _cast(options.scenario) if options.scenario else None
+    files = cast.files if cast else {}
+    virtual = [*virtual_robots(options.virtual, options.parameters_of), *(cast.robots if cast else ())]
+    loader = Loader(robot.behaviour for robot in virtual)
+    world = World(
+        virtual,
+        lambda robot_id: ParameterFollower(
+            robot_id, files.get(robot_id, options.parameters / f"robot_{robot_id}.yaml")
+        ),
+        loader.ready,
+        options.real,
+        cast.own_parameters if cast else {},
+        _obstacles(options, cast.obstacles if cast else Obstacles.none()),
+    )
+    if cast:
+        world.view.geofence = cast.geofence
+        for robot_id, message in cast.waypoints:
+            world.handle(message.utime, WAYPOINTS.channel(robot_id), message)
+    return world, loader
 
 
 def _options(arguments: list[str]) -> argparse.Namespace:
@@ -171,7 +183,10 @@ def _rate(text: str) -> float:
     return rate
 
 
-def _cast(path: Path | None) -> Cast:
+def _cast(path: Path) -> "Cast":
+    from cmr.scenario import ScenarioError  # and all that scenarios take: few simulators have one
+    from cmr.scenario.virtual import cast_of
+
     try:
         return cast_of(path)
     except ScenarioError as error:

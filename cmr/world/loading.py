@@ -1,12 +1,14 @@
 """Load in the background what simulating takes: compiled for the first time, that is seconds without a world."""
 
 import time
+from collections.abc import Iterable
 from threading import Lock, Thread
 
 import numpy as np
 
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
+from cmr.world.behaviours import AnyBehaviour, TeamBehaviour
 from cmr.world.fleet import STEP, Fleet
 from cmr.world.view import VIRTUAL
 
@@ -16,9 +18,10 @@ Key = tuple[tuple[str, float], ...]
 
 
 class Loader:
-    """Makes ready what robots need to be simulated by some parameters."""
+    """Makes ready what robots need to be simulated by some parameters, and to decide by these behaviours."""
 
-    def __init__(self) -> None:
+    def __init__(self, behaviours: Iterable[AnyBehaviour] = ()) -> None:
+        self._behaviours = list({id(behaviour): behaviour for behaviour in behaviours}.values())
         self._threads: dict[Key, Thread] = {}
         self._since: float = 0.0
         self._ready: set[Key] = set()
@@ -43,9 +46,10 @@ class Loader:
         return self._failure
 
     def _load(self, key: Key, parameters: RobotParameters) -> None:
-        """Simulate one robot by these parameters, which loads all that it takes."""
+        """Simulate one robot by these parameters, and prepare behaviours, which loads all that it takes."""
         try:
             with self._one_at_a_time:
+                self._prepare_behaviours()
                 fleet = Fleet()
                 fleet.place([(0, VIRTUAL)], RobotState.at_rest(np.zeros(1)), parameters)
                 fleet.advance(STEP)
@@ -54,3 +58,10 @@ class Loader:
             return
         self._ready.add(key)
         self._failure = ""
+
+    def _prepare_behaviours(self) -> None:
+        """Prepare each once: before any robot may be simulated, so that none is asked to decide meanwhile."""
+        while self._behaviours:
+            behaviour = self._behaviours.pop()
+            if isinstance(behaviour, TeamBehaviour):
+                behaviour.prepare()

@@ -118,13 +118,13 @@ class World:
         self._virtual = {robot.robot_id: robot for robot in virtual}
         self._absent = {robot_id: _starting(virtual, robot_id) for robot_id in {r.parameters_of for r in virtual}}
         self._real: dict[int, _RealRobot] = {}
-        self._fleet = Fleet(obstacles, {robot.robot_id: robot.radius for robot in virtual if robot.radius is not None})
+        self.view.obstacles = obstacles or Obstacles.none()
+        radius = {robot.robot_id: robot.radius for robot in virtual if robot.radius is not None}
+        self._fleet = Fleet(self.view.obstacles, radius)
         self._deciding: Deciding | None = None
         self._models_changed = False
         for robot in virtual:
             self._parameters_of(robot.parameters_of)
-            if isinstance(robot.behaviour, TeamBehaviour):
-                robot.behaviour.prepare()  # now, as no turn may wait for a compiler
 
     @property
     def utime(self) -> int:
@@ -252,7 +252,8 @@ class World:
             return
         if robot_id in self._real:
             self._real[robot_id].estimator.parameters = model
-        if not all([self._ready(one) for one in (model, *self._kinds)]):  # all begin to get ready
+        ready = [self._ready(one) for one in (model, *self._kinds)]  # all begin to get ready
+        if not all(ready):
             self._not_ready.add(robot_id)
             return
         self._not_ready.discard(robot_id)

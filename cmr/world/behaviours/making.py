@@ -4,7 +4,6 @@ import inspect
 import math
 from collections.abc import Mapping
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Any, TypeAlias
 
 from cmr.world.behaviours.behaviour import Behaviour, BehaviourError
@@ -82,6 +81,8 @@ def _kind(description: str) -> Any:
 
 def _of_packages() -> dict[str, str]:
     """Return the behaviours that installed packages register; the names of shipped ones cannot be taken."""
+    from importlib.metadata import entry_points  # takes longer than most commands have to start
+
     return {entry.name: entry.value for entry in entry_points(group=GROUP)}
 
 
