@@ -17,6 +17,7 @@ from cmr.msg import pose_xyt_t, world_state_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour, FigureEight, Follow
+from cmr.world.behaviours.following import SPEED_PER_DISTANCE
 from cmr.world.lateness import Lateness
 from cmr.world.others import LOST, Others
 from cmr.world.view import REAL, VIRTUAL, Robot, WorldView, world_messages
@@ -29,6 +30,14 @@ LOOK = 7  # steps between two looks: at every phase between messages
 PAPER = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.161}
 LOSS, DELAY, JITTER = 0.02, 20_000, 10_000  # of packets; us
 TOP_SPEED = 0.7  # m/s, above what any robot here drives
+
+# A circle's leader: its speed, the circle's radius, and how far straight behind it a follower is that keeps up.
+DUTIES = (0.4, 0.5)
+SPEED = PAPER["wheel_radius"] * sum(DUTIES) / 2.0 / PAPER["k1"]  # m/s
+RADIUS = sum(DUTIES) / 2.0 * PAPER["base_width"] / (DUTIES[1] - DUTIES[0])  # m
+GAP = 0.4  # m along the circle
+BEHIND = 2.0 * RADIUS * math.sin((GAP + SPEED / SPEED_PER_DISTANCE) / RADIUS / 2.0)  # m
+CUT = 0.02  # m by which a follower that looks ahead cuts the curve
 
 
 class Network:
@@ -99,7 +108,7 @@ class Circle(Behaviour):
     """Drives a circle."""
 
     def command(self, _utime: int, _me: Robot, _world: WorldView, _parameters: RobotParameters) -> tuple[float, float]:
-        return 0.4, 0.5
+        return DUTIES
 
 
 def leader(robot_id: int, y: float) -> VirtualRobot:
@@ -108,8 +117,8 @@ def leader(robot_id: int, y: float) -> VirtualRobot:
 
 def shards(seed: int = 0, largest: int | None = None) -> Shards:
     """Two simulators: each has leaders, and a follower of a leader of the other."""
-    first = world_of(leader(10, 0.0), leader(11, 5.0), VirtualRobot(12, Follow(leader=20, gap=0.4), 0, x=-0.5, y=10.0))
-    second = world_of(leader(20, 10.0), leader(21, 15.0), VirtualRobot(22, Follow(leader=10, gap=0.4), 0, x=-0.5))
+    first = world_of(leader(10, 0.0), leader(11, 5.0), VirtualRobot(12, Follow(leader=20, gap=GAP), 0, x=-0.5, y=10.0))
+    second = world_of(leader(20, 10.0), leader(21, 15.0), VirtualRobot(22, Follow(leader=10, gap=GAP), 0, x=-0.5))
     return Shards((first, second), seed, largest)
 
 
@@ -151,7 +160,7 @@ def test_over_a_lossy_network_no_robot_is_lost_or_doubled_and_all_are_where_thei
     assert oldest <= 4 * PUBLISH * STEP + DELAY + JITTER
     for follower, followed in ((12, 20), (22, 10)):
         here, there = both.now[follower], both.now[followed]
-        assert 0.2 < math.hypot(here.x - there.x, here.y - there.y) < 0.8  # one that stands gets 1.5 m behind
+        assert BEHIND - CUT < math.hypot(here.x - there.x, here.y - there.y) < BEHIND + CUT + oldest * 1e-6 * SPEED
 
 
 def test_when_the_network_is_cut_each_keeps_its_own_and_all_is_as_before_when_it_is_back() -> None:
@@ -173,7 +182,7 @@ def test_when_the_network_is_cut_each_keeps_its_own_and_all_is_as_before_when_it
 
 
 def test_two_simulators_with_the_same_robot_both_say_so_and_keep_to_their_own() -> None:
-    both = Shards((world_of(standing(10), standing(11)), world_of(standing(10, x=3.0), standing(12))))
+    both = Shards((world_of(standing(10), standing(11, x=1.0)), world_of(standing(10, x=3.0), standing(12))))
     for _ in both.run(1.0):
         pass
     for world, x in zip(both.worlds, (0.0, 3.0), strict=True):

@@ -93,8 +93,8 @@ def keep_clear(  # type: ignore[no-untyped-def]
     the neighbours of robot i are near[start[i]:start[i + 1]], as of `pairs_within`. Bodies keep `clearance` [m] from
     one another and from the discs (disc_x, disc_y, disc_radius); others are taken to be as large as oneself, `radius`
     [m] (n,). Who may go round (`round_it` (n,)) and is held up gets a target on the right of what is in its way, or on
-    the shorter side of a disc. Writes `speed` and the targets, and how fast they may go along their headings while
-    they turn to the targets: `forward`, all (n,).
+    that side of a disc to which it is turned already, and so never changes its mind. Writes `speed` and the targets,
+    and how fast they may go along their headings while they turn to the targets: `forward`, all (n,).
     """
     for k in range(len(me)):
         i = me[k]
@@ -140,5 +140,5 @@ def keep_clear(  # type: ignore[no-untyped-def]
                     disc = blocking - len(x)
                     dx, dy = disc_x[disc] - x[i], disc_y[disc] - y[i]
                     bare = disc_radius[disc] + radius[k] + clearance
-                    left = dx * along_y - dy * along_x <= 0.0
+                    left = dx * math.sin(theta[k]) - dy * math.cos(theta[k]) <= 0.0
                 along_x, along_y = tangent(dx, dy, WIDE * bare, left)

@@ -3,33 +3,14 @@
 import math
 
 from cmr.model.compiled import compiled
+from cmr.world.behaviours.border import turned_back
 from cmr.world.behaviours.team import Floats, Indices
 
 AHEAD = 0.3  # m to the point that is headed for
-BORDER_WEIGHT = 2.0  # of the push at the border itself, in cruising speeds
-
-
-@compiled("UniTuple(f8, 3)(f8, f8, f8[::1], f8[::1])")
-def to_border(x: float, y: float, corner_x: Floats, corner_y: Floats) -> tuple[float, float, float]:
-    """Return the way from (x, y) to the nearest point of a polygon's border, and 1 inside or -1 outside of it."""
-    nearest, way_x, way_y, inside = math.inf, 0.0, 0.0, -1.0
-    last = len(corner_x) - 1
-    for i in range(len(corner_x)):
-        ax, ay, bx, by = corner_x[last], corner_y[last], corner_x[i], corner_y[i]
-        last = i
-        dx, dy = bx - ax, by - ay
-        share = ((x - ax) * dx + (y - ay) * dy) / max(dx * dx + dy * dy, 1e-300)
-        share = min(max(share, 0.0), 1.0)
-        ex, ey = ax + share * dx - x, ay + share * dy - y
-        if ex * ex + ey * ey < nearest:
-            nearest, way_x, way_y = ex * ex + ey * ey, ex, ey
-        if (ay > y) != (by > y) and x < ax + (y - ay) / dy * dx:
-            inside = -inside
-    return way_x, way_y, inside
 
 
 @compiled(
-    "void(i8[::1], i8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    "void(i8[::1], i8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[::1], f8[::1],"
     " f8[::1], f8[::1], f8[::1])"
 )
 def flock(  # type: ignore[no-untyped-def]
@@ -41,8 +22,7 @@ def flock(  # type: ignore[no-untyped-def]
     speed_x: Floats,
     speed_y: Floats,
     theta: Floats,
-    corner_x: Floats,
-    corner_y: Floats,
+    corners: Floats,
     weights: Floats,
     settings: Floats,
     target_x: Floats,
@@ -53,7 +33,7 @@ def flock(  # type: ignore[no-untyped-def]
 
     `me` (n,) are their indices in `x`, `y` [m], `speed_x`, `speed_y` [m/s], which hold everybody; the neighbours of
     robot i are near[start[i]:start[i + 1]]. `weights` are those of cohesion, alignment and separation, `settings`
-    speed, distance and border. The corners are those of the geofence, or none.
+    speed, distance and border. `corners` (2, m) are those of the geofence, or none; it wins over the three rules.
     """
     cruise, distance, border = settings
     for k in range(len(me)):
@@ -77,12 +57,8 @@ def flock(  # type: ignore[no-untyped-def]
             wanted_x += weights[0] * mean_x / count + weights[1] * (flow_x / count - speed_x[i])
             wanted_y += weights[0] * mean_y / count + weights[1] * (flow_y / count - speed_y[i])
             wanted_x, wanted_y = wanted_x + weights[2] * apart_x, wanted_y + weights[2] * apart_y
-        if len(corner_x):
-            way_x, way_y, inside = to_border(x[i], y[i], corner_x, corner_y)
-            away = max(math.sqrt(way_x * way_x + way_y * way_y), 1e-9)
-            pull = 1.0 if inside < 0.0 else -max(1.0 - away / border, 0.0)
-            push = BORDER_WEIGHT * cruise * pull
-            wanted_x, wanted_y = wanted_x + push * way_x / away, wanted_y + push * way_y / away
+        if corners.shape[1]:
+            wanted_x, wanted_y = turned_back(x[i], y[i], wanted_x, wanted_y, corners, border, cruise)
         wanted = math.sqrt(wanted_x * wanted_x + wanted_y * wanted_y)
         if wanted > 1e-9:
             target_x[k], target_y[k] = x[i] + AHEAD * wanted_x / wanted, y[i] + AHEAD * wanted_y / wanted

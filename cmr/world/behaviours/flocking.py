@@ -5,9 +5,7 @@ Source: Reynolds, Flocks, herds and schools: a distributed behavioral model, SIG
 
 import numpy as np
 
-from cmr.world.behaviours.seeking import CLEARANCE, Goals, Seeker, Team, wheel_radius_of
-from cmr.world.behaviours.team import Floats
-from cmr.world.interaction.obstacles import Geofence
+from cmr.world.behaviours.seeking import CLEARANCE, Goals, Seeker, Team, corners_of, wheel_radius_of
 from cmr.world.view import Robots, WorldView
 
 
@@ -35,7 +33,6 @@ class Flock(Seeker):
         if min(cohesion, alignment, separation) < 0.0:
             raise ValueError("cohesion, alignment and separation must be 0 or more")
         self.radius, self.distance, self.border = radius, distance, border
-        self._fence: tuple[Geofence | None, Floats] = (None, np.zeros((2, 0)))
         self.weights = np.array([cohesion, alignment, separation])
 
     def goals(self, _utime: int, team: Team, _me: Robots, world: WorldView) -> Goals:
@@ -46,17 +43,9 @@ class Flock(Seeker):
         near = around.neighbours(self.radius)
         target_x, target_y, speed = np.empty((3, len(team.row)))
         speed_x, speed_y = around.velocities(wheel_radius_of(team))
-        corner_x, corner_y = self._corners(world)
         settings = np.array([self.speed, self.distance, self.border])
         flock(
             *(team.place, near.start, near.index, around.x, around.y, speed_x, speed_y, team.theta),
-            *(corner_x, corner_y, self.weights, settings, target_x, target_y, speed),
+            *(corners_of(world), self.weights, settings, target_x, target_y, speed),
         )
         return Goals(target_x, target_y, speed, np.ones(len(speed), bool))
-
-    def _corners(self, world: WorldView) -> Floats:
-        """Return the corners of the geofence (2, n), none without one."""
-        if world.geofence is not self._fence[0]:
-            corners = world.geofence.corners.T if world.geofence else np.zeros((2, 0))
-            self._fence = (world.geofence, np.ascontiguousarray(corners))
-        return self._fence[1]

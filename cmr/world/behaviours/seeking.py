@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours.team import Duties, Floats, Indices, Memory, TeamBehaviour
 from cmr.world.surroundings import Members, Surroundings
-from cmr.world.view import Robots, WorldView
+from cmr.world.view import VIRTUAL, Robot, Robots, WorldView
 
 ACCELERATION = 0.5  # m/s^2
 LONGEST_TURN = 0.1  # s; who decided longer ago gathers no more speed than in this time
@@ -48,7 +49,7 @@ class Seeker(TeamBehaviour):
     """A behaviour whose robots head for points; derive from it and write `goals`.
 
     They gather speed with ACCELERATION, keep their bodies `clearance` [m] away from those of other robots and from
-    discs, and stand where there is no other way.
+    discs, and their centres as far inside of the world's geofence. They stand where there is no other way.
     """
 
     def __init__(self, speed: float, clearance: float, **remembered: float) -> None:
@@ -63,9 +64,10 @@ class Seeker(TeamBehaviour):
         """Return where these robots head for. One with speed 0 stands."""
 
     def prepare(self) -> None:
-        """Load the compiled functions by a turn of nobody."""
-        nobody = np.zeros(0)
-        self.commands(0, Robots.of([]), WorldView(), RobotParameters(nobody, nobody, nobody, nobody))
+        """Load the compiled functions by a turn of nobody among two others."""
+        nobody, world = np.zeros(0), WorldView()
+        world.take(0, Robots.of(Robot(0, robot_id, VIRTUAL, RobotState.at_rest()) for robot_id in range(2)))
+        self.commands(0, Robots.of([]), world, RobotParameters(nobody, nobody, nobody, nobody))
 
     def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
         """Return the duties that take robots where `goals` says."""
@@ -90,6 +92,7 @@ class Seeker(TeamBehaviour):
 
     def _keep_clear(self, team: Team, goals: Goals, around: Surroundings, world: WorldView) -> Floats:
         """Lower speeds, and move targets, for what is in the way; return how fast robots may go straight on [m/s]."""
+        from cmr.world.behaviours.border import stop_before
         from cmr.world.behaviours.clearance import REACTION, keep_clear, view_needed
 
         forward = np.empty(len(team.row))
@@ -101,6 +104,7 @@ class Seeker(TeamBehaviour):
             *(disc_x, disc_y, disc_radius, goals.round_it, team.radius, self.clearance, REACTION),
             *(goals.x, goals.y, goals.speed, forward),
         )
+        stop_before(team.x, team.y, team.theta, corners_of(world), self.clearance, REACTION, forward)
         return forward
 
     def _index_of(self, robot_ids: tuple[int, ...], members: Members) -> Indices:
@@ -108,6 +112,11 @@ class Seeker(TeamBehaviour):
         if self._index is None or self._index[0] is not robot_ids or self._index[1] is not members:
             self._index = (robot_ids, members, members.index_of(np.array(robot_ids, np.int64)))
         return self._index[2]
+
+
+def corners_of(world: WorldView) -> Floats:
+    """Return the corners of the world's geofence (2, n) [m], none without one."""
+    return world.geofence.outline if world.geofence else np.zeros((2, 0))
 
 
 def wheel_radius_of(team: Team) -> float:

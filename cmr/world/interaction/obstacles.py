@@ -43,21 +43,18 @@ class Obstacles:
 class Geofence:
     """A polygon [m; world frame] that robots stay inside of; its corners in order, without repeating the first.
 
+    `outline` (2, n): x, y [m] of the corners.
     Raises ObstacleError for fewer than three corners, sides that cross or touch, and what is no number.
     """
 
     def __init__(self, corners: Iterable[Sequence[float]]) -> None:
-        self._x, self._y = _columns("corner", corners, ("x", "y"))
+        self.outline = _columns("corner", corners, ("x", "y"))
+        self._x, self._y = self.outline
         if len(self._x) < 3:
             raise ObstacleError(f"a geofence needs at least 3 corners, not {len(self._x)}")
         self._next_x, self._next_y = np.roll(self._x, -1), np.roll(self._y, -1)
         self._dx, self._dy = self._next_x - self._x, self._next_y - self._y
         self._refuse_crossings()
-
-    @property
-    def corners(self) -> Floats:
-        """The corners, (n, 2) [m]."""
-        return np.column_stack([self._x, self._y])
 
     def contains(self, x: Any, y: Any) -> Any:
         """Tell whether points [m] lie inside; False for what is no number. Shapes as x and y broadcast."""
