@@ -23,6 +23,7 @@ from cmr.world.behaviours import (
 from cmr.world.behaviours.following import SPEED_PER_DISTANCE
 from cmr.world.behaviours.team import Duties, Memory, duties_of, stacked
 from cmr.world.behaviours.waypoints import Waypoints, read_points
+from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.view import VIRTUAL, Robots, WorldView
 from cmr.world.world import VirtualRobot, World
 from tests.team_bench import DIAMETER, EPOCH, MODEL, Bench
@@ -159,6 +160,25 @@ def test_a_robot_goes_round_one_that_stands_on_its_path() -> None:
     bench = Bench([(0.0, 0.0, 0.0), (1.5, 0.05, 0.0)], [(team, [0])])
     assert min(bench.nearest() for _ in bench.run(20.0)) > DIAMETER
     assert bench.x[0] == pytest.approx(3.0, abs=0.06)
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.05, -0.12])
+def test_a_robot_goes_round_a_disc_on_its_path(aside: float) -> None:
+    bench = Bench([(0.0, 0.0, 0.0)], [(Waypoints(points="2:0"), [0])])
+    bench.world.obstacles = Obstacles([(1.0, aside, 0.2)])
+    nearest = min(math.hypot(bench.x[0] - 1.0, bench.y[0] - aside) for _ in bench.run(20.0))
+    assert nearest > 0.2 + DIAMETER / 2.0
+    assert bench.x[0] == pytest.approx(2.0, abs=0.06)
+
+
+@pytest.mark.parametrize("goal", ["3:0", "3:2.5", "1:-2"])
+def test_a_robot_sent_over_the_geofence_stops_inside_of_it(goal: str) -> None:
+    bench = Bench([(0.0, 0.0, 0.0)], [(Waypoints(points=goal, speed=0.6), [0])])
+    bench.world.geofence = Geofence([(-1.0, -1.0), (2.0, -1.0), (2.0, 2.0), (-1.0, 2.0)])
+    for _ in bench.run(12.0):
+        assert bench.world.geofence.contains(bench.x, bench.y).all()
+    assert bench.world.geofence.distance(bench.x, bench.y)[0] < 0.1
+    assert abs(bench.speed[0]) < 0.01
 
 
 def test_a_line_of_followers_keeps_its_gaps_on_the_leaders_path() -> None:
