@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cmr.calibration.result import Estimate
-from cmr.diagnosis.candidates import USUAL_RATE, worth_naming
+from cmr.diagnosis.candidates import USUAL_RATE, locality, worth_naming
 from cmr.diagnosis.holding import contradicted
 from cmr.diagnosis.inflation import Inflation
 from cmr.diagnosis.study import Fit, Study
@@ -17,6 +17,7 @@ from cmr.model.parameters import ParameterDefinition
 
 THRESHOLD = 30.0  # drop of the sum of squares that one parameter must bring
 PER_PARAMETER = 5.0  # more for each further one
+OF_A_PLACE = 50.0  # more for the best of thousands of places: poses that err slowly make one stand out
 PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each further parameter must explain to be better
 ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
 AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
@@ -97,7 +98,8 @@ def at_its_end(parameter: ParameterDefinition, value: float) -> bool:
 
 def needed(effect: Effect) -> float:
     """Return the drop of the sum of squares below which an effect may be chance."""
-    return THRESHOLD + PER_PARAMETER * (len(effect.parameters) - 1)
+    chosen = OF_A_PLACE if locality(effect) == "place" else 0.0
+    return THRESHOLD + PER_PARAMETER * (len(effect.parameters) - 1) + chosen
 
 
 def held_out_gain(study: Study, before: Fit, after: Fit) -> float:
