@@ -80,6 +80,7 @@ class Motors(Device):
         self._stamps = Stamps()
         self._last_answer = 0.0
         self._doubtful = False  # something may still be on its way that answers nothing that is asked from now on
+        self._strays = 0  # of the port, before the last request to drive
         self._due = 0.0
 
     @property
@@ -188,6 +189,8 @@ class Motors(Device):
     def _serve(self, connection: _Connection) -> None:
         """Make the requests of one turn.
 
+        An acknowledgement may be as short as a byte with which other answers begin, too: if anything follows it, a
+        damaged request was taken for another one, and the duty is not in force.
         All acknowledgements look alike, so after a missing answer the next may be one that is late. A reading that was
         not asked for lately can be told from all else: what was late has come before it, or spoils it.
         """
@@ -216,12 +219,15 @@ class Motors(Device):
         else:
             duties = self._ramp.towards(drive.left, drive.right, now)
         request = connection.controller.drive(*self._wiring.channels(*duties))
+        self._strays = self._port.strays
         acknowledged = self._ask(request).value
         self._ramp.confirm()
         return self._wiring.forward(*acknowledged), drive.status
 
     def _read_encoders(self, connection: _Connection, applied: tuple[float, float], status: int) -> None:
         answer = self._ask(connection.controller.read_encoders())
+        if self._port.strays != self._strays:
+            raise BadReply("More than an acknowledgement was answered to a duty.")
         counts = self._wiring.forward_counts(*answer.value)
         motion = self._encoders.update(counts, answer.measured, self.fastest_wheel)
         if motion is not None:

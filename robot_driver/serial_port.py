@@ -49,11 +49,15 @@ class Answer(Generic[T]):
 
 
 class SerialPort:
-    """The port at `path` (8N1, no flow control). One thread at a time may use it."""
+    """The port at `path` (8N1, no flow control). One thread at a time may use it.
+
+    `strays` counts the times that bytes were waiting, as a request was to be made, which none had asked for.
+    """
 
     def __init__(self, path: str, baud_rate: int) -> None:
         self.path = path
         self.baud_rate = baud_rate
+        self.strays = 0
         self._stable: str | None = None
         self._serial: serial.Serial | None = None
         self._last_traffic = -math.inf  # when, on the monotonic clock, the last byte was on the wire (s)
@@ -163,6 +167,7 @@ class SerialPort:
     def _discard_strays(self) -> None:
         """Get back in step if bytes are waiting that no request asked for: a late reply is not the next one's."""
         if self.read(4096, 0.0):
+            self.strays += 1
             self.resynchronise()
 
     def _opened(self) -> serial.Serial:

@@ -22,6 +22,9 @@ STALE = motor_feedback_t.STATUS_COMMAND_STALE
 
 
 FULL_DUTY = 32767
+# What a RoboClaw answers to 80 31: its currents, here -0.45 A and -0.76 A. A request to drive (80 22 31...) that loses
+# its second byte on the way is such a request.
+CURRENTS = bytes.fromhex("ffd3ffb4e158")
 
 
 def assert_all_true(run: Bench) -> None:
@@ -135,11 +138,13 @@ def test_3_whatever_happens_to_a_line_nothing_untrue_is_published(tmp_path: Path
 
 
 def mishandle_drives(run: Bench, *fates: str) -> list[str]:
-    """Have the next requests to drive "lost", or acknowledged "late"; what is returned grows empty."""
+    """Have the next requests to drive "lost", "misread", or acknowledged "late"; what is returned grows empty."""
     remaining, receive = list(fates), run.line.receive
 
     def mishandled(data: bytes, time: float) -> list[Transmission]:
         fate = remaining.pop(0) if remaining and data[1] == DRIVE_BOTH else ""
+        if fate == "misread":
+            return [Transmission(time, CURRENTS)]
         answers = [] if fate == "lost" else receive(data, time)
         return [answer._replace(time=answer.time + DELAY) for answer in answers] if fate == "late" else answers
 
@@ -152,6 +157,16 @@ def test_3_a_late_acknowledgement_is_not_taken_for_that_of_the_next_duty(tmp_pat
         run.until_moving()
         run.command(1.0, 1.0)  # each duty on the ramp differs from the one before
         remaining = mishandle_drives(run, "late", "lost")
+        wait_for(lambda: run.feedback[-1].applied_left == 1.0)
+        assert not remaining
+    assert_all_true(run)
+
+
+def test_3_an_answer_that_begins_like_an_acknowledgement_is_none(tmp_path: Path) -> None:
+    with bench(tmp_path, rate_hz=200.0) as run:
+        run.until_moving()
+        run.command(1.0, 1.0)
+        remaining = mishandle_drives(run, "misread", "", "misread")
         wait_for(lambda: run.feedback[-1].applied_left == 1.0)
         assert not remaining
     assert_all_true(run)
