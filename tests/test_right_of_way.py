@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from cmr.world.behaviours.crossing import BAND
 from cmr.world.behaviours.right_of_way import RightOfWay
 from tests.team_bench import DIAMETER, Bench
 
+ZONE = 0.8  # m from the middle to the line, as it is by default
 LANE = 0.25  # m from the middle of the road; robots keep to the right
 PARKED = 0.6  # m between those that have arrived, which stand beside the road
 ARMS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))  # directions of driving
@@ -38,7 +40,7 @@ def bench_of(seed: int, rule: str, teams: int) -> tuple[Bench, list[tuple[float,
 
 
 @pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize(("rule", "teams"), [("right", 1), ("first", 1), ("right", 2)])
+@pytest.mark.parametrize(("rule", "teams"), [("right", 1), ("first", 1), ("right", 2), ("first", 2)])
 def test_everybody_gets_through_and_nobody_touches_anybody(seed: int, rule: str, teams: int) -> None:
     bench, ends = bench_of(seed, rule, teams)
     to_x, to_y = np.array(ends).T
@@ -46,6 +48,13 @@ def test_everybody_gets_through_and_nobody_touches_anybody(seed: int, rule: str,
     def all_there() -> bool:
         return bool((np.hypot(bench.x - to_x, bench.y - to_y) < 0.1).all())
 
-    nearest = min(bench.nearest() for _ in bench.run(150.0, until=all_there))
-    assert nearest > DIAMETER
+    came: dict[int, None] = {}  # near the line, and over it, in this order
+    went: dict[int, None] = {}
+    for _ in bench.run(150.0, until=all_there):
+        assert bench.nearest() > DIAMETER
+        away = np.hypot(bench.x, bench.y)
+        came.update(dict.fromkeys(np.flatnonzero(away < ZONE + BAND).tolist()))
+        went.update(dict.fromkeys(np.flatnonzero(away < ZONE).tolist()))
     assert all_there()
+    if rule == "first":
+        assert list(went) == list(came)

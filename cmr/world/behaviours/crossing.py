@@ -53,9 +53,10 @@ class Crossing:
         in_core = near[away[near] < self.core]
         others = near[(away[near] >= self.core) & heading_in[near]]
         ring, waiting = others[away[others] < self.zone], others[away[others] >= self.zone]
-        next_in = self._next(utime, robot_id[waiting], -to_x[waiting], -to_y[waiting])
+        taken = bool(len(in_core) or len(ring))
+        next_in = self._next(utime, robot_id[waiting], -to_x[waiting], -to_y[waiting], taken)
         into_core = int(robot_id[ring].min()) if len(ring) and not len(in_core) else NOBODY
-        return NOBODY if len(in_core) or len(ring) else next_in, into_core
+        return NOBODY if taken else next_in, into_core
 
     def limit(
         self, robot_id: Indices, x: Floats, y: Floats, inward: NDArray[np.bool_], free: tuple[int, int], braking: float
@@ -68,14 +69,14 @@ class Crossing:
         late = braking * REACTION
         return np.where(may, np.inf, np.sqrt(late * late + 2.0 * braking * np.maximum(room, 0.0)) - late)
 
-    def _next(self, utime: int, robot_ids: Indices, x: Floats, y: Floats) -> int:
-        """Return whose turn it is of those who wait at (x, y) [m] from the middle."""
+    def _next(self, utime: int, robot_ids: Indices, x: Floats, y: Floats, taken: bool) -> int:
+        """Return whose turn it is of those who wait at (x, y) [m] from the middle; while it is taken, no turn ends."""
         waiting = robot_ids.tolist()
         self._came = {robot_id: min(self._came.get(robot_id, utime), utime) for robot_id in waiting}
         if not waiting:
             return NOBODY
         chosen = self._in_order(utime, waiting, x, y)
-        if chosen != self._turn[0]:
+        if taken or chosen != self._turn[0]:
             self._turn = (chosen, utime)
         elif abs(utime - self._turn[1]) > TURN:
             self._came[chosen] = utime
