@@ -47,10 +47,13 @@ class _Ending:
 
 @dataclass(frozen=True)
 class _Drive:
-    """A scenario of one robot."""
+    """A scenario of one robot on an empty floor without end."""
 
     robots: tuple[_Robot, ...]
     duration: float
+    discs: tuple[tuple[float, float, float], ...] = ()
+    walls: tuple[tuple[float, float, float, float], ...] = ()
+    geofence: tuple[tuple[float, float], ...] | None = None
     ends_when: _Ending = field(default_factory=_Ending)
 
 

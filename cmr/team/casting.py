@@ -64,6 +64,18 @@ class ScenarioLike(Protocol):
         """How long the experiment takes at most [s]."""
 
     @property
+    def discs(self) -> Sequence[tuple[float, float, float]]:
+        """Round obstacles: x, y, radius [m]."""
+
+    @property
+    def walls(self) -> Sequence[tuple[float, float, float, float]]:
+        """Straight walls: x1, y1, x2, y2 [m]."""
+
+    @property
+    def geofence(self) -> Sequence[tuple[float, float]] | None:
+        """The polygon [m] that real robots must not leave; None where there is none."""
+
+    @property
     def ends_when(self) -> EndingLike:
         """What ends it before."""
 

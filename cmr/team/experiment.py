@@ -4,10 +4,10 @@ Simulator, estimators and pilots are those of the live system (`cmr.world`), fed
 live system. Virtual robots move by the model. Real robots move by a plant of its own, which the model never sees.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from inspect import signature
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,8 @@ from cmr.team import metrics
 from cmr.team.casting import Cast, RobotLike, ScenarioLike
 from cmr.team.metrics import Bond, has_arrived
 from cmr.team.real_robots import PERIOD, Message, RealRobots
-from cmr.world.behaviours import make_behaviour
+from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviour, make_behaviours
+from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.pilot import Pilot
 from cmr.world.view import VIRTUAL, world_messages
 from cmr.world.world import VirtualRobot, World
@@ -97,25 +98,34 @@ def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[in
 
 
 def bonds_of(scenario: ScenarioLike) -> list[Bond]:
-    """Return which robot keeps which distance to which: that of the behaviours with a `leader` and a `gap`."""
+    """Return which robot keeps which distance to which: that of the behaviours with settings `leader` and `gap`."""
     columns = {robot.robot_id: column for column, robot in enumerate(scenario.robots)}
     bonds = []
-    for robot_id, column in columns.items():
-        behaviour = _behaviour(scenario.robots[column])
-        leader, gap = getattr(behaviour, "leader", None), getattr(behaviour, "gap", None)
-        if leader in columns and leader != robot_id and gap:
-            bonds.append(Bond(column, columns[leader], float(gap)))
+    for column, robot in enumerate(scenario.robots):
+        name, settings = _description(robot)
+        takes = signature(type(make_behaviour(name, settings))).parameters
+        if "leader" in takes and "gap" in takes:
+            leader, gap = (float(settings.get(key, takes[key].default)) for key in ("leader", "gap"))
+            if leader in columns and leader != robot.robot_id:
+                bonds.append(Bond(column, columns[int(leader)], gap))
     return bonds
 
 
-def _behaviour(robot: RobotLike) -> Any:
-    """Return a behaviour for one robot.
+def _behaviours(robots: Iterable[RobotLike]) -> dict[int, AnyBehaviour]:
+    """Return the behaviours of robots of one program, by robot id; those described equally share an object.
 
-    Raises ExperimentError for a robot without one.
+    Raises ExperimentError for a robot without a behaviour, or with one that cannot be.
     """
+    try:
+        return make_behaviours({robot.robot_id: _description(robot) for robot in robots})
+    except BehaviourError as error:
+        raise ExperimentError(str(error)) from error
+
+
+def _description(robot: RobotLike) -> tuple[str, Mapping[str, str]]:
     if robot.behaviour is None:
         raise ExperimentError(f"Robot {robot.robot_id} has no behaviour; without hardware nobody else commands it.")
-    return make_behaviour(robot.behaviour.name, dict(robot.behaviour.settings))
+    return robot.behaviour.name, robot.behaviour.settings
 
 
 def _start(robot: RobotLike) -> tuple[float, float, float]:
@@ -126,22 +136,36 @@ def _start(robot: RobotLike) -> tuple[float, float, float]:
 
 def _world(scenario: ScenarioLike, cast: Cast) -> World:
     """Return the simulator with all virtual robots, and parameters for everybody."""
-    virtual = [
-        VirtualRobot(robot.robot_id, _behaviour(robot), cast.believed.robot_id, *_start(robot))
-        for robot in scenario.robots
-        if robot.robot_id not in cast.real
-    ]
-    return World(virtual, partial(_follower, cast.believed), own_parameters=cast.moves_by)
+    robots = [robot for robot in scenario.robots if robot.robot_id not in cast.real]
+    behaviours = _behaviours(robots)
+    world = World(
+        [VirtualRobot(r.robot_id, behaviours[r.robot_id], cast.believed.robot_id, *_start(r)) for r in robots],
+        partial(_follower, cast.believed),
+        own_parameters=cast.moves_by,
+        obstacles=Obstacles(scenario.discs, scenario.walls),
+    )
+    world.view.geofence = _geofence(scenario)
+    return world
+
+
+def _geofence(scenario: ScenarioLike) -> Geofence | None:
+    return Geofence(scenario.geofence) if scenario.geofence is not None else None
 
 
 def _real_robots(scenario: ScenarioLike, cast: Cast, seed: int) -> RealRobots:
     robots = [robot for robot in scenario.robots if robot.robot_id in cast.real]
     return RealRobots(
-        [Pilot(r.robot_id, _behaviour(r), _follower(cast.believed, r.robot_id)) for r in robots],
+        [_pilot(robot, cast.believed, _geofence(scenario)) for robot in robots],
         [cast.laboratory.robot(r.robot_id) for r in robots],
         np.reshape([_start(robot) for robot in robots], (-1, 3)).T,
         [(seed, robot.robot_id) for robot in robots],
     )
+
+
+def _pilot(robot: RobotLike, believed: ParameterFile, geofence: Geofence | None) -> Pilot:
+    """Return the pilot of a real robot; each has a behaviour of its own, as each is a program of its own."""
+    behaviour = _behaviours([robot])[robot.robot_id]
+    return Pilot(robot.robot_id, behaviour, _follower(believed, robot.robot_id), geofence=geofence)
 
 
 def _follower(believed: ParameterFile, robot_id: int) -> ParameterFollower:
