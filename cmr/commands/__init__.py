@@ -62,6 +62,11 @@ def emulate() -> int:
     return run("robot_driver.emulator.main")
 
 
+def fidelity() -> int:
+    """Start cmr-fidelity."""
+    return run("cmr.commands.fidelity")
+
+
 def import_log() -> int:
     """Start cmr-import."""
     return run("cmr.tools.import_log")

@@ -1,0 +1,164 @@
+"""cmr-fidelity: how well a team with one real robot stands for a real one, and what calibration does for that."""
+
+import argparse
+import os
+import time
+from pathlib import Path
+
+from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.commands.diagnose import ProgressLine
+from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, perform_all, tasks_of
+from cmr.parameters.file import ParameterFile, ParameterFileError, load
+from cmr.scenario.document import ScenarioError
+from cmr.scenario.scenario import Scenario
+from cmr.scenario.scenario import load as load_scenario
+from cmr.team.experiment import ExperimentError
+
+FEWEST = 4  # seeds; fewer say nothing of a distribution
+BAR = 24  # characters
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-fidelity."""
+    options = _options(arguments)
+    study = _study(options)
+    began = time.monotonic()
+    scores = _performed(study, options)
+    from cmr.fidelity.findings import findings_of, sentences, table  # SciPy, which is slow to import
+    from cmr.fidelity.writing import write
+
+    findings = findings_of(scores)
+    about = {
+        "scenario": str(options.scenario),
+        "seeds": options.seeds,
+        "real_robot": study.real,
+        "imperfections": study.size,
+        "believed": {name: value.value for name, value in study.believed.values.items()},
+    }
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+        files = write(options.out, scores, findings, about)
+    except OSError as error:
+        raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
+    print(table(findings))
+    print("\n".join(["", *sentences(findings)]))
+    print(f"\n{time.monotonic() - began:.0f} s; written to {options.out}: {', '.join(path.name for path in files)}")
+    return 0
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-fidelity",
+        "Run a scenario many times with all robots real, and as often with one real robot and the rest virtual: not "
+        "calibrated, calibrated, calibrated with diagnosed effects, and drawn from a population of three calibrated "
+        "robots. Real robots are plants with hidden imperfections that differ from robot to robot. Says for each "
+        "metric how far the teams with one real robot are from real teams, and by how much calibration closes the "
+        "gap, or that it does not.\n\nNo hardware and no bus are needed.",
+        "cmr-fidelity line.yaml --seeds 20 --out fidelity",
+        bus="of no use here: nothing goes over a bus",
+    )
+    add = options.add_argument
+    add("scenario", type=Path, metavar="SCENARIO", help="scenario file, as for cmr-run")
+    add("--seeds", type=_seeds, default=20, metavar="N", help=f"experiments of each kind, {FEWEST} or more")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    add("--real", type=parse_robot_id, default=None, metavar="ID", help="the real robot; else that of the scenario")
+    add(
+        "--parameters",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="what is believed of all robots; otherwise the parameter file of the real one",
+    )
+    add(
+        "--imperfections",
+        type=_size,
+        default=1.0,
+        metavar="SIZE",
+        help="how far real robots are from what is believed and from one another; 0: not at all",
+    )
+    add(
+        "--prepared",
+        nargs="+",
+        choices=PREPARATIONS,
+        default=list(PREPARATIONS),
+        metavar="HOW",
+        help=f"some of {', '.join(PREPARATIONS)}",
+    )
+    add("--jobs", type=_jobs, default=len(os.sched_getaffinity(0)), metavar="N", help="processes side by side")
+    return options.parse_args(arguments)
+
+
+def _seeds(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and FEWEST <= int(text) <= 100_000):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of {FEWEST} or more")
+    return int(text)
+
+
+def _jobs(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 or more")
+    return int(text)
+
+
+def _size(text: str) -> float:
+    try:
+        size = float(text)
+    except ValueError:
+        size = -1.0
+    if not 0.0 <= size <= 2.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of 0 to 2")
+    return size
+
+
+def _study(options: argparse.Namespace) -> Study:
+    """Return what is to be compared.
+
+    Raises CommandError where the scenario or the parameters cannot be used.
+    """
+    try:
+        scenario = load_scenario(options.scenario)
+        real = _real_robot(scenario, options.real)
+        believed = _believed(scenario, real, options.parameters)
+    except (ScenarioError, ParameterFileError) as error:
+        raise CommandError(str(error)) from error
+    chosen = [name for name in PREPARATIONS if name in (UNCALIBRATED, *options.prepared)]
+    return Study(scenario=scenario, believed=believed, real=real, size=options.imperfections, preparations=chosen)
+
+
+def _real_robot(scenario: Scenario, chosen: int | None) -> int:
+    if chosen is not None:
+        if scenario.robot(chosen) is None:
+            raise CommandError(f"--real {chosen}: the scenario has no such robot.")
+        return chosen
+    if len(scenario.of_flesh) != 1:
+        raise CommandError("Say by --real ID which robot is real: the scenario has not just one that is.")
+    return scenario.of_flesh[0].robot_id
+
+
+def _believed(scenario: Scenario, real: int, given: Path | None) -> ParameterFile:
+    """Return the parameters believed of all robots, which must be complete."""
+    robot = scenario.robot(real)
+    path = given or (robot.parameters if robot else None)
+    if path is None:
+        raise CommandError(f"Robot {real} has no parameter file in the scenario; name one by --parameters.")
+    believed = load(path)
+    believed.robot_parameters  # noqa: B018 - raises what is missing
+    return believed
+
+
+def _performed(study: Study, options: argparse.Namespace) -> dict[str, list[Scores]]:
+    """Do all experiments, with a bar."""
+    tasks = tasks_of(range(options.seeds))
+    line, began = ProgressLine(), time.monotonic()
+
+    def tell(done: int) -> None:
+        filled = BAR * done // len(tasks)
+        rest = (time.monotonic() - began) / done * (len(tasks) - done) if done else 0.0
+        line.show(f"[{'#' * filled}{'.' * (BAR - filled)}] {done} of {len(tasks)} laboratories, {rest:.0f} s to go")
+
+    try:
+        return perform_all(study, tasks, options.jobs, tell)
+    except ExperimentError as error:
+        raise CommandError(str(error)) from error
+    finally:
+        line.clear()
