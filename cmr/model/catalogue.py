@@ -83,5 +83,8 @@ def together(robots: Sequence[RobotParameters]) -> RobotParameters:
     """Return the parameters of many robots as one: arrays of shape (n,); what one lacks is neutral."""
     names = dict.fromkeys(name for robot in robots for name in robot.values)
     return RobotParameters.of(
-        {name: np.array([robot.values.get(name, definition(name).neutral) for robot in robots], float) for name in names}
+        {
+            name: np.array([robot.values.get(name, definition(name).neutral) for robot in robots], float)
+            for name in names
+        }
     )
