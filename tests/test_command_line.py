@@ -19,7 +19,8 @@ from cmr.bus.streams import LARGEST_ROBOT_ID
 from cmr.commands.command_line import CommandError, guarded, parse_robot_id, parser
 
 COMMANDS = sorted(entry.name for entry in distribution("cmr").entry_points if entry.group == "console_scripts")
-SERVICES = [name for name in COMMANDS if name != "cmr-import"]  # these run until they are stopped
+SERVICES = [name for name in COMMANDS if name not in ("cmr-import", "cmr-fidelity")]  # these run until they are stopped
+NEEDED = {"cmr-driver": ["--port", "/dev/null"], "cmr-fidelity": ["line.yaml", "--out", "fidelity"]}
 PROJECT = Path(__file__).parent.parent
 NO_GLIB = 'raise ImportError("libglib-2.0.so.0: cannot open shared object file: No such file or directory")\n'
 PATIENCE = 30.0  # s
@@ -117,8 +118,7 @@ def test_version_is_that_of_the_package(name: str) -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_wrong_option_is_named_and_exits_with_2(name: str) -> None:
-    needed = ["--port", "/dev/null"] if name == "cmr-driver" else []
-    result = run(name, *needed, "--no-such-option")
+    result = run(name, *NEEDED.get(name, []), "--no-such-option")
     assert (result.returncode, result.stdout) == (2, "")
     assert "--no-such-option" in result.stderr
     assert "Traceback" not in result.stderr
