@@ -22,10 +22,10 @@ pytestmark = pytest.mark.hidden_effects
 SEED = 1000  # the study's seeds are smaller
 # Some of each group of the catalogue; scripts/study_diagnosis hides them all.
 ON_RICH_DRIVES = (
-    *("battery_sag", "saturation", "slew_limit", "deadband", "command_delay", "command_jitter", "command_loss"),
-    *("coulomb_friction", "motor_gain_asymmetry", "backlash", "payload_change"),
-    *("wheel_radius_scale", "wheel_wobble", "turn_slip", "lateral_skid", "slope", "surface_patch"),
-    *("encoder_quantisation", "gyro_bias", "gyro_latency", "pose_latency", "pose_offset"),
+    *("battery_sag", "saturation", "deadband", "command_delay", "command_jitter", "command_loss"),
+    *("coulomb_friction", "backlash", "payload_change"),
+    *("wheel_radius_scale", "wheel_wobble", "turn_slip", "slope", "surface_patch"),
+    *("encoder_quantisation", "gyro_latency", "pose_offset"),
 )
 SINGLE = [Case((effect,), RICH, SEED) for effect in ON_RICH_DRIVES]
 # Some that a figure-eight shows, some that it hides, and some that it cannot tell from others.
