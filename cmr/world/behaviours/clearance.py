@@ -63,6 +63,45 @@ def tangent(dx: float, dy: float, apart: float, left: bool) -> tuple[float, floa
 
 
 @compiled(
+    "Tuple((f8, i8))(i8, f8, f8, i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    " f8, f8, f8, f8)"
+)
+def first_in_way(  # type: ignore[no-untyped-def]
+    i,
+    along_x: float,
+    along_y: float,
+    near,
+    x: Floats,
+    y: Floats,
+    speed_x: Floats,
+    speed_y: Floats,
+    disc_x: Floats,
+    disc_y: Floats,
+    disc_radius: Floats,
+    radius: float,
+    clearance: float,
+    reaction: float,
+    fastest: float,
+):
+    """Return how fast [m/s] robot i may go along a direction of length 1, and what holds it up most.
+
+    That is a robot, by its place among all, or a disc, by its number after them; -1 if nothing does.
+    """
+    slowest, blocking = fastest, -1
+    for j in near:
+        dx, dy, apart = x[j] - x[i], y[j] - y[i], 2.0 * radius + clearance
+        allowed = speed_before(dx, dy, along_x, along_y, speed_x[j], speed_y[j], apart, reaction, fastest)
+        if allowed < slowest:
+            slowest, blocking = allowed, j
+    for n in range(len(disc_x)):
+        dx, dy, apart = disc_x[n] - x[i], disc_y[n] - y[i], disc_radius[n] + radius + clearance
+        allowed = speed_before(dx, dy, along_x, along_y, 0.0, 0.0, apart, reaction, fastest)
+        if allowed < slowest:
+            slowest, blocking = allowed, len(x) + n
+    return slowest, blocking
+
+
+@compiled(
     "void(i8[::1], f8[::1], i8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1],"
     " f8[::1], f8, f8, f8[::1], f8[::1], f8[::1], f8[::1])"
 )
@@ -97,48 +136,28 @@ def keep_clear(  # type: ignore[no-untyped-def]
     and how fast they may go along their headings while they turn to the targets: `forward`, all (n,).
     """
     for k in range(len(me)):
-        i = me[k]
-        forward[k] = speed[k] if i >= 0 else 0.0
-        speed[k] = forward[k]
+        i, wanted = me[k], speed[k]
+        if i < 0:
+            speed[k] = forward[k] = 0.0
+            continue
+        forward[k] = wanted
         dx, dy = target_x[k] - x[i], target_y[k] - y[i]
         distance = math.sqrt(dx * dx + dy * dy)
-        if distance < 1e-9 or speed[k] <= 0.0:
+        if distance < 1e-9 or wanted <= 0.0:
             continue
-        wanted, apart = speed[k], 2.0 * radius[k] + clearance
-        along_x, along_y = dx / distance, dy / distance
-        for look in range(3):  # towards the target, towards another one if that is blocked, and straight on
-            if look == 1 and (speed[k] >= wanted or not round_it[k]):
-                continue
-            if look == 2:
-                along_x, along_y = math.cos(theta[k]), math.sin(theta[k])
-            slowest, blocking = wanted, -1
-            for n in range(start[i], start[i + 1]):
-                j = near[n]
-                allowed = speed_before(
-                    x[j] - x[i], y[j] - y[i], along_x, along_y, speed_x[j], speed_y[j], apart, reaction, wanted
-                )
-                if allowed < slowest:
-                    slowest, blocking = allowed, j
-            for n in range(len(disc_x)):
-                bare = disc_radius[n] + radius[k] + clearance
-                allowed = speed_before(
-                    disc_x[n] - x[i], disc_y[n] - y[i], along_x, along_y, 0.0, 0.0, bare, reaction, wanted
-                )
-                if allowed < slowest:
-                    slowest, blocking = allowed, len(x) + n
-            if look == 2:
-                forward[k] = slowest
-                continue
-            speed[k] = slowest
-            if look == 1:
-                target_x[k], target_y[k] = x[i] + distance * along_x, y[i] + distance * along_y
-            elif blocking >= 0:
-                bare, left = apart, True  # the other is passed with it on the left
-                if blocking < len(x):
-                    dx, dy = x[blocking] - x[i], y[blocking] - y[i]
-                else:
-                    disc = blocking - len(x)
-                    dx, dy = disc_x[disc] - x[i], disc_y[disc] - y[i]
-                    bare = disc_radius[disc] + radius[k] + clearance
-                    left = dx * math.sin(theta[k]) - dy * math.cos(theta[k]) <= 0.0
-                along_x, along_y = tangent(dx, dy, WIDE * bare, left)
+        around = near[start[i] : start[i + 1]], x, y, speed_x, speed_y, disc_x, disc_y, disc_radius
+        bounds = radius[k], clearance, reaction, wanted
+        speed[k], blocking = first_in_way(i, dx / distance, dy / distance, *around, *bounds)
+        if blocking >= 0 and round_it[k]:
+            apart, left = 2.0 * radius[k] + clearance, True  # another robot is passed with it on the left
+            if blocking < len(x):
+                dx, dy = x[blocking] - x[i], y[blocking] - y[i]
+            else:
+                disc = blocking - len(x)
+                dx, dy = disc_x[disc] - x[i], disc_y[disc] - y[i]
+                apart = disc_radius[disc] + radius[k] + clearance
+                left = dx * math.sin(theta[k]) - dy * math.cos(theta[k]) <= 0.0
+            along_x, along_y = tangent(dx, dy, WIDE * apart, left)
+            speed[k], _ = first_in_way(i, along_x, along_y, *around, *bounds)
+            target_x[k], target_y[k] = x[i] + distance * along_x, y[i] + distance * along_y
+        forward[k], _ = first_in_way(i, math.cos(theta[k]), math.sin(theta[k]), *around, *bounds)
