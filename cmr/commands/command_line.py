@@ -1,6 +1,7 @@
 """What all cmr-* commands share on the command line: help with an example, --version, exit codes, errors."""
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Callable
@@ -20,7 +21,7 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescrip
     """Keeps the examples' lines as they are, and shows the defaults that say something."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        if action.default is None or action.default is False or action.default == []:
+        if action.default in (None, []) or isinstance(action.default, bool):
             return action.help
         return super()._get_help_string(action)
 
@@ -59,6 +60,17 @@ def parse_robot_id(text: str) -> int:
     if not (text.isascii() and text.isdecimal()) or int(text) > LARGEST_ROBOT_ID:
         raise argparse.ArgumentTypeError(f"a robot id is a whole number of 0 to {LARGEST_ROBOT_ID}, not {text!r}")
     return int(text)
+
+
+def parse_seconds(text: str) -> float:
+    """Parse a time for argparse: a finite number of seconds, 0 or more."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 <= seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time: a number of 0 or more, in seconds")
+    return seconds
 
 
 def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
