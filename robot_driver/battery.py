@@ -3,8 +3,9 @@
 import math
 from dataclasses import dataclass
 
-HYSTERESIS = 0.02  # share above the threshold that ends a warning
+HYSTERESIS = 0.02  # share above a threshold from which the voltage is well above it
 DELAY = 2.0  # s below a threshold before it counts: motors that start pull any battery down for a moment
+LONGEST_GAP = 1.5  # s between two measurements; what was in a longer gap is not known
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,24 @@ class Thresholds:
             )
 
 
+class TimeBelow:
+    """How many `seconds` more a voltage has been below a threshold than well above it; 0 to DELAY.
+
+    So a battery that is below most of the time is found out, however often it recovers for a moment.
+    """
+
+    def __init__(self, threshold: float) -> None:
+        self.seconds = 0.0
+        self._threshold = threshold
+        self._side = 0  # 1 below, -1 well above, 0 between
+
+    def take(self, voltage: float, elapsed: float) -> None:
+        """Take a voltage (V) that was measured `elapsed` seconds after the last one."""
+        above = voltage >= self._threshold * (1.0 + HYSTERESIS)
+        before, self._side = self._side, 1 if voltage < self._threshold else -1 if above else 0
+        self.seconds = min(max(self.seconds + elapsed * (before + self._side) / 2.0, 0.0), DELAY)
+
+
 class BatteryGuard:
     """Watches one battery. `low` warns; `empty` stays True once it has become so, for as long as the process lives."""
 
@@ -34,20 +53,20 @@ class BatteryGuard:
         self.empty = False
         self._thresholds = thresholds
         self._voltage = math.nan
-        self._below_warn_since = self._below_stop_since = math.inf
+        self._measured = math.inf  # before the first measurement no time has passed
+        self._below_warn = TimeBelow(thresholds.warn)
+        self._below_stop = TimeBelow(thresholds.stop)
 
     def take(self, voltage: float, now: float) -> None:
         """Take a voltage measured at `now` (s); NaN is no measurement."""
         if math.isnan(voltage):
             return
-        self._voltage = voltage
-        self._below_warn_since = min(self._below_warn_since, now) if voltage < self._thresholds.warn else math.inf
-        self._below_stop_since = min(self._below_stop_since, now) if voltage < self._thresholds.stop else math.inf
-        if now - self._below_warn_since >= DELAY:
-            self.low = True
-        elif voltage >= self._thresholds.warn * (1.0 + HYSTERESIS):
-            self.low = False
-        self.empty = self.empty or now - self._below_stop_since >= DELAY
+        elapsed = min(max(now - self._measured, 0.0), LONGEST_GAP)
+        self._voltage, self._measured = voltage, now
+        for time_below in (self._below_warn, self._below_stop):
+            time_below.take(voltage, elapsed)
+        self.low = self._below_warn.seconds >= DELAY or (self.low and self._below_warn.seconds > 0.0)
+        self.empty = self.empty or self._below_stop.seconds >= DELAY
 
     @property
     def sentence(self) -> str:
@@ -58,5 +77,6 @@ class BatteryGuard:
                 f"Charge it, then start the driver again."
             )
         if self.low:
-            return f"The battery is low: {self._voltage:.1f} V. Below {self._thresholds.stop:g} V the robot stops."
+            stops = f" Below {self._thresholds.stop:g} V the robot stops." if self._thresholds.stop else ""
+            return f"The battery is low: {self._voltage:.1f} V.{stops}"
         return ""

@@ -5,6 +5,11 @@ import time
 SAMPLES = 3  # comparisons of the two clocks; another thread may run in the midst of one
 
 
+def seconds_since_boot() -> float:
+    """Return a steady time (s) that goes on while the computer is suspended: what was commanded before is old then."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
 def utime_at(monotonic_nanoseconds: int) -> int:
     """Return the time of day (us since the Unix epoch) of a recent moment on the monotonic clock."""
     _, offset = min(_compare() for _ in range(SAMPLES))

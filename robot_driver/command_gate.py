@@ -52,7 +52,7 @@ class Drive:
 class CommandGate:
     """Holds the command in force; safe to use from several threads.
 
-    `now` is the driver's own monotonic clock (s), `utime` the time of day as in messages (us). `rejected` counts
+    `now` is the driver's own steady clock (s), `utime` the time of day as in messages (us). `rejected` counts
     commands not taken, by reason; `releases_rejected` releases of the emergency stop that were not recent. Closed to
     all but zero until some time after `note_listening`.
     """
@@ -65,7 +65,7 @@ class CommandGate:
         self._expires = -math.inf
         self._last_decided: int | None = None
         self._stops: set[Stop] = set()
-        self._engaged_utime = 0
+        self._engaged_utime = self._released_utime = 0
         self._zero_first = False
         self._listening_until = math.inf
         self._closed_until = -math.inf
@@ -83,11 +83,13 @@ class CommandGate:
     def offer(self, decided: int, left: float, right: float, *, now: float, utime: int) -> None:
         """Take a command that was decided at `decided` (us) and has arrived `now`, or count why not."""
         with self._lock:
+            self._forget_the_future(utime)
             reason = self._objection(decided, left, right, now, utime)
             if reason:
                 self.rejected[reason] += 1
                 return
-            self._zero_first = bool(self._stops)
+            counts = decided > self._released_utime  # a zero that was decided before may come after the release
+            self._zero_first = bool(self._stops) or (self._zero_first and not counts)
             self._command, self._last_decided = (left, right), decided
             self._expires = now + COMMAND_LIFETIME - max(utime - decided, 0) / 1e6
 
@@ -96,6 +98,8 @@ class CommandGate:
 
         It is engaged whatever the time; a release must be recent and not older than what engaged it.
         """
+        with self._lock:
+            self._forget_the_future(utime)
         if engaged:
             self._engaged_utime = max(self._engaged_utime, min(decided, utime))
             self.hold(Stop.BUS)
@@ -103,6 +107,7 @@ class CommandGate:
             if decided < self._engaged_utime or abs(utime - decided) > streams.COMMAND_LIFETIME:
                 self.releases_rejected += 1
             else:
+                self._released_utime = decided
                 self.release(Stop.BUS)
 
     def hold(self, stop: Stop) -> None:
@@ -139,6 +144,14 @@ class CommandGate:
             if status or self._command is None:
                 return Drive(0.0, 0.0, status)
             return Drive(*self._command, status)
+
+    def _forget_the_future(self, utime: int) -> None:
+        """Forget when what was decided last where that is still to come: the time of day was set back."""
+        latest = utime + streams.COMMAND_LIFETIME
+        if self._last_decided is not None and self._last_decided > latest:
+            self._last_decided = None
+        self._engaged_utime = self._engaged_utime if self._engaged_utime <= latest else 0
+        self._released_utime = self._released_utime if self._released_utime <= latest else 0
 
     def _objection(self, decided: int, left: float, right: float, now: float, utime: int) -> str:
         if not (math.isfinite(left) and math.isfinite(right)):

@@ -1,7 +1,6 @@
 """All of cmr-driver but the bus and the command line: ports, safety, parameters, and what to tell."""
 
 import queue
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from cmr.bus.messages import now_utime
 from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, Stream
 from cmr.parameters.following import ParameterFollower
 from robot_driver.battery import Thresholds
+from robot_driver.clock import seconds_since_boot
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.encoders import FASTEST_WHEEL, Wiring
@@ -103,7 +103,7 @@ class Driver:
 
         At the first turn the process has to hear the bus already.
         """
-        now = time.monotonic()
+        now = seconds_since_boot()
         if self._last_turn is None:
             self._gate.note_listening(now)
         elif now - self._last_turn > HELD_UP:
@@ -115,7 +115,7 @@ class Driver:
     def handle(self, utime: int, channel: str, message: Any) -> None:
         """Take a message from the bus."""
         if channel == MOTOR_COMMAND.channel(self._robot_id):
-            self._gate.offer(utime, message.left, message.right, now=time.monotonic(), utime=now_utime())
+            self._gate.offer(utime, message.left, message.right, now=seconds_since_boot(), utime=now_utime())
         elif channel == ESTOP.channel():
             self._gate.take_estop(bool(message.engaged), utime, utime=now_utime())
         elif self.follower.handle(utime, channel, message):

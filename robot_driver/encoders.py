@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 COUNTER_RANGE = 2**32  # counters wrap at this value, both ways
 FASTEST_WHEEL = 200.0  # rad/s; no wheel of a robot of this kind gets there, whatever its parameters say
+UNTIMED = 0.1  # s that a step may have taken when its time is not known
 
 
 def signed_step(before: int, after: int) -> int:
@@ -36,28 +37,46 @@ class WheelEncoders:
         self._ticks_per_turn = ticks_per_turn
         self._before: tuple[tuple[int, int], int] | None = None
         self._jumped = False
+        self._may_be_reset = False
 
     def rebase(self) -> None:
         """Take the next counts as a new beginning: what happened since the last ones is not known."""
         self._before = None
 
+    def doubt(self) -> None:
+        """Take the next counts as a new beginning if they are nearer to zero than to the last ones.
+
+        For after a silence in which the device may or may not have been reset, and does not tell.
+        """
+        self._may_be_reset = True
+
     def update(self, counts: tuple[int, int], nanoseconds: int, fastest: float) -> WheelMotion | None:
         """Take raw counts (ticks modulo 2^32, left first) read at a monotonic time.
 
-        Returns None where there is no velocity to tell: at a new beginning, and when the step is not believed
+        Returns None where there is no velocity to tell: at a new beginning, when time has not gone on because a
+        device's clock was set back, and when the step is not believed
         because a wheel would have turned faster than `fastest` (rad/s). Two such steps in a row are no jump, though:
         then the wheels are faster than thought, and steps up to FASTEST_WHEEL are believed.
         Raises CountersReset when the step is not believed but both counts are near zero; they are a new beginning.
         """
         before, self._before = self._before, (counts, nanoseconds)
-        if before is None or nanoseconds <= before[1]:
+        may_be_reset, self._may_be_reset = self._may_be_reset, False
+        if before is None:
             return None
         steps = (signed_step(before[0][0], counts[0]), signed_step(before[0][1], counts[1]))
+        if may_be_reset and _farther(counts) < _farther(steps):
+            return None
         radians_per_tick = 2 * math.pi / self._ticks_per_turn
+        if nanoseconds <= before[1]:
+            if _farther(steps) * radians_per_tick <= fastest * UNTIMED:
+                self._add(steps)
+            else:
+                self.jumps += 1
+            return None
         seconds = (nanoseconds - before[1]) / 1e9
         psi = (steps[0] * radians_per_tick / seconds, steps[1] * radians_per_tick / seconds)
-        speed = max(abs(psi[0]), abs(psi[1]))
-        since_zero = max(abs(signed_step(0, count)) for count in counts) * radians_per_tick / seconds
+        speed = _farther(steps) * radians_per_tick / seconds
+        since_zero = _farther(counts) * radians_per_tick / seconds
         if speed > max(fastest, FASTEST_WHEEL) and since_zero <= FASTEST_WHEEL:
             self._jumped = False
             raise CountersReset
@@ -66,8 +85,16 @@ class WheelEncoders:
         if speed > limit:
             self.jumps += 1
             return None
-        self.ticks = (self.ticks[0] + steps[0], self.ticks[1] + steps[1])
+        self._add(steps)
         return WheelMotion(self.ticks, psi)
+
+    def _add(self, steps: tuple[int, int]) -> None:
+        self.ticks = (self.ticks[0] + steps[0], self.ticks[1] + steps[1])
+
+
+def _farther(counts: tuple[int, int]) -> int:
+    """Return how far from zero the wheel is that is farther from it (ticks)."""
+    return max(abs(signed_step(0, count)) for count in counts)
 
 
 @dataclass(frozen=True)

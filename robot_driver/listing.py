@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from robot_driver.controllers import CONTROLLERS, BadReply, Controller
 from robot_driver.gyros import GYROS, Gyro
-from robot_driver.serial_port import PortLost, SerialPort, numbering_warning
+from robot_driver.serial_port import SerialPort, numbering_warning
 from robot_driver.stream_port import StreamPort
 
 LISTENING = 0.2  # s in which a gyro that is on sends something
@@ -20,6 +20,7 @@ CONVERSATION = 1.5  # s in which a gyro that has to be asked how it is set has a
 ENOUGH = 3  # readings that no noise brings about
 ATTEMPTS = 3  # a device may first have to get rid of what others were asked
 READ_SIZE = 4096  # bytes
+WHOLE = {"roboclaw": "roboclaw-pair"}  # part, what it is a part of: alone it would drive some of the wheels
 LONGEST_ASKING = 8.0  # s at a port; after that nothing more is begun, and nothing of it takes longer than 2 s
 
 
@@ -35,13 +36,13 @@ USUAL = Rates()
 
 
 def describe(path: str, rates: Rates = USUAL) -> str:
-    """Return lines for a person: the port, what answers there, and how to start the driver with it."""
+    """Return lines for a person: the port, what answers there, and how to start the driver with it.
+
+    Raises PortLost when it cannot be opened or is lost meanwhile.
+    """
     device = os.path.realpath(path)
     title = path if device == path else f"{path} (now {device})"
-    try:
-        found = devices_at(path, rates)
-    except PortLost as lost:
-        found = [f"not asked: {lost}"]
+    found = devices_at(path, rates)
     warning = numbering_warning(path)
     lines = [title, *(found or ["nothing that cmr-driver knows answers"]), *([warning] if warning else [])]
     return "\n    ".join(lines)
@@ -70,14 +71,14 @@ def _controllers_at(path: str, only: int | None, end: float) -> list[str]:
     """Return the controllers that answer at the first baud rate at which any does."""
     choices = {name: (only,) if only else _usual_rates(kind) for name, kind in sorted(CONTROLLERS.items())}
     for turn in range(max(map(len, choices.values()))):
-        found = []
+        found = {}
         for name, bauds in choices.items():
             kind = CONTROLLERS[name]
             if turn < len(bauds) and time.monotonic() < end and (said := _name_of(path, kind, bauds[turn])):
                 option = _option("--baud", bauds[turn], kind.default_baud_rate)
-                found.append(f"motor controller: --controller {name}{option} ({said})")
+                found[name] = f"motor controller: --controller {name}{option} ({said})"
         if found:
-            return found
+            return [line for name, line in found.items() if WHOLE.get(name) not in found]
     return []
 
 

@@ -54,13 +54,18 @@ def main(arguments: list[str]) -> int:
 
 
 def _list_devices(paths: list[str], rates: Rates) -> int:
-    """Print what answers at these ports, or at all there are."""
+    """Print what answers at these ports, or at all there are; return 1 if one that was named was not asked."""
     ports = paths or available_ports()
+    exit_code = 0
     for port in ports:
-        print(describe(port, rates), flush=True)
+        try:
+            print(describe(port, rates), flush=True)
+        except PortLost as lost:
+            print(f"{port}\n    not asked: {lost}", flush=True)
+            exit_code = 1 if paths else 0
     if not ports:
         print("There are no serial ports. Plug the devices in; on a laptop, install the driver of the USB adapter.")
-    return 0
+    return exit_code
 
 
 def _report(process: Process, driver: Driver) -> None:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t
 from robot_driver.battery import Thresholds
-from robot_driver.clock import Stamps, utime_at
+from robot_driver.clock import Stamps, seconds_since_boot, utime_at
 from robot_driver.command_gate import CommandGate, Drive
 from robot_driver.controllers import BadReply, Controller, Request, Telemetry
 from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, WheelMotion, Wiring
@@ -22,8 +22,9 @@ from robot_driver.serial_port import Answer, PortLost, SerialPort
 
 T = TypeVar("T")
 
-SILENCE_LIMIT = 0.4  # s without any answer after which the device counts as gone, perhaps switched off
-HUSH = 0.1  # s without any answer after which the device may have been reset: look before it is driven on
+SILENCE_LIMIT = 0.4  # s without an acknowledged duty after which the device counts as gone, perhaps switched off
+HUSH = 0.1  # s without one after which the device may have been reset: look before it is driven on
+SILENCE_OF_OURS = 0.1  # s that it lasts longer than the device's watchdog
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 ARM_ATTEMPTS = 10  # of one without whose answer the motors may not turn until the next connection
 STOPPING = 0.5  # s for the attempts at the last zero, so that the process still ends within a second
@@ -78,7 +79,8 @@ class Motors(Device):
         self._connection: _Connection | None = None
         self._jumps_told = 0
         self._stamps = Stamps()
-        self._last_answer = 0.0
+        self._last_driven = 0.0
+        self._refusal = ""  # why this device must not be driven, whatever connection is made
         self._doubtful = False  # something may still be on its way that answers nothing that is asked from now on
         self._strays = 0  # of the port, before the last request to drive
         self._due = 0.0
@@ -98,60 +100,67 @@ class Motors(Device):
             self._insist(request, stop)
         unarmed = self._arm(controller, stop)
         self._insist(controller.drive(0.0, 0.0), stop)  # arming may have taken a board so long that it fell silent
-        self._connection = _Connection(controller, unarmed, self._first_readings(controller, stop))
+        self._connection = _Connection(controller, self._refusal or unarmed, self._first_readings(controller, stop))
         self._act(self._connection)
         self._gate.clear()
         self._ramp.reset()
-        self._due = self._last_answer = time.monotonic()
+        self._due = self._last_driven = time.monotonic()
 
     def turn(self, stop: threading.Event) -> None:
         """Send the duty, read the encoders, and one slow reading; then wait for the next turn's time."""
         assert self._connection is not None
         self.rhythm.note_turn()
         try:
-            if time.monotonic() - self._last_answer > HUSH:
+            if time.monotonic() - self._last_driven > HUSH:
                 self._check_watchdog(self._connection)
             self._serve(self._connection)
         except BadReply:
             self._recover()
         except CountersReset as reset:
             raise PortLost(self._reset("its encoder counts began anew at zero")) from reset
-        if time.monotonic() - self._last_answer > SILENCE_LIMIT:
+        self._refusal = self._refusal or self._connection.controller.objection
+        if time.monotonic() - self._last_driven > SILENCE_LIMIT:
             raise PortLost(self._silence())
         self._due = max(self._due + self._period, time.monotonic() - self._period)
         stop.wait(max(self._due - time.monotonic(), 0.0))
 
     def leave(self) -> None:
-        """Stop the motors and have it acknowledged."""
+        """Stop the motors and have it acknowledged.
+
+        Where it is not, whatever is sent may keep the device's watchdog content while it understands nothing: then
+        it has to be left alone until that stops the motors.
+        """
         controller = self._connection.controller if self._connection else self._controller_type()
         self._connection = None
+        self.rest = 0.0
         self.rhythm.pause()
-        requests = controller.stops()
-        for request in requests:
-            self._stop(request, time.monotonic() + STOPPING / len(requests))
-
-    def _stop(self, request: Request[tuple[float, float]], give_up: float) -> None:
-        unacknowledged = 2 if self._doubtful else 1  # in doubt, the first acknowledgement may be of another duty
-        while unacknowledged and time.monotonic() < give_up:
+        give_up = time.monotonic() + STOPPING
+        # In doubt, the first acknowledgement may be of another duty. What is not acknowledged waits for its next turn.
+        wanted = controller.stops() * (2 if self._doubtful else 1)
+        while wanted and time.monotonic() < give_up:
+            request = wanted.pop(0)
             try:
                 self._port.exchange(request)
-                unacknowledged -= 1
             except BadReply:
                 self._recover()
+                wanted.append(request)
+        if wanted:
+            self.rest = controller.watchdog_seconds + SILENCE_OF_OURS
 
-    def _is_armed_still(self, controller: Controller, stop: threading.Event) -> bool:
-        """Tell whether the device has the watchdog it was given once: then it was not reset, and counts on.
+    def _count_on(self, controller: Controller, stop: threading.Event) -> None:
+        """Decide how ticks go on: a device that still has the watchdog it was given once was not reset, and counts on.
 
         A device whose watchdog is built in does not show whether it was reset. Raises PortLost.
         """
-        is_built_in = not controller.set_watchdog(controller.watchdog_seconds).data
-        return not is_built_in and _is_set(controller, self._insist(controller.read_watchdog(), stop, ARM_ATTEMPTS))
+        if not controller.set_watchdog(controller.watchdog_seconds).data:
+            self._encoders.doubt()
+        elif not _is_set(controller, self._insist(controller.read_watchdog(), stop, ARM_ATTEMPTS)):
+            self._encoders.rebase()
 
     def _arm(self, controller: Controller, stop: threading.Event) -> str:
         """Set the device's own watchdog and read it back; return why the motors must not turn, or ""."""
         try:
-            if not self._is_armed_still(controller, stop):
-                self._encoders.rebase()
+            self._count_on(controller, stop)
             self._insist(controller.set_watchdog(controller.watchdog_seconds), stop, ARM_ATTEMPTS)
             seconds = self._insist(controller.read_watchdog(), stop, ARM_ATTEMPTS)
         except PortLost as lost:
@@ -206,10 +215,9 @@ class Motors(Device):
 
     def _drive(self, connection: _Connection) -> tuple[tuple[float, float], int]:
         """Send the duty in force; return what was acknowledged, left first, and the status that goes with it."""
-        if connection.controller.objection:
-            connection.unarmed = connection.controller.objection
+        connection.unarmed = self._refusal or connection.unarmed
         self._act(connection)
-        now = time.monotonic()
+        now = seconds_since_boot()
         drive = self._gate.drive(now)
         if connection.unarmed:
             drive = Drive(0.0, 0.0, drive.status | motor_feedback_t.STATUS_NOT_ARMED)
@@ -221,6 +229,7 @@ class Motors(Device):
         request = connection.controller.drive(*self._wiring.channels(*duties))
         self._strays = self._port.strays
         acknowledged = self._ask(request).value
+        self._last_driven = time.monotonic()
         self._ramp.confirm()
         return self._wiring.forward(*acknowledged), drive.status
 
@@ -297,9 +306,8 @@ class Motors(Device):
     def _ask(self, request: Request[T]) -> Answer[T]:
         asked = time.monotonic()
         answer = self._port.exchange(request)
-        self._last_answer = time.monotonic()
         if request.data and not request.ends_in_silence:  # else it was known already, or it took a silence to know it
-            self.rhythm.round_trips.append(self._last_answer - asked)
+            self.rhythm.round_trips.append(time.monotonic() - asked)
         return answer
 
     def _insist(self, request: Request[T], stop: threading.Event, attempts: int = ATTEMPTS) -> T:

@@ -22,10 +22,12 @@ def go_first() -> None:
 class Device(ABC):
     """What a port's thread does with the device on it; all methods are called by that thread.
 
-    `problem` is a sentence about what is wrong while the device answers, or "".
+    `problem` is a sentence about what is wrong while the device answers, or "". `rest` is for how long (s) the device
+    has to be left alone after `leave`.
     """
 
     problem = ""
+    rest = 0.0
 
     @abstractmethod
     def connect(self, stop: threading.Event) -> None:
@@ -93,7 +95,7 @@ class PortThread:
                 self._stop.set()
             finally:
                 self._let_go()
-            self._stop.wait(pause)
+            self._stop.wait(max(pause, self.device.rest))
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _let_go(self) -> None:

@@ -43,10 +43,10 @@ class StreamPort(SerialPort):
         deadline = time.monotonic() + PATIENCE
         reply = b""
         while (missing := request.missing(reply)) > 0:
-            remaining = deadline - time.monotonic()
-            if remaining <= 0.0:
-                break
+            remaining = max(deadline - time.monotonic(), 0.0)
             data = self.read(missing, remaining)
+            if not data and not remaining:  # nothing came in time, nor while this process was held up
+                break
             if data and request.ends_in_silence:
                 deadline = time.monotonic() + SILENCE
             reply += data

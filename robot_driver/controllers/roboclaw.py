@@ -41,7 +41,8 @@ STATUS_BITS: dict[int, dict[int, int]] = {
         _MOTOR_FAULT: 0x03033FC0,
     },
     2: {_ESTOP: 0x0004, _TEMPERATURE: 0x3018, _BATTERY: 0x0CE0, _MOTOR_FAULT: 0x0303},
-    # The oldest firmware is known from client code only, so it is for display: no decision rests on it.
+    # The oldest firmware is known from client code only, not from the manual. Its e-stop bit holds the motors like that
+    # of the others: were it another bit, they would be held without need, or go on at once when the stop is released.
     1: {_ESTOP: 0x04, _TEMPERATURE: 0x08, _BATTERY: 0xF0, _MOTOR_FAULT: 0x03},
 }
 

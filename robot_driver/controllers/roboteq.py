@@ -3,7 +3,8 @@
 A line is a command and a carriage return. Actions (!) and settings (^) are answered with `+` or, refused, with `-`;
 queries of readings (?) and settings (~) with `NAME=value:value`. By default the device repeats whatever it receives
 before it answers. There is no checksum: an answer counts only if it is, to the last character, one that the device
-can give to this very question. Source: Roboteq "Advanced Digital Motor Controller User Manual", serial commands.
+can give to this very question; and a duty counts only if the device, asked which is in force, tells the same. Source:
+Roboteq "Advanced Digital Motor Controller User Manual", serial commands.
 
 The watchdog is fed by actions alone. After it has stopped the motors, the next action has them go on as before; but
 `!M`, the only action here, sets both channels anew. Nothing here is kept when the device is switched off (% commands).
@@ -11,6 +12,7 @@ The watchdog is fed by actions alone. After it has stopped the motors, the next 
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import reduce
 from itertools import chain
 from operator import or_
@@ -28,6 +30,7 @@ LONGEST_IDENTITY = 80  # bytes; real ones have some 40
 LONGEST_VALUE = 11  # characters: -2147483648
 LONGEST_WATCHDOG = 65000  # ms
 COUNTS = range(-(2**31), 2**31)
+DUTIES = range(-FULL_DUTY, FULL_DUTY + 1)
 TENTHS_OF_VOLT = range(1501)  # no device takes more than 150 V
 TENTHS_OF_AMPERE = range(-10000, 10001)
 DEGREES = range(-60, 201)
@@ -61,7 +64,13 @@ MOTOR_FLAGS: Flags = (
 )
 # Settings that must be 0, or `!M` would not be the duty of each channel; and what 0 means. A device that has no such
 # setting refuses the query.
-MODES = {"MMOD 1": "open loop", "MMOD 2": "open loop", "MXMD": "separate channels"}
+MODES = {
+    "MMOD 1": "open loop",
+    "MMOD 2": "open loop",
+    "MXMD": "separate channels",
+    "CLIN 1": "linear commands",
+    "CLIN 2": "linear commands",
+}
 LONGEST_MODE = 12  # bytes of an answer
 
 
@@ -119,21 +128,30 @@ class Roboteq(Controller):
         return self._query("~RWD", 1, range(LONGEST_WATCHDOG + 1), lambda milliseconds: milliseconds / 1000)
 
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
-        """Set the duty of channels 1 and 2, in steps of 0.001.
+        """Set the duty of channels 1 and 2, in steps of 0.001, and ask which is in force.
 
+        A line that was damaged on its way may be another duty, and is acknowledged all the same. Zero is believed: the
+        line may have been lost, or the controller hold the motors by itself, which its status tells.
         Raises ValueError for a duty outside [-1, 1].
         """
-        steps = [round(duty * FULL_DUTY) for duty in (first, second)]
+        steps = round(first * FULL_DUTY), round(second * FULL_DUTY)
         if max(map(abs, steps)) > FULL_DUTY:
             raise ValueError(f"A duty must be between -1 and 1, not {first}, {second}.")
         if self._restarted:
-            steps = [0, 0]
+            steps = 0, 0
+        duty = steps[0] / FULL_DUTY, steps[1] / FULL_DUTY
 
         def parse(answer: bytes) -> tuple[float, float]:
             _acknowledged(answer)
-            return steps[0] / FULL_DUTY, steps[1] / FULL_DUTY
+            return duty
 
-        return self._request(f"!M {steps[0]} {steps[1]}", len(DONE), parse)
+        def confirm(*told: int) -> tuple[float, float]:
+            if told not in (steps, (0, 0)):
+                raise BadReply(f"The duty {steps} was sent, but the controller tells {told}.")
+            return duty if told == steps else (0.0, 0.0)
+
+        sent = self._request(f"!M {steps[0]} {steps[1]}", len(DONE), parse)
+        return replace(sent, then=lambda _: self._query("?M", len(steps), DUTIES, confirm))
 
     def read_encoders(self) -> Request[tuple[int, int]]:
         """Ask for both encoder counts, which the device sends as signed numbers."""

@@ -15,7 +15,7 @@ class Faults:
 
     `latency` (s) is added to every answer, `byte_gap` (s) stands between the bytes of an answer. Then come shares of
     answers: lost whole, late by DELAY; and shares of packets, either way: lost whole, with one bit flipped, one byte
-    dropped, one byte inserted. `silent`: nothing comes back at all.
+    dropped, one byte inserted. `silent`: nothing comes back at all. `deaf`: bytes reach the device, but make no sense.
     """
 
     latency: float = 0.0
@@ -27,6 +27,7 @@ class Faults:
     drop: float = 0.0
     insert: float = 0.0
     silent: bool = False
+    deaf: bool = False
 
 
 class FaultyLine:
@@ -50,7 +51,8 @@ class FaultyLine:
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
         """Take bytes, perhaps damaged on their way."""
-        answers = self.device.receive(self._damage(data), time)
+        arriving = bytes(len(data)) if self.faults.deaf else self._damage(data)
+        answers = self.device.receive(arriving, time)
         self.truth += [(data, answer.data) for answer in answers]
         return self._back(answers)
 

@@ -57,6 +57,7 @@ class RoboteqDevice:
             "ECHOF": [0 if self._settings.roboteq.echo else 1],
             "MMOD": [0, 0],
             "MXMD": [0],
+            "CLIN": [0, 0],
         }
         self._line = b""
         self._last_action = -math.inf

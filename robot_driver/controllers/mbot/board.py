@@ -1,10 +1,12 @@
 """The MBot board as a motor controller: it is told duties and the time, and says everything else by itself.
 
 Without the time (TIMESYNC) it stops the motors after 1 s and falls silent; told the time again, it goes on with the
-last duties it was told. So the time is only told together with duties, and after them. It is the time of our monotonic
-clock, in which the board then stamps all it says, late by what the telling took: 1 ms on USB. Each telling sets that
-clock anew, so it is not done more often than needed. Sources: mbot-project/mbot_firmware, src/mbot_classic.c and
-src/mbot_comms.c. Some versions of it take MOTOR_PWM_CMD for velocities. That cannot be seen as long as everything is
+last duties it was told. So the time is only told together with duties, and after them. A board that is silent may have
+received half a frame long ago, of which the next bytes would be the rest: it is told nothing of meaning first, and then
+the duties several times, so that these are surely those that it goes on with. It is told our monotonic time, in which
+it then stamps all it says, late by what the telling took: 1 ms on USB. Each telling sets its clock anew, so it is not
+done more often than needed. Sources: mbot-project/mbot_firmware, src/mbot_classic.c and src/mbot_comms.c. Some versions
+of it take MOTOR_PWM_CMD for velocities. That cannot be seen as long as everything is
 zero; at the first duty the board says another than it was told, and is driven no further.
 """
 
@@ -24,10 +26,14 @@ T = TypeVar("T")
 COUNTER_RANGE = 2**32
 WATCHDOG = 1.0  # s; built in
 TIME_TELLING = 250_000  # us
+SILENCE = 100_000  # us after which the board may not have heard the time
+UNHEARD = 20_000  # us after which the board says what it was told, or has not heard it: USB holds bytes for up to 16 ms
 WATCHDOG_IGNORED = 1.5  # s of talking after which there is no watchdog
 BATTERY = 7  # index in ANALOG_IN of the battery's voltage, behind four raw values and three other voltages
+NOTHING = bytes(40)  # more than the rest of a frame of duties, and no beginning of another
+REPEATED = 3  # times that a silent board is told duties
 REMEMBERED = 100  # duties last told, of which one may be in force; the others are older than any watchdog allows
-UNTOLD = 5  # times in a row that a board says duties it was never told, after which its firmware is another
+UNTOLD = 3  # tellings in a row after which a board says duties it was never told: then its firmware is another
 EVERYTHING = 4096  # bytes; whatever has come
 DUTIES, MOMENT = struct.Struct("<q3f"), struct.Struct("<q")
 
@@ -46,7 +52,7 @@ class MBot(Controller):
         self._latest: dict[Topic, Frame] = {}
         self._watchdog: float | None = None
         self._duties: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # told, as the board has them
-        self._untold = 0
+        self._untold: set[int] = set()  # when what was told after which it said others, us
         self._told_duties = 0  # us, our monotonic clock
         self._told_time = -TIME_TELLING  # us
 
@@ -88,7 +94,7 @@ class MBot(Controller):
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
         """Tell the duties and the time; the board confirms with the duties in force since then.
 
-        Raises ValueError for a duty outside [-1, 1].
+        If it goes on with others, it is not waited for. Raises ValueError for a duty outside [-1, 1].
         """
         if not (abs(first) <= 1.0 and abs(second) <= 1.0):
             raise ValueError(f"A duty must be between -1 and 1, not {first}, {second}.")
@@ -98,7 +104,11 @@ class MBot(Controller):
             frame = self._fresh(Topic.MOTOR_PWM)
             return (in_wire[0], -in_wire[1]) if frame is not None and frame.values[:2] == in_wire else None
 
-        return self._wait("duties", confirmed, data)
+        def unheard() -> bool:
+            frame = self._fresh(Topic.MOTOR_PWM)
+            return frame is not None and frame.utime >= self._told_duties + UNHEARD
+
+        return self._wait("duties", confirmed, data, in_vain=unheard)
 
     def read_encoders(self) -> Request[tuple[int, int]]:
         """Take the newest counts; the right wheel's grow backward."""
@@ -132,17 +142,28 @@ class MBot(Controller):
         in_wire = DUTIES.unpack(payload)[1:3]
         self._duties.append(in_wire)
         data, self._told_duties = packed(Topic.MOTOR_PWM_COMMAND, payload), now
-        if time_too or now - self._told_time >= TIME_TELLING:
+        last_said = max((frame.utime for frame in self._latest.values()), default=-SILENCE)
+        # Words of the future were said while our clock stood still, in a computer that was suspended.
+        is_silent = abs(now - last_said) >= SILENCE
+        if is_silent:
+            data = NOTHING + REPEATED * data
+        if time_too or is_silent or now - self._told_time >= TIME_TELLING:
             data, self._told_time = data + packed(Topic.TIMESYNC, MOMENT.pack(now)), now
         return data, in_wire
 
     def _doubt(self, frame: Frame) -> None:
-        """Object to being driven when the board says duties again and again that it was never told."""
+        """Object to being driven when the board says duties again and again that it was never told.
+
+        Damage may make one telling another, which stays in force until the next, but hardly ever three in a row.
+        """
         if frame.topic is not Topic.MOTOR_PWM or frame.utime < self._told_duties:
             return
         duties = frame.values[:2]
-        self._untold = 0 if duties == (0.0, 0.0) or duties in self._duties else self._untold + 1
-        if self._untold >= UNTOLD and self._watchdog is not None:
+        if duties == (0.0, 0.0) or duties in self._duties:
+            self._untold.clear()
+        else:
+            self._untold.add(self._told_duties)
+        if len(self._untold) >= UNTOLD and self._watchdog is not None:
             self.objection = (
                 "Not driving: the board drives with other duties than it is told, so its firmware takes them for "
                 "velocities or numbers its topics otherwise. Install the firmware that README names, then restart."
@@ -162,9 +183,17 @@ class MBot(Controller):
         return frame if fresh else None
 
     def _wait(
-        self, name: str, find: Callable[[], T | None], data: bytes = b"", measured: Callable[[], int] | None = None
+        self,
+        name: str,
+        find: Callable[[], T | None],
+        data: bytes = b"",
+        measured: Callable[[], int] | None = None,
+        in_vain: Callable[[], bool] = lambda: False,
     ) -> Request[T]:
-        """Return a request that is answered when `find` finds something in the latest frames."""
+        """Return a request that is answered when `find` finds something in the latest frames.
+
+        There is no answer when it is `in_vain` to wait for more.
+        """
 
         def parse(_reply: bytes) -> T:
             found = find()
@@ -172,7 +201,8 @@ class MBot(Controller):
                 raise BadReply(f"The board did not say its {name} in time.{self._foreign()}")
             return found
 
-        return Request(name, data, 0, self._missing_until(lambda: find() is not None), parse, measured=measured)
+        missing = self._missing_until(lambda: find() is not None or in_vain())
+        return Request(name, data, 0, missing, parse, measured=measured)
 
     def _missing_until(self, ready: Callable[[], bool]) -> Callable[[bytes], int]:
         """Return a function that takes the frames in a growing reply, and asks for more until it is `ready`."""

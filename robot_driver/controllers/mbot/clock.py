@@ -27,8 +27,7 @@ class SteadyClock:
         step = 0 if self._last is None else utime - self._last
         self._last = utime
         if abs(step) > LARGEST_JUMP:
-            self._steps.clear()
-            self._ahead = 0.0
+            self._ahead = 0.0  # but the turns of the board's loop are as long as they were
         elif step:
             self._ahead += self._jump(step) - self._ahead * abs(step) / MEMORY
             self._steps.append(step)
