@@ -189,6 +189,8 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     with Process("cmr-diagnose", options.lcm_url) as process:
         for stream in WATCHED:
             process.subscribe(stream, options.robot, every=True)
+        watching = "Watching. What changes is said here; PROCESS_STATUS tells what is heard."
+        print(f"{process.name}: {watching}", file=sys.stderr, flush=True)
         for utime in process.loop(rate_hz=WATCH_RATE):
             process.dispatch(watcher.handle)
             news = watcher.advance(utime)

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from cmr.diagnosis.candidates import Scene, driving_parameters, lanes_of
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.gains import interval_of
 from cmr.diagnosis.noise import FOREIGN, LEAST_SIZE, SPANS, Noise, SignalNoise, size_found
 from cmr.diagnosis.prediction import WHEELS, Errors, Predictor
-from cmr.diagnosis.study import Fit, Study, nearer_to_neutral
+from cmr.diagnosis.study import Study, nearer_to_neutral
 from cmr.model.observer import MOTION, Gains, Observer
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.recordings.signal import Floats, Mask

@@ -9,6 +9,7 @@ from cmr.calibration.result import CalibrationError, Estimate
 from cmr.diagnosis.data import findings_of, looked_at, require_of_use_held_out
 from cmr.diagnosis.engine import Ready, prepare
 from cmr.diagnosis.experiment import Piece
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.free_runs import WINDOW
 from cmr.diagnosis.inexactness import inexactness
 from cmr.diagnosis.judging import TOO_SMALL, Named, Tried
@@ -38,7 +39,7 @@ from cmr.diagnosis.result import (
 )
 from cmr.diagnosis.shifts import moved, shifts
 from cmr.diagnosis.showing import paths_of, residuals_of
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.diagnosis.taking_back import that_holds
 from cmr.diagnosis.unexplained_extending import Extended, chance_of, extended
 from cmr.diagnosis.unexplained_generic import formula

@@ -8,10 +8,11 @@ import numpy as np
 from cmr.diagnosis.baseline import guess_base_width, guess_motor, turn_rates
 from cmr.diagnosis.candidates import USUAL_INTERVAL, Scene
 from cmr.diagnosis.data import Checked, findings_of, notes_of, refusal
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.gains import choose_gains
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors, Predictor, predictors
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.diagnosis.thinning import share_used, thinned
 from cmr.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE

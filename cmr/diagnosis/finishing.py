@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.diagnosis.candidates import locality, worth_naming
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.inflation import Inflation
 from cmr.diagnosis.judging import TOO_SMALL, Named, Tried, held_out_gain, needed, why_not
 from cmr.diagnosis.placing import explored
 from cmr.diagnosis.polishing import polished
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.model.parameters import DEFINITIONS as PAPER
 
 
@@ -37,7 +38,7 @@ def finished(study: Study, named: Sequence[Named], current: Fit, inflation: Infl
         doubts.update(doubt)
     while standing:
         alone = len(standing) == 1 and not dropped
-        standing = [_at(final, one) if alone else _beside_the_others(study, one, final) for one in standing]
+        standing = [_at(final, standing[0])] if alone else _beside_the_others(study, standing, final)
         reasons = [why_not(study, one.before, one.tried, inflation) for one in standing]
         failing = [(one, why) for one, why in zip(standing, reasons, strict=True) if why not in ("", TOO_SMALL)]
         if not failing:
@@ -60,16 +61,22 @@ def _at(final: Fit, one: Named) -> Named:
     return replace(one, tried=replace(one.tried, values=final.values, fit=final))
 
 
-def _beside_the_others(study: Study, one: Named, final: Fit) -> Named:
-    """Return an effect with what it explains beside all others, and the fit without it."""
-    own = {parameter.name for parameter in one.tried.effect.parameters}
-    names = tuple(name for name in final.names if name not in own)
-    # What the paper's parameters were before the effect came in is nearer to what they are without it.
-    values = {name: value for name, value in final.values.items() if name not in own}
-    values |= {name: value for name, value in one.before.values.items() if name in PAPER}
-    before = study.fit(values, names, final.noise, renew=0)
-    drop, held_out = before.squares - final.squares, held_out_gain(study, before, final)
-    return replace(one, before=before, tried=Tried(one.tried.effect, drop, final.values, final, held_out))
+def _beside_the_others(study: Study, standing: Sequence[Named], final: Fit) -> list[Named]:
+    """Return each effect with what it explains beside all others, and the fit without it."""
+    result = []
+    for one, before in zip(standing, study.fits([_left_out(one, final) for one in standing], final.noise), strict=True):
+        drop, held_out = before.squares - final.squares, held_out_gain(study, before, final)
+        result.append(replace(one, before=before, tried=Tried(one.tried.effect, drop, final.values, final, held_out)))
+    return result
+
+
+def _left_out(one: Named, final: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return where a fit without an effect begins, and what is free in it.
+
+    What the paper's parameters were before the effect came in is nearer to what they are without it.
+    """
+    values, names = without(final, [one])
+    return {**values, **{name: value for name, value in one.before.values.items() if name in PAPER}}, names
 
 
 def _without_small(study: Study, named: Sequence[Named], current: Fit) -> tuple[list[Named], list[Tried], Fit]:
@@ -78,9 +85,7 @@ def _without_small(study: Study, named: Sequence[Named], current: Fit) -> tuple[
     small = [one for one, does in zip(named, matters, strict=True) if not does]
     if not small:
         return list(named), [], current
-    own = {parameter.name for one in small for parameter in one.tried.effect.parameters}
-    values = {name: value for name, value in current.values.items() if name not in own}
-    fit = study.fit(values, tuple(name for name in current.names if name not in own), current.noise, renew=0)
+    fit = study.fit(*without(current, small), current.noise, renew=0)
     tried = [replace(one.tried, values=current.values) for one in small]
     return [one for one, does in zip(named, matters, strict=True) if does], tried, fit
 
@@ -93,12 +98,21 @@ def _matters(study: Study, one: Named, fit: Fit) -> bool:
 
 def pruned(study: Study, named: list[Named], current: Fit, inflation: Inflation) -> tuple[list[Named], Fit]:
     """Drop effects that the others have made redundant."""
-    for one in list(named):
-        own = {parameter.name for parameter in one.tried.effect.parameters}
-        names = tuple(name for name in current.names if name not in own)
-        values = {name: value for name, value in current.values.items() if name not in own}
-        without = study.fit(values, names, current.noise, renew=0)
-        if without.squares - current.squares < needed(one.tried.effect) * inflation.of(one.tried.effect.name):
-            named = [other for other in named if other is not one]
-            current = without
+    unsure = list(named)
+    while unsure:
+        fits = study.fits([without(current, [one]) for one in unsure], current.noise)
+        enough = [needed(one.tried.effect) * inflation.of(one.tried.effect.name) for one in unsure]
+        redundant = [fit.squares - current.squares < least for fit, least in zip(fits, enough, strict=True)]
+        if not any(redundant):
+            break
+        first = redundant.index(True)
+        named = [one for one in named if one is not unsure[first]]
+        current, unsure = fits[first], unsure[first + 1 :]
     return named, current
+
+
+def without(fit: Fit, effects: Sequence[Named]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return the values of a fit, and the names of what is free in it, without some effects."""
+    own = {parameter.name for one in effects for parameter in one.tried.effect.parameters}
+    values = {name: value for name, value in fit.values.items() if name not in own}
+    return values, tuple(name for name in fit.names if name not in own)

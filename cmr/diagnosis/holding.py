@@ -7,10 +7,10 @@ import numpy as np
 
 from cmr.diagnosis.candidates import Scene, is_limit, lanes_of
 from cmr.diagnosis.experiment import Piece
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.free_runs import SIGNALS, Errors, Fold, alternating_spans, errors_of, joined
-from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.parts import first_recordings, two_parts
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.model.catalogue import definition
 from cmr.recordings.signal import Floats
 
@@ -54,7 +54,7 @@ def elsewhere(study: Study, before: Fit, after: Fit) -> Elsewhere:
     gyro = np.concatenate([np.full(len(t), n == GYRO) for p in study.predictors for n, t in p.times.items()])
     drops, gains, of_gyro, models = [], [], np.zeros(2), []
     for part in (first, ~first):
-        fits = _fits_on(study.part(part), (before, after), after.noise)
+        fits = study.part(part).fits([(fit.values, fit.names) for fit in (before, after)], after.noise)
         drops.append(fits[0].squares - fits[1].squares)
         values = tuple(fit.values for fit in fits)
         white = study.white(lanes_of(values), after.noise) ** 2
@@ -72,10 +72,6 @@ def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:
         return False
     first, second = before.rest - one.rest, before.rest - other.rest
     return float(first @ second) > IN_COMMON * float(np.linalg.norm(first) * np.linalg.norm(second))
-
-
-def _fits_on(part: Study, fits: Sequence[Fit], noise: Noise) -> list[Fit]:
-    return [part.fit(fit.values, fit.names, noise, renew=0) for fit in fits]
 
 
 def _share(study: Study, models: Sequence[tuple[Mapping[str, float], ...]]) -> float:

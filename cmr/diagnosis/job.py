@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import lcm
-
 from cmr.bus.streams import identify
 from cmr.calibration.result import CalibrationError
 from cmr.diagnosis.result import Diagnosis
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.recordings.arrivals import KEPT
-from cmr.recordings.log import intact_events
+from cmr.recordings.events import EventReader
 from cmr.recordings.recording import Recording, RecordingError, choose_robot, read_log
 
 DOCUMENT, REPORT = "diagnosis.json", "report.html"
@@ -64,11 +62,7 @@ def robots_in(log: Path) -> list[int]:
     Raises RecordingError when the log cannot be opened or holds no robot.
     """
     _filled(log)
-    events = lcm.EventLog(str(log), "r")
-    try:
-        channels = {event.channel for event in intact_events(events)}
-    finally:
-        events.close()
+    channels = {event.channel for event in EventReader(log)}
     measuring = [kept.stream for kept in KEPT.values() if kept.measured]
     identities = [identify(channel) for channel in channels]
     robots = sorted({found[1] for found in identities if found and found[0] in measuring and found[1] is not None})

@@ -7,9 +7,10 @@ import numpy as np
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import USUAL_RATE, locality, worth_naming
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.holding import contradicted
 from cmr.diagnosis.inflation import Inflation
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER

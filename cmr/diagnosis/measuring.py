@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmr.diagnosis.experiment import Piece
+from cmr.diagnosis.fitting import Fit, moved
 from cmr.diagnosis.free_runs import BLOCK, Errors, Fold, alternating_spans, errors_of, joined
 from cmr.diagnosis.gain import gain_of, path_rmse
 from cmr.diagnosis.result import Gain
-from cmr.diagnosis.study import Fit, Study, moved
+from cmr.diagnosis.study import Study
 
 FOLDS = 4
 JITTER = "command_jitter"

@@ -1,13 +1,15 @@
 """Name effects one after the other: the one that explains most, if it also foretells what it was not fitted on."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.candidates import worth_naming
 from cmr.diagnosis.finishing import finished, pruned
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.holding import alternatives, elsewhere, why_not_elsewhere
 from cmr.diagnosis.inflation import Inflation
@@ -25,7 +27,7 @@ from cmr.diagnosis.packets import (
 )
 from cmr.diagnosis.placing import placed
 from cmr.diagnosis.screening import Score, Screening, screen
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.model.catalogue import CATALOGUE, definition
 
 PROMISING = 12  # effects that are fitted after the score test,
@@ -137,7 +139,8 @@ def _next(
     significant = THRESHOLD * inflation.all
     hiding = any(why == TOO_SMALL and PROMISING_SHARE * tried.drop > significant for tried, why in others)
     if chosen is None and hiding:
-        return _choose(study, current, _fitted(study, current, screening, significant), inflation)
+        ranked = _fitted(study, current, screening, significant, [tried for tried, _ in others])
+        return _choose(study, current, ranked, inflation)
     return chosen, others
 
 
@@ -276,7 +279,7 @@ def _judged(study: Study, current: Fit, tried: Tried, inflation: Inflation) -> t
     """Return an effect and why it is not named; what would be is fitted with everything free."""
     why = why_not(study, current, tried, inflation)
     if tried.fit is None and why in ("", TOO_SMALL):
-        tried = _with_everything(study, current, tried)
+        tried = _with_everything(study, current, [tried], [True])[0]
         why = why_not(study, current, tried, inflation)
     if not why and (study.several or not study.by_moments):
         significant = needed(tried.effect) * inflation.of(tried.effect.name)
@@ -284,16 +287,20 @@ def _judged(study: Study, current: Fit, tried: Tried, inflation: Inflation) -> t
     return tried, why
 
 
-def _fitted(study: Study, current: Fit, screening: Screening, least: float | None = None) -> list[Tried]:
+def _fitted(
+    study: Study, current: Fit, screening: Screening, least: float | None = None, known: Sequence[Tried] = ()
+) -> list[Tried]:
     """Fit the promising effects beside the model, the best ones with everything free; best first.
 
-    They are those whose score is above `least`; by default, a share of the best one.
+    They are those whose score is above `least`; by default, a share of the best one. What is `known` stands beside.
     """
     if least is None:
         least = max([LEAST_SCORE, *(PROMISING_SHARE * score.drop for score in screening.scores[:1])])
+    there = {tried.effect.name for tried in known}
     promising = [score for score in screening.scores if score.drop > least][:PROMISING]
+    promising = [score for score in promising if score.trial.effect not in there]
     if not promising:
-        return []
+        return list(known)
     effects = [CATALOGUE[score.trial.effect] for score in promising]
     names = [[parameter.name for parameter in effect.parameters] for effect in effects]
     quick = study.fit_beside(current, [start_of(score) for score in promising], names)
@@ -301,16 +308,11 @@ def _fitted(study: Study, current: Fit, screening: Screening, least: float | Non
         Tried(effect, current.squares - squares, values)
         for effect, (values, squares) in zip(effects, quick, strict=True)
     ]
-    tried = [
-        _with_everything(study, current, one) if _stuck(one, score) else one
-        for one, score in zip(tried, promising, strict=True)
-    ]
-    tried.sort(key=lambda one: -one.evidence)
+    tried = _with_everything(study, current, tried, [_stuck(*pair) for pair in zip(tried, promising, strict=True)])
+    tried = sorted([*known, *tried], key=lambda one: -one.evidence)
     least = max(CLOSE * tried[0].drop, LEAST_DROP)
-    finalists = [
-        _with_everything(study, current, one) if one.fit is None and one.drop > least else one
-        for one in tried[:FINALISTS]
-    ]
+    final = [one.fit is None and one.drop > least for one in tried[:FINALISTS]]
+    finalists = _with_everything(study, current, tried[:FINALISTS], final)
     return sorted([*finalists, *tried[FINALISTS:]], key=lambda one: -one.evidence)
 
 
@@ -330,7 +332,15 @@ def start_of(score: Score) -> dict[str, float]:
     return result
 
 
-def _with_everything(study: Study, current: Fit, tried: Tried) -> Tried:
-    names = (*current.names, *(parameter.name for parameter in tried.effect.parameters))
-    fit = placed(study, tried.effect, tried.values, names, current.noise)
+def _with_everything(study: Study, current: Fit, tried: Sequence[Tried], chosen: Sequence[bool]) -> list[Tried]:
+    """Return what was tried, the chosen ones fitted with everything free."""
+    models = []
+    for one in compress(tried, chosen):
+        own = [parameter.name for parameter in one.effect.parameters]
+        models.append((placed(study, one.effect, one.values, current.noise), (*current.names, *own)))
+    fits = iter(study.fits(models, current.noise))
+    return [_fully(study, current, one, next(fits)) if fully else one for one, fully in zip(tried, chosen, strict=True)]
+
+
+def _fully(study: Study, current: Fit, tried: Tried, fit: Fit) -> Tried:
     return Tried(tried.effect, current.squares - fit.squares, fit.values, fit, held_out_gain(study, current, fit))

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors, Predictor
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.recordings.signal import Floats
 
 REACH = 0.5  # s after which a command's delay has left no trace

@@ -11,8 +11,9 @@ from itertools import product
 import numpy as np
 
 from cmr.diagnosis.candidates import locality
+from cmr.diagnosis.fitting import Fit, moved
 from cmr.diagnosis.noise import Noise
-from cmr.diagnosis.study import Fit, Study, moved
+from cmr.diagnosis.study import Study
 from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
@@ -28,11 +29,9 @@ JUMPS = 10  # each so many-th step is as long as the distance of two walkers: fr
 WARMTH = 2.0  # noise is not quite as assumed: differences of the sum of squares count half
 
 
-def placed(study: Study, effect: Effect, values: Mapping[str, float], names: Sequence[str], noise: Noise) -> Fit:
-    """Return the fit of a model with an effect from these values on, its place sought first if it belongs to one."""
-    if locality(effect) == "place":
-        values = _best_place(study, effect, values, noise)
-    return study.fit(values, names, noise, renew=0)
+def placed(study: Study, effect: Effect, values: Mapping[str, float], noise: Noise) -> Mapping[str, float]:
+    """Return the values from which a fit with an effect begins: with its best place, if it belongs to one."""
+    return _best_place(study, effect, values, noise) if locality(effect) == "place" else values
 
 
 def _best_place(study: Study, effect: Effect, values: Mapping[str, float], noise: Noise) -> dict[str, float]:
@@ -64,7 +63,7 @@ def explored(study: Study, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[st
         visited.append(at.copy())
         heights.append(squares)
     lowest = np.concatenate(visited)[int(np.argmin(np.concatenate(heights)))]
-    best = study.refitted(fit, moved(fit.values, names, lowest))
+    best = study.refitted(fit, [moved(fit.values, names, lowest)])[0]
     best = best if best.squares < fit.squares else fit
     found = np.array([best.values[name] - fit.values[name] for name in names])
     away = np.sqrt(np.mean((np.concatenate(visited[SETTLING:]) - found) ** 2, axis=0))

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cmr.diagnosis.study import Fit, Study, moved
+from cmr.diagnosis.fitting import Fit, moved
+from cmr.diagnosis.study import Study
 from cmr.model.catalogue import definition
 from cmr.recordings.signal import Floats
 
@@ -36,7 +37,7 @@ def polished(study: Study, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[st
         offsets, squares = scan(study, fit, name)
         _, scatter = parabola(offsets, squares)
         if scatter > ROUGH or np.min(squares) < fit.squares - LOWER:
-            better = min((study.refitted(fit, start) for start in _starts(fit, name, offsets, squares)), key=_squares)
+            better = min(study.refitted(fit, _starts(fit, name, offsets, squares)), key=_squares)
             fit = min(fit, better, key=_squares)
             offsets, squares = scan(study, fit, name)
         doubts[name] = max(parabola(offsets, squares)[0], left_open)
@@ -58,7 +59,7 @@ def _at_the_best_moment(study: Study, fit: Fit, name: str) -> tuple[Fit, float]:
     offsets = np.linspace(-0.5, 0.5, MOMENTS + 1) * MOMENTS * MOMENT_STEP
     moments = [moved(fit.values, [name], offsets[index : index + 1]) for index in range(len(offsets))]
     squares = study.squares(moments, fit.noise)
-    found = [study.refitted(fit, moments[index]) for index in _apart(offsets, squares, MOMENTS_APART)]
+    found = study.refitted(fit, [moments[index] for index in _apart(offsets, squares, MOMENTS_APART)])
     best = min(found, key=_squares)
     best = best if best.squares < fit.squares - LOWER else fit
     alike = np.array([one[name] for one in moments])[squares < np.min(squares) + LIKELY]

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.diagnosis.candidates import Trial, lanes_of, step_of, trials
+from cmr.diagnosis.fitting import inward
 from cmr.diagnosis.inflation import NOTHING, Beside, Inflation, inflation_of, left_by
 from cmr.diagnosis.localising import NOWHERE, Local, best_moment, best_place
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import Errors
-from cmr.diagnosis.study import Study, inward
+from cmr.diagnosis.study import Study
 from cmr.model.catalogue import definition
 from cmr.recordings.signal import Floats
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.naming import Search
-from cmr.diagnosis.study import Fit
 
 Moved = dict[str, float]  # by how much each parameter of the baseline moved, in its unit
 

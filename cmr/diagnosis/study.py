@@ -2,12 +2,24 @@
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from cmr.diagnosis.candidates import Scene, effects_of_rolling, lanes_of, step_of
+from cmr.diagnosis.candidates import Scene, effects_of_rolling, lanes_of
+from cmr.diagnosis.fitting import (
+    DAMPINGS,
+    Asking,
+    Fit,
+    T,
+    fitted,
+    linear,
+    moved,
+    moves_of,
+    newton_steps,
+    one_by_one,
+    sums_of_squares,
+)
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import WHEELS, Errors, Predictor
 from cmr.model.catalogue import CATALOGUE, definition
@@ -18,46 +30,12 @@ from cmr.recordings.signal import Floats, Mask
 
 BLOCK = 1.5  # s; neighbouring blocks belong to different folds
 FOLDS = 5
-MOST_STEPS = 7
-SETTLED = 0.1  # of the sum of squares: a step that promises less is not taken
-KEPT = 0.5  # of what a step promises must come
-DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tried at once
-LONG_STRIDE = 6.0
 LARGE = 4.0  # standard deviations from which an error counts less than its square
 X, Y = MOTION.index("x"), MOTION.index("y")
 EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
 QUICK_STEPS = 5  # of models fitted side by side,
 PROMISED_BESIDE = 1.0  # each as long as its next step promises as much
 FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best one's drop below which it may do no more
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A model fitted: values of all parameters by name, of which `names` (p) are free.
-
-    `rest` (n,) are the white prediction errors, `slopes` (n, p) their derivatives.
-    """
-
-    values: Mapping[str, float]
-    names: tuple[str, ...]
-    rest: Floats
-    slopes: Floats
-    noise: Noise
-
-    @property
-    def squares(self) -> float:
-        """Sum of the squared white errors."""
-        return float(self.rest @ self.rest)
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance (p, p) of the free parameters."""
-        return np.asarray(np.linalg.pinv(self.slopes.T @ self.slopes, hermitian=True))
-
-    def std(self, name: str) -> float:
-        """Return the standard deviation of a free parameter, in its unit."""
-        index = self.names.index(name)
-        return float(np.sqrt(self.covariance[index, index]))
 
 
 class Study:
@@ -94,8 +72,7 @@ class Study:
 
     def squares(self, sets: Sequence[Mapping[str, float]], noise: Noise) -> Floats:
         """Return the sum of squared white errors with each of several sets of values; infinite where nothing holds."""
-        white = self.white(lanes_of(sets), noise)
-        return np.asarray(np.nan_to_num(np.einsum("nc,nc->c", white, white), nan=np.inf))
+        return sums_of_squares(self.white(lanes_of(sets), noise))
 
     def made_white(self, errors: Sequence[Errors], noise: Noise) -> Floats:
         """Return prediction errors made white, shape (n, C), piece by piece and signal by signal."""
@@ -169,10 +146,14 @@ class Study:
 
         The noise is found anew `renew` times, and the fit repeated with it.
         """
-        fit = self._fitted(dict(values), tuple(names), noise)
+        fit = self.fits([(values, names)], noise)[0]
         for _ in range(renew):
-            fit = self._fitted(fit.values, tuple(names), self.found(self.errors(fit.values)))
+            fit = self.fits([(fit.values, names)], self.found(self.errors(fit.values)))[0]
         return fit
+
+    def fits(self, models: Sequence[tuple[Mapping[str, float], Sequence[str]]], noise: Noise) -> list[Fit]:
+        """Fit several models side by side, each from some values on with some free parameters: faster than in turn."""
+        return self._answered([fitted(values, tuple(names), noise, self.scene) for values, names in models], noise)
 
     def doubts(self, fit: Fit) -> dict[str, float]:
         """Return what is to be added to standard deviations of a fit, by name: nothing where errors are white."""
@@ -182,47 +163,28 @@ class Study:
         """Return the fit with another noise."""
         return self.fit(fit.values, fit.names, noise, renew=0)
 
-    def refitted(self, fit: Fit, values: Mapping[str, float]) -> Fit:
-        """Return a fit of the same parameters with the same noise from other values on."""
-        return self._fitted(values, fit.names, fit.noise)
+    def refitted(self, fit: Fit, starts: Sequence[Mapping[str, float]]) -> list[Fit]:
+        """Return fits of the same parameters with the same noise from other values on."""
+        return self.fits([(values, fit.names) for values in starts], fit.noise)
 
-    def _fitted(self, values: Mapping[str, float], names: tuple[str, ...], noise: Noise) -> Fit:
-        """Fit by Gauss and Newton; where a step does not keep its promise, the best of many shorter ones is taken.
+    def linear(self, values: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:
+        """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`."""
+        return self._answered([linear(values, names, self.scene)], noise)[0]
 
-        Dry friction makes the sum of squares rough. Where all steps fail, slopes over a longer distance may still do.
-        """
-        values, stride = dict(values), 1.0
-        rest, slopes = self.linear(values, names, noise)
-        for _ in range(MOST_STEPS):
-            step = _newton_steps(slopes, rest, DAMPINGS[:1])[0]
-            promised = float(rest @ rest) - float(np.sum((rest + slopes @ step) ** 2))
-            if promised < SETTLED:
-                break
-            whole = moved(values, names, step)
-            there = self.linear(whole, names, noise, stride)
-            if float(rest @ rest) - float(there[0] @ there[0]) > KEPT * promised:
-                values, (rest, slopes) = whole, there
-                continue
-            shorter, drop = self._best_step(values, names, noise, rest, slopes)
-            values = shorter if drop > 0.0 else values
-            if drop < SETTLED:
-                if stride > 1.0:
-                    break
-                stride = LONG_STRIDE
-            rest, slopes = self.linear(values, names, noise, stride)
-        if stride > 1.0:
-            rest, slopes = self.linear(values, names, noise)
-        return Fit(values, names, rest, slopes, noise)
-
-    def _best_step(
-        self, values: Mapping[str, float], names: Sequence[str], noise: Noise, rest: Floats, slopes: Floats
-    ) -> tuple[dict[str, float], float]:
-        """Return the best values of many shortened and damped steps, and by how much they drop the sum of squares."""
-        steps = [share * step for step in _newton_steps(slopes, rest, DAMPINGS) for share in SHARES]
-        tried = [moved(values, names, step) for step in steps]
-        squares = self.squares(tried, noise)
-        best = int(np.argmin(squares))
-        return tried[best], float(rest @ rest) - float(squares[best])
+    def _answered(self, askings: Sequence[Asking[T]], noise: Noise) -> list[T]:
+        """Give all that ask the white errors they ask for, until each has come to its result."""
+        asked = {number: next(asking) for number, asking in enumerate(askings)}
+        results: dict[int, T] = {}
+        while asked:
+            white = self.white(lanes_of([one for sets in asked.values() for one in sets]), noise)
+            ends = np.cumsum([len(sets) for sets in asked.values()])
+            for number, part in zip(list(asked), np.split(white, ends[:-1], axis=1), strict=True):
+                try:
+                    asked[number] = askings[number].send(part)
+                except StopIteration as stop:
+                    results[number] = stop.value
+                    del asked[number]
+        return [results[number] for number in range(len(askings))]
 
     def fit_beside(
         self, base: Fit, starts: Sequence[Mapping[str, float]], names: Sequence[Sequence[str]]
@@ -241,40 +203,13 @@ class Study:
             open_ones = [course for course in courses if course.open(base.squares, leader)]
             if not open_ones:
                 break
-            moves = [self._moves(course.tried, course.own) for course in open_ones]
+            moves = [moves_of(course.tried, course.own, self.scene) for course in open_ones]
             sets = [one for course, of in zip(open_ones, moves, strict=True) for one in course.lanes(of)]
             white = self.white(lanes_of(sets), base.noise)
             parts = np.split(white, np.cumsum([1 + len(course.own) for course in open_ones])[:-1], axis=1)
             for course, of, part in zip(open_ones, moves, parts, strict=True):
                 course.go_on(part[:, 0], (part[:, 1:] - part[:, :1]) / of, base.slopes)
         return [(course.best, course.squares) for course in courses]
-
-    def _moves(self, values: Mapping[str, float], names: Sequence[str], stride: float = 1.0) -> Floats:
-        """Return by how much each parameter (p,) is moved to see what it does, times `stride`."""
-        usual = [(name, values[name], step_of(name, values[name], self.scene)) for name in names]
-        return np.array([inward(name, value, stride * step) for name, value, step in usual])
-
-    def linear(
-        self, values: Mapping[str, float], names: Sequence[str], noise: Noise, stride: float = 1.0
-    ) -> tuple[Floats, Floats]:
-        """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`.
-
-        Slopes are taken over `stride` times the usual distance.
-        """
-        moves = self._moves(values, names, stride)
-        white = self.white(lanes_of([values, *one_by_one(values, names, moves)]), noise)
-        lost = ~np.isfinite(white[:, 1:]).all(axis=0)
-        if lost.any():  # so far the model no longer holds; it may on the other side
-            moves = np.where(lost, -moves, moves)
-            white = self.white(lanes_of([values, *one_by_one(values, names, moves)]), noise)
-            white[:, 1:] = np.where(np.isfinite(white[:, 1:]), white[:, 1:], white[:, :1])
-        with np.errstate(invalid="ignore"):  # where the model does not hold at all the step that led here is not taken
-            return white[:, 0], (white[:, 1:] - white[:, :1]) / moves
-
-
-def one_by_one(values: Mapping[str, float], names: Sequence[str], moves: Floats) -> list[dict[str, float]]:
-    """Return the values with one parameter moved in each."""
-    return [{**values, name: values[name] + move} for name, move in zip(names, moves, strict=True)]
 
 
 class _Course:
@@ -302,7 +237,7 @@ class _Course:
         if squares < self.squares:
             self.best, self.squares, self._pace = self.tried, squares, 1.0
             every = np.concatenate([base, slopes], axis=1)
-            self._step = _newton_steps(every, rest, DAMPINGS[:1])[0]
+            self._step = newton_steps(every, rest, DAMPINGS[:1])[0]
             self.promised = squares - float(np.sum((rest + every @ self._step) ** 2))
         else:
             self._pace *= 0.3
@@ -338,28 +273,6 @@ def temper(white, largest):  # type: ignore[no-untyped-def]
         size = abs(white[index])
         if size > largest:
             white[index] = np.copysign(np.sqrt(2.0 * largest * size - largest**2), white[index])
-
-
-def _newton_steps(slopes: Floats, rest: Floats, dampings: Sequence[float]) -> list[Floats]:
-    """Return Gauss-Newton steps with these dampings (Levenberg and Marquardt)."""
-    normal, right = slopes.T @ slopes, slopes.T @ rest
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scaled = normal / np.outer(scale, scale)
-    return [-np.linalg.solve(scaled + damping * np.eye(len(scale)), right / scale) / scale for damping in dampings]
-
-
-def inward(name: str, value: float, step: float) -> float:
-    """Return the step, turned round where it would leave the parameter's bounds."""
-    return -step if value + step > definition(name).upper else step
-
-
-def moved(values: Mapping[str, float], names: Sequence[str], step: Floats) -> dict[str, float]:
-    """Return the values with a step added to those named, kept within their bounds."""
-    result = dict(values)
-    for name, change in zip(names, step, strict=True):
-        known = definition(name)
-        result[name] = float(np.clip(values[name] + change, known.lower, known.upper))
-    return result
 
 
 def _folds(predictors: Sequence[Predictor]) -> np.typing.NDArray[np.int64]:

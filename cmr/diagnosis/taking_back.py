@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+from cmr.diagnosis.finishing import without
 from cmr.diagnosis.judging import Named
 from cmr.diagnosis.measuring import Measured
 from cmr.diagnosis.naming import Search
@@ -56,12 +57,9 @@ def _fitted(found: Search) -> list[Named]:
 
 
 def _without(found: Search, weakest: Named) -> Search:
-    own = {parameter.name for parameter in weakest.tried.effect.parameters}
-    values = {name: value for name, value in found.final.values.items() if name not in own}
-    names = tuple(name for name in found.final.names if name not in own)
     return replace(
         found,
-        final=found.study.fit(values, names, found.final.noise, renew=0),
+        final=found.study.fit(*without(found.final, [weakest]), found.final.noise, renew=0),
         named=[one for one in found.named if one is not weakest],
         others=[(weakest.tried, TAKEN_BACK), *found.others],
     )

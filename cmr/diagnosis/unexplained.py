@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmr.diagnosis.candidates import lanes_of
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.gains import COARSE
 from cmr.diagnosis.prediction import WHEELS
 from cmr.diagnosis.result import Unexplained
-from cmr.diagnosis.study import Fit, Study, tempered
+from cmr.diagnosis.study import Study, tempered
 from cmr.diagnosis.unexplained_bursts import Bursts, bursts
 from cmr.diagnosis.unexplained_scores import Score, foretold_by, remainder, scores
 from cmr.diagnosis.unexplained_share import share_foretold

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.measuring import measure
 from cmr.diagnosis.naming import Search, with_small_effects
 from cmr.diagnosis.result import Unexplained
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.diagnosis.unexplained import remaining
 from cmr.diagnosis.unexplained_generic import Extension, extension
 

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.measuring import measure
 from cmr.diagnosis.result import Gain
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.model.catalogue import GENERIC_TERMS, definition
 from cmr.model.effects.generic import BODY
 from cmr.model.parameters import ParameterDefinition

@@ -11,9 +11,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.prediction import SIGNALS, Errors, Predictor
-from cmr.diagnosis.study import BLOCK, LARGE, Fit, Study
+from cmr.diagnosis.study import BLOCK, LARGE, Study
 from cmr.diagnosis.unexplained_terms import Column, Drive, Term, terms_for
 from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.model.observer import MOTION
