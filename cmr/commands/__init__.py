@@ -72,9 +72,24 @@ def import_log() -> int:
     return run("cmr.tools.import_log")
 
 
+def log() -> int:
+    """Start cmr-log."""
+    return run("cmr.tools.log_main")
+
+
 def pilot() -> int:
     """Start cmr-pilot."""
     return run("cmr.commands.pilot")
+
+
+def plot() -> int:
+    """Start cmr-plot."""
+    return run("cmr.tools.plot")
+
+
+def replay() -> int:
+    """Start cmr-replay."""
+    return run("cmr.tools.replay")
 
 
 def run_scenario() -> int:
@@ -85,3 +100,13 @@ def run_scenario() -> int:
 def sim() -> int:
     """Start cmr-sim."""
     return run("cmr.commands.sim")
+
+
+def spy() -> int:
+    """Start cmr-spy."""
+    return run("cmr.tools.spy")
+
+
+def sweep() -> int:
+    """Start cmr-sweep."""
+    return run("cmr.commands.sweep")

@@ -80,9 +80,9 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "--prepared",
         nargs="+",
         choices=PREPARATIONS,
-        default=list(PREPARATIONS),
+        default=[],
         metavar="HOW",
-        help=f"some of {', '.join(PREPARATIONS)}",
+        help=f"some of {', '.join(PREPARATIONS)}; else all",
     )
     add("--jobs", type=_jobs, default=len(os.sched_getaffinity(0)), metavar="N", help="processes side by side")
     return options.parse_args(arguments)
@@ -121,7 +121,7 @@ def _study(options: argparse.Namespace) -> Study:
         believed = _believed(scenario, real, options.parameters)
     except (ScenarioError, ParameterFileError) as error:
         raise CommandError(str(error)) from error
-    chosen = [name for name in PREPARATIONS if name in (UNCALIBRATED, *options.prepared)]
+    chosen = [name for name in PREPARATIONS if name in (UNCALIBRATED, *(options.prepared or PREPARATIONS))]
     return Study(scenario=scenario, believed=believed, real=real, size=options.imperfections, preparations=chosen)
 
 

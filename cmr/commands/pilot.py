@@ -79,9 +79,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="X1,Y1,X2,Y2,...",
         help="corners [m; world frame] of the polygon that the robot must not leave; needs poses (POSE_N)",
     )
-    options.add_argument(
-        "--margin", type=_margin, default=MARGIN, metavar="M", help=f"from its border, in m (default: {MARGIN:g})"
-    )
+    options.add_argument("--margin", type=_margin, default=MARGIN, metavar="M", help="from its border, in m")
     options.add_argument(
         "--no-keep-clear",
         dest="keep_clear",

@@ -1,7 +1,7 @@
 """cmr-sim: the world. Estimates real robots, simulates virtual ones and twins, and tells everybody."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from cmr.bus.streams import (
     MOTOR_FEEDBACK,
     PARAMETERS,
     POSE,
+    RANGE_SCAN,
     ROBOT_STATE,
     WAYPOINTS,
     WORLD_STATE,
@@ -27,11 +28,14 @@ from cmr.world.behaviours.help_text import help_text
 from cmr.world.interaction.obstacles import ObstacleError, Obstacles
 from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
-from cmr.world.view import world_messages
+from cmr.world.process_noise import ProcessNoise
+from cmr.world.view import REAL, VIRTUAL, world_messages
 from cmr.world.world import World
 
 if TYPE_CHECKING:
     from cmr.scenario.virtual import Cast
+    from cmr.world.interaction.range_sensor import RangeSensor
+    from cmr.world.scanning import Scanner
 
 STEP_RATE = 100.0  # Hz
 PACKET = 1400  # bytes; more than that is split by a real network
@@ -44,10 +48,13 @@ def main(arguments: list[str]) -> int:
         raise CommandError(
             f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
         )
-    world, loader = _world(options)
+    cast = _cast(options.scenario) if options.scenario else None
+    world, loader = _world(options, cast)
+    scanner = _scanner(options, cast)
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()
+    told = 0
     with Process("cmr-sim", options.lcm_url) as process:
         for stream in (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP, WORLD_STATE):
             process.subscribe(stream, every=True)
@@ -56,20 +63,25 @@ def main(arguments: list[str]) -> int:
             process.dispatch(world.handle)
             world.advance(utime)
             process.overruns = world.late_steps
-            if publish.due():
-                world.others.sent(world.utime)
+            # A turn that follows closely upon a late one makes no step; what holds for a moment is told once.
+            if world.utime != told and publish.due():
+                told = world.utime
+                world.others.sent(told)
                 process.publish_all(_state_messages(world, PACKET if options.split else None))
+            if scanner:
+                process.publish_all([(RANGE_SCAN, scan.robot_id, scan) for scan in scanner.scans(world)])
             if check.due():
                 world.poll_parameters()
                 _announce(world, loader, process, lateness)
         return process.exit_code
 
 
-def _world(options: argparse.Namespace) -> tuple[World, Loader]:
+def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loader]:
     """Return the world that the command line and the scenario describe, and what loads its models."""
-    cast = _cast(options.scenario) if options.scenario else None
     files = cast.files if cast else {}
     virtual = [*virtual_robots(options.virtual, options.parameters_of), *(cast.robots if cast else ())]
+    seeds = [seed for seed in (options.process_noise, cast.noise_seed if cast else None) if seed is not None]
+    noise = ProcessNoise(seeds[0]) if seeds else None
     loader = Loader(robot.behaviour for robot in virtual)
     world = World(
         virtual,
@@ -80,6 +92,8 @@ def _world(options: argparse.Namespace) -> tuple[World, Loader]:
         options.real,
         cast.own_parameters if cast else {},
         _obstacles(options, cast.obstacles if cast else Obstacles.none()),
+        noise,
+        cast.reaction if cast else 0.0,
     )
     if cast:
         world.view.geofence = cast.geofence
@@ -97,6 +111,17 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "  cmr-sim --virtual 10=figure_eight --obstacle 1,0.5,0.2 --wall=-2,2,2,2\n\n"
         "x, y, theta set where a virtual robot starts.\n\n" + help_text(),
     )
+    _add_robots(options)
+    _add_room(options)
+    _add_range_sensors(options)
+    options.add_argument("--rate", type=_rate, default=50.0, metavar="HZ", help="of WORLD_STATE, 20 to 100")
+    options.add_argument(
+        "--split", action="store_true", help=f"split WORLD_STATE into messages of at most {PACKET} bytes"
+    )
+    return options.parse_args(arguments)
+
+
+def _add_robots(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--virtual",
         type=numbered,
@@ -127,6 +152,15 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         help="the real robots to estimate; of several simulators that share a world, each robot belongs to one",
     )
     options.add_argument(
+        "--process-noise",
+        type=_seed,
+        metavar="SEED",
+        help="virtual robots stray from their model by as much as the real one did that cmr-diagnose diagnosed",
+    )
+
+
+def _add_room(options: argparse.ArgumentParser) -> None:
+    options.add_argument(
         "--obstacle",
         type=_numbers,
         action="append",
@@ -142,11 +176,24 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="X1,Y1,X2,Y2",
         help="a straight wall [m] that virtual robots cannot drive through; may be given again",
     )
-    options.add_argument("--rate", type=_rate, default=50.0, metavar="HZ", help="of WORLD_STATE, 20 to 100")
+
+
+def _add_range_sensors(options: argparse.ArgumentParser) -> None:
     options.add_argument(
-        "--split", action="store_true", help=f"split WORLD_STATE into messages of at most {PACKET} bytes"
+        "--range-sensor",
+        type=_with_sensor,
+        default=((), ()),
+        metavar="ID,...|virtual|all",
+        help="robots that get a planar range sensor, told on RANGE_SCAN_N at 10 Hz; of a real robot what its own laser "
+        "cannot see: virtual robots and obstacles",
     )
-    return options.parse_args(arguments)
+    options.add_argument(
+        "--range-sensor-rays",
+        type=_rays,
+        metavar="FIRST,STEP,COUNT,REACH",
+        help="its rays, as those of your robots' lasers: the first ray's angle [rad, 0 ahead], the angle between rays "
+        "[rad], how many, how far [m] (default: 360 all around, 5 m)",
+    )
 
 
 def _real(text: str) -> Callable[[int], bool]:
@@ -155,6 +202,30 @@ def _real(text: str) -> Callable[[int], bool]:
         return lambda _robot_id: text == "all"
     chosen = {parse_robot_id(number) for number in text.split(",")}
     return lambda robot_id: robot_id in chosen
+
+
+def _with_sensor(text: str) -> tuple[Sequence[int], Sequence[int]]:
+    """Return the robot ids, and the origins, of those who get a range sensor."""
+    if text in ("virtual", "all"):
+        return (), ((VIRTUAL,) if text == "virtual" else (REAL, VIRTUAL))
+    return [parse_robot_id(number) for number in text.split(",")], ()
+
+
+def _rays(text: str) -> "RangeSensor":
+    """Parse a range sensor: the first ray's angle, the step [rad], how many rays, their reach [m]."""
+    from cmr.world.interaction.range_sensor import RangeSensor
+
+    try:
+        first, step, count, reach = text.split(",")
+        return RangeSensor(int(count), float(first), float(step), float(reach))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not FIRST,STEP,COUNT,REACH: {error}") from error
+
+
+def _seed(text: str) -> int:
+    if not (text.isascii() and text.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a seed: a whole number of 0 or more")
+    return int(text)
 
 
 def _numbers(text: str) -> list[float]:
@@ -171,6 +242,16 @@ def _obstacles(options: argparse.Namespace, others: Obstacles) -> Obstacles:
         return Obstacles([*options.obstacle, *others.discs.T], [*options.wall, *others.walls.T])
     except ObstacleError as error:
         raise CommandError(f"--obstacle, --wall: {error}") from error
+
+
+def _scanner(options: argparse.Namespace, cast: "Cast | None") -> "Scanner | None":
+    """Return the range sensors of those that the command line and the scenario give one, None where nobody has one."""
+    ids, origins = options.range_sensor
+    if not (ids or origins or (cast and cast.range_sensors)):
+        return None
+    from cmr.world.scanning import Scanner  # imports Numba, which takes half a second
+
+    return Scanner([*ids, *(cast.range_sensors if cast else ())], origins, options.range_sensor_rays)
 
 
 def _rate(text: str) -> float:
@@ -214,7 +295,7 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
     followers = [world.parameters[robot_id] for robot_id in sorted(world.parameters)]
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
     told = [*(follower.message for follower in followers), loader.message, *world.others.problems(world.utime)]
-    told.append(lateness.problem(world.utime, world.late_steps))
+    told += [lateness.problem(world.utime, world.late_steps), world.noise_problem]
     problems = [message for message in told if message]
     process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
     process.message = " ".join(problems)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.fidelity.distances import CHANCE, NO_GAP, Closing, Distance, closing, distance
+from cmr.fidelity.distances import CHANCE, NO_GAP, NOT_SHOWN, WIDENS, Closing, Distance, closing, distance
 from cmr.fidelity.study import PREPARATIONS, REAL_A, REAL_B, UNCALIBRATED, Scores
 from cmr.team.metrics import UNITS
 
@@ -75,10 +75,13 @@ def _sentence(finding: Finding, name: str, closed: Closing) -> str:
     if np.isnan(closed.share):
         return f"{said}{closed.verdict}: there was none, and now it is {after.value:.3g} {unit}."
     left = "" if after.p_value <= CHANCE else ", no more than chance makes"
-    return (
-        f"{said}{closed.verdict} by {100 * closed.share:.0f} % ({100 * closed.low:.0f} to {100 * closed.high:.0f} %): "
-        f"from {before.value:.3g} to {after.value:.3g} {unit}{left}."
-    )
+    change = f"from {before.value:.3g} to {after.value:.3g} {unit}{left}"
+    sign = -100.0 if closed.verdict == WIDENS else 100.0
+    low, high = sorted((sign * closed.low, sign * closed.high))
+    interval = f"{sign * closed.share:.0f} % ({low:.0f} to {high:.0f} %)"
+    if closed.verdict == NOT_SHOWN:
+        return f"{said}{NOT_SHOWN}: {interval} of it, {change}."
+    return f"{said}{closed.verdict} by {interval}: {change}."
 
 
 def rows(findings: Sequence[Finding]) -> Iterator[dict[str, str | float]]:

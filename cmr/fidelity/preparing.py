@@ -54,6 +54,8 @@ class _Drive:
     discs: tuple[tuple[float, float, float], ...] = ()
     walls: tuple[tuple[float, float, float, float], ...] = ()
     geofence: tuple[tuple[float, float], ...] | None = None
+    process_noise: bool = False
+    reaction: float = 0.0
     ends_when: _Ending = field(default_factory=_Ending)
 
 

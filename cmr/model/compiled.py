@@ -4,13 +4,14 @@
 Nothing that is compiled is imported until it is needed, because Numba itself takes half a second to import.
 """
 
+import fcntl
 import hashlib
 import os
 import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -51,7 +52,9 @@ class _Compiled:
     def __init__(self, signature: str, function: Callable[..., Any]) -> None:
         self._signature = signature
         self._dispatcher = jit(**OPTIONS)(function)
-        with suppress(RuntimeError), _caching_in(cache_folder() / _sources(Path(function.__code__.co_filename).parent)):
+        folder = cache_folder() / _sources(Path(function.__code__.co_filename).parent)
+        self._lock = folder / f"{function.__module__}.{function.__qualname__}.lock"
+        with suppress(RuntimeError), _caching_in(folder):
             self._dispatcher.enable_caching()  # an error if nowhere can be written: each process compiles for itself
         self._call = self._load
 
@@ -64,7 +67,8 @@ class _Compiled:
         return self._dispatcher._numba_type_
 
     def _load(self, *arguments: Any) -> Any:
-        with _without_linear_algebra():
+        # Processes that are begun together would all compile the same: others wait, and load what the first compiled.
+        with _without_linear_algebra(), _alone(self._lock):
             # By types alone, as compiled callers ask for it: so both find the same in the cache.
             self._dispatcher.compile(signatures.normalize_signature(self._signature)[0])
         self._dispatcher.disable_compile()
@@ -107,6 +111,16 @@ def _caching_in(folder: Path) -> Iterator[None]:
             yield
         finally:
             config.CACHE_DIR = before
+
+
+@contextmanager
+def _alone(lock: Path) -> Iterator[None]:
+    """Keep other processes out of what this file stands for; where it cannot be written they are not."""
+    with ExitStack() as held:
+        with suppress(OSError):
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            fcntl.flock(held.enter_context(lock.open("w")), fcntl.LOCK_EX)
+        yield
 
 
 @contextmanager

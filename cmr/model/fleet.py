@@ -101,14 +101,14 @@ class Fleet:
                 self._extended.advance(self._steps)
             self._steps += 1
 
-    def states(self, index: Any = slice(None)) -> RobotState:
-        """Return the states as arrays; headings lie in (-pi, pi]."""
+    def states(self, index: Any = None) -> RobotState:
+        """Return the states as arrays, of all robots without an index; headings lie in (-pi, pi]."""
         states = np.empty((len(RobotState._fields), self._count))
         paper.read(self._state, self._duty, self._parameters, states)
         if self._extended:
             self._extended.write(states[:POSE_AND_SPEED], domega=states[POSE_AND_SPEED:])
         paper.wrap(states[2])
-        return RobotState(*states[:, index])
+        return RobotState(*(states if index is None else states[:, index]))
 
     def bodies(self) -> Floats:
         """Return x, y, theta [unwrapped], psi_left and psi_right of all robots, (5, n); whoever changes them in place

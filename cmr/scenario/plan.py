@@ -7,15 +7,6 @@ from typing import Literal, NamedTuple
 
 Kind = Literal["real", "emulated", "virtual"]
 KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
-
-# What can be measured of a team, with its unit; cmr.team.metrics says how.
-METRICS = {
-    "formation_error": "m",
-    "time_to_goal": "s",
-    "minimum_separation": "m",
-    "path_spread": "m",
-    "distance_driven": "m",
-}
 ENDING_METRICS = ("minimum_separation", "distance_driven")  # those known while robots drive
 
 
@@ -112,6 +103,7 @@ class RobotPlan:
     emulator: EmulatorPlan | None = None
     calibrate: bool = False
     diagnose: bool = False
+    range_sensor: bool = False
     host: str | None = None
 
 

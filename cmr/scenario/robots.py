@@ -13,7 +13,7 @@ from cmr.world.behaviours import BehaviourError, make_behaviour
 
 KEYS = (
     *("id", "count", "first_id", "kind", "behaviour", "parameters", "parameters_of", "start", "waypoints"),
-    *("driver", "emulator", "calibrate", "diagnose", "host"),
+    *("driver", "emulator", "calibrate", "diagnose", "range_sensor", "host"),
 )
 MOST_ROBOTS = 100_000
 PREVIOUS = "previous"  # as a setting's value: the id before the robot's own
@@ -64,6 +64,7 @@ def _read_entry(section: Section, folder: Path) -> list[Placed]:
     waypoints = read_points(section.get("waypoints"))
     driver, emulator = _driver(section.get("driver")), _emulator(section.get("emulator"), folder)
     calibrate, diagnose, host = section.get("calibrate"), section.get("diagnose"), section.get("host")
+    range_sensor = section.get("range_sensor")
     return [
         Placed(
             RobotPlan(
@@ -78,6 +79,7 @@ def _read_entry(section: Section, folder: Path) -> list[Placed]:
                 emulator=(emulator or EmulatorPlan()) if kind == "emulated" else None,
                 calibrate=bool(calibrate and calibrate.flag()),
                 diagnose=bool(diagnose and diagnose.flag()),
+                range_sensor=bool(range_sensor and range_sensor.flag()),
                 host=host.text() if host else None,
             ),
             section.place,

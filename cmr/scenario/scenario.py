@@ -6,17 +6,19 @@ from pathlib import Path
 from cmr.bus.preflight import BusError, parse_udpm
 from cmr.scenario.checks import check_room, check_team, with_sources_of_parameters
 from cmr.scenario.document import Item, Place, ScenarioError, Section, read
-from cmr.scenario.plan import ENDING_METRICS, METRICS, Disc, Ending, Point, RobotPlan, Wall
+from cmr.scenario.plan import ENDING_METRICS, Disc, Ending, Point, RobotPlan, Wall
 from cmr.scenario.robots import read_path, read_points, read_robots
+from cmr.team.metrics import UNITS
 from cmr.team.population import PopulationError, drawn_from
 from cmr.world.interaction.obstacles import Geofence, ObstacleError, Obstacles
 
 KEYS = (
     *("name", "about", "duration", "seed", "rate", "robots", "obstacles", "geofence", "metrics", "ends_when"),
-    *("parameters", "population", "process_noise", "robot_radius", "host", "lcm_url"),
+    *("parameters", "population", "process_noise", "reaction", "robot_radius", "host", "lcm_url"),
 )
 LONGEST = 604_800.0  # s; a week
 ROBOT_RADIUS = 0.1  # m; the paper's robots are 0.16 m from wheel to wheel
+LONGEST_REACTION = 0.5  # s
 LARGEST_SEED = 2**63 - 1
 
 
@@ -27,8 +29,9 @@ class Scenario:
     `duration` [s] is how long it takes at most, `ends_when` what may end it before. `rate` [Hz] is that of WORLD_STATE.
     `geofence` is the polygon [m; world frame] that real robots must not leave, None where there is none. `metrics`
     are what is measured of the team. Virtual robots draw their parameters from the robots of the files `population`,
-    where there are any. `robot_radius` [m] is the size of robots where they start. `host` is the machine of what is
-    there once, simulation and log; None: the one on which cmr-run is started.
+    where there are any; what they decide is in force `reaction` [s] later. `robot_radius` [m] is the size of robots
+    where they start. `host` is the machine of what is there once, simulation and log; None: the one on which cmr-run is
+    started.
     """
 
     name: str
@@ -40,10 +43,11 @@ class Scenario:
     discs: tuple[Disc, ...] = ()
     walls: tuple[Wall, ...] = ()
     geofence: tuple[Point, ...] | None = None
-    metrics: tuple[str, ...] = tuple(METRICS)
+    metrics: tuple[str, ...] = tuple(UNITS)
     ends_when: Ending = field(default_factory=Ending)
     population: tuple[Path, ...] = ()
     process_noise: bool = False
+    reaction: float = 0.0
     robot_radius: float = ROBOT_RADIUS
     host: str | None = None
     lcm_url: str | None = None
@@ -104,6 +108,7 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
         ends_when=_ending(root.get("ends_when")),
         population=_population(root.get("population"), folder),
         process_noise=bool((noise := root.get("process_noise")) and noise.flag()),
+        reaction=reaction.number(0.0, LONGEST_REACTION) if (reaction := root.get("reaction")) else 0.0,
         robot_radius=radius.number(0.001, 100.0) if radius else ROBOT_RADIUS,
         host=_text(root, "host"),
         lcm_url=_url(root.get("lcm_url")),
@@ -156,8 +161,8 @@ def _list(item: Item | None) -> list[Item]:
 
 def _metrics(item: Item | None) -> tuple[str, ...]:
     if item is None:
-        return tuple(METRICS)
-    return tuple(dict.fromkeys(entry.word(tuple(METRICS)) for entry in item.items()))
+        return tuple(UNITS)
+    return tuple(dict.fromkeys(entry.word(tuple(UNITS)) for entry in item.items()))
 
 
 def _population(item: Item | None, folder: Path) -> tuple[Path, ...]:

@@ -1,4 +1,4 @@
-"""What of a scenario cmr-sim simulates: the virtual robots, and where they are sent."""
+"""What of a scenario cmr-sim simulates: the virtual robots, where they are sent, and who has a range sensor."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,7 +23,8 @@ class Cast:
     """What cmr-sim takes from a scenario.
 
     Virtual robots, and where they are sent; what stands in their way; the parameters that they move by, drawn from a
-    population, by robot id; and parameter files by robot id.
+    population, by robot id; parameter files by robot id; the ids of robots with a range sensor; the seed of process
+    noise, None where there is none; and how much later than they decide virtual robots act [s].
     """
 
     robots: tuple[VirtualRobot, ...] = ()
@@ -32,6 +33,9 @@ class Cast:
     geofence: Geofence | None = None
     own_parameters: Mapping[int, RobotParameters] = field(default_factory=dict)
     files: Mapping[int, Path] = field(default_factory=dict)
+    range_sensors: frozenset[int] = frozenset()
+    noise_seed: int | None = None
+    reaction: float = 0.0
 
     def parameter_file(self, robot_id: int, folder: Path) -> Path:
         """Return the parameter file of a robot: the scenario's, otherwise robot_N.yaml in `folder`."""
@@ -58,6 +62,9 @@ def cast_of(path: Path | None) -> Cast:
         Geofence(scenario.geofence) if scenario.geofence is not None else None,
         drawn_from(scenario.population, ids, scenario.seed) if scenario.population else {},
         {plan.robot_id: plan.parameters for plan in scenario.robots if plan.parameters is not None},
+        frozenset(plan.robot_id for plan in scenario.robots if plan.range_sensor),
+        scenario.seed if scenario.process_noise else None,
+        scenario.reaction,
     )
 
 

@@ -76,6 +76,14 @@ class ScenarioLike(Protocol):
         """The polygon [m] that real robots must not leave; None where there is none."""
 
     @property
+    def process_noise(self) -> bool:
+        """Whether virtual robots stray from their models as the parameter file says."""
+
+    @property
+    def reaction(self) -> float:
+        """How much later than they decide virtual robots act [s]."""
+
+    @property
     def ends_when(self) -> EndingLike:
         """What ends it before."""
 

@@ -24,6 +24,7 @@ from cmr.team.real_robots import PERIOD, Message, RealRobots
 from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviour, make_behaviours
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.pilot import Pilot
+from cmr.world.process_noise import ProcessNoise
 from cmr.world.view import VIRTUAL, world_messages
 from cmr.world.world import VirtualRobot, World
 
@@ -62,9 +63,10 @@ def run(
     """Run a scenario until its duration is over, or its waypoints are reached where it ends then.
 
     `seed` fixes all that is random. `listen` gets all messages from and to real robots, with their time [us].
-    Raises ExperimentError for a robot that starts nowhere or that nobody commands.
+    Raises ExperimentError for a robot that starts nowhere or that nobody commands, and where the scenario has process
+    noise and the parameter file does not tell how much.
     """
-    world, real = _world(scenario, cast), _real_robots(scenario, cast, seed)
+    world, real = _world(scenario, cast, seed), _real_robots(scenario, cast, seed)
     for message in _waypoints(scenario):
         world.handle(EPOCH, *message)
         real.hear(EPOCH, [message])
@@ -134,7 +136,7 @@ def _start(robot: RobotLike) -> tuple[float, float, float]:
     return robot.start
 
 
-def _world(scenario: ScenarioLike, cast: Cast) -> World:
+def _world(scenario: ScenarioLike, cast: Cast, seed: int) -> World:
     """Return the simulator with all virtual robots, and parameters for everybody."""
     robots = [robot for robot in scenario.robots if robot.robot_id not in cast.real]
     behaviours = _behaviours(robots)
@@ -143,8 +145,12 @@ def _world(scenario: ScenarioLike, cast: Cast) -> World:
         partial(_follower, cast.believed),
         own_parameters=cast.moves_by,
         obstacles=Obstacles(scenario.discs, scenario.walls),
+        noise=ProcessNoise(seed) if scenario.process_noise else None,
+        reaction=scenario.reaction,
     )
     world.view.geofence = _geofence(scenario)
+    if world.noise_problem:
+        raise ExperimentError(world.noise_problem)
     return world
 
 

@@ -102,10 +102,11 @@ class RealRobots:
         robot = self._robots[column]
         noise = self._random[column].standard_normal(READINGS)
         psi = (ticks[:, column] - self._ticks[:, column]) * 2.0 * math.pi / robot.ticks_per_turn / (PERIOD * 1e-6)
-        yield MOTOR_FEEDBACK.channel(robot_id), _feedback(utime, robot_id, ticks[:, column], psi, duties)
+        # The rate is that of the period that the feedback ends: a gyro is fast enough not to tell it a period late.
         rate = turned + robot.gyro_bias + robot.gyro_noise * float(noise[0])
         gyro = make(gyro_t, utime=utime, robot_id=robot_id, yaw_rate=rate, valid=1, received_utime=utime)
         yield GYRO.channel(robot_id), gyro
+        yield MOTOR_FEEDBACK.channel(robot_id), _feedback(utime, robot_id, ticks[:, column], psi, duties)
         if self._periods % POSE_EVERY == 1:  # also in the first: the simulator must not show a robot where it is not
             deviation = noise[1:4] * (robot.position_noise, robot.position_noise, robot.heading_noise)
             x, y, theta = (self.place[:, column] + deviation).tolist()

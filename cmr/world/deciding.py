@@ -10,7 +10,7 @@ from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
 from cmr.world.behaviours.team import Duties, Indices, duties_of, stacked
-from cmr.world.view import TWIN, Robot, Robots, WorldView
+from cmr.world.view import TWIN, Numbers, Robot, Robots, WorldView
 
 LARGEST_TURN = 2_000  # robots, each with a behaviour of its own, that decide in one step
 
@@ -22,7 +22,7 @@ class _Group:
     """Robots that share a behaviour: where they are among all, who they are, and their parameters as arrays."""
 
     behaviour: TeamBehaviour
-    index: Indices
+    index: Indices | slice
     robot_id: tuple[int, ...]
     origin: tuple[int, ...]
     parameters: RobotParameters
@@ -65,7 +65,7 @@ class Deciding:
     def duties(self, utime: int, step: int, robots: Robots, world: WorldView) -> Duties:
         """Return the duties of all robots at `utime` [us], the number `step` of all steps."""
         for group in self._groups:
-            state = RobotState(*np.asarray(robots.state, dtype=float)[:, group.index])
+            state = RobotState(*np.array(robots.state, dtype=float)[:, group.index])
             me = Robots(group.robot_id, group.origin, state)
             self._duties[group.index] = duties_of(group.behaviour, utime, me, world, group.parameters)
         for index, behaviour, parameters in self._turn(step):
@@ -85,6 +85,7 @@ class Deciding:
 def _group(
     behaviour: TeamBehaviour, index: list[int], robots: Robots, parameters: Callable[[int], RobotParameters]
 ) -> _Group:
-    robot_id = tuple(robots.robot_id[i] for i in index)
-    origin = tuple(robots.origin[i] for i in index)
-    return _Group(behaviour, np.array(index), robot_id, origin, stacked([parameters(each) for each in robot_id]))
+    robot_id = Numbers(robots.robot_id[i] for i in index)
+    origin = Numbers(robots.origin[i] for i in index)
+    which: Indices | slice = slice(None) if robot_id == robots.robot_id else np.array(index)  # all, or some
+    return _Group(behaviour, which, robot_id, origin, stacked([parameters(each) for each in robot_id]))

@@ -11,7 +11,7 @@ from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.interaction.body import body_radius
 from cmr.world.interaction.obstacles import Floats, Obstacles
-from cmr.world.view import TWIN, Robots
+from cmr.world.view import TWIN, Numbers, Robots
 
 STEP = 10_000  # us; one step of the simulation
 EARLY = STEP // 2  # us; turns come a little sooner or later, and each is to make its one step
@@ -34,6 +34,7 @@ class Fleet:
         self._obstacles = obstacles or Obstacles.none()
         self._own_radius = radius
         self._radius: Floats = np.zeros(0)
+        self._wheel_radius: Floats = np.zeros(0)
         self._index: dict[Key, int] = {}
         self._robots = Robots.of([])
 
@@ -61,7 +62,7 @@ class Fleet:
         else:
             added = self._model.add(state, parameters)
             self._index.update(zip(keys, added.tolist(), strict=True))
-        robot_ids, origins = zip(*self._index, strict=True)
+        robot_ids, origins = map(Numbers, zip(*self._index, strict=True))
         self._robots = Robots(robot_ids, origins, self._model.states())
         self._measure()
 
@@ -76,7 +77,7 @@ class Fleet:
         Duties are clipped to [-1, 1].
         """
         chosen = slice(first, first + len(duties))
-        self._model.command(chosen, *np.clip(np.reshape(duties, (-1, 2)), -1.0, 1.0).T)
+        self._model.command(chosen, *np.minimum(np.maximum(np.reshape(duties, (-1, 2)), -1.0), 1.0).T)
 
     def advance(self, utime: int) -> bool:
         """Let one step pass if it is due by `utime`, or in less than half a step; tell whether it did."""
@@ -88,21 +89,26 @@ class Fleet:
         if self._index:
             self._model.advance()
             self._meet()
-            self._robots = self._robots._replace(state=self._model.states())
+            self._robots = Robots(self._robots.robot_id, self._robots.origin, self._model.states())
         return True
 
     def robots(self) -> Robots:
         """Return all robots as they were after the last step; other commands and parameters show after the next."""
         return self._robots
 
+    @property
+    def radius(self) -> Floats:
+        """How large robots are [m], in the order of `robots`; 0 for twins."""
+        return self._radius
+
     def _meet(self) -> None:
         """Part robots that have come too near to one another, or to what stands in their way."""
-        bodies, wheel_radius = self._model.bodies(), self._model.parameter("wheel_radius")
-        if self._contacts.resolve(bodies, self._radius, wheel_radius, self.standing):
+        if self._contacts.resolve(self._model.bodies(), self._radius, self._wheel_radius, self.standing):
             self._model.take_back(self._contacts.touched.astype(bool))
 
     def _measure(self) -> None:
-        """Find out how large each robot is; 0 stands for twins."""
+        """Find out how large robots and wheels are; a radius of 0 stands for twins."""
+        self._wheel_radius = self._model.parameter("wheel_radius")
         radius = body_radius(self._model.parameter("base_width"))
         for (robot_id, origin), index in self._index.items():
             radius[index] = 0.0 if origin == TWIN else self._own_radius.get(robot_id, radius[index])

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from cmr.model.motion import RobotState
-from cmr.world.view import Robots
+from cmr.world.view import Numbers, Robots, numbers_of
 
 Members: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # robot ids, and their origins
 Times: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
@@ -57,7 +57,7 @@ class Others:
 
         Messages may come late, twice or in another order than they were sent.
         """
-        group = self._group((tuple(message.robot_id), tuple(message.origin)))
+        group = self._group((numbers_of(message.robot_id), numbers_of(message.origin)))
         if group.own and not len(group.rows) and message.utime in self._sent:
             return None  # came back from the bus
         if abs(message.utime - now) > LOST:
@@ -123,7 +123,7 @@ class Others:
     def _members(self, rows: Times) -> Members:
         """Return the ids and the origins of robots."""
         keys = [self._keys[row] for row in rows.tolist()]
-        return tuple(robot_id for robot_id, _ in keys), tuple(origin for _, origin in keys)
+        return Numbers(robot_id for robot_id, _ in keys), Numbers(origin for _, origin in keys)
 
 
 class _Group(NamedTuple):

@@ -46,14 +46,17 @@ class Surroundings:
     def neighbours(self, radius: float) -> "Neighbours":
         """Return for each robot those at most `radius` [m] away; found once for all who ask."""
         if radius not in self._neighbours:
-            from cmr.world.interaction.neighbours import pairs_within  # imports Numba, which takes half a second
+            from cmr.world.interaction.neighbours import neighbours_of  # imports Numba, which takes half a second
 
-            self._neighbours[radius] = pairs_within(self.x, self.y, radius)
+            self._neighbours[radius] = neighbours_of(self.x, self.y, radius)
         return self._neighbours[radius]
 
     def velocities(self, wheel_radius: float) -> tuple[Floats, Floats]:
         """Return how everybody moves [m/s; world frame], taking all wheels to have this radius [m]."""
         if self._velocities is None or self._velocities[0] != wheel_radius:
-            speed = (0.5 * wheel_radius) * (self.psi_left + self.psi_right)
-            self._velocities = (wheel_radius, speed * np.cos(self.theta), speed * np.sin(self.theta))
+            from cmr.world.interaction.velocities import velocities_of  # the same
+
+            speeds = np.empty((2, len(self.x)))
+            velocities_of(self.theta, self.psi_left, self.psi_right, wheel_radius, speeds)
+            self._velocities = (wheel_radius, speeds[0], speeds[1])
         return self._velocities[1:]

@@ -1,13 +1,14 @@
 """What a robot knows of the world: the latest state of every robot in it."""
 
 from collections.abc import Iterable, Iterator
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cmr.bus.messages import make
+from cmr.bus.world_state import BYTES_PER_ROBOT, HEAD, WorldState
 from cmr.model.motion import RobotState
-from cmr.msg import robot_state_t, world_state_t
+from cmr.msg import robot_state_t
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.surroundings import Floats, Indices, Members, Surroundings
 
@@ -18,8 +19,43 @@ TWIN: int = robot_state_t.TWIN
 SEEN = ("x", "y", "theta", "psi_left", "psi_right")  # what `surroundings` tells of each robot
 OLDEST = 1_000_000  # us; a robot of which nothing newer was heard is no longer in the world
 FURTHEST = 1e9  # m; whoever is further away is nowhere
-BYTES_PER_ROBOT = 4 + 1 + 7 * 4
-BYTES_OF_HEAD = 8 + 8 + 4  # fingerprint, utime, n
+MOST_REMEMBERED = 500  # sets of robots whose numbers are kept as they are
+
+
+class Numbers(tuple[int, ...]):
+    """Ids or origins of robots. The same ones come again at each step, so hash and array are made only once."""
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
+        """Return the numbers as NumPy wants them."""
+        return np.array(self._array, dtype, copy=copy)
+
+    @cached_property
+    def _hash(self) -> int:
+        return tuple.__hash__(self)
+
+    @cached_property
+    def _array(self) -> Indices:
+        numbers = np.array(tuple(self), np.int64)
+        numbers.flags.writeable = False
+        return numbers
+
+
+def numbers_of(values: Any) -> Numbers:
+    """Return numbers from an array or a list; for the same ones, the same object."""
+    return _numbers(np.asarray(values, np.int64).tobytes())
+
+
+@lru_cache(MOST_REMEMBERED)
+def _numbers(data: bytes) -> Numbers:
+    return Numbers(np.frombuffer(data, np.int64).tolist())
+
+
+@lru_cache(MOST_REMEMBERED)
+def _joined(first: tuple[int, ...], second: tuple[int, ...]) -> Numbers:
+    return Numbers(first + second)
 
 
 class Robot(NamedTuple):
@@ -47,13 +83,13 @@ class Robots(NamedTuple):
 
     def with_others(self, others: "Robots") -> "Robots":
         """Return these and others together."""
+        if not others.robot_id:
+            return self
+        if not self.robot_id:
+            return others
         states = (np.concatenate(pair) for pair in zip(self.state, others.state, strict=True))
-        return Robots(self.robot_id + others.robot_id, self.origin + others.origin, RobotState(*states))
-
-    def part(self, first: int, last: int) -> "Robots":
-        """Return those from index `first` up to, not including, `last`."""
-        state = RobotState(*(column[first:last] for column in self.state))
-        return Robots(self.robot_id[first:last], self.origin[first:last], state)
+        ids, origins = _joined(self.robot_id, others.robot_id), _joined(self.origin, others.origin)
+        return Robots(ids, origins, RobotState(*states))
 
     def each(self, utime: int) -> Iterator[Robot]:
         """Yield them one by one, as they are at `utime` [us]."""
@@ -78,7 +114,7 @@ class WorldView:
         self._groups: dict[tuple[tuple[int, ...], tuple[int, ...]], _Group] = {}
         self._places: dict[tuple[int, int], tuple[_Group, int]] = {}
         self._all: list[_Group] = []  # all that hold a robot
-        self._chosen: list[tuple[_Group, Indices]] | None = None  # whom `surroundings` shows
+        self._chosen: list[tuple[_Group, Indices | slice]] | None = None  # whom `surroundings` shows
         self._members = Members(np.zeros(0, np.int64))
         self._surroundings: Surroundings | None = None
         self.obstacles = Obstacles.none()
@@ -101,7 +137,7 @@ class WorldView:
     def handle(self, utime: int, _channel: str, message: Any) -> None:
         """Take a world_state_t, the whole world or a part of it."""
         state = RobotState(*(getattr(message, name) for name in RobotState._fields))
-        self.take(utime, Robots(tuple(message.robot_id), tuple(message.origin), state))
+        self.take(utime, Robots(numbers_of(message.robot_id), numbers_of(message.origin), state))
 
     def robot(self, robot_id: int) -> Robot | None:
         """Return the real or virtual robot of this id, None if it is not in the world (any more)."""
@@ -121,10 +157,10 @@ class WorldView:
             if self._chosen is None or [group for group, _ in self._chosen] != self._fresh():
                 self._choose()
             states = [_of_each(group.robots.state, index) for group, index in self._chosen or []]
-            state = np.hstack(states) if states else np.zeros((len(SEEN), 0))
-            sound = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
+            state = states[0] if len(states) == 1 else np.hstack([np.zeros((len(SEEN), 0)), *states])
             members = self._members
-            if not sound.all():
+            if not np.abs(state).max(initial=0.0) <= FURTHEST:  # or one is no number
+                sound = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
                 members, state = Members(members.robot_id[sound]), state[:, sound]
             self._surroundings = Surroundings(members, state)
         return self._surroundings
@@ -141,7 +177,7 @@ class WorldView:
             if origin != TWIN and id(group) in chosen:
                 chosen[id(group)].append((index, robot_id))
         pairs = [np.array(chosen[id(group)], np.int64).reshape(-1, 2) for group in fresh]
-        self._chosen = [(group, pair[:, 0]) for group, pair in zip(fresh, pairs, strict=True)]
+        self._chosen = [(group, _all_or(pair[:, 0], group)) for group, pair in zip(fresh, pairs, strict=True)]
         self._members = Members(np.concatenate([pair[:, 1] for pair in pairs] or [np.zeros(0, np.int64)]))
 
     def _robot(self, robot_id: int, origin: int) -> Robot | None:
@@ -165,10 +201,15 @@ class WorldView:
         self._chosen = None
 
 
-def _of_each(state: RobotState, index: Indices) -> Floats:
+def _of_each(state: RobotState, index: Indices | slice) -> Floats:
     """Return pose and wheel speeds of some robots as rows."""
-    columns = np.array([getattr(state, name) for name in SEEN], dtype=float)
-    return columns if np.array_equal(index, np.arange(columns.shape[1])) else columns[:, index]
+    columns: Floats = np.array([getattr(state, name) for name in SEEN], dtype=float)
+    return columns[:, index]
+
+
+def _all_or(index: Indices, group: "_Group") -> Indices | slice:
+    """Return the index of robots in a group; of all of them in their order, one that costs nothing."""
+    return slice(None) if np.array_equal(index, np.arange(len(group.robots.robot_id))) else index
 
 
 class _Group:
@@ -178,25 +219,13 @@ class _Group:
     robots: Robots
 
 
-class WorldState(world_state_t):
-    """A world_state_t whose fields may be arrays: it encodes to the same bytes at a fraction of the cost."""
-
-    def encode(self) -> bytes:
-        """Return the bytes of the message."""
-        head = np.array([(self.utime, self.n)], dtype=[("utime", ">i8"), ("n", ">i4")])
-        columns = [np.asarray(getattr(self, name)).astype(">f4") for name in RobotState._fields]
-        ids, origins = np.asarray(self.robot_id).astype(">i4"), np.asarray(self.origin).astype("i1")
-        fingerprint: bytes = world_state_t._get_packed_fingerprint()
-        return fingerprint + b"".join(part.tobytes() for part in (head, ids, origins, *columns))
-
-
-def world_messages(utime: int, robots: Robots | list[Robot], largest: int | None = None) -> list[Any]:
+def world_messages(utime: int, robots: Robots | list[Robot], largest: int | None = None) -> list[WorldState]:
     """Return world_state_t messages of all robots at `utime`: one, or so many that none exceeds `largest` bytes."""
     everybody = robots if isinstance(robots, Robots) else Robots.of(robots)
     count = len(everybody.robot_id)
-    part = count if largest is None else max((largest - BYTES_OF_HEAD) // BYTES_PER_ROBOT, 1)
-    return [_message(utime, everybody.part(first, first + part)) for first in range(0, count, max(part, 1))]
-
-
-def _message(utime: int, robots: Robots) -> Any:
-    return make(WorldState, utime=utime, robot_id=robots.robot_id, origin=robots.origin, **robots.state._asdict())
+    part = count if largest is None else max((largest - HEAD.size) // BYTES_PER_ROBOT, 1)
+    columns = (everybody.robot_id, everybody.origin, *everybody.state)
+    if part >= count:
+        return [WorldState(utime, columns)] if count else []
+    arrays = [np.asarray(column) for column in columns]
+    return [WorldState(utime, [a[first : first + part] for a in arrays]) for first in range(0, count, part)]

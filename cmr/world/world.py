@@ -33,9 +33,11 @@ from cmr.world.commands import CommandMemory
 from cmr.world.deciding import Deciding
 from cmr.world.estimator import Estimator
 from cmr.world.fleet import STEP, Fleet, Key
-from cmr.world.interaction.body import body_radius
+from cmr.world.interaction.body import Bodies, body_radius
 from cmr.world.interaction.obstacles import Floats, Obstacles
 from cmr.world.others import Others
+from cmr.world.process_noise import ProcessNoise
+from cmr.world.reaction import Reaction
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
@@ -90,6 +92,8 @@ class World:
     Virtual robots steer by the parameters of the robot that they go by, and move by them as well, unless
     `own_parameters` has others under their id: robots differ from what is believed of them.
 
+    With `noise` virtual robots stray from their models. Their decisions are in force `reaction` [s] later.
+
     Virtual robots that meet one another are pushed apart; real robots and `obstacles` cannot be pushed.
     """
 
@@ -101,6 +105,8 @@ class World:
         estimates: Callable[[int], bool] = lambda _robot_id: True,
         own_parameters: Mapping[int, RobotParameters] = MappingProxyType({}),
         obstacles: Obstacles | None = None,
+        noise: ProcessNoise | None = None,
+        reaction: float = 0.0,
     ) -> None:
         self.view = WorldView()
         self.estop = EmergencyStop()
@@ -112,6 +118,8 @@ class World:
         self._follow = follow
         self._ready = ready
         self._own_parameters = own_parameters
+        self._noise = noise
+        self._reaction = Reaction(reaction)
         self._kinds = list({frozenset(own.effects): own for own in own_parameters.values()}.values())
         self._models: dict[int, RobotParameters] = {}  # in use, by robot id
         self._not_ready: set[int] = set()
@@ -130,6 +138,11 @@ class World:
     def utime(self) -> int:
         """The moment [us] for which the simulated robots' states hold; 0 before the first step."""
         return self._fleet.utime
+
+    @property
+    def noise_problem(self) -> str:
+        """Why some virtual robots have no noise; empty where all have, or none is to have."""
+        return self._noise.problem if self._noise else ""
 
     @property
     def real_robots(self) -> list[int]:
@@ -195,8 +208,20 @@ class World:
             everybody = everybody.with_others(robots)
         return everybody
 
+    def bodies(self) -> Bodies:
+        """Return all robots but twins as discs, those of other simulators included."""
+        own, others, simulated = self.everybody(), self.others.robots(self._time), self._fleet.radius
+        everybody, count, real = own.with_others(others), len(own.robot_id), self._bodies_of_real()[2]
+        radius = np.full(len(everybody.robot_id), body_radius(USUAL_BASE_WIDTH))
+        radius[: len(real)] = real
+        radius[count - len(simulated) : count] = simulated
+        robot_id, origin = np.array(everybody.robot_id, np.int64), np.array(everybody.origin, np.int64)
+        there = origin != TWIN
+        pose = np.array(everybody.state[:3])[:, there]
+        return Bodies(robot_id[there], origin[there], (np.arange(len(radius)) < count)[there], pose, radius[there])
+
     def robots(self) -> list[Robot]:
-        """Return the same, one by one."""
+        """Return the same as `everybody`, one by one."""
         simulated = (*self._standing(), self._fleet.robots())
         return [*self.real(), *chain.from_iterable(robots.each(self._fleet.utime) for robots in simulated)]
 
@@ -258,6 +283,8 @@ class World:
             return
         self._not_ready.discard(robot_id)
         self._models[robot_id], self._models_changed = model, True
+        if self._noise and parameters and any(v.parameters_of == robot_id for v in self._virtual.values()):
+            self._noise.use(robot_id, parameters)
         followers = [(robot_id, TWIN)]
         followers += [(v.robot_id, VIRTUAL) for v in self._virtual.values() if v.parameters_of == robot_id]
         followers = [key for key in followers if key in self._fleet]
@@ -314,7 +341,10 @@ class World:
             behaviours = {robot_id: robot.behaviour for robot_id, robot in self._virtual.items()}
             self._deciding = Deciding(robots, behaviours, self._model_of, self._command_of_twin, self._deciding)
             self._models_changed = False
-        self._fleet.command(0, self._deciding.duties(utime, utime // STEP, robots, self.view))
+        duties = self._reaction.late(self._deciding.duties(utime, utime // STEP, robots, self.view), robots)
+        if self._noise:
+            duties = self._noise.disturbed(duties, robots, lambda robot_id: self._virtual[robot_id].parameters_of)
+        self._fleet.command(0, duties)
 
     def _model_of(self, robot_id: int) -> RobotParameters:
         return self._models[self._virtual[robot_id].parameters_of]

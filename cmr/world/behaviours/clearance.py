@@ -7,6 +7,7 @@ Shalev-Shwartz, Shammah and Shashua, On a formal model of safe and scalable self
 import math
 
 from cmr.model.compiled import compiled
+from cmr.model.elementary import sincos
 from cmr.world.behaviours.team import Floats, Indices
 
 BRAKING = 0.5  # m/s^2, which wheels on a smooth floor hold
@@ -63,13 +64,15 @@ def tangent(dx: float, dy: float, apart: float, left: bool) -> tuple[float, floa
 
 
 @compiled(
-    "Tuple((f8, i8))(i8, f8, f8, i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    "Tuple((f8, i8))(i8, f8, f8, i8, i8, i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
     " f8, f8, f8, f8)"
 )
 def first_in_way(  # type: ignore[no-untyped-def]
     i,
     along_x: float,
     along_y: float,
+    begin,
+    end,
     near,
     x: Floats,
     y: Floats,
@@ -83,12 +86,13 @@ def first_in_way(  # type: ignore[no-untyped-def]
     reaction: float,
     fastest: float,
 ):
-    """Return how fast [m/s] robot i may go along a direction of length 1, and what holds it up most.
+    """Return how fast [m/s] robot i, whose neighbours are near[begin:end], may go along a direction of length 1.
 
-    That is a robot, by its place among all, or a disc, by its number after them; -1 if nothing does.
+    And what holds it up most: a robot, by its place among all, or a disc, by its number after them; -1 if nothing does.
     """
     slowest, blocking = fastest, -1
-    for j in near:
+    for k in range(begin, end):
+        j = near[k]
         dx, dy, apart = x[j] - x[i], y[j] - y[i], 2.0 * radius + clearance
         allowed = speed_before(dx, dy, along_x, along_y, speed_x[j], speed_y[j], apart, reaction, fastest)
         if allowed < slowest:
@@ -141,11 +145,14 @@ def keep_clear(  # type: ignore[no-untyped-def]
             speed[k] = forward[k] = 0.0
             continue
         forward[k] = wanted
+        if start[i] == start[i + 1] and len(disc_x) == 0:
+            continue  # nobody is near
         dx, dy = target_x[k] - x[i], target_y[k] - y[i]
         distance = math.sqrt(dx * dx + dy * dy)
         if distance < 1e-9 or wanted <= 0.0:
             continue
-        around = near[start[i] : start[i + 1]], x, y, speed_x, speed_y, disc_x, disc_y, disc_radius
+        sine, cosine = sincos(theta[k])
+        around = start[i], start[i + 1], near, x, y, speed_x, speed_y, disc_x, disc_y, disc_radius
         bounds = radius[k], clearance, reaction, wanted
         speed[k], blocking = first_in_way(i, dx / distance, dy / distance, *around, *bounds)
         if blocking >= 0 and round_it[k]:
@@ -156,8 +163,8 @@ def keep_clear(  # type: ignore[no-untyped-def]
                 disc = blocking - len(x)
                 dx, dy = disc_x[disc] - x[i], disc_y[disc] - y[i]
                 apart = disc_radius[disc] + radius[k] + clearance
-                left = dx * math.sin(theta[k]) - dy * math.cos(theta[k]) <= 0.0
+                left = dx * sine - dy * cosine <= 0.0
             along_x, along_y = tangent(dx, dy, WIDE * apart, left)
             speed[k], _ = first_in_way(i, along_x, along_y, *around, *bounds)
             target_x[k], target_y[k] = x[i] + distance * along_x, y[i] + distance * along_y
-        forward[k], _ = first_in_way(i, math.cos(theta[k]), math.sin(theta[k]), *around, *bounds)
+        forward[k], _ = first_in_way(i, cosine, sine, *around, *bounds)

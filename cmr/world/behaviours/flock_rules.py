@@ -3,6 +3,7 @@
 import math
 
 from cmr.model.compiled import compiled
+from cmr.model.elementary import sincos
 from cmr.world.behaviours.border import turned_back
 from cmr.world.behaviours.team import Floats, Indices
 
@@ -52,7 +53,8 @@ def flock(  # type: ignore[no-untyped-def]
             if 1e-9 < away < distance:
                 push = (distance - away) / away
                 apart_x, apart_y = apart_x - push * dx, apart_y - push * dy
-        wanted_x, wanted_y = cruise * math.cos(theta[k]), cruise * math.sin(theta[k])
+        sine, cosine = sincos(theta[k])
+        wanted_x, wanted_y = cruise * cosine, cruise * sine
         if count:
             wanted_x += weights[0] * mean_x / count + weights[1] * (flow_x / count - speed_x[i])
             wanted_y += weights[0] * mean_y / count + weights[1] * (flow_y / count - speed_y[i])

@@ -10,6 +10,7 @@ from cmr.model.compiled import compiled
 from cmr.world.behaviours.paths import SHORTEST
 from cmr.world.behaviours.team import Floats, Indices
 
+ROUNDING = 1e-6  # m
 SEARCH_AHEAD = 0.5  # m of path looked at for the point nearest to the robot
 
 
@@ -53,8 +54,13 @@ def pursue(  # type: ignore[no-untyped-def]
             share = ((x[k] - px[i]) * dx + (y[k] - py[i]) * dy) / (span * span)
             share = min(max(share, 0.0, (progress[r] - pa[i]) / span), 1.0)
             ex, ey = px[i] + share * dx - x[k], py[i] + share * dy - y[k]
-            if ex * ex + ey * ey < nearest:
-                nearest, best, reached = ex * ex + ey * ey, i, pa[i] + share * span
+            away = ex * ex + ey * ey
+            if away < nearest:
+                nearest, best, reached = away, i, pa[i] + share * span
+            else:  # pieces that end before the path can have come as near again need no look
+                near_again = pa[i] + share * span + math.sqrt(away) - math.sqrt(nearest) - ROUNDING
+                while i + 2 < last and pa[i + 2] < near_again:
+                    i += 1
             i += 1
         progress[r], piece[r] = reached, best
         remaining[k] = pa[last] - reached
@@ -67,6 +73,24 @@ def pursue(  # type: ignore[no-untyped-def]
             share = (ahead - pa[best]) / (pa[best + 1] - pa[best])
             target_x[k] = px[best] + share * (px[best + 1] - px[best])
             target_y[k] = py[best] + share * (py[best + 1] - py[best])
+
+
+@compiled("i8(f8[:, ::1], f8)")
+def thin(points: Floats, shortest: float) -> int:
+    """Move the points (2, n) [m] that are kept to the front; return how many there are.
+
+    Left out are those nearer than `shortest` [m] to the one kept before; in the end, the last point takes its place.
+    """
+    kept, last = 0, points.shape[1] - 1
+    for k in range(last + 1):
+        x, y = points[0, k], points[1, k]
+        near = kept > 0 and math.sqrt((x - points[0, kept - 1]) ** 2 + (y - points[1, kept - 1]) ** 2) < shortest
+        if near and k == last and kept > 1:
+            kept -= 1
+        if not near or k == last:
+            points[0, kept], points[1, kept] = x, y
+            kept += 1
+    return kept
 
 
 @compiled(

@@ -1,7 +1,5 @@
 """Paths of many robots: rows of points."""
 
-import math
-
 import numpy as np
 
 from cmr.world.behaviours.team import Floats, Indices
@@ -32,14 +30,11 @@ class Paths:
 
     def put(self, row: int, x: list[float], y: list[float]) -> None:
         """Replace one path; points nearer than SHORTEST to the one before are left out, except for the last."""
-        kept: list[tuple[float, float]] = []
-        for number, point in enumerate(zip(x, y, strict=True), start=1):
-            if number == len(x) and len(kept) > 1 and math.dist(point, kept[-1]) < SHORTEST:
-                kept.pop()
-            if not kept or math.dist(point, kept[-1]) >= SHORTEST or number == len(x):
-                kept.append(point)
-        self.make_room(row + 1, len(kept))
-        self.count[row] = len(kept)
-        points = np.array(kept, dtype=float).reshape(-1, 2)
-        self.x[row, : len(kept)], self.y[row, : len(kept)] = points.T
-        self.along[row, : len(kept)] = np.cumsum(np.append(0.0, np.hypot(*np.diff(points, axis=0).T)))[: len(kept)]
+        from cmr.world.behaviours.path_following import thin  # imports Numba, which takes half a second
+
+        points = np.array([x, y], dtype=float)
+        count = thin(points, SHORTEST)
+        self.make_room(row + 1, count)
+        self.count[row] = count
+        self.x[row, :count], self.y[row, :count] = kept = points[:, :count]
+        self.along[row, :count] = np.cumsum(np.append(0.0, np.hypot(*np.diff(kept))))[:count]

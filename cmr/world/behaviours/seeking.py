@@ -58,6 +58,7 @@ class Seeker(TeamBehaviour):
         self.speed, self.clearance = speed, clearance
         self.memory = Memory(speed=0.0, utime=0.0, **remembered)
         self._index: tuple[tuple[int, ...], Members, Indices] | None = None
+        self._sizes: tuple[RobotParameters, Floats, Floats] | None = None
 
     @abstractmethod
     def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
@@ -71,18 +72,18 @@ class Seeker(TeamBehaviour):
 
     def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
         """Return the duties that take robots where `goals` says."""
-        from cmr.world.behaviours.steering import steer
-        from cmr.world.interaction.body import body_radius
+        from cmr.world.behaviours.steering import gather_speed, steer
 
         around = world.surroundings()
         row = self.memory.rows(me.robot_id)
         x, y, theta = (np.ascontiguousarray(column, dtype=float) for column in me.state[:3])
-        dt = np.minimum(np.maximum((utime - self.memory["utime"][row]) * 1e-6, 0.0), LONGEST_TURN)
-        self.memory["utime"][row] = utime
-        index, radius = self._index_of(me.robot_id, around.members), body_radius(parameters.base_width)
-        team = Team(row, index, x, y, theta, dt, radius, 2.0 * radius + self.clearance, parameters)
+        dt, fastest = np.empty((2, len(row)))
+        remembered = (self.memory["utime"], self.memory["speed"])
+        gather_speed(row, float(utime), LONGEST_TURN, ACCELERATION, *remembered, dt, fastest)
+        index, sizes = self._index_of(me.robot_id, around.members), self._sizes_of(parameters)
+        team = Team(row, index, x, y, theta, dt, *sizes, parameters)
         goals = self.goals(utime, team, me, world)
-        np.minimum(goals.speed, self.memory["speed"][row] + ACCELERATION * dt, out=goals.speed)
+        np.minimum(goals.speed, fastest, out=goals.speed)
         forward = self._keep_clear(team, goals, around, world)
         self.memory["speed"][row] = goals.speed
         duties = np.empty((len(row), 2))
@@ -104,8 +105,18 @@ class Seeker(TeamBehaviour):
             *(disc_x, disc_y, disc_radius, goals.round_it, team.radius, self.clearance, REACTION),
             *(goals.x, goals.y, goals.speed, forward),
         )
-        stop_before(team.x, team.y, team.theta, corners_of(world), self.clearance, REACTION, forward)
+        if world.geofence:
+            stop_before(team.x, team.y, team.theta, world.geofence.outline, self.clearance, REACTION, forward)
         return forward
+
+    def _sizes_of(self, parameters: RobotParameters) -> tuple[Floats, Floats]:
+        """Return the radius of each robot, and how far from it others stay [m]; for the same ones, the same arrays."""
+        from cmr.world.interaction.body import body_radius
+
+        if self._sizes is None or self._sizes[0] is not parameters:
+            radius = body_radius(parameters.base_width)
+            self._sizes = (parameters, radius, 2.0 * radius + self.clearance)
+        return self._sizes[1:]
 
     def _index_of(self, robot_ids: tuple[int, ...], members: Members) -> Indices:
         """Return where these robots are among everybody; the answer is kept as long as the same are asked for."""

@@ -6,7 +6,8 @@ Source of the steering law: Coulter, Implementation of the Pure Pursuit Path Tra
 import math
 
 from cmr.model.compiled import compiled
-from cmr.world.behaviours.team import Duties, Floats
+from cmr.model.elementary import sincos
+from cmr.world.behaviours.team import Duties, Floats, Indices
 
 LARGEST_DUTY = 0.9  # leaves the motors something to turn with
 
@@ -36,7 +37,7 @@ def steer(
         if not (speed[i] > 0.0 and distance > 1e-9):
             duties[i, 0] = duties[i, 1] = 0.0
             continue
-        cos, sin = math.cos(theta[i]), math.sin(theta[i])
+        sin, cos = sincos(theta[i])
         ahead, aside = dx * cos + dy * sin, dy * cos - dx * sin
         if ahead > 0.0:
             forward = min(speed[i], fastest[i])
@@ -48,3 +49,25 @@ def steer(
         left, right = (forward - sideways) * per_speed, (forward + sideways) * per_speed
         excess = max(1.0, abs(left) / LARGEST_DUTY, abs(right) / LARGEST_DUTY)
         duties[i, 0], duties[i, 1] = left / excess, right / excess
+
+
+@compiled("void(i8[::1], f8, f8, f8, f8[::1], f8[::1], f8[::1], f8[::1])")
+def gather_speed(
+    row: Indices,
+    utime: float,
+    longest: float,
+    acceleration: float,
+    decided: Floats,
+    speed: Floats,
+    dt: Floats,
+    fastest: Floats,
+) -> None:
+    """Write how long ago [s], at most `longest`, n robots decided last, and how fast they may go by now [m/s].
+
+    When they decided [us] and how fast they went then is in `decided` and `speed` at `row` (n,); they decide now.
+    """
+    for k in range(len(row)):
+        r = row[k]
+        dt[k] = min(max((utime - decided[r]) * 1e-6, 0.0), longest)
+        fastest[k] = speed[r] + acceleration * dt[k]
+        decided[r] = utime

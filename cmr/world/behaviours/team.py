@@ -110,7 +110,11 @@ class Alone(Behaviour):
 
 
 def stacked(parameters: list[RobotParameters]) -> RobotParameters:
-    """Return the paper's parameters of many robots as arrays."""
+    """Return the parameters of many robots as arrays, their effects as far as they have some."""
+    if any(each.effects for each in parameters):
+        from cmr.model.catalogue import together  # robots of the paper's model do without the catalogue
+
+        return together(parameters)
     return RobotParameters(*np.array([[*each] for each in parameters], dtype=float).reshape(-1, 4).T.copy())
 
 
@@ -128,7 +132,8 @@ def duties_of(
             f"{name}.commands must return an array of shape ({len(me.robot_id)}, 2), left and right of each robot; "
             f"it returned one of shape {duties.shape}."
         )
+    if np.abs(duties).max(initial=0.0) <= 1.0:
+        return duties
     duties = np.minimum(np.maximum(duties, -1.0), 1.0)
-    if not np.isfinite(duties).all():
-        duties[~np.isfinite(duties).all(axis=1)] = 0.0
+    duties[~np.isfinite(duties).all(axis=1)] = 0.0
     return np.asarray(duties)

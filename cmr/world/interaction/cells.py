@@ -129,3 +129,25 @@ def _binned(x: Floats, y: Floats, reach: float) -> Any:
     else:
         ahead = np.array([np.uint64(0), row - column])
     return code, begin, members, shift, ahead, np.int64(1 if hashed else 3)
+
+
+@compiled("Tuple((u8[::1], i4[::1], i4[::1], u8, u8[::1], i8))(f8[::1], f8[::1], f8)")
+def binned_around(x: Floats, y: Floats, reach: float) -> Any:
+    """Sort points into bins, to look at all that may be at most `reach` [m] from one of them.
+
+    Returns the same as `_binned`, but the codes of all nine cells: those in which the points near point i are begin
+    at bin b = (code[i] + around[j]) >> shift for each j, and their points are members[begin[b] : begin[b + span]].
+    """
+    code, begin, members, shift, ahead, span = _binned(x, y, reach)
+    none = np.zeros(1, np.uint64)
+    if span == 1:
+        return code, begin, members, shift, np.concatenate((ahead, none - ahead[1:])), span
+    column = none + (np.uint64(1) << shift)
+    return (
+        code,
+        begin,
+        members,
+        shift,
+        np.concatenate((none - column, ahead[1:], none - ahead[1:] - column - column)),
+        span,
+    )

@@ -40,9 +40,14 @@ def pairs_within(x: Any, y: Any, radius: float) -> Neighbours:
     x, y = checked_positions(x, y)
     if not 0.0 <= radius <= FURTHEST:
         raise ValueError(f"the radius must be a number from 0 to {FURTHEST:g} m, not {radius}")
+    return neighbours_of(x, y, float(radius))
+
+
+def neighbours_of(x: Floats, y: Floats, radius: float) -> Neighbours:
+    """Return the same for positions and a radius that are known to be sound."""
     if len(x) == 0:
         return Neighbours(np.zeros(1, np.int64), np.zeros(0, np.int32))
-    first, second = close_pairs(x, y, float(radius))
+    first, second = close_pairs(x, y, radius)
     return Neighbours(*_listed(first, second, len(x)))
 
 

@@ -1,7 +1,8 @@
 """A planar range sensor: rays in all directions against discs and walls.
 
 Each disc is met only by the rays between its two tangents, each wall by those between the ends of its part within
-range, so a scan costs what lies around the robot, not rays times things.
+range, and only discs in the cells around the robot are looked at: a scan costs what lies around the robot, not rays
+times things.
 """
 
 import math
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from cmr.model.compiled import compiled
 from cmr.model.elementary import sincos
+from cmr.world.interaction.cells import binned_around
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -51,25 +53,43 @@ class RangeSensor:
         x1, y1, x2, y2 [m]. Discs and sensors that are nowhere (NaN) see nobody and are not seen.
         """
         pose, discs, walls = (np.ascontiguousarray(rows, dtype=float) for rows in (pose, discs, walls))
-        ranges = np.full((pose.shape[1], self.rays), np.inf)
+        ranges = np.empty((pose.shape[1], self.rays))
         _scan(pose, np.ascontiguousarray(own, np.int64), discs, walls, self.first, self.step, self.reach, ranges)
         return ranges
 
 
 @compiled("void(f8[:, ::1], i8[::1], f8[:, ::1], f8[:, ::1], f8, f8, f8, f8[:, ::1])")
 def _scan(pose, own, discs, walls, first, step, reach, ranges):  # type: ignore[no-untyped-def]
-    rays = ranges.shape[1]
+    rays, count = ranges.shape[1], discs.shape[1]
+    if len(own) == 0:
+        return
+    widest = 0.0
+    for d in range(count):
+        if discs[2, d] > widest:
+            widest = discs[2, d]
+    x, y = np.zeros(count + len(own)), np.zeros(count + len(own))  # who is nowhere is looked at there, and not met
+    for points, start in ((discs, 0), (pose, count)):
+        for k in range(points.shape[1]):
+            if math.isfinite(points[0, k]) and math.isfinite(points[1, k]):
+                x[start + k], y[start + k] = points[0, k], points[1, k]
+    code, begin, members, shift, around, span = binned_around(x, y, reach + widest)
     sines, cosines = np.empty(rays), np.empty(rays)
     for k in range(rays):
         sines[k], cosines[k] = sincos(first + k * step)
     for i in range(len(own)):
         sine, cosine = sincos(pose[2, i])
         row = ranges[i]
-        for d in range(discs.shape[1]):
-            dx, dy, radius = discs[0, d] - pose[0, i], discs[1, d] - pose[1, i], discs[2, d]
-            if d != own[i] and dx * dx + dy * dy <= (reach + radius) * (reach + radius):
-                ahead, left = cosine * dx + sine * dy, cosine * dy - sine * dx
-                _meet_disc(ahead, left, radius, first, step, reach, sines, cosines, row)
+        row[:] = np.inf
+        for cell in range(len(around)):
+            b = np.int64((code[count + i] + around[cell]) >> shift)
+            for k in range(begin[b], begin[b + span]):
+                d = members[k]
+                if d >= count or d == own[i]:
+                    continue
+                dx, dy, radius = discs[0, d] - pose[0, i], discs[1, d] - pose[1, i], discs[2, d]
+                if dx * dx + dy * dy <= (reach + radius) * (reach + radius):
+                    ahead, left = cosine * dx + sine * dy, cosine * dy - sine * dx
+                    _meet_disc(ahead, left, radius, first, step, reach, sines, cosines, row)
         for w in range(walls.shape[1]):
             dx1, dy1 = walls[0, w] - pose[0, i], walls[1, w] - pose[1, i]
             dx2, dy2 = walls[2, w] - pose[0, i], walls[3, w] - pose[1, i]

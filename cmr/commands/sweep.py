@@ -1,0 +1,168 @@
+"""cmr-sweep: many runs of one scenario, on all cores or on many computers."""
+
+import argparse
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cmr.commands.command_line import CommandError, parser
+
+if TYPE_CHECKING:
+    from cmr.sweep.journal import Journal, Result
+    from cmr.sweep.planning import PlannedRun
+    from cmr.sweep.settings import Setting
+
+MOST_SEEDS = 1_000_000
+MOST_WORKERS = 4096
+EXIT_INTERRUPTED = 130
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-sweep."""
+    options = _options(arguments)
+    _end_on_signals()
+    settings, runs = _planned(options)
+    try:
+        from cmr.sweep.cluster import ClusterError
+        from cmr.sweep.journal import Journal, JournalError
+        from cmr.sweep.table import write_tables
+    except ModuleNotFoundError as error:
+        raise CommandError(
+            f"{error.name} is not installed, which sweeps need. To install it: pip install 'cmr[sweep]'"
+        ) from error
+    out = options.out or Path(f"{options.scenario.stem}_sweep")
+    try:
+        with Journal(out / "runs.jsonl") as journal:
+            failed = _perform(runs, journal, options)
+            rows = [_row(run, journal.results[run.key]) for run in runs if run.key in journal.results]
+        if rows:
+            paths = [setting.path for setting in settings]
+            print("\n".join(write_tables(rows, paths, runs[0].experiment.scenario.metrics, out, options.scenario.stem)))
+    except (ClusterError, JournalError, OSError) as error:
+        raise CommandError(str(error)) from error
+    if failed:
+        raise CommandError(f"{failed[0]} {len(failed)} of {len(runs)} runs failed; the same command tries them again.")
+    return 0
+
+
+def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedRun]]":
+    """Return the settings and the runs that were asked for."""
+    from cmr.scenario.document import ScenarioError
+    from cmr.sweep.experiment import ExperimentError
+    from cmr.sweep.planning import plan
+    from cmr.sweep.settings import SettingError, setting_of
+
+    if "" not in sys.path:
+        sys.path.append("")  # a user's own module:Class lies in the folder where the command is run
+    try:
+        settings = [setting_of(text) for text in options.set]
+        return settings, plan(options.scenario, settings, options.seeds)
+    except SettingError as error:
+        raise CommandError(f"--set {error}") from error
+    except (ScenarioError, ExperimentError) as error:
+        raise CommandError(str(error)) from error
+
+
+def _perform(runs: "list[PlannedRun]", journal: "Journal", options: argparse.Namespace) -> list[str]:
+    """Do the runs that are not in the journal yet; return a sentence for each that failed."""
+    from cmr.scenario.terminal import Terminal
+    from cmr.sweep.cluster import perform, workers
+    from cmr.sweep.experiment import perform as work
+
+    missing = {run.key: run for run in runs if run.key not in journal.results}
+    terminal = Terminal(sys.stderr)
+    if len(missing) < len(runs):
+        terminal.say(f"{len(runs) - len(missing)} of {len(runs)} runs are there already.")
+    if not missing:
+        return []
+    failed = []
+    with workers(options.scheduler, options.workers) as client:
+        if not client.nthreads():
+            terminal.say(f"{options.scheduler} has no workers yet. To start some: dask worker {options.scheduler}")
+        began = time.monotonic()
+        jobs = {run.key: (run.experiment, run.seed) for run in missing.values()}
+        for done, (key, result) in enumerate(perform(client, work, jobs), start=1):
+            if isinstance(result, BaseException):
+                failed.append(_failure(missing[key], result))
+            else:
+                journal.add(key, result)
+            if done < len(missing):
+                terminal.progress(_progress(done, len(missing), time.monotonic() - began))
+    terminal.say(_progress(len(missing), len(missing), time.monotonic() - began))
+    return failed
+
+
+def _progress(done: int, count: int, seconds: float) -> str:
+    """Return the progress bar: how many are done, how fast, and how long the others will take."""
+    filled = 30 * done // count
+    left = seconds / done * (count - done)
+    bar = "#" * filled + "." * (30 - filled)
+    return f"[{bar}] {done} of {count} runs, {done / max(seconds, 1e-9):.3g} a second, {_minutes(left)} left"
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
+
+
+def _failure(run: "PlannedRun", error: BaseException) -> str:
+    values = "".join(f" {key}={value}" for key, value in run.values.items())
+    return f"Seed {run.seed}{values}: {type(error).__name__}: {error}".rstrip(".") + "."
+
+
+def _row(run: "PlannedRun", result: "Result") -> dict[str, Any]:
+    return {"seed": run.seed, **run.values, **result}
+
+
+def _end_on_signals() -> None:
+    """End at once on a signal: what is done is in the journal, and workers of this computer end with their parent."""
+
+    def end(_number: int, _frame: object) -> None:
+        os.write(2, b"\ncmr-sweep: stopped; the same command goes on from here.\n")
+        os._exit(EXIT_INTERRUPTED)
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, end)
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-sweep",
+        "Run a scenario many times without hardware, faster than real time: with every seed and every combination of "
+        "settings. Real and emulated robots are moved by a plant that differs from seed to seed.\n\n"
+        "Results land in the folder of --out: runs.parquet has a row for each run (the same on every run of the same "
+        "seed, to the last bit), summary.png shows them, runs.jsonl is what a stopped sweep goes on from.",
+        "cmr-sweep line.yaml --seeds 100 --set robots.11.behaviour.gap=0.3,0.5,0.7",
+        bus="accepted as by every command; a sweep needs no bus",
+    )
+    options.add_argument("scenario", type=Path, metavar="SCENARIO.yaml", help="a scenario as for cmr-run")
+    options.add_argument(
+        "--seeds", type=_number(MOST_SEEDS), default=20, metavar="N", help="runs of each combination, one a seed"
+    )
+    options.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=A,B,C",
+        help="vary a key of the scenario, by its dotted path; robots by id. May be given several times",
+    )
+    options.add_argument("--out", type=Path, default=None, metavar="DIR", help="otherwise SCENARIO_sweep")
+    where = options.add_mutually_exclusive_group()
+    where.add_argument(
+        "--scheduler", default=None, metavar="tcp://HOST:8786", help="a Dask scheduler; otherwise processes here"
+    )
+    where.add_argument(
+        "--workers", type=_number(MOST_WORKERS), default=None, metavar="N", help="processes here; otherwise one a core"
+    )
+    return options.parse_args(arguments)
+
+
+def _number(largest: int) -> Any:
+    def parse(text: str) -> int:
+        if not text.isascii() or not text.isdecimal() or not 1 <= int(text) <= largest:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 to {largest}")
+        return int(text)
+
+    return parse
