@@ -1,0 +1,133 @@
+"""Workers for many runs: processes of this computer, or a Dask cluster that is there already.
+
+Each worker is one process with one thread. Who dies is replaced, and what it was at is done again elsewhere.
+"""
+
+import logging
+import os
+import signal
+from asyncio import CancelledError
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import dask
+from distributed import Client, LocalCluster, as_completed
+from distributed.utils import LoopRunner
+from tornado.ioloop import IOLoop
+
+PATIENCE = 10.0  # s to reach a scheduler
+AHEAD = 3  # runs handed out for each thread; the others wait here
+
+
+class ClusterError(Exception):
+    """There is nobody to do the work; the text says why and what to do."""
+
+
+@contextmanager
+def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[Client]:
+    """Give a client of the scheduler at this address, or of `count` processes of this computer (None: one a core).
+
+    Raises ClusterError when the scheduler cannot be reached, or no processes can be started.
+    """
+    dask.config.set({"distributed.comm.timeouts.connect": PATIENCE})
+    # A client that is killed, as any sweep may be, needs no word about semaphores, which are tidied up all the same.
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
+    for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what goes wrong is told here, in a sentence
+    if scheduler is not None:
+        with _client_of(scheduler) as client:
+            yield client
+        return
+    count = count or len(os.sched_getaffinity(0))
+    with _deaf_to_interrupts() as loop, _processes(count, loop) as cluster, Client(cluster) as client:
+        yield client
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[IOLoop]:
+    """Give an event loop in a thread in which SIGINT is blocked, and so it is in all processes that it starts.
+
+    Ctrl-C in a terminal reaches all of them. That this process ends ends them, without a word.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        runner = LoopRunner()
+        runner.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    try:
+        yield runner.loop
+    finally:
+        runner.stop()
+
+
+def _client_of(scheduler: str) -> Client:
+    try:
+        return Client(scheduler, timeout=PATIENCE)
+    except (OSError, ValueError) as error:
+        raise ClusterError(
+            f"No Dask scheduler answers at {scheduler!r}. To start one: dask scheduler; then, on each computer: "
+            "dask worker tcp://HOST:8786 --nthreads 1 --nworkers -1"
+        ) from error
+
+
+def _processes(count: int, loop: IOLoop) -> LocalCluster:
+    try:
+        return LocalCluster(
+            loop=loop,
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            memory_limit=None,
+            silence_logs=logging.CRITICAL,
+        )
+    except (OSError, RuntimeError) as error:
+        raise ClusterError(f"{count} processes cannot be started here ({error}). Fewer may: --workers 1.") from error
+
+
+def perform(client: Client, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]) -> Iterator[tuple[str, Any]]:
+    """Do `work(*arguments)` for each job and yield (key, result) as they are done; an exception in place of a result.
+
+    A job whose worker died is done again elsewhere. One that outlived four workers is given up: the result is then
+    Dask's KilledWorker (distributed.scheduler.allowed-failures).
+    Raises ClusterError when the scheduler ends.
+    """
+    try:
+        yield from _performed(client, work, jobs)
+    except (OSError, CancelledError) as error:
+        raise ClusterError(
+            "The Dask scheduler has ended. What is done is kept; the same command goes on from here."
+        ) from error
+
+
+def _performed(
+    client: Client, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]
+) -> Iterator[tuple[str, Any]]:
+    waiting = iter(jobs.items())
+    running = as_completed(with_results=True, raise_errors=False)
+    names: dict[Any, str] = {}
+    while True:
+        if client.scheduler is None:
+            raise CancelledError
+        ahead = AHEAD * max(sum(client.nthreads().values()), 1)  # workers come and go
+        while len(names) < ahead and (job := next(waiting, None)) is not None:
+            key, arguments = job
+            future = client.submit(work, *arguments, key=f"run-{key}", pure=False)
+            names[future.key] = key
+            running.add(future)
+        if not names:
+            return
+        future, result = next(running)
+        if isinstance(result, CancelledError):
+            raise result
+        yield names.pop(future.key), _without_trace(result)
+        future.release()
+
+
+def _without_trace(result: Any) -> Any:
+    """Return a result as it is; of a failure, as Dask gives it (kind, error, trace), the error."""
+    failed = isinstance(result, tuple) and len(result) == 3 and isinstance(result[1], BaseException)
+    return result[1] if failed else result

@@ -1,0 +1,71 @@
+"""What is done already: one line for each run, so that a sweep that was killed goes on where it stopped."""
+
+import fcntl
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeAlias
+
+Result: TypeAlias = dict[str, Any]  # numbers and texts by name
+
+
+class JournalError(Exception):
+    """The journal cannot be used; the text says why and what to do."""
+
+
+class Journal:
+    """The results of runs in a file, by the runs' keys; a context manager that keeps the file to itself.
+
+    A line is whole or is not there: what a crash left of a last line is taken away on entry.
+    Raises JournalError on entry when another process uses the file, or a line is not one of a journal.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.results: dict[str, Result] = {}
+
+    def __enter__(self) -> "Journal":
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._stream = self.path.open("a+b")
+        try:
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._read()
+        except BlockingIOError as error:
+            self._stream.close()
+            raise JournalError(
+                f"{self.path} is in use by another cmr-sweep. Wait for it, or choose another --out."
+            ) from error
+        except BaseException:
+            self._stream.close()
+            raise
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self._stream.close()
+
+    def add(self, key: str, result: Mapping[str, Any]) -> None:
+        """Keep the result of a run; one that is there already stays as it is."""
+        if key in self.results:
+            return
+        self.results[key] = dict(result)
+        self._stream.write(json.dumps({"key": key, "result": self.results[key]}).encode() + b"\n")
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+
+    def _read(self) -> None:
+        self._stream.seek(0)
+        text = self._stream.read()
+        whole = text.rfind(b"\n") + 1
+        self._stream.truncate(whole)
+        for number, line in enumerate(text[:whole].splitlines(), start=1):
+            try:
+                entry = json.loads(line)
+                self.results.setdefault(str(entry["key"]), dict(entry["result"]))
+            except (ValueError, KeyError, TypeError) as error:
+                raise JournalError(
+                    f"{self.path}, line {number}: is no result of a run. Choose another --out, or delete the file."
+                ) from error
