@@ -9,15 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import lcm
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.recordings.log import intact_events
+from cmr.recordings.events import EventReader
 from cmr.tools.layout import decode, message_bytes
 from cmr.tools.mapping import CSV_TABLE, Channel, Mapping, Rows
 
-LOG_EVENT_HEADER_BYTES = 28  # sync word, event number, time stamp, lengths of channel name and of data
 MICROSECONDS = 1e6
 LATEST_UTIME = 7_258_118_400_000_000  # us; the year 2200: a later time is a damaged one
 LONGEST_SECONDS = 1e9  # 31 years: a recording is shorter
@@ -69,25 +67,19 @@ def _read_log(mapping: Mapping, path: Path) -> Source:
     source = Source({})
     events: dict[str, list[tuple[int, bytes]]] = defaultdict(list)
     channels_present: set[str] = set()
-    intact_bytes = 0
-    log = lcm.EventLog(str(path), "r")
-    try:
-        for event in intact_events(log):
-            intact_bytes += LOG_EVENT_HEADER_BYTES + len(event.channel.encode()) + len(event.data)
-            channels_present.add(event.channel)
-            channel = mapping.channels.get(event.channel)
-            if channel is None:
-                continue
-            if len(event.data) == message_bytes(channel.layout):
-                events[event.channel].append((event.timestamp, event.data))
-            else:
-                source.skipped[event.channel, "message of another length than the layout's"] += 1
-    finally:
-        log.close()
-    damaged = path.stat().st_size - intact_bytes
-    if damaged:
+    log = EventReader(path)
+    for event in log:
+        channels_present.add(event.channel)
+        channel = mapping.channels.get(event.channel)
+        if channel is None:
+            continue
+        if len(event.data) == message_bytes(channel.layout):
+            events[event.channel].append((event.utime, event.data))
+        else:
+            source.skipped[event.channel, "message of another length than the layout's"] += 1
+    if log.damaged_bytes:
         source.notes.append(
-            f"{path} is truncated or damaged: {damaged} bytes of it are no intact events; the rest is used."
+            f"{path} is truncated or damaged: {log.damaged_bytes} bytes of it are no intact events; the rest is used."
         )
     for name in mapping.channels:
         if name not in events:

@@ -18,23 +18,47 @@ def write_log(path: Path, events: Sequence[Event], robot_id: int) -> None:
     The log appears under its name when it is complete, in place of one that was there. Raises OSError when the
     folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.
     """
-    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    os.close(descriptor)
-    temporary = Path(name)
-    try:
-        with _signals_raise():
-            log = lcm.EventLog(str(temporary), "w", overwrite=True)
-            try:
-                for event in events:
-                    channel = event.stream.channel(robot_id)
-                    log.write_event(event.message.utime, channel, event.message.encode())
-            finally:
-                log.close()
+    with complete_or_none(path) as temporary:
+        log = lcm.EventLog(str(temporary), "w", overwrite=True)
+        try:
+            for event in events:
+                channel = event.stream.channel(robot_id)
+                log.write_event(event.message.utime, channel, event.message.encode())
+        finally:
+            log.close()
+
+
+@contextmanager
+def complete_or_none(path: Path) -> Iterator[Path]:
+    """Give the path of a temporary file that replaces `path` in the end; an exception or a signal removes it.
+
+    Raises OSError when the folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.
+    """
+    with _signals_raise():
+        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        os.close(descriptor)
+        temporary = Path(name)
+        try:
+            yield temporary
             temporary.chmod(0o644)  # mkstemp makes it private
             temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+@contextmanager
+def complete_files_or_none(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder whose files are moved into `folder` in the end; an exception or a signal removes it.
+
+    Raises OSError when the folder cannot be made or written, KeyboardInterrupt on SIGINT or SIGTERM.
+    """
+    with _signals_raise():
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".partial.", dir=folder) as name:
+            yield Path(name)
+            for path in sorted(Path(name).iterdir()):
+                path.replace(folder / path.name)
 
 
 @contextmanager

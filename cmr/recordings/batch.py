@@ -10,13 +10,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import lcm
 import numpy as np
 
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import PARAMETERS, SELF_TESTS, identify
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
-from cmr.recordings.log import EVENT_HEADER_BYTES, intact_events
+from cmr.recordings.events import EventReader
 
 FINGERPRINT = "fingerprint"  # name of the first 8 bytes of every message
 # NumPy's names of LCM's types of fixed size; LCM sends the most significant byte first.
@@ -156,18 +155,8 @@ def read_robots(path: Path | str) -> dict[int, RobotMessages]:
     channels that are none of CMR's; what processes send to test the bus is passed over. Raises OSError when the file
     cannot be opened.
     """
-    path = Path(path)
-    with path.open("rb"):
-        pass  # LCM's own error does not say why a file cannot be opened
     gatherer = LogGatherer()
-    intact_bytes = 0
-    log = lcm.EventLog(str(path), "r")
-    try:
-        for number, event in enumerate(intact_events(log)):
-            channel, data = event.channel, event.data
-            gatherer.take(number, channel, data)
-            intact_bytes += EVENT_HEADER_BYTES + (len(channel) if channel.isascii() else len(channel.encode()))
-            intact_bytes += len(data)
-    finally:
-        log.close()
-    return gatherer.robots(path.stat().st_size - intact_bytes)
+    log = EventReader(path)
+    for number, event in enumerate(log):
+        gatherer.take(number, event.channel, event.data)
+    return gatherer.robots(log.damaged_bytes)

@@ -1,0 +1,183 @@
+"""Read the events of an LCM event log one after another, in little memory; damage costs only what is damaged.
+
+LCM's own reader gives up the event before every damage and, where a length is damaged, all that this length spans.
+"""
+
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+SYNC = b"\xed\xa1\xda\x01"  # every event begins with it
+HEADER = struct.Struct(">4sqqII")  # sync word, event number, time stamp, lengths of channel name and of data
+LONGEST_CHANNEL = 999  # bytes, as in LCM's reader
+LARGEST_DATA = 1 << 26  # bytes; a length beyond that is a damaged one
+CHUNK = 1 << 20  # bytes of a log in memory at a time
+MOST_CHANNELS_KEPT = 10_000  # names that are not decoded anew
+
+
+class Event(NamedTuple):
+    """One event of a log: its number there, when it was logged [us since the Unix epoch], channel, encoded message."""
+
+    number: int
+    utime: int
+    channel: str
+    data: bytes
+
+
+def event_bytes(event: Event) -> bytes:
+    """Return an event as it lies in a log."""
+    name = event.channel.encode()
+    return HEADER.pack(SYNC, event.number, event.utime, len(name), len(event.data)) + name + event.data
+
+
+class _Frame(NamedTuple):
+    """What an event's header says, and where in the file [bytes] the event begins, its data begin, and it ends."""
+
+    start: int
+    number: int
+    utime: int
+    channel: str
+    data: int
+    end: int
+
+
+class EventReader:
+    """The intact events of the log at `path`, in the order in which they were logged.
+
+    An event is intact if it is complete and followed by another or the end of the file; before damage, if no such
+    event begins within it and the damage does not seem to. What the file has grown by since it was opened is not read.
+
+    `position` tells how much of the file's `size` the latest iteration has passed [bytes]; `damaged_bytes` how much of
+    that is no intact event, in `damaged_places` different places. Raises OSError when the file cannot be opened.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        with self.path.open("rb") as stream:
+            self.size = os.fstat(stream.fileno()).st_size
+        self._begin(0)
+
+    def _begin(self, position: int) -> None:
+        self.position = position
+        self.damaged_bytes = 0
+        self.damaged_places = 0
+        self._damaged_until = -1  # end of the latest damage
+        self._next_sure: _Frame | None = None  # the first event at or after position that is surely one
+        self._sure_is_known = False
+        self._channels: dict[bytes, str | None] = {}
+
+    def __iter__(self) -> Iterator[Event]:
+        return self.read()
+
+    def read(self, begin: int = 0) -> Iterator[Event]:
+        """Yield the intact events that begin at this place in the file [bytes] or later."""
+        self._begin(begin)
+        with self.path.open("rb", buffering=0) as stream:
+            file = stream.fileno()
+            while self.position < self.size:
+                before = self.position
+                yield from self._events_of_chunk(os.pread(file, min(CHUNK, self.size - before), before))
+                if self.position == before:  # a large event, the last one, or damage
+                    event = self._next_event(file)
+                    if event is not None:
+                        yield event
+
+    def _events_of_chunk(self, chunk: bytes) -> Iterator[Event]:
+        """Yield the events at the beginning of a chunk, as long as each is followed by another."""
+        channels, unpack, header_bytes = self._channels, HEADER.unpack_from, HEADER.size
+        start, base, last = 0, self.position, len(chunk) - HEADER.size
+        while start <= last:
+            sync, number, utime, channel_bytes, data_bytes = unpack(chunk, start)
+            name_start = start + header_bytes
+            data_start = name_start + channel_bytes
+            end = data_start + data_bytes
+            if sync != SYNC or chunk[end : end + 4] != SYNC or not channel_bytes or data_bytes > LARGEST_DATA:
+                return
+            name = chunk[name_start:data_start]
+            channel = channels[name] if name in channels else self._channel(name)
+            if channel is None:
+                return
+            self.position = base + end
+            yield Event(number, utime, channel, chunk[data_start:end])
+            start = end
+
+    def _channel(self, name: bytes) -> str | None:
+        """Return the channel of this name, None if it is no name."""
+        if len(self._channels) >= MOST_CHANNELS_KEPT:
+            self._channels.clear()
+        try:
+            channel = name.decode()
+        except UnicodeDecodeError:
+            channel = ""
+        is_name = len(name) <= LONGEST_CHANNEL and channel.isprintable() and channel
+        return self._channels.setdefault(name, channel if is_name else None)
+
+    def _next_event(self, file: int) -> Event | None:
+        """Return the next event, None if only damage was passed."""
+        sure = self._sure(file)
+        limit = self.size if sure is None else sure.start
+        frame = next(self._frames(file, self.position, limit), sure)
+        self._note_damage(frame.start if frame is not None else self.size)
+        if frame is None:
+            return None
+        data = os.pread(file, frame.end - frame.data, frame.data)
+        if frame is not sure and self._may_be_overwritten(file, frame, data, sure):
+            self._note_damage(frame.end)
+            return None
+        self.position = frame.end
+        return Event(frame.number, frame.utime, frame.channel, data)
+
+    def _sure(self, file: int) -> _Frame | None:
+        """Return the first event from here on that another one or the end of the file follows."""
+        if self._sure_is_known and (self._next_sure is None or self._next_sure.start >= self.position):
+            return self._next_sure
+        frames = self._frames(file, self.position, self.size)
+        self._next_sure = next((frame for frame in frames if self._is_followed(file, frame.end)), None)
+        self._sure_is_known = True
+        return self._next_sure
+
+    def _frames(self, file: int, first: int, limit: int) -> Iterator[_Frame]:
+        """Yield what looks like an event that begins at `first` or later and ends at `limit` or before."""
+        while first < limit:
+            chunk = os.pread(file, min(CHUNK, limit - first), first)
+            found = chunk.find(SYNC)
+            while found >= 0:
+                frame = self._frame(file, first + found)
+                if frame is not None and frame.end <= limit:
+                    yield frame
+                found = chunk.find(SYNC, found + 1)
+            if first + len(chunk) >= limit or len(chunk) < len(SYNC):
+                return
+            first += len(chunk) - len(SYNC) + 1  # a sync word may lie on the border of two chunks
+
+    def _frame(self, file: int, start: int) -> _Frame | None:
+        """Return what the header at `start` says, None if no header can say so."""
+        head = os.pread(file, HEADER.size + LONGEST_CHANNEL, start)
+        if len(head) < HEADER.size:
+            return None
+        _sync, number, utime, channel_bytes, data_bytes = HEADER.unpack_from(head)
+        data = start + HEADER.size + channel_bytes
+        end = data + data_bytes
+        if not 0 < channel_bytes <= LONGEST_CHANNEL or data_bytes > LARGEST_DATA or end > self.size:
+            return None
+        channel = self._channel(head[HEADER.size : HEADER.size + channel_bytes])
+        return None if channel is None else _Frame(start, number, utime, channel, data, end)
+
+    def _is_followed(self, file: int, end: int) -> bool:
+        """Tell whether at `end` another event begins, or the file ends, be it within a sync word."""
+        rest = os.pread(file, min(len(SYNC), self.size - end), end)
+        return SYNC.startswith(rest)
+
+    def _may_be_overwritten(self, file: int, frame: _Frame, data: bytes, sure: _Frame | None) -> bool:
+        """Tell whether the damage behind an event may begin within it: zeros there and here, and events are missing."""
+        is_complete = sure is not None and sure.number == frame.number + 1  # something was only put in between
+        return not is_complete and data.endswith(b"\0") and os.pread(file, 1, frame.end) == b"\0"
+
+    def _note_damage(self, end: int) -> None:
+        """Pass over the damage from here to `end`."""
+        if end > self.position:
+            self.damaged_places += self.position != self._damaged_until
+            self.damaged_bytes += end - self.position
+            self.position = self._damaged_until = end

@@ -1,0 +1,53 @@
+"""Cut a piece out of an event log, and merge several logs into one, event by event."""
+
+import heapq
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+from cmr.recordings.events import Event, event_bytes
+from cmr.tools.writing import complete_or_none
+
+MICROSECONDS = 1e6
+
+
+def cut(events: Iterable[Event], first: float, last: float, is_chosen: Callable[[str], bool]) -> Iterator[Event]:
+    """Yield the events from `first` until before `last` [s since the log's first event] on the channels chosen.
+
+    Their order stays. So that pieces that follow each other share no event and lose none, both times are rounded to
+    microseconds.
+    """
+    begin: int | None = None
+    from_utime, to_utime = 0.0, 0.0
+    for event in events:
+        if begin is None:
+            begin = event.utime
+            from_utime = -math.inf if first <= 0.0 else begin + round(first * MICROSECONDS)
+            to_utime = math.inf if math.isinf(last) else begin + round(last * MICROSECONDS)
+        if from_utime <= event.utime < to_utime and is_chosen(event.channel):
+            yield event
+
+
+def merge(logs: Sequence[Iterable[Event]]) -> Iterator[Event]:
+    """Yield the events of all logs by the time at which they were logged; those of one log stay in their order.
+
+    Of events of the same time, those of the log named first come first.
+    """
+    return heapq.merge(*logs, key=lambda event: event.utime)
+
+
+def write_events(path: Path, events: Iterable[Event]) -> int:
+    """Write the events, numbered anew, as a log that appears when it is complete; return how many there were.
+
+    Without events nothing is written. Raises OSError when the file cannot be written, KeyboardInterrupt on a signal.
+    """
+    iterator = iter(events)
+    first = next(iterator, None)
+    if first is None:
+        return 0
+    with complete_or_none(path) as temporary, temporary.open("wb", buffering=1 << 20) as stream:
+        stream.write(event_bytes(first._replace(number=0)))
+        number = 0
+        for number, event in enumerate(iterator, start=1):
+            stream.write(event_bytes(Event(number, event.utime, event.channel, event.data)))
+    return number + 1

@@ -1,0 +1,87 @@
+"""What the fields of a message type are: names, wire types, units and comments, as written in lcmtypes/*.lcm.
+
+The build carries those comments into the generated classes; the units are nowhere else.
+"""
+
+import ast
+import inspect
+import re
+from dataclasses import dataclass
+from functools import cache
+from textwrap import dedent
+from typing import Any
+
+INDEX = "index"  # column that numbers the elements of a message's arrays
+BRACKETS = re.compile(r"\[([^\[]*)\]?\s*$")  # at the end of a comment; a range in it may hold a bracket: (-pi, pi]
+NAMED = re.compile(r'\("(\w+)"\)')  # of: fraction of full drive ("duty")
+# Units as they stand first in the brackets of a comment; what else stands there is a range, a frame, or words.
+UNITS = ("rad/s^2", "rad/s", "s/rad", "rad", "deg C", "duty", "ticks", "us", "Hz", "m", "A", "V")
+SAME_UNIT = "same units"  # of X_std as of X
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a message type.
+
+    `counted_by` names the field that holds the length of an array, None for a single value; `unit` is empty without
+    one; `comment` is the whole comment.
+    """
+
+    name: str
+    wire_type: str
+    counted_by: str | None
+    unit: str
+    comment: str
+
+    @property
+    def column(self) -> str:
+        """The name with the unit, as in `yaw_rate [rad/s]`."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@cache
+def fields_of(message_type: Any) -> tuple[Field, ...]:
+    """Return the fields of a generated message class, in their order on the wire.
+
+    Raises TypeError for arrays of fixed length or of several dimensions, which none of our types has.
+    """
+    comments = _comments(message_type)
+    fields: dict[str, Field] = {}
+    described = zip(message_type.__slots__, message_type.__typenames__, message_type.__dimensions__, strict=True)
+    for name, wire_type, dimensions in described:
+        if dimensions is not None and (len(dimensions) > 1 or not isinstance(dimensions[0], str)):
+            raise TypeError(f"{message_type.__name__}.{name}: no array that another field counts")
+        is_number = wire_type != "string"
+        unit = _unit(comments[name], name, fields) if is_number else ""
+        fields[name] = Field(name, wire_type, dimensions[0] if dimensions else None, unit, comments[name])
+    return tuple(fields.values())
+
+
+def _comments(message_type: Any) -> dict[str, str]:
+    """Return the comment of each field; fields declared together share the one above them."""
+    [function] = ast.parse(dedent(inspect.getsource(message_type.__init__))).body
+    assert isinstance(function, ast.FunctionDef)
+    comments, comment = {}, ""
+    for assignment, docstring in zip(function.body[::2], function.body[1::2], strict=True):
+        assert isinstance(assignment, ast.Assign)
+        assert isinstance(assignment.targets[0], ast.Attribute)
+        assert isinstance(docstring, ast.Expr)
+        text = " ".join(ast.literal_eval(docstring.value).split())
+        own = text.rpartition("LCM Type:")[0].strip()
+        comment = own or comment
+        comments[assignment.targets[0].attr] = comment
+    return comments
+
+
+def _unit(comment: str, name: str, earlier: dict[str, Field]) -> str:
+    """Return the unit that a comment gives in brackets at its end; empty without one."""
+    match = BRACKETS.search(comment)
+    if match is None:
+        return ""
+    said = match[1]
+    if said.startswith(SAME_UNIT):
+        return earlier[name.removesuffix("_std")].unit
+    named = NAMED.search(said)
+    if named is not None:
+        return named[1]
+    return next((unit for unit in UNITS if re.match(rf"{re.escape(unit)}(?![\w/^])", said)), "")

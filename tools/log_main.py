@@ -1,0 +1,227 @@
+"""cmr-log: what is in event logs, pieces of them, and their messages in other formats.
+
+Usage: cmr-log info LOG..., or cut, merge, csv, parquet, mcap; see cmr-log COMMAND --help
+"""
+
+import argparse
+import math
+import resource
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from cmr.commands.command_line import CommandError, parse_seconds, parser
+from cmr.recordings.events import EventReader
+from cmr.tools.events import Progress, channel_chooser, damage_sentence, open_log, reading
+
+Work = Callable[[argparse.Namespace], list[str]]
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-log.
+
+    Raises CommandError when a log cannot be read or the result cannot be written.
+    """
+    options = _parse(arguments)
+    try:
+        lines = options.work(options)
+    except OSError as error:
+        raise CommandError(f"{error.filename or options.out}: {error.strerror or error}") from error
+    print("\n".join(lines))
+    return 0
+
+
+def _info(options: argparse.Namespace) -> list[str]:
+    from cmr.tools.log_info import LogHealth
+    from cmr.tools.log_report import report
+
+    reports = []
+    for path in options.logs:
+        log, health = open_log(path), LogHealth()
+        with Progress(log.size) as progress:
+            health.take_all(reading(log, progress))
+        reports.append("\n".join(report(log, health)))
+    return ["\n\n".join(reports)]
+
+
+def _cut(options: argparse.Namespace) -> list[str]:
+    from cmr.tools.log_cut import cut, write_events
+
+    if not options.first < options.last:
+        raise CommandError(f"--to {options.last:g} is no later than --from {options.first:g}")
+    log = open_log(options.log)
+    _check_out([log], options.out)
+    with Progress(log.size) as progress:
+        events = cut(reading(log, progress), options.first, options.last, channel_chooser(options.channel))
+        count = write_events(options.out, events)
+    if count == 0:
+        raise CommandError(f"{log.path}: no event lies there. What is in the log: cmr-log info {log.path}")
+    return [f"{options.out}: {count} events", *_damage([log])]
+
+
+def _merge(options: argparse.Namespace) -> list[str]:
+    from cmr.tools.log_cut import merge, write_events
+
+    logs = [open_log(path) for path in options.logs]
+    _check_out(logs, options.out)
+    with Progress(sum(log.size for log in logs)) as progress:
+        count = write_events(options.out, merge([reading(log, progress) for log in logs]))
+    if count == 0:
+        raise CommandError("none of these files holds an event. Are they event logs, as lcm-logger writes them?")
+    return [f"{options.out}: {count} events", *_damage(logs)]
+
+
+def _csv(options: argparse.Namespace) -> list[str]:
+    from cmr.tools.log_tables import CsvFile
+
+    return _tables(options, "csv", CsvFile)
+
+
+def _parquet(options: argparse.Namespace) -> list[str]:
+    from cmr.tools.log_tables import ParquetFile
+
+    _allow_many_open_files()
+    try:
+        return _tables(options, "parquet", ParquetFile)
+    except ModuleNotFoundError as error:
+        raise _missing(error, "Parquet files", "sweep") from error
+
+
+def _tables(options: argparse.Namespace, suffix: str, sink: Callable[[Path], Any]) -> list[str]:
+    """Write a file for each channel into the folder of --out; return how many rows each has."""
+    from cmr.tools.log_tables import TableWriter
+    from cmr.tools.writing import complete_files_or_none
+
+    log, folder = open_log(options.log), options.out
+    is_chosen = channel_chooser(options.channel)
+    with ExitStack() as stack:
+        partial = stack.enter_context(complete_files_or_none(folder))
+        progress = stack.enter_context(Progress(log.size))
+        writer = stack.enter_context(TableWriter(lambda channel: sink(partial / f"{channel}.{suffix}")))
+        writer.take_all(event for event in reading(log, progress) if is_chosen(event.channel))
+    if not writer.rows:
+        raise CommandError(f"{log.path}: {_nothing(writer.left_out.sentences())}")
+    lines = [f"{folder / name}.{suffix}: {rows} rows" for name, rows in sorted(writer.rows.items())]
+    return [*lines, *writer.left_out.sentences(), *_damage([log])]
+
+
+def _mcap(options: argparse.Namespace) -> list[str]:
+    from cmr.tools.log_mcap import McapWriter
+    from cmr.tools.writing import complete_or_none
+
+    log = open_log(options.log)
+    _check_out([log], options.out)
+    is_chosen = channel_chooser(options.channel)
+    try:
+        with complete_or_none(options.out) as temporary, temporary.open("wb") as stream:
+            writer = McapWriter(stream)
+            with Progress(log.size) as progress:
+                writer.take_all(event for event in reading(log, progress) if is_chosen(event.channel))
+            writer.finish()
+            if writer.count == 0:
+                raise CommandError(f"{log.path}: {_nothing(writer.left_out.sentences())}")
+    except ModuleNotFoundError as error:
+        raise _missing(error, "MCAP files", "log") from error
+    return [f"{options.out}: {writer.count} messages", *writer.left_out.sentences(), *_damage([log])]
+
+
+def _nothing(left_out: Sequence[str]) -> str:
+    """Say that there was nothing to write, and why."""
+    return " ".join(["no message of CMR could be decoded on the channels chosen; nothing is written.", *left_out])
+
+
+def _damage(logs: Sequence[EventReader]) -> list[str]:
+    return [sentence for log in logs if (sentence := damage_sentence(log))]
+
+
+def _missing(error: ModuleNotFoundError, what: str, extra: str) -> CommandError:
+    return CommandError(f"{error.name} is not installed, which {what} need. To install it: pip install 'cmr[{extra}]'")
+
+
+def _check_out(logs: Sequence[EventReader], out: Path) -> None:
+    """Raise CommandError where the result has no folder, or would take the place of a log that is being read."""
+    if not out.parent.is_dir():
+        raise CommandError(f"{out.parent} is no folder. Make it, or name another file with --out")
+    if out.is_dir():
+        raise CommandError(f"{out} is a folder; name a file with --out")
+    if out.exists() and any(out.samefile(log.path) for log in logs):
+        raise CommandError(f"{out} is the log itself; name another file with --out")
+
+
+def _allow_many_open_files() -> None:
+    """Let as many files be open as the system permits: one for each channel."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-log",
+        "Look at event logs: what is in them and how healthy they are, pieces of them, and their messages in other "
+        "formats. Of a damaged log the intact events are read, and the rest is counted.",
+        "cmr-log info run.lcm",
+        bus="accepted as by every command; logs need no bus",
+    )
+    commands = options.add_subparsers(metavar="COMMAND", required=True)
+
+    def add(name: str, work: Work, purpose: str, example: str) -> argparse.ArgumentParser:
+        command = commands.add_parser(
+            name,
+            help=purpose[0].lower() + purpose[1:],
+            description=f"{purpose}.",
+            epilog=f"example:\n  cmr-log {name} {example}",
+            formatter_class=options.formatter_class,
+        )
+        command.set_defaults(work=work, out=None)
+        return command
+
+    info = add("info", _info, "Tell what is in logs and how healthy it is", "run.lcm")
+    info.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="an event log")
+    _add_pieces(add)
+    _add_formats(add)
+    return options.parse_args(arguments)
+
+
+def _add_pieces(add: Callable[[str, Work, str, str], argparse.ArgumentParser]) -> None:
+    """Add the commands that write event logs."""
+    cut = add("cut", _cut, "Write a piece of a log", "run.lcm --from 10 --to 20 --channel 'GYRO_*' --out piece.lcm")
+    cut.add_argument("log", type=Path, metavar="LOG", help="an event log")
+    cut.add_argument(
+        "--from", dest="first", type=parse_seconds, default=0.0, metavar="S", help="seconds after the log's first event"
+    )
+    cut.add_argument(
+        "--to",
+        dest="last",
+        type=parse_seconds,
+        default=math.inf,
+        metavar="S",
+        help="until before so many seconds after it",
+    )
+    _add_channel_and_out(cut, "X.lcm", "the piece")
+    merge = add("merge", _merge, "Write several logs as one, by time", "a.lcm b.lcm --out both.lcm")
+    merge.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="an event log")
+    merge.add_argument("--out", type=Path, required=True, metavar="X.lcm", help="the log of all events")
+
+
+def _add_formats(add: Callable[[str, Work, str, str], argparse.ArgumentParser]) -> None:
+    """Add the commands that write other formats."""
+    for name, work, purpose, out in (
+        ("csv", _csv, "Write a CSV file for each channel, with units in the names of its columns", "DIR"),
+        ("parquet", _parquet, "Write a Parquet file for each channel, as csv does", "DIR"),
+        ("mcap", _mcap, "Write messages as MCAP with JSON, for Foxglove", "X.mcap"),
+    ):
+        convert = add(name, work, purpose, f"run.lcm --out {'run.mcap' if name == 'mcap' else 'tables'}")
+        convert.add_argument("log", type=Path, metavar="LOG", help="an event log")
+        _add_channel_and_out(convert, out, "a folder for the files" if out == "DIR" else "the file")
+
+
+def _add_channel_and_out(command: argparse.ArgumentParser, out: str, what: str) -> None:
+    command.add_argument(
+        "--channel",
+        action="append",
+        default=[],
+        metavar="GLOB",
+        help="only channels that fit, as in 'GYRO_*'. May be given several times",
+    )
+    command.add_argument("--out", type=Path, required=True, metavar=out, help=what)

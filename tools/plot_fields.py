@@ -1,0 +1,139 @@
+"""Fields of messages over time: what a person asks for, and their values from a log."""
+
+import re
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.bus.messages import RejectedMessage, decode
+from cmr.bus.streams import identify
+from cmr.commands.command_line import CommandError
+from cmr.recordings.events import Event
+from cmr.tools.log_fields import Field, fields_of
+
+MICROSECONDS = 1e6
+WRITTEN = re.compile(r"([^.:]+)\.(\w+)(?:\[(\d+)\])?")
+MOST_NEAR_NAMES = 5
+
+
+class FieldName(NamedTuple):
+    """A field of the messages of a channel; of an array, the element with this number."""
+
+    channel: str
+    field: str
+    element: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.channel}.{self.field}" + ("" if self.element is None else f"[{self.element}]")
+
+
+class Values(NamedTuple):
+    """Values of a field [unit] and the times they hold for [s since the log began], both of shape (n,)."""
+
+    seconds: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+
+def parse_field(text: str) -> FieldName:
+    """Return the field that is written like POSE_0.x or WORLD_STATE.x[3].
+
+    Raises CommandError where it is not written so, or is none that can be drawn; with the near names that can.
+    """
+    match = WRITTEN.fullmatch(text)
+    if match is None:
+        raise CommandError(
+            f"{text!r} is neither a file nor a field. A field is CHANNEL.FIELD, such as POSE_0.x or WORLD_STATE.x[3]."
+        )
+    name = FieldName(match[1], match[2], int(match[3]) if match[3] else None)
+    known = _fields(name.channel)
+    if known is None:  # no channel of ours; what is near, the log tells
+        return name
+    field = known.get(name.field)
+    if field is None or field.wire_type == "string":
+        near = near_names(str(name), [name.channel])
+        why = "has no such field" if field is None else "has text there"
+        raise CommandError(f"{name.channel} {why}: {name.field}. It has {', '.join(near)}.")
+    if (field.counted_by is None) != (name.element is None):
+        raise CommandError(
+            f"{name.channel}.{name.field} is one number; leave out the brackets."
+            if field.counted_by is None
+            else f"{name.channel}.{name.field} has many elements; name one, such as {name.channel}.{name.field}[0]."
+        )
+    return name
+
+
+def unit_of(name: FieldName) -> str:
+    """Return the unit of a field; empty where it has none."""
+    return (_fields(name.channel) or {})[name.field].unit
+
+
+def near_names(asked: str, channels: Iterable[str]) -> list[str]:
+    """Return the fields of these channels that are written most alike; all of them where there are few."""
+    names = [
+        f"{channel}.{field.name}" + ("" if field.counted_by is None else "[0]")
+        for channel in sorted(channels)
+        for field in (_fields(channel) or {}).values()
+        if field.wire_type != "string"
+    ]
+    near = get_close_matches(asked, names, MOST_NEAR_NAMES, cutoff=0.6)
+    few = names if len(set(channels)) == 1 else []
+    return near + [name for name in few if name not in near]
+
+
+class Gathered:
+    """The values of some fields in the events of one log; it has `channels`, and `rejected` messages were damaged."""
+
+    def __init__(self, names: Iterable[FieldName], events: Iterable[Event]) -> None:
+        self.channels: set[str] = set()
+        self.rejected = 0
+        self._rows: dict[FieldName, list[tuple[int, float]]] = {name: [] for name in names}
+        self._begin: int | None = None
+        wanted: dict[str, list[FieldName]] = {}
+        for name in self._rows:
+            wanted.setdefault(name.channel, []).append(name)
+        for event in events:
+            if self._begin is None:
+                self._begin = event.utime
+            self.channels.add(event.channel)
+            if event.channel in wanted:
+                self._take(event, wanted[event.channel])
+
+    def values(self, name: FieldName) -> Values:
+        """Return what was gathered of a field, in the order of its times."""
+        rows = np.array(self._rows[name], dtype=[("utime", np.int64), ("value", np.float64)])
+        rows = rows[np.argsort(rows["utime"], kind="stable")]
+        return Values((rows["utime"] - (self._begin or 0)) / MICROSECONDS, rows["value"])
+
+    def _take(self, event: Event, names: Sequence[FieldName]) -> None:
+        try:
+            message = decode(event.channel, event.data).message
+        except RejectedMessage:
+            self.rejected += 1
+            return
+        for name in names:
+            self._rows[name].append((message.utime, _number(message, name)))
+
+
+def against(horizontal: Values, vertical: Values) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return one field's values and the other's at the same times, interpolated where they come at other times."""
+    if np.array_equal(horizontal.seconds, vertical.seconds):
+        return horizontal.values, vertical.values
+    if not (len(horizontal.seconds) and len(vertical.seconds)):
+        return np.empty(0), np.empty(0)
+    other = np.interp(horizontal.seconds, vertical.seconds, vertical.values, left=np.nan, right=np.nan)
+    return horizontal.values, other
+
+
+def _fields(channel: str) -> dict[str, Field] | None:
+    identity = identify(channel)
+    return None if identity is None else {field.name: field for field in fields_of(identity[0].message_type)}
+
+
+def _number(message: Any, name: FieldName) -> float:
+    value = getattr(message, name.field)
+    if name.element is None:
+        return float(value)
+    return float(value[name.element]) if name.element < len(value) else np.nan

@@ -1,0 +1,99 @@
+"""Draw fields over time, or one against the other; several logs over each other."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = (REAL_COLOUR, TWIN_COLOUR, "#c0392b", "#2e8b57", "#7b4fb5", "#555555")
+STYLES = ("-", "--", ":", "-.")
+WIDTH, PANEL_HEIGHT, PATH_HEIGHT = 9.0, 2.8, 6.5  # inches
+FEW = 60  # values, each of which is marked
+LONGEST_Y_LABEL = 34  # characters that fit beside a panel in one line
+GAP = 10.0  # times the usual time between values: a line across it would tell of values that were not there
+SHORTEST_GAP = 0.5  # s
+
+
+class Curve(NamedTuple):
+    """A line: what it is, its points, and the numbers of its log and of its field, which tell them apart."""
+
+    label: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    log: int
+    field: int
+
+
+class Panel(NamedTuple):
+    """Curves that share their axes. Where these are lengths, both have the same scale."""
+
+    x_label: str
+    y_label: str
+    curves: list[Curve]
+    over_time: bool
+    same_scale: bool = False
+
+
+def figure_of(panels: Sequence[Panel], title: str, logs: int) -> "Figure":
+    """Return a figure with one panel below the other; panels over time share their time axis."""
+    from matplotlib.figure import Figure  # slow to import
+
+    heights = [PANEL_HEIGHT if panel.over_time else PATH_HEIGHT for panel in panels]
+    figure = Figure(figsize=(WIDTH, sum(heights) + 0.8), dpi=110, layout="constrained")
+    draw(figure, panels, title, logs)
+    return figure
+
+
+def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int) -> None:
+    """Draw the panels into a figure. With several logs colours tell the logs apart, else the fields."""
+    heights = [PANEL_HEIGHT if panel.over_time else PATH_HEIGHT for panel in panels]
+    grid = figure.add_gridspec(len(panels), 1, height_ratios=heights)
+    first: Axes | None = None
+    for place, panel in enumerate(panels):
+        axes = figure.add_subplot(grid[place], sharex=first if panel.over_time else None)
+        if panel.over_time:
+            first = first or axes
+        _draw(axes, panel, logs)
+    figure.suptitle(title, fontsize=11)
+
+
+def _draw(axes: "Axes", panel: Panel, logs: int) -> None:
+    for curve in panel.curves:
+        colour, style = (curve.log, curve.field) if logs > 1 else (curve.field, 0)
+        x, y = broken_at_gaps(curve.x, curve.y) if panel.over_time else (curve.x, curve.y)
+        axes.plot(
+            x,
+            y,
+            color=COLOURS[colour % len(COLOURS)],
+            linestyle=STYLES[style % len(STYLES)],
+            linewidth=1.3,
+            marker="." if len(curve.x) <= FEW else "",
+            label=curve.label,
+        )
+    axes.set_xlabel(panel.x_label)
+    fits = len(panel.y_label) <= LONGEST_Y_LABEL
+    axes.set_ylabel(panel.y_label if fits else panel.y_label.replace(".", "\n", 1))
+    axes.grid(color="#dddddd", linewidth=0.6)
+    axes.ticklabel_format(useOffset=False)
+    if panel.same_scale:
+        axes.set_aspect("equal", adjustable="datalim")
+    if len(panel.curves) > 1:
+        axes.legend(loc="best", fontsize=8, framealpha=0.8)
+
+
+def broken_at_gaps(
+    seconds: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a curve with a NaN put into each silence."""
+    if len(seconds) < 3:
+        return seconds, values
+    steps = np.diff(seconds)
+    gaps = np.flatnonzero(steps > max(GAP * float(np.median(steps)), SHORTEST_GAP)) + 1
+    return np.insert(seconds, gaps, np.nan), np.insert(values, gaps, np.nan)

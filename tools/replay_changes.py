@@ -1,0 +1,108 @@
+"""What a replay changes of a message: its channel, the robot it speaks of, and its times."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from struct import Struct
+from typing import Any, NamedTuple
+
+from cmr.bus.streams import SELF_TESTS, STREAMS, identify
+from cmr.recordings.events import Event
+from cmr.tools.events import channel_chooser
+
+FINGERPRINT_BYTES = 8
+BYTES = {"int8_t": 1, "boolean": 1, "byte": 1, "int16_t": 2, "int32_t": 4, "int64_t": 8, "float": 4, "double": 8}
+UTIME = Struct(">q")
+LARGEST_UTIME = 2**63 - 1  # what int64 holds
+TYPES = {stream.message_type._get_packed_fingerprint(): stream.message_type for stream in STREAMS}
+
+
+class ChannelFilter:
+    """Tells whether a channel is replayed: one of the shell patterns `only`, or any; but none of `without`.
+
+    What processes send to test the bus never is. `seen` has each channel that was asked for, and the answer.
+    """
+
+    def __init__(self, only: Sequence[str], without: Sequence[str]) -> None:
+        self.seen: dict[str, bool] = {}
+        self._fits = channel_chooser(only)
+        self._is_left_out = channel_chooser([*without, *SELF_TESTS])
+
+    def __call__(self, channel: str) -> bool:
+        """Tell whether this channel is replayed."""
+        if channel not in self.seen:
+            self.seen[channel] = self._fits(channel) and not self._is_left_out(channel)
+        return self.seen[channel]
+
+
+def offsets(message_type: Any) -> dict[str, int]:
+    """Return where each field begins in the bytes of a message, up to the first one of variable length."""
+    found: dict[str, int] = {}
+    offset = FINGERPRINT_BYTES
+    for name, kind, dimensions in zip(
+        message_type.__slots__, message_type.__typenames__, message_type.__dimensions__, strict=True
+    ):
+        found[name] = offset
+        if dimensions is not None or kind not in BYTES:
+            break
+        offset += BYTES[kind]
+    return found
+
+
+class _Plan(NamedTuple):
+    """What to change on a channel, in messages of one type."""
+
+    channel: str
+    robot_id: bytes | None
+    robot_id_offset: int
+    utime_offsets: tuple[int, ...]
+    needed: int  # bytes; a shorter message is a damaged one
+
+
+class Changes:
+    """Renames channels by `remap`. Where both names are of one stream, the messages get the new robot's id, too."""
+
+    def __init__(self, remap: Mapping[str, str]) -> None:
+        self._remap = dict(remap)
+        self._plan_of = lru_cache(maxsize=None)(self._make_plan)
+
+    def changed(self, event: Event, new_utime: Callable[[int], int] | None = None) -> tuple[str, bytes]:
+        """Return the channel and the message to send; `new_utime` makes a new time [us] of each one in the message.
+
+        Messages that are not of our types keep their bytes, and so do those that are too short.
+        """
+        data = event.data
+        plan = self._plan_of(event.channel, data[:FINGERPRINT_BYTES])
+        if len(data) < plan.needed or not (plan.robot_id or new_utime):
+            return plan.channel, data
+        changed = bytearray(data)
+        if plan.robot_id is not None:
+            changed[plan.robot_id_offset : plan.robot_id_offset + 4] = plan.robot_id
+        if new_utime is not None:
+            for offset in plan.utime_offsets:
+                [utime] = UTIME.unpack_from(data, offset)
+                UTIME.pack_into(changed, offset, min(max(new_utime(utime), -LARGEST_UTIME), LARGEST_UTIME))
+        return plan.channel, bytes(changed)
+
+    def _make_plan(self, channel: str, fingerprint: bytes) -> _Plan:
+        new = self._remap.get(channel, channel)
+        message_type = TYPES.get(fingerprint)
+        places = offsets(message_type) if message_type is not None else {}
+        utimes = tuple(offset for name, offset in places.items() if name.endswith("utime"))
+        robot_id = None
+        before, after = identify(channel), identify(new)
+        if "robot_id" in places and before and after and before[0] is after[0] and before[1] != after[1]:
+            robot_id = (after[1] or 0).to_bytes(4, "big")
+        ends = [offset + 8 for offset in utimes] + ([places["robot_id"] + 4] if robot_id else [])
+        return _Plan(new, robot_id, places.get("robot_id", 0), utimes, max(ends, default=0))
+
+
+def moved_to(due_utime: int, event_utime: int, speed: float) -> Callable[[int], int]:
+    """Return what moves times [us] of a message logged at `event_utime` to when it is due.
+
+    It is then as old when it is sent as it was when it was logged; at a higher speed younger by as much, so that the
+    order of the times within a channel stays.
+    """
+    if speed <= 1.0:
+        shift = due_utime - event_utime
+        return lambda utime: utime + shift
+    return lambda utime: due_utime + round((utime - event_utime) / speed)

@@ -1,0 +1,114 @@
+"""The terminal of a command that plays: keys without Return, and one status line."""
+
+import os
+import select
+import shutil
+import signal
+import sys
+import termios
+import time
+import tty
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, TextIO
+
+from cmr.tools.events import CLEAR
+
+BETWEEN_STATUS_LINES = 0.2  # s
+ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
+READ_BYTES = 1024
+
+
+def parse_keys(data: bytes) -> list[str]:
+    """Return the names of the keys that a terminal sent: left, right, up, down, or the character itself."""
+    keys: list[str] = []
+    while data:
+        if data[:2] in (b"\x1b[", b"\x1bO") and data[2:3] in ARROWS:
+            keys.append(ARROWS[data[2:3]])
+            data = data[3:]
+        else:
+            keys.append(chr(data[0]))
+            data = data[1:]
+    return keys
+
+
+class Keys:
+    """The keys of the terminal at the file `descriptor`; none where it is no terminal, or another program's.
+
+    A context manager, which leaves the terminal as it was.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._file = descriptor
+        self._before: list[Any] | None = None
+
+    @property
+    def available(self) -> bool:
+        """Whether there are keys."""
+        return self._before is not None
+
+    def __enter__(self) -> "Keys":
+        if os.isatty(self._file) and self._is_ours():
+            self._before = termios.tcgetattr(self._file)
+            self._listen()
+            signal.signal(signal.SIGCONT, lambda _number, _frame: self._listen())  # after Ctrl-Z and fg
+        return self
+
+    def __exit__(self, _kind: type | None, _error: BaseException | None, _trace: TracebackType | None) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGCONT, signal.SIG_DFL)
+            with suppress(termios.error):  # the terminal was closed
+                termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
+
+    def wait(self, seconds: float) -> list[str]:
+        """Wait for so long, or until keys are pressed; return them."""
+        if not self.available:
+            time.sleep(seconds)
+            return []
+        if not select.select([self._file], [], [], seconds)[0]:
+            return []
+        try:
+            data = os.read(self._file, READ_BYTES)
+        except OSError:
+            data = b""
+        if not data:  # the terminal was closed
+            self._before = None
+        return parse_keys(data)
+
+    def _is_ours(self) -> bool:
+        """Tell whether no shell has given the terminal to another program, while this one is in the background."""
+        try:
+            return os.tcgetpgrp(self._file) == os.getpgrp()
+        except OSError:  # no shell controls programs by this terminal
+            return True
+
+    def _listen(self) -> None:
+        """Have the terminal send each key at once; what was typed before is kept."""
+        tty.setcbreak(self._file, termios.TCSANOW)
+
+
+class StatusLine:
+    """One line on a terminal that is written anew; nothing where `stream` is no terminal."""
+
+    def __init__(self, stream: TextIO = sys.stdout) -> None:
+        self._stream = stream
+        self._is_terminal = stream.isatty()
+        self._due = 0.0
+
+    def show(self, text: str) -> None:
+        """Show the text, unless one was shown just before."""
+        now = time.monotonic()
+        if self._is_terminal and now >= self._due:
+            self._due = now + BETWEEN_STATUS_LINES
+            width = shutil.get_terminal_size().columns - 1
+            self._write(f"{CLEAR}{text[:width]}")
+
+    def clear(self) -> None:
+        """Take the line away, or have the next one shown at once."""
+        self._due = 0.0
+        if self._is_terminal:
+            self._write(CLEAR)
+
+    def _write(self, text: str) -> None:
+        self._stream.write(text)
+        self._stream.flush()
