@@ -49,7 +49,8 @@ provide_environment() {
     stamp="$(cat pyproject.toml lcmtypes/*.lcm scripts/build_messages.py | sha256sum) $PWD"
     if [ "$(cat ".venv/installed$extras" 2> /dev/null)" != "$stamp" ]; then
         echo "Installing into .venv ..."
-        .venv/bin/pip install --quiet --editable ".$extras" || fail "pip could not install the package; see above"
+        # Python compiles what is imported when it is imported: to do so now with everything takes twenty seconds.
+        .venv/bin/pip install --quiet --no-compile --editable ".$extras" || fail "pip could not install the package; see above"
         echo "$stamp" > ".venv/installed$extras"
     fi
 }

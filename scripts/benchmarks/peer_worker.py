@@ -1,7 +1,8 @@
 """One peer in its own process: builds a world of N robots and times its step when it is told to.
 
-Usage: python peer_worker.py {mujoco,irsim,vmas} N. It prints its version, then for each number of steps on standard
-input the CPU seconds that so many steps took. Nothing of CMR is imported, so it runs in an environment of its own.
+Usage: PYTHONPATH=scripts python -m benchmarks.peer_worker {mujoco,mujoco_contacts,irsim,vmas} N. It prints its version,
+then for each number of steps on standard input the CPU seconds that so many steps took, and how many contacts the last
+one had. It imports nothing of CMR but `crowd`, which stands alone, so it runs in an environment of its own.
 """
 
 import sys
@@ -10,8 +11,13 @@ import time
 from collections.abc import Callable
 from importlib import import_module
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
+
+from benchmarks.crowd import RADIUS, SPEED, TURN_RATE, WARM_UP, crowd
+
+Run: TypeAlias = Callable[[int], int]  # makes so many steps; returns how many contacts the last one had
 
 STEP = 0.01  # s
 APART = 3.0  # m; robots stand on a grid, too far from each other to meet
@@ -23,35 +29,72 @@ def places(robots: int) -> list[tuple[float, float]]:
     return [(APART * (1 + i % columns), APART * (1 + i // columns)) for i in range(robots)]
 
 
-def mujoco(robots: int) -> Callable[[int], Any]:
-    """Return the stepping of planar bodies: two slides, one hinge and three velocity actuators each, no contacts."""
+def mujoco(robots: int) -> Run:
+    """Return the stepping of planar bodies far from each other, without contacts."""
+    model = mujoco_model([(x, y, 0.0) for x, y in places(robots)], '<flag contact="disable"/>')
+    data = import_module("mujoco").MjData(model)
+    data.ctrl[:] = 0.3
+    return mujoco_run(model, data, lambda _step: None)
+
+
+def mujoco_contacts(robots: int) -> Run:
+    """Return the stepping of the crowd: planar bodies that drive circles and meet.
+
+    Spheres without friction in one plane meet as discs do, and cost MuJoCo least.
+    """
+    numpy: Any = import_module("numpy")
+
+    starts = crowd(robots)
+    model = mujoco_model(starts, "")
+    data = import_module("mujoco").MjData(model)
+    heading = numpy.array(starts)[:, 2]
+
+    def drive(step: int) -> None:
+        now = heading + TURN_RATE * STEP * step
+        data.ctrl[0::3], data.ctrl[1::3] = SPEED * numpy.cos(now), SPEED * numpy.sin(now)
+
+    data.ctrl[2::3] = TURN_RATE
+    run = mujoco_run(model, data, drive)
+    run(WARM_UP)
+    return run
+
+
+def mujoco_model(starts: list[tuple[float, float, float]], flag: str) -> Any:
+    """Return a model of bodies with two slides, one hinge and a velocity actuator for each."""
     library: Any = import_module("mujoco")
 
     gains = {"x": 5.0, "y": 5.0, "t": 0.1}  # the hinge turns a small inertia; more would not be stable
     bodies, motors = [], []
-    for i, (x, y) in enumerate(places(robots)):
+    for i, (x, y, _theta) in enumerate(starts):
         joints = [("x", "slide", "1 0 0"), ("y", "slide", "0 1 0"), ("t", "hinge", "0 0 1")]
         bodies.append(
-            f'<body pos="{x} {y} 0"><geom type="cylinder" size="0.1 0.05" mass="1"/>'
+            f'<body pos="{x} {y} 0"><geom type="sphere" size="{RADIUS}" mass="1" condim="1"/>'
             + "".join(f'<joint name="{name}{i}" type="{kind}" axis="{axis}"/>' for name, kind, axis in joints)
             + "</body>"
         )
         motors += [f'<velocity joint="{name}{i}" kv="{gain}"/>' for name, gain in gains.items()]
-    model = library.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{STEP}" gravity="0 0 0"><flag contact="disable"/></option>'
+    return library.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{STEP}" gravity="0 0 0">{flag}</option>'
         f"<worldbody>{''.join(bodies)}</worldbody><actuator>{''.join(motors)}</actuator></mujoco>"
     )
-    data = library.MjData(model)
-    data.ctrl[:] = 0.3
 
-    def run(steps: int) -> None:
+
+def mujoco_run(model: Any, data: Any, command: Callable[[int], None]) -> Run:
+    """Return the stepping of a model; before each step, `command` is told its number."""
+    library: Any = import_module("mujoco")
+
+    numbers = count()
+
+    def run(steps: int) -> int:
         for _ in range(steps):
+            command(next(numbers))
             library.mj_step(model, data)
+        return int(data.ncon)
 
     return run
 
 
-def irsim(robots: int) -> Callable[[int], Any]:
+def irsim(robots: int) -> Run:
     """Return the stepping of differential-drive robots without sensors, collision checks and display."""
     library: Any = import_module("irsim")
 
@@ -65,14 +108,15 @@ def irsim(robots: int) -> Callable[[int], Any]:
         environment = library.make(str(world), display=False, disable_all_plot=True, headless=True, log_level="ERROR")
     actions = [[0.3, 0.3]] * robots
 
-    def run(steps: int) -> None:
+    def run(steps: int) -> int:
         for _ in range(steps):
             environment.step(actions)
+        return 0
 
     return run
 
 
-def vmas(robots: int) -> Callable[[int], Any]:
+def vmas(robots: int) -> Run:
     """Return the stepping of a world of agents that do not collide, forces set once, one environment in the batch."""
     torch: Any = import_module("torch")
     core: Any = import_module("vmas.simulator.core")
@@ -85,14 +129,20 @@ def vmas(robots: int) -> Callable[[int], Any]:
         agent.state.pos = torch.tensor([[x, y]])
         agent.state.force, agent.state.torque = torch.full((1, 2), 0.3), torch.full((1, 1), 0.01)
 
-    def run(steps: int) -> None:
+    def run(steps: int) -> int:
         for _ in range(steps):
             world.step()
+        return 0
 
     return run
 
 
-PEERS = {"mujoco": ("mujoco", mujoco), "irsim": ("ir-sim", irsim), "vmas": ("vmas", vmas)}
+PEERS = {
+    "mujoco": ("mujoco", mujoco),
+    "mujoco_contacts": ("mujoco", mujoco_contacts),
+    "irsim": ("ir-sim", irsim),
+    "vmas": ("vmas", vmas),
+}
 
 
 def main() -> None:
@@ -104,8 +154,8 @@ def main() -> None:
     print(version(package), file=answers, flush=True)
     for line in sys.stdin:
         before = time.process_time()
-        run(int(line))
-        print(time.process_time() - before, file=answers, flush=True)
+        contacts = run(int(line))
+        print(time.process_time() - before, contacts, file=answers, flush=True)
 
 
 if __name__ == "__main__":

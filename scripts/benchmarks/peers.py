@@ -8,36 +8,59 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
+from typing import NamedTuple
 
-from benchmarks.report import Row, per_robot
+from benchmarks.contacts import SERIES, Crowd
+from benchmarks.report import Point, Row, per_robot
 from benchmarks.stepping import fleet_of, robots
-from benchmarks.timing import clocked, in_turns
+from benchmarks.timing import Clocked, Timing, clocked, in_turns
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = ROOT / ".venv-bench"
-WORKER = Path(__file__).with_name("peer_worker.py")
 # This very file of torch is for CPUs alone; others bring gigabytes of CUDA along.
 PACKAGES = (("torch==2.13.0",), ("mujoco", "ir-sim", "vmas"))
+WORKER = "benchmarks.peer_worker"
 DISK = 4e9  # bytes while installing
-ROBOTS = (10, 100, 1_000)
 REPETITIONS = 5
-# Of a peer's time to ours at the largest number of robots, and the peer's name.
-PEERS = {
-    "mujoco": ("MuJoCo, planar bodies without contacts", 50),
-    "irsim": ("ir-sim, without sensors and collisions", 10_000),
-    "vmas": ("VMAS, agents without collisions", 20_000),
+MANY = 100.0  # times ours, above which a fraction says nothing
+ROBOTS = (10, 100, 1_000, 10_000)
+STEP, CONTACTS = "CMR, no contacts", SERIES  # the works of ours that peers are compared with
+
+
+class Comparison(NamedTuple):
+    """A peer, the work of ours that does the same, and how often ours is to fit into its time with so many robots."""
+
+    title: str
+    ours: str
+    series: str
+    most_robots: int
+    goals: Mapping[int, int]
+
+
+COMPARISONS = {
+    "mujoco": Comparison("MuJoCo, planar bodies without contacts", STEP, "MuJoCo, no contacts", 10_000, {1_000: 50}),
+    "mujoco_contacts": Comparison(
+        "MuJoCo, planar bodies with contacts", CONTACTS, "MuJoCo, contacts", 10_000, dict.fromkeys(ROBOTS[1:], 6)
+    ),
+    "irsim": Comparison("ir-sim, without sensors and collisions", STEP, "ir-sim", 1_000, {1_000: 10_000}),
+    "vmas": Comparison("VMAS, agents without collisions", STEP, "VMAS", 1_000, {1_000: 20_000}),
 }
 
 
 class Peer:
-    """One peer's world in a process of its own; use it as a context manager. `version` is its package's."""
+    """One peer's world in a process of its own; use it as a context manager.
+
+    `version` is its package's, `contacts` how many its last step had.
+    """
 
     def __init__(self, name: str, count: int) -> None:
-        self._command = [str(ENVIRONMENT / "bin" / "python"), str(WORKER), name, str(count)]
+        self.contacts = 0
+        python = str(ENVIRONMENT / "bin" / "python")
+        self._command = ["env", f"PYTHONPATH={ROOT / 'scripts'}", python, "-m", WORKER, name, str(count)]
 
     def __enter__(self) -> "Peer":
         self._folder = tempfile.TemporaryDirectory()  # some write logs where they run
@@ -64,7 +87,9 @@ class Peer:
         """Let so many steps pass; return the CPU seconds they took."""
         assert self._process.stdin is not None
         print(steps, file=self._process.stdin, flush=True)
-        return float(self._answer())
+        seconds, contacts = self._answer().split()
+        self.contacts = int(contacts)
+        return float(seconds)
 
     def _answer(self) -> str:
         assert self._process.stdout is not None
@@ -92,22 +117,40 @@ def install() -> None:
 
 
 def peers() -> Iterator[Row]:
-    """Measure the step of N robots in turns with those of the peers."""
+    """Measure the steps of N robots, without contacts and with, in turns with those of the peers."""
     install()
     for count in ROBOTS:
         with ExitStack() as stack:
-            worlds = {name: stack.enter_context(Peer(name, count)) for name in PEERS}
-            fleet = fleet_of(*robots(count))
-            works = {"ours": clocked(fleet.advance)} | {name: world.run for name, world in worlds.items()}
-            timings = in_turns(works, REPETITIONS)
-            versions = {name: world.version for name, world in worlds.items()}
-        for name, (title, goal) in PEERS.items():
-            ratio = timings[name].median / timings["ours"].median
-            asked = count == ROBOTS[-1]
-            yield Row(
-                f"{title}, {count:,} robots (version {versions[name]})",
-                per_robot(timings[name], count),
-                f"{ratio:,.0f} times ours, {per_robot(timings['ours'], count)}",
-                f"{goal:,} times" if asked else "-",
-                ratio >= goal if asked else None,
-            )
+            worlds = {
+                name: stack.enter_context(Peer(name, count))
+                for name, comparison in COMPARISONS.items()
+                if count <= comparison.most_robots
+            }
+            ours, works = _ours(count)
+            timings = in_turns(works | {name: world.run for name, world in worlds.items()}, REPETITIONS)
+        for work in works:
+            touching = f", {ours.touching()} pairs touching" if work == CONTACTS else ""
+            point = Point(work, count, timings[work].median)
+            yield Row(f"{work}, {count:,} robots{touching}", per_robot(timings[work], count), point=point)
+        for name, world in worlds.items():
+            yield _compared(COMPARISONS[name], count, world, timings[name], timings[COMPARISONS[name].ours])
+
+
+def _ours(count: int) -> tuple[Crowd, dict[str, Clocked]]:
+    """Return our works of so many robots, and the crowd that meets."""
+    crowd, fleet = Crowd(count), fleet_of(*robots(count))
+    return crowd, {STEP: clocked(fleet.advance), CONTACTS: clocked(crowd.advance)}
+
+
+def _compared(comparison: Comparison, count: int, world: Peer, timing: Timing, ours: Timing) -> Row:
+    """Return the row of a peer beside ours."""
+    ratio, goal = timing.median / ours.median, comparison.goals.get(count)
+    touching = f", {world.contacts} pairs touching" if world.contacts else ""
+    return Row(
+        f"{comparison.title}, {count:,} robots{touching} (version {world.version})",
+        per_robot(timing, count),
+        f"{ratio:,.1f} times ours" if ratio < MANY else f"{ratio:,.0f} times ours",
+        f"{goal:,} times" if goal else "-",
+        ratio >= goal if goal else None,
+        Point(comparison.series, count, timing.median),
+    )

@@ -139,13 +139,13 @@ def _start_simulator(parameters: Path, cache: Path) -> tuple[Times, Times]:
                     listener.handle_timeout(20)
                     if process.poll() is not None or time.monotonic() > begin + LONGEST_WAIT:
                         raise RuntimeError("cmr-sim did not get its robot to move; run it by hand to see why")
-                moments.append((_processor_time(process.pid), time.monotonic() - begin))
+                moments.append((processor_time(process.pid), time.monotonic() - begin))
         finally:
             process.terminate()
     return moments[0], moments[1]
 
 
-def _processor_time(pid: int) -> float:
+def processor_time(pid: int) -> float:
     """Return the CPU seconds that a process has used so far."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     user, system = int(fields[11]), int(fields[12])  # utime and stime of proc(5)

@@ -13,10 +13,19 @@ HEADER = "| work | measured | ratio | to reach |\n|---|---|---|---|"
 
 
 @dataclass(frozen=True)
+class Point:
+    """A point of the plot: CPU seconds that a step of so many robots takes."""
+
+    series: str
+    robots: int
+    seconds: float
+
+
+@dataclass(frozen=True)
 class Row:
     """One work: what was measured, as a ratio where there is something to compare with, and what was to be reached.
 
-    `reached` is None where nothing was asked for.
+    `reached` is None where nothing was asked for; `point` is None where it is no cost of a step.
     """
 
     work: str
@@ -24,6 +33,7 @@ class Row:
     ratio: str = "-"
     goal: str = "-"
     reached: bool | None = None
+    point: Point | None = None
 
     def line(self) -> str:
         """Return the line of the Markdown table; a goal that was not reached says so."""

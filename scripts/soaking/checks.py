@@ -324,6 +324,7 @@ class DriveChecks:
 
     def __init__(self, account: Account, gaps: Gaps, waits: Waits, findings: Findings, largest_duty: float) -> None:
         self.intervals: list[Interval] = []
+        self.held: list[int] = []  # when the driver said that it waits for zero to be commanded
         self._account = account
         self._gaps = gaps
         self._waits = waits
@@ -368,13 +369,17 @@ class DriveChecks:
         if not interval.patient:
             return 0
         damages = self._account.between("damage", interval.begin - 2 * CYCLE, interval.begin + 4 * CYCLE)
-        late = LOST_BY_DAMAGE * CYCLE * sum(number for _, (line, number) in damages if line == "motor")
+        late: int = LOST_BY_DAMAGE * CYCLE * sum(number for _, (line, number) in damages if line == "motor")
         if any(window.begin <= interval.begin and interval.stopped <= window.end for window in self._gaps.windows):
             late += WATCHDOG
         return late + self._waits.between(interval.begin - STOP_WITHIN, interval.begin)
 
     def _judge_driven(self, interval: Interval) -> None:
         if self._gaps.in_window(interval.begin) or self._gaps.in_window(interval.end):
+            return
+        if any(interval.begin + TOLD_WITHIN < utime <= interval.end for utime in self.held):
+            # It stood for a reason of its own meanwhile, such as a controller not heard for long on a busy machine.
+            self._findings.counts["times the driver held the motors and asked for zero"] += 1
             return
         self._findings.counts["times the robot had to drive again"] += 1
         if not any(any(duty) for _, duty in self._account.between("duty", interval.begin, interval.end)):

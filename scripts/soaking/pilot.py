@@ -58,6 +58,13 @@ class Pilot:
         if rubbish and self._chance.random() < RUBBISH_SHARE:
             self._rubbish()
 
+    def asked_for_zero(self, utime: int) -> None:
+        """Do what a person does when the driver says that it waits for zero: command it, then drive on."""
+        self._checks.held.append(utime)
+        if self._mode == "drive" and not self._steps:
+            self._mode = "zero"
+            self._steps = [(now_utime() + 3 * SECOND // 10, "drive")]
+
     def _begin(self, now: int) -> None:
         """Plan what happens next."""
         chance = self._chance

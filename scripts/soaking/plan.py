@@ -11,6 +11,7 @@ PACKET_FAULTS = ("lose", "flip", "drop", "insert")  # of all packets, each way, 
 ANSWER_FAULTS = ("lose_answer", "delay_answer")  # of all answers of the controller, all the time
 PACKET_SHARE = 0.01
 REST = (2.0, 8.0)  # s between two faults of the lines
+DIPPED = 9.0  # V, below which the robot is to stop where it lasts for 2 s
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,8 @@ def _invalid(chance: Random) -> Fault:
 
 
 def _battery(chance: Random) -> Fault:
-    dip, full = Order("motor", "battery", (9.0,)), Order("motor", "battery", (12.4,))
-    return Fault("battery dip", (dip,), (full,), chance.uniform(0.2, 1.5))
+    seconds = chance.uniform(0.2, 1.5)
+    return Fault("battery dip", (Order("motor", "dip", (DIPPED, seconds)),), (), seconds + 0.5)
 
 
 KINDS: tuple[Callable[[Random], Fault], ...] = (

@@ -218,6 +218,7 @@ class MotorLine(Line):
         self._settings = settings
         self._plant = plant
         self._tell = note
+        self._dip_ends = math.inf
         super().__init__("motor", Truthful(self._made(), said_by_roboclaw, note), plug, note, seed)
 
     def power_off(self, _time: float) -> None:
@@ -230,8 +231,16 @@ class MotorLine(Line):
         self.end.device = self._made()
         self.end.device.receive(RESET_ENCODERS, time)
 
-    def battery(self, _time: float, voltage: float) -> None:
-        """Have the battery at this voltage (V)."""
+    def wake(self, time: float) -> list[Transmission]:
+        """End a dip of the battery by the robot's own clock: however busy the machine is, it lasts no longer."""
+        if self._dip_ends <= time:
+            self._dip_ends = math.inf
+            self._plant._electrics = self._settings.electrics
+        return super().wake(time)
+
+    def dip(self, time: float, voltage: float, seconds: float) -> None:
+        """Have the battery at this voltage (V) for so long (s)."""
+        self._dip_ends = time + seconds
         self._plant._electrics = replace(self._settings.electrics, battery_voltage=voltage)
 
     def _made(self) -> Device:
@@ -283,7 +292,8 @@ class GyroLine(Line):
     def _said(self, data: bytes) -> Any:
         if self._kind == "kvh-binary":
             return said_by_kvh(data, 1.0 / self._settings.kvh_binary.rate)
-        sends_rates = self.end.device._mode == RATE
+        device = self.end.device
+        sends_rates = isinstance(device, Dsp3000Device) and device._mode == RATE
         return said_by_dsp3000(data) if sends_rates else ()
 
     def _note_changed(self, data: bytes, time: float) -> None:

@@ -44,6 +44,7 @@ MEMORY_SAMPLE = 5.0  # s
 MEMORY_FROM = 60.0  # s; what is there by then may stay
 LARGEST_GROWTH = 5e6  # bytes
 LONGEST_STATUS_GAP = 2 * SECOND  # us
+WAITS_FOR_ZERO = "Waiting for zero to be commanded"
 SETTLED = SECOND // 2  # us by which the robot's account must be ahead of what is checked
 PAGE = os.sysconf("SC_PAGE_SIZE")
 INTERRUPTED = 130
@@ -196,6 +197,8 @@ class Soak:
         if self._last_status and status.utime - self._last_status > LONGEST_STATUS_GAP:
             self.findings.blame(status.utime, f"no PROCESS_STATUS for {(status.utime - self._last_status) / 1e6:.1f} s")
         self._last_status = status.utime
+        if WAITS_FOR_ZERO in status.message:
+            self.pilot.asked_for_zero(status.utime)
         self.statuses.append(status)
 
     def _check(self) -> None:

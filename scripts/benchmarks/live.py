@@ -1,0 +1,91 @@
+"""Rows of cmr-sim as it is used: a process on the bus, 100 steps and 100 WORLD_STATE messages a second."""
+
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks.drive import NOMINAL
+from benchmarks.processes import processor_time
+from benchmarks.report import Point, Row
+from cmr.bus.bus import Bus
+from cmr.bus.streams import WORLD_STATE
+from tests.private_bus import private_url
+
+RATE = 100.0  # Hz, of steps and of WORLD_STATE
+GOALS = {100: 0.025, 1_000: 0.04, 10_000: 0.12}  # shares of a core, by the number of robots
+SHORTEST_LAP = 10.0  # s; a robot drives a figure-eight in 14 s
+SPACING = 3.0  # m between robots, whose figure-eights are 1.4 m long
+WARM_UP, SECONDS = 2.0, 10.0  # from the first motion on
+LONGEST_START = 180.0  # s; a compiler may have to run first
+
+
+def live() -> Iterator[Row]:
+    """Measure what cmr-sim takes of a core while its robots drive."""
+    for robots, goal in GOALS.items():
+        share, rate = _share_of_a_core(robots)
+        yield Row(
+            f"cmr-sim live, {robots:,} robots that decide and move at {RATE:.0f} Hz, WORLD_STATE at {RATE:.0f} Hz",
+            f"{share:.1%} of a core",
+            f"{rate:.1f} messages a second arrived",
+            f"{goal:.1%}",
+            share <= goal,
+            Point("CMR, cmr-sim live", robots, share / RATE),
+        )
+
+
+def _share_of_a_core(robots: int) -> tuple[float, float]:
+    """Return the share of a core for each RATE messages, and how many arrived a second.
+
+    On a machine that is not idle some messages are left out; what is measured is what one takes.
+    """
+    url = private_url()
+    bus = Bus(url)
+    bus.subscribe(WORLD_STATE, every=True)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        subprocess.Popen(command(robots, 3.0 * WARM_UP + SECONDS, folder, url), stderr=subprocess.DEVNULL) as simulator,
+    ):
+        os.sched_setaffinity(simulator.pid, range(os.cpu_count() or 1))  # we are kept on one core, and listen there
+        try:
+            _listen(bus, _first_motion(bus, simulator) + WARM_UP)
+            before, begin = processor_time(simulator.pid), time.monotonic()
+            messages = _listen(bus, begin + SECONDS)
+            used, seconds = processor_time(simulator.pid) - before, time.monotonic() - begin
+        finally:
+            simulator.terminate()
+    return used / (messages / RATE), messages / seconds
+
+
+def command(robots: int, seconds: float, folder: str, url: str) -> list[str]:
+    """Return the command of a simulator whose robots, on a grid, drive figure-eights for at least so long."""
+    NOMINAL.save(Path(folder) / "robot_0.yaml")
+    side = round(robots**0.5) + 1
+    laps = math.ceil(seconds / SHORTEST_LAP)
+    each = [
+        f"{1 + k}=figure_eight,start=0,laps={laps},x={k % side * SPACING:g},y={k // side * SPACING:g}"
+        for k in range(robots)
+    ]
+    program = str(Path(sys.executable).with_name("cmr-sim"))
+    return [program, "--rate", f"{RATE:g}", "--parameters", folder, "--lcm-url", url, "--virtual", *each]
+
+
+def _first_motion(bus: Bus, simulator: "subprocess.Popen[bytes]") -> float:
+    """Wait until robots move; return when that was."""
+    begin = time.monotonic()
+    while not any(any(received.message.psi_left) for received in bus.receive(0.1)):
+        if simulator.poll() is not None or time.monotonic() > begin + LONGEST_START:
+            raise RuntimeError("cmr-sim did not get its robots to move; run it by hand to see why")
+    return time.monotonic()
+
+
+def _listen(bus: Bus, until: float) -> int:
+    """Take messages until then; return how many came."""
+    count = 0
+    while (remaining := until - time.monotonic()) > 0.0:
+        count += len(bus.receive(min(remaining, 0.1)))
+    return count

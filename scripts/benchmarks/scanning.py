@@ -1,0 +1,30 @@
+"""The row of the range sensor: what a scan costs for each robot."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from benchmarks.report import Row, per_robot
+from benchmarks.timing import clocked, in_turns
+from cmr.world.interaction.range_sensor import RangeSensor
+
+ROBOTS = 1_000
+AREA_OF_ONE = 4.0  # m^2 for each robot
+RADIUS = 0.1  # m
+LONGEST = 4e-6  # s for each robot
+
+
+def scan() -> Iterator[Row]:
+    """Measure the scan of many robots at random places, each of which sees the others."""
+    random = np.random.default_rng(0)
+    side = np.sqrt(ROBOTS * AREA_OF_ONE) / 2.0
+    pose = np.vstack([random.uniform(-side, side, (2, ROBOTS)), random.uniform(-3.0, 3.0, ROBOTS)])
+    discs, own, walls = np.vstack([pose[:2], np.full(ROBOTS, RADIUS)]), np.arange(ROBOTS), np.zeros((4, 0))
+    sensor = RangeSensor()
+    timing = in_turns({"scan": clocked(lambda: sensor.scan(pose, own, discs, walls))})["scan"]
+    yield Row(
+        f"scan of {ROBOTS:,} robots, {sensor.rays} rays, {sensor.reach:g} m",
+        per_robot(timing, ROBOTS),
+        goal=f"{LONGEST * 1e6:g} us",
+        reached=timing.median / ROBOTS <= LONGEST,
+    )
