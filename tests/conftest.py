@@ -25,7 +25,9 @@ settings.load_profile("patient")
 # Drivers, emulated devices and the bus keep time to some ms: their tests have the machine to themselves (scripts/test).
 REAL_TIME = ("test_bus", "test_driver", "test_kvh", "test_mbot", "test_roboteq", "test_stalls")
 # Whole systems and emulators wait most of the time, and are not upset by what only computes meanwhile.
-WAITS = ("test_demo", "test_emulator", "test_run", "test_supervisor")
+WAITS = ("test_demo", "test_driver_listing", "test_emulator", "test_run", "test_shards_on", "test_supervisor")
+# What looks at bytes and numbers alone, or at a clock of its own, only computes.
+COMPUTES = ("command_gate", "encoders", "gyro_gaps", "protocol", "ramp")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -36,11 +38,11 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that keep time, and those that wait."""
     for item in items:
-        name = Path(item.path).name
-        if name.startswith(REAL_TIME):
-            item.add_marker(pytest.mark.real_time)
-        elif name.startswith(WAITS):
+        name = Path(item.path).stem
+        if name.startswith(WAITS):
             item.add_marker(pytest.mark.waits)
+        elif name.startswith(REAL_TIME) and not name.endswith(COMPUTES):
+            item.add_marker(pytest.mark.real_time)
 
 
 def pytest_collection_finish() -> None:

@@ -21,6 +21,7 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PROCESS_STATUS
 from cmr.msg import estop_t, motor_command_t, process_status_t
 from robot_driver.battery import Thresholds
+from robot_driver.clock import seconds_since_boot
 from robot_driver.command_gate import LISTENING_TIME, CommandGate
 from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.driver import Driver
@@ -43,12 +44,15 @@ from tests.stalls import Interval
 ENCODER_REPLY = 10  # bytes
 
 
+PATIENCE = 20.0  # s
+
+
 def number(name: str, default: int) -> int:
     """Return how often a test does what it does: `default` in CI, else what the environment says."""
     return int(os.environ.get(name, default))
 
 
-def wait_for(condition: Callable[[], object], seconds: float = 20.0) -> None:
+def wait_for(condition: Callable[[], object], seconds: float = PATIENCE) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
@@ -58,15 +62,15 @@ def wait_for(condition: Callable[[], object], seconds: float = 20.0) -> None:
 def open_gate() -> CommandGate:
     """A gate that has listened for an emergency stop for long enough, and to which zero was commanded."""
     gate = CommandGate()
-    gate.note_listening(time.monotonic() - LISTENING_TIME)
-    gate.offer(now_utime(), 0.0, 0.0, now=time.monotonic(), utime=now_utime())
+    gate.note_listening(seconds_since_boot() - LISTENING_TIME)
+    gate.offer(now_utime(), 0.0, 0.0, now=seconds_since_boot(), utime=now_utime())
     return gate
 
 
 def open_gate_of(driver: Driver) -> None:
     """Have a driver that is not on a bus listen to it for long enough, and command zero."""
     driver.turn()
-    driver._gate.note_listening(time.monotonic() - LISTENING_TIME)
+    driver._gate.note_listening(seconds_since_boot() - LISTENING_TIME)
     zero = make(motor_command_t, utime=now_utime(), robot_id=driver._robot_id, left=0.0, right=0.0)
     driver.handle(zero.utime, MOTOR_COMMAND.channel(driver._robot_id), zero)
 
@@ -123,16 +127,16 @@ class Bench:
         self.thread: PortThread
 
     def command(self, left: float, right: float) -> None:
-        self.gate.offer(now_utime(), left, right, now=time.monotonic(), utime=now_utime())
+        self.gate.offer(now_utime(), left, right, now=seconds_since_boot(), utime=now_utime())
 
-    def until(self, condition: Callable[[], object]) -> None:
+    def until(self, condition: Callable[[], object], seconds: float = PATIENCE) -> None:
         """Command some duty until the condition holds."""
 
         def commanded() -> object:
             self.command(0.2, 0.2)
             return condition()
 
-        wait_for(commanded)
+        wait_for(commanded, seconds)
 
     def until_moving(self) -> None:
         self.until(lambda: self.device.duty == [6553, 6553])

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from cmr.model.catalogue import together
 from cmr.model.fleet import Fleet
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours import TeamBehaviour
-from cmr.world.behaviours.team import Floats, duties_of, stacked
+from cmr.world.behaviours.team import Floats, duties_of
 from cmr.world.interaction.body import body_radius
 from cmr.world.view import VIRTUAL, Robots, WorldView
 
@@ -81,7 +82,7 @@ class Bench:
             me = Robots(
                 tuple(index.tolist()), (VIRTUAL,) * len(index), RobotState(*(np.array(row)[index] for row in state))
             )
-            self.duties[index] = duties_of(team, self.utime, me, self.world, stacked([MODEL] * len(index)))
+            self.duties[index] = duties_of(team, self.utime, me, self.world, together([MODEL] * len(index)))
         self._fleet.command(np.arange(len(self.duties)), *self.duties.T)
 
     def _show(self) -> None:

@@ -12,6 +12,7 @@ import time
 from importlib.metadata import distribution, version
 from pathlib import Path
 
+import lcm
 import pytest
 
 from cmr.bus.preflight import BusError
@@ -19,8 +20,16 @@ from cmr.bus.streams import LARGEST_ROBOT_ID
 from cmr.commands.command_line import CommandError, guarded, parse_robot_id, parser
 
 COMMANDS = sorted(entry.name for entry in distribution("cmr").entry_points if entry.group == "console_scripts")
-SERVICES = [name for name in COMMANDS if name not in ("cmr-import", "cmr-fidelity")]  # these run until they are stopped
-NEEDED = {"cmr-driver": ["--port", "/dev/null"], "cmr-fidelity": ["line.yaml", "--out", "fidelity"]}
+WITHOUT_BUS = ("cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-sweep")  # these end by themselves
+SERVICES = [name for name in COMMANDS if name not in WITHOUT_BUS]
+NEEDED = {
+    "cmr-driver": ["--port", "/dev/null"],
+    "cmr-fidelity": ["line.yaml", "--out", "fidelity"],
+    "cmr-log": ["info", "run.lcm"],
+    "cmr-plot": ["run.lcm", "POSE_0.x"],
+    "cmr-replay": ["run.lcm"],
+    "cmr-sweep": ["line.yaml"],
+}
 PROJECT = Path(__file__).parent.parent
 NO_GLIB = 'raise ImportError("libglib-2.0.so.0: cannot open shared object file: No such file or directory")\n'
 PATIENCE = 30.0  # s
@@ -33,9 +42,19 @@ def command_line(name: str, folder: Path, url: str) -> list[str]:
         "cmr-emulate": ["--ports", str(folder / "ports")],
         "cmr-demo": ["--out", str(folder / "demo")],
         "cmr-diagnose": ["--live"],
+        "cmr-replay": [str(short_log(folder / "run.lcm")), "--loop"],
         "cmr-run": ["line", "--out", str(folder / "run")],
     }
     return [str(Path(sys.executable).parent / name), "--lcm-url", url, *options.get(name, [])]
+
+
+def short_log(path: Path) -> Path:
+    """Write an event log of two messages, a second apart."""
+    log = lcm.EventLog(str(path), "w", overwrite=True)
+    for utime in (1, 1_000_001):
+        log.write_event(utime, "ANYTHING", b"")
+    log.close()
+    return path
 
 
 def silent_port() -> str:
@@ -82,6 +101,8 @@ def test_help_reads_well(name: str) -> None:
     text = help_of(name).stdout
     assert "default: None" not in text
     assert "default: False" not in text
+    assert "default: True" not in text
+    assert ") (default" not in text, "a default is told twice"
     assert "default: []" not in text
     before_the_example = text.partition("\nexample:\n")[0]
     assert max(map(len, before_the_example.splitlines())) <= 80

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cmr.diagnosis.courses import covariance_by_blocks
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.noise import Noise
-from cmr.diagnosis.study import Fit
 
 BLOCKS, LENGTH = 400, 25
 

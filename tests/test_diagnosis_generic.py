@@ -10,11 +10,12 @@ from cmr.diagnosis.data import looked_at
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.document import document, extended_file
 from cmr.diagnosis.engine import prepare
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.judging import Named, Tried
 from cmr.diagnosis.naming import Search
 from cmr.diagnosis.report import report_of
 from cmr.diagnosis.result import GENERIC, UNEXPLAINED, Diagnosis, Gain
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.diagnosis.summary import summary
 from cmr.diagnosis.unexplained_extending import WITHDRAWN, extended
 from cmr.diagnosis.unexplained_generic import extension, formula, improves

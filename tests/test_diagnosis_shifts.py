@@ -7,11 +7,12 @@ import pytest
 
 from cmr.calibration.result import Estimate
 from cmr.diagnosis.diagnose import diagnose
+from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.judging import Named, Tried
 from cmr.diagnosis.naming import Search
 from cmr.diagnosis.noise import Noise
 from cmr.diagnosis.shifts import shifts
-from cmr.diagnosis.study import Fit, Study
+from cmr.diagnosis.study import Study
 from cmr.model.catalogue import CATALOGUE
 from tests.hidden_effects import hidden_recording
 from tests.hidden_effects.cases import BEGINNING

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cmr.msg import motor_feedback_t
@@ -36,12 +36,46 @@ def test_16_a_step_down_warns_and_then_stops() -> None:
 def test_16_a_stop_is_latched_and_a_warning_ends_only_well_above_its_threshold() -> None:
     assert guard_after((9.9, DELAY + 0.2), (12.0, 100.0)).empty
     assert guard_after((10.9, DELAY + 0.2), (11.1, 100.0)).low
-    assert not guard_after((10.9, DELAY + 0.2), (11.3, 0.2)).low
+    assert guard_after((10.9, DELAY + 0.2), (11.3, 0.2)).low
+    assert not guard_after((10.9, DELAY + 0.2), (11.3, DELAY + 0.3)).low
 
 
-def test_16_an_oscillation_shorter_than_the_delay_stops_nothing() -> None:
-    dips = [(9.0, DELAY - 0.5), (12.0, 0.2)] * 20
-    assert guard_after(*dips).sentence == ""
+def test_16_without_a_threshold_to_stop_at_none_is_told() -> None:
+    guard = BatteryGuard(Thresholds(warn=11.0))
+    for second in range(5):
+        guard.take(10.5, float(second))
+    assert guard.sentence == "The battery is low: 10.5 V."
+
+
+@settings(max_examples=30)
+@given(st.lists(st.tuples(st.floats(0.1, DELAY - 0.1), st.floats(0.3, 2.0)), max_size=10))
+def test_16_dips_shorter_than_the_delay_between_longer_rests_stop_nothing(dips: list[tuple[float, float]]) -> None:
+    steps = [step for dip, rest in dips for step in ((9.0, dip), (12.0, dip + rest))]
+    assert guard_after((12.0, 1.0), *steps).sentence == ""
+
+
+@settings(max_examples=30)
+@given(
+    st.lists(st.tuples(st.floats(1.0, DELAY - 0.1), st.floats(0.1, 0.5)), min_size=12, max_size=15),
+    st.floats(10.2, 13.0),
+)
+def test_16_a_battery_that_is_mostly_empty_is_not_saved_by_moments_above(
+    steps: list[tuple[float, float]], above: float
+) -> None:
+    assert guard_after(*(step for low, share in steps for step in ((9.0, low), (above, share * low)))).empty
+
+
+def test_16_an_hour_below_for_all_but_one_reading_in_twenty_stops() -> None:
+    assert guard_after(*[(9.0, 1.9), (12.0, 0.1)] * 1800).empty
+
+
+@pytest.mark.parametrize("rate_hz", [0.5, 0.8, 1.0, 17.0])
+def test_16_a_dip_stops_nothing_however_rarely_the_voltage_is_measured(rate_hz: float) -> None:
+    guard = BatteryGuard(WARN_AND_STOP)
+    for number in range(200):
+        now = number / rate_hz
+        guard.take(9.0 if now % 20.0 < DELAY - 0.1 else 12.0, now)
+    assert guard.sentence == ""
 
 
 @given(st.lists(st.one_of(st.just(math.nan), st.floats(10.0, 20.0)), max_size=100))

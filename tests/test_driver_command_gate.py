@@ -164,6 +164,41 @@ def test_zero_commanded_before_the_release_does_not_count(stop: Stop) -> None:
     assert gate.drive(10.3) == Drive(0.5, 0.5, 0)
 
 
+def test_zero_that_was_decided_before_the_release_but_comes_later_does_not_count() -> None:
+    gate = Gate()
+    gate.estop(10.0, True)
+    gate.estop(10.3, False)
+    gate.command(10.31, 0.0, 0.0, age=0.1)
+    gate.command(10.32, 0.5, 0.5)
+    assert gate.drive(10.32) == Drive(0.0, 0.0, 0)
+    assert gate.rejected == {"not_zero": 1}
+    gate.command(10.4, 0.0, 0.0)
+    gate.command(10.5, 0.5, 0.5)
+    assert gate.drive(10.5) == Drive(0.5, 0.5, 0)
+
+
+def test_when_the_time_of_day_is_set_back_commands_go_on_being_taken() -> None:
+    gate = Gate()
+    gate.command(10.0, 0.5, 0.5)
+    an_hour_earlier = utime_at(10.1) - 3_600_000_000
+    gate.offer(an_hour_earlier, 0.25, 0.25, now=10.1, utime=an_hour_earlier)
+    assert gate.drive(10.1) == Drive(0.25, 0.25, 0)
+    gate.offer(an_hour_earlier, 0.5, 0.5, now=10.2, utime=an_hour_earlier + 100_000)
+    assert gate.rejected == {"old": 1}
+
+
+def test_when_the_time_of_day_is_set_back_an_emergency_stop_can_be_released() -> None:
+    gate = Gate()
+    gate.estop(10.0, True)
+    gate.estop(10.1, False)
+    gate.estop(10.2, True)
+    earlier = utime_at(10.3) - 3_600_000_000
+    gate.take_estop(False, earlier, utime=earlier)
+    for after, duty in enumerate((0.0, 0.5), start=1):
+        gate.offer(earlier + after, duty, duty, now=10.3, utime=earlier + after)
+    assert gate.drive(10.3) == Drive(0.5, 0.5, 0)
+
+
 def test_after_an_emergency_stop_during_which_nobody_commanded_zero_must_be_commanded_first() -> None:
     gate = Gate()
     gate.command(10.0, 0.5, 0.5)

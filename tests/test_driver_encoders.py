@@ -83,6 +83,43 @@ def test_after_a_new_connection_counting_goes_on_from_the_total() -> None:
     assert (encoders.ticks, encoders.jumps) == ((11, 22), 0)
 
 
+@pytest.mark.parametrize("later", [(510, 530), (460, 440)])
+def test_a_device_that_may_have_been_reset_but_counts_on_loses_nothing(later: tuple[int, int]) -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((0, 0), 0, FAST)
+    encoders.update((500, 500), 10 * MS, FAST)
+    encoders.doubt()
+    motion = encoders.update(later, 20 * MS, FAST)
+    assert motion is not None
+    assert motion.ticks == later
+
+
+def test_a_device_that_may_have_been_reset_and_counts_from_zero_moved_no_wheel() -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((0, 0), 0, FAST)
+    encoders.update((500, 0), 10 * MS, FAST)
+    encoders.doubt()
+    assert encoders.update((2**32 - 3, 2), 20 * MS, FAST) is None
+    encoders.update((2, 12), 30 * MS, FAST)
+    assert (encoders.ticks, encoders.jumps) == ((505, 10), 0)
+
+
+def test_no_tick_is_lost_when_the_devices_clock_is_set_back() -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((0, 0), 50 * MS, 40.0)
+    assert encoders.update((100, -100 % 2**32), 20 * MS, 40.0) is None
+    motion = encoders.update((110, -110 % 2**32), 30 * MS, 40.0)
+    assert motion is not None
+    assert (motion.ticks, encoders.jumps) == ((110, -110), 0)
+
+
+def test_a_jump_while_the_clock_is_set_back_is_not_counted() -> None:
+    encoders = WheelEncoders(2048)
+    encoders.update((0, 0), 50 * MS, 40.0)
+    assert encoders.update((100_000, 100_000), 20 * MS, 40.0) is None
+    assert (encoders.ticks, encoders.jumps) == ((0, 0), 1)
+
+
 @given(
     st.builds(Wiring, st.booleans(), st.booleans(), st.booleans()),
     st.tuples(st.floats(-1, 1), st.floats(-1, 1)),

@@ -14,7 +14,7 @@ from robot_driver.emulator.settings import load_settings
 from robot_driver.gyros.kvh_binary import ENTER_CONFIGURATION, KvhBinary
 from robot_driver.listing import Rates, describe
 from robot_driver.main import main
-from robot_driver.serial_port import SerialPort
+from robot_driver.serial_port import PortLost, SerialPort
 from tests.driver_bench import PunctualEngine, wait_for
 from tests.test_emulator_kvh_binary import kvh_settings
 
@@ -33,8 +33,7 @@ def test_a_controller_is_found_by_what_it_answers_and_nothing_moves(tmp_path: Pa
     said, plant = described(tmp_path, kind)
     assert f"--controller {kind} (" in said
     assert plant.encoder_counts() == (0, 0)
-    others = {"roboclaw", *CONTROLLER_DEVICES} - {kind, *(["roboclaw"] if kind == "roboclaw-pair" else [])}
-    assert not any(f"--controller {other} (" in said for other in others)
+    assert said.count("--controller") == 1  # of a pair, one unit alone would drive two wheels of four
 
 
 @pytest.mark.parametrize("kind", sorted(GYRO_DEVICES))
@@ -120,7 +119,8 @@ def test_a_port_in_use_is_left_alone(tmp_path: Path) -> None:
     with Ports(tmp_path, ("port",)) as ports:
         port = SerialPort(str(tmp_path / "port"), 115200)
         port.open()
-        assert "Another program is using" in describe(str(tmp_path / "port"))
+        with pytest.raises(PortLost, match="Another program is using"):
+            describe(str(tmp_path / "port"))
         assert ports.terminals["port"].read() == b""
         port.close()
 
@@ -131,3 +131,21 @@ def test_the_command_lists_the_ports_it_is_given(tmp_path: Path, capsys: pytest.
         device = ports.paths["port"].resolve()
     told = capsys.readouterr().out
     assert told == f"{tmp_path}/port (now {device})\n    nothing that cmr-driver knows answers\n"
+
+
+def test_a_port_that_was_named_but_is_not_there_is_told_and_the_others_are_listed_all_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Ports(tmp_path, ("port",)):
+        assert main(["--list-devices", "--port", "/dev/none", "--gyro-port", str(tmp_path / "port")]) == 1
+    told = capsys.readouterr().out
+    assert told.startswith("/dev/none\n    not asked: There is no serial port /dev/none. ")
+    assert "nothing that cmr-driver knows answers" in told
+
+
+def test_a_port_that_was_found_but_is_in_use_is_no_failure(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("robot_driver.main.available_ports", lambda: ["/dev/none"])
+    assert main(["--list-devices"]) == 0
+    assert "not asked" in capsys.readouterr().out

@@ -151,7 +151,7 @@ def test_measurements_keep_the_boards_pace_though_its_clock_is_set_again_and_aga
         assert max(abs(step - PERIOD) for step in steps) < UNEVEN
 
 
-def test_it_never_drives_when_the_board_has_no_watchdog(tmp_path: Path) -> None:
+def test_7_it_never_drives_when_the_board_has_no_watchdog(tmp_path: Path) -> None:
     with board(tmp_path, ignores_watchdog=True) as device, Driver(settings(tmp_path)) as driver:
         client = Client(driver)
         client.more(10)
@@ -160,8 +160,9 @@ def test_it_never_drives_when_the_board_has_no_watchdog(tmp_path: Path) -> None:
     assert {duty for _, duty in device.drives} == {(0.0, 0.0)}
 
 
-def test_a_board_that_takes_duties_for_velocities_is_refused_at_the_first_of_them(tmp_path: Path) -> None:
-    with board(tmp_path, takes_velocities=True) as device, Driver(settings(tmp_path)) as driver:
+@pytest.mark.parametrize("rate", [25.0, 220.0])
+def test_a_board_that_takes_duties_for_velocities_is_refused_at_the_first_of_them(tmp_path: Path, rate: float) -> None:
+    with board(tmp_path, takes_velocities=True, rate=rate) as device, Driver(settings(tmp_path)) as driver:
         client = Client(driver)
         client.until(lambda: "takes them for velocities" in driver.problems())
         count = len(device.drives)
@@ -170,6 +171,20 @@ def test_a_board_that_takes_duties_for_velocities_is_refused_at_the_first_of_the
     assert max(abs(duty) for _, duties in device.drives for duty in duties) < 0.02
     assert {duty for _, duty in device.drives[count + 50 :]} == {(0.0, 0.0)}
     assert client.feedback[-1].status & motor_feedback_t.STATUS_NOT_ARMED
+
+
+def test_a_board_that_was_refused_stays_so_when_it_is_connected_anew(tmp_path: Path) -> None:
+    faults = Faults()
+    with board(tmp_path, faults, takes_velocities=True) as device, Driver(settings(tmp_path)) as driver:
+        client = Client(driver)
+        client.until(lambda: "takes them for velocities" in driver.problems() and device.duty == (0.0, 0.0))
+        faults.lose = 1.0
+        client.until(lambda: "controller" in driver.problems())
+        faults.lose = 0.0
+        count = len(device.drives)
+        client.more(50)
+        assert driver.problems().startswith("Not driving: the board drives with other duties")
+    assert {duty for _, duty in device.drives[count:]} == {(0.0, 0.0)}
 
 
 def test_a_board_whose_topics_have_other_numbers_is_refused(tmp_path: Path) -> None:
@@ -197,6 +212,20 @@ def test_damage_on_the_line_never_becomes_data(tmp_path: Path) -> None:
         assert driver.problems() == ""
     assert {(message.ticks_left, message.ticks_right) for message in client.feedback} <= device.counts
     assert {message.yaw_rate for message in client.gyro} <= device.rates
+
+
+def test_no_tick_is_lost_when_the_line_is_dead_for_a_while(tmp_path: Path) -> None:
+    faults = Faults()
+    with board(tmp_path, faults) as device, Driver(settings(tmp_path)) as driver:
+        client = Client(driver)
+        client.until(lambda: device.duty == (0.25, -0.5), 0.25, 0.5)
+        client.more(50, 0.25, 0.5)
+        faults.lose = 1.0
+        client.until(lambda: "controller" in driver.problems(), 0.25, 0.5)
+        faults.lose = 0.0
+        client.until(lambda: device.duty == (0.25, -0.5), 0.25, 0.5)
+        client.more(50, 0.25, 0.5)
+    assert {(message.ticks_left, message.ticks_right) for message in client.feedback} <= device.counts
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from robot_driver.controllers import Request
 from robot_driver.driver import Driver, Settings
 from robot_driver.port_thread import Device, PortThread
 from robot_driver.serial_port import PortLost, SerialPort, numbering_warning
-from robot_driver.stream_port import StreamPort
+from robot_driver.stream_port import PATIENCE, StreamPort
 from tests.driver_bench import DriverProcess, driving
 
 TIOCGEXCL = 0x80045440  # of Linux: whether TIOCEXCL holds
@@ -116,6 +116,33 @@ def test_14_a_time_by_a_boards_clock_that_cannot_be_is_not_believed(
     answer = port.exchange(Request("time", b"", 0, lambda _reply: 0, lambda _reply: None, measured=measured))
     port.close()
     assert answer.measured == (told if believed else answer.arrived)
+
+
+class Busy(StreamPort):
+    """A port at which something waits; nothing more comes."""
+
+    def __init__(self, waiting: list[bytes]) -> None:
+        super().__init__("", 115200)
+        self.waiting = waiting
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    def read(self, most: int, timeout: float) -> bytes:  # noqa: ARG002 - pieces are as long as they came
+        return self.waiting.pop(0) if self.waiting else b""
+
+
+@pytest.mark.parametrize("ends_in_silence", [False, True])
+def test_what_waits_when_the_process_was_held_up_is_heard_before_a_board_counts_as_silent(
+    ends_in_silence: bool,
+) -> None:
+    port = Busy([b"a", b"b", b"c"])
+
+    def missing(reply: bytes) -> int:
+        time.sleep(1.2 * PATIENCE)
+        return 3 - len(reply)
+
+    assert port.exchange(Request("", b"", 0, missing, bytes, ends_in_silence)).value == b"abc"
 
 
 @pytest.fixture

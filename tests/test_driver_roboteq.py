@@ -135,8 +135,20 @@ def test_battery_and_currents_and_temperature_are_told(robot: Robot) -> None:
     assert telemetry(client.feedback[-1]) == (12.4, 0.0, 0.0, 32.0)
 
 
-def test_faults_of_the_controller_are_told_and_its_emergency_stop_holds_the_motors(robot: Robot) -> None:
-    with driving(robot) as driver:
+class Honest(RoboteqDevice):
+    """Tells zero for the command in force while its emergency stop is engaged."""
+
+    def _act(self, *action: Any) -> str:
+        done = super()._act(*action)
+        self._wanted = list(self.duty)
+        return done
+
+
+@pytest.mark.parametrize("device", [RoboteqDevice, Honest])
+def test_faults_of_the_controller_are_told_and_its_emergency_stop_holds_the_motors(
+    tmp_path: Path, device: type[RoboteqDevice]
+) -> None:
+    with Robot(tmp_path, device) as robot, driving(robot) as driver:
         client = Client(driver)
         robot.device.faults = 0x04
         client.until(lambda: client.feedback and client.feedback[-1].status & BATTERY)
@@ -144,6 +156,7 @@ def test_faults_of_the_controller_are_told_and_its_emergency_stop_holds_the_moto
         client.command(0.3, 0.3)
         client.until(lambda: client.feedback[-1].status & ESTOP)
         assert robot.at_rest()
+        assert all(message.applied_left == 0.0 for message in client.more(5))
         robot.device.faults = 0
         client.until(lambda: client.feedback[-1].status & (BATTERY | ESTOP) == 0)
 
@@ -210,6 +223,53 @@ def test_lost_cut_doubled_and_foreign_answers_never_become_data(tmp_path: Path) 
     for message in client.feedback:
         assert total(message) in robot.device.truth
         assert message.status & (ESTOP | BATTERY) == 0
+
+
+class Misheard(RoboteqDevice):
+    """Loses the sign of one duty in seven; and takes `zeros_lost` zeros for others.
+
+    `truth` holds what it counted and drove with whenever it was asked for the counts.
+    """
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.truth: set[tuple[int, ...]] = set()
+        self.zeros_lost = 0
+        self.duties = 0
+
+    def receive(self, data: bytes, time: float) -> list[Transmission]:
+        if data == b"!M 0 0\r" and self.zeros_lost > 0:
+            self.zeros_lost -= 1
+            data = b"!M 80 0\r"
+        elif data.startswith(b"!M"):
+            self.duties += 1
+            data = data if self.duties % 7 else data.replace(b"-", b"")
+        elif data == b"?C\r":
+            self.truth.add((*self._encoders(), *self.duty))
+        return super().receive(data, time)
+
+
+def test_3_a_duty_that_arrived_as_another_is_sent_again_and_never_told(tmp_path: Path) -> None:
+    with Robot(tmp_path, Misheard, echo=False) as robot, driving(robot) as driver:
+        client = Client(driver)
+        client.command(0.2, -0.2)
+        client.until(lambda: robot.device.duties > 100)
+        assert client.feedback[-1].applied_right == -0.2
+        assert driver.problems() == ""
+    for message in client.feedback:
+        duty = round(1000 * message.applied_left), round(1000 * message.applied_right)
+        assert (*total(message), *duty) in robot.device.truth
+
+
+def test_9_the_zero_at_exit_is_sent_until_the_device_tells_that_it_is_zero(tmp_path: Path) -> None:
+    with Robot(tmp_path, Misheard) as robot:
+        with driving(robot) as driver:
+            client = Client(driver)
+            client.command(0.5, 0.5)
+            client.until(lambda: robot.device.duty == [500, 500])
+            robot.device.zeros_lost = 3
+        assert robot.device.zeros_lost == 0
+        assert robot.at_rest()
 
 
 def process_driving(robot: Robot) -> DriverProcess:

@@ -210,6 +210,25 @@ def test_5_a_silent_device_is_waited_for(tmp_path: Path) -> None:
         assert run.device.duty == [0, 0]
 
 
+@pytest.mark.parametrize("reads_are_understood", [False, True])
+def test_6_a_device_that_no_longer_understands_duties_is_left_alone_until_it_stops_by_itself(
+    tmp_path: Path, reads_are_understood: bool
+) -> None:
+    with bench(tmp_path) as run:
+        run.until_moving()
+        writes = dict(run.device._writes)
+        if reads_are_understood:
+            del run.device._writes[DRIVE_BOTH]
+        else:
+            run.line.faults.deaf = True
+        # 0.4 s without an acknowledged duty, 0.5 s of attempts at zero, 0.5 s until the device's watchdog.
+        run.until(lambda: run.device.duty == [0, 0], 3.0)
+        run.line.faults.deaf = False
+        run.device._writes.update(writes)
+        run.until_moving()
+        assert run.thread.problem == ""
+
+
 def test_5_what_the_wheels_do_in_a_silence_is_counted(tmp_path: Path) -> None:
     with bench(tmp_path) as run:
         run.until_transactions(60)

@@ -10,13 +10,17 @@ from pathlib import Path
 import pytest
 
 from cmr.bus.messages import make, now_utime
+from cmr.bus.process import EXIT_INTERRUPTED
 from cmr.bus.streams import MOTOR_COMMAND
 from cmr.msg import motor_command_t
+from robot_driver.controllers.roboclaw import ACKNOWLEDGED
 from robot_driver.driver import Driver, Settings
+from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import load_settings
 from tests.driver_bench import DriverProcess, Robot, bench, driving, number, wait_for
+from tests.golden_vectors import ROBOCLAW_STOP
 
 WATCHDOG = 0.5  # s, of the device
 CYCLE = 0.01  # s
@@ -59,19 +63,55 @@ def test_8_a_stale_command_becomes_zero_in_time_and_nothing_jumps_when_commands_
         assert 0 < max(steps) <= 0.2 * 32767 + 1  # two cycles of the ramp, where one was missed
 
 
+def answers_to_zero(device: RoboclawDevice, monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
+    """Have the device's answer to the next zero be lost; return a list that takes its answers to each."""
+    answers: list[bytes] = []
+    receive = device.receive
+
+    def noted(data: bytes, time: float) -> list[Transmission]:
+        sent = receive(data, time)
+        if data == ROBOCLAW_STOP:
+            answers.append(b"".join(one.data for one in sent))
+        return [] if data == ROBOCLAW_STOP and len(answers) == 1 else sent
+
+    monkeypatch.setattr(device, "receive", noted)
+    return answers
+
+
 @pytest.mark.parametrize("number_of_signal", [signal.SIGTERM, signal.SIGINT])
-def test_9_a_signal_at_any_moment_leaves_the_motors_at_zero_acknowledged(tmp_path: Path, number_of_signal: int) -> None:
+def test_9_a_signal_at_any_moment_of_a_drive_leaves_the_motors_at_zero_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number_of_signal: int
+) -> None:
     chance = random.Random(number_of_signal)
-    for _ in range(number("CMR_SIGNALS", 2)):
+    for _ in range(number("CMR_SIGNALS", 1)):
         robot, driver = Robot(tmp_path), DriverProcess(tmp_path)
-        end = time.monotonic() + chance.uniform(0.0, 2.0)
-        while time.monotonic() < end:
-            driver.command(0.5, 0.5)
-            driver.listen(0.02)
-        driver.end(number_of_signal)
-        last = robot.drives[-1:]
+        drive_for(robot, driver, chance.uniform(0.0, 0.1))
+        answers = answers_to_zero(robot.device, monkeypatch)
+        assert robot.drives[-1][1] > 0
+        code, _ = driver.end(number_of_signal)
         robot.unplug()
-        assert [drive[1:] for drive in last] in ([], [(0, 0)])
+        assert code == EXIT_INTERRUPTED
+        assert robot.drives[-1][1:] == (0, 0)
+        assert len(answers) > 1
+        assert answers[-1] == ACKNOWLEDGED
+
+
+def drive_for(robot: Robot, driver: DriverProcess, seconds: float) -> None:
+    """Command half duty until the motors turn and for so long after that: on the ramp, or when it is over."""
+    driver.command_until(lambda: robot.device.duty[0] > 0)
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        driver.command(0.5, 0.5)
+        driver.listen(0.005)
+
+
+def test_9_a_signal_while_the_driver_starts_moves_nothing(tmp_path: Path) -> None:
+    robot, driver = Robot(tmp_path), DriverProcess(tmp_path)
+    wait_for(lambda: robot.drives)  # the first zero: it is connecting
+    code, _ = driver.end()
+    robot.unplug()
+    assert code == EXIT_INTERRUPTED
+    assert {drive[1:] for drive in robot.drives} == {(0, 0)}
 
 
 def test_9_an_exception_leaves_the_motors_at_zero_acknowledged(tmp_path: Path) -> None:

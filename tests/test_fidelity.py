@@ -2,12 +2,13 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cmr.fidelity.distances import CLOSES, NO_GAP, NOT_SHOWN, WIDENS, closing, distance
+from cmr.fidelity.distances import CLOSES, NO_GAP, NOT_SHOWN, WIDENS, Closing, closing, distance
 from cmr.fidelity.findings import Finding, findings_of, sentences, table
 from cmr.fidelity.study import SETS, Scores, tasks_of
 from cmr.fidelity.writing import DOCUMENT, FIGURE, RUNS, TABLE, write
@@ -68,6 +69,20 @@ def test_where_there_was_no_gap_nothing_is_closed() -> None:
 def test_calibration_that_takes_teams_away_from_real_ones_is_told() -> None:
     assert closing(around(0.0), around(0.5), around(1.5), floor=0.02).verdict == WIDENS
     assert closing(around(0.0, 0.01), around(0.0, 0.01), around(1.5), floor=0.02).verdict == WIDENS
+
+
+@pytest.mark.parametrize(
+    ("closed", "words"),
+    [
+        (Closing(CLOSES, 0.8, 0.6, 0.9), "closes the gap by 80 % (60 to 90 %): from "),
+        (Closing(WIDENS, -0.3, -0.5, -0.1), "widens the gap by 30 % (10 to 50 %): from "),
+        (Closing(NOT_SHOWN, 0.1, -0.2, 0.4), "not shown to close the gap: 10 % (-20 to 40 %) of it, from "),
+    ],
+)
+def test_a_person_is_told_by_how_much_the_gap_changes_or_that_nothing_is_shown(closed: Closing, words: str) -> None:
+    (finding,) = findings(1.0, 0.2)
+    (sentence,) = sentences([replace(finding, closings={"calibrated": closed})])
+    assert sentence.startswith(f"time_to_goal, calibrated: {words}")
 
 
 def test_metrics_that_mean_nothing_for_a_team_are_left_out() -> None:

@@ -25,8 +25,9 @@ KNOWN: dict[str, set[str]] = {
     "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
     "team": {*RECORDED, "world"},
     "fidelity": {*RECORDED, "colours", "files", "calibration", "diagnosis", "team"},
-    "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis", "scenario", "team", "fidelity"},
-    "tools": {*RECORDED, "commands"},
+    "sweep": {*RECORDED, "colours", "scenario", "team", "world"},
+    "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis", "scenario", "team", "fidelity", "sweep"},
+    "tools": {*RECORDED, "colours", "commands"},
 }
 DRIVER = {*BUS, "parameters", "commands"}  # of commands only how command lines are read
 

@@ -176,11 +176,11 @@ def test_damage_inside_a_log_costs_only_the_damaged_events(tmp_path: Path, capsy
     content = bytearray(write_foreign_log(tmp_path, events).read_bytes())
     event_bytes = len(content) // len(events)
     content[event_bytes + 28] = 0xFF  # the second event's channel name, behind a header of 28 bytes
-    content[3 * event_bytes] ^= 0xFF  # the fourth event's sync word: LCM then distrusts the third, too
+    content[3 * event_bytes] ^= 0xFF  # the fourth event's sync word
     recording = tmp_path / "foreign.log"
     recording.write_bytes(content)
     feedback = run(tmp_path, encoder_mapping(), recording)["MOTOR_FEEDBACK_0"]
-    assert [message.utime for message in feedback] == [5000, 6000]
+    assert [message.utime for message in feedback] == [3000, 5000, 6000]
     said = capsys.readouterr().out
     assert "truncated or damaged" in said
     assert "ENCODERS: 1 x message of an impossible time" in said

@@ -3,6 +3,7 @@
 import itertools
 import math
 import random
+import re
 import struct
 from typing import Any
 
@@ -12,8 +13,12 @@ from hypothesis import strategies as st
 
 from robot_driver.controllers import BadReply, Request
 from robot_driver.controllers.mbot import MBot, MBotGyro, board
+from robot_driver.controllers.mbot.board import REPEATED
 from robot_driver.controllers.mbot.clock import JITTER, SteadyClock
 from robot_driver.controllers.mbot.frames import LAYOUTS, START, Frame, FrameReader, Topic, packed
+from robot_driver.emulator.mbot_device import MBotDevice
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.settings import load_settings
 from tests.golden_vectors import MBOT_STOP
 
 
@@ -52,13 +57,43 @@ def answer(request: Request[Any], *stream: bytes) -> Any:
     return request.parse(reply) if request.missing(reply) == 0 else None
 
 
-def test_the_time_is_told_four_times_a_second_and_never_without_duties(clock: Clock) -> None:
+def test_a_board_that_speaks_is_told_the_time_four_times_a_second_and_never_without_duties(clock: Clock) -> None:
     mbot, told = MBot(), []
     for clock.utime in range(1000, 1_001_000, 10_000):
-        data = mbot.drive(0.0, 0.0).data
-        assert data.startswith(MBOT_STOP[:7])
-        told += [clock.utime] * (packed(Topic.TIMESYNC, struct.pack("<q", clock.utime)) in data)
+        request = mbot.drive(0.0, 0.0)
+        assert MBOT_STOP[:7] in request.data
+        told += [clock.utime] * (packed(Topic.TIMESYNC, struct.pack("<q", clock.utime)) in request.data)
+        answer(request, said(Topic.MOTOR_PWM, clock.utime))
     assert [later - earlier for earlier, later in itertools.pairwise(told)] == [250_000] * 3
+
+
+def test_a_board_that_fell_silent_is_told_the_time_with_every_duty_until_it_speaks(clock: Clock) -> None:
+    mbot, told = MBot(), []
+    for clock.utime in range(10_000, 410_000, 10_000):
+        request = mbot.drive(0.0, 0.0)
+        told += [clock.utime] * (packed(Topic.TIMESYNC, struct.pack("<q", clock.utime)) in request.data)
+        if not 30_000 < clock.utime < 200_000:
+            answer(request, said(Topic.MOTOR_PWM, clock.utime))
+    assert told == [10_000, *range(130_000, 210_000, 10_000)]
+
+
+@pytest.mark.usefixtures("clock")
+@pytest.mark.parametrize("received", range(29))
+@pytest.mark.parametrize("lost", range(REPEATED))
+def test_half_a_frame_and_a_lost_one_have_no_silent_board_go_on_with_old_duties(received: int, lost: int) -> None:
+    settings = load_settings().ideal()
+    device = MBotDevice(settings, Plant(settings))
+    old = packed(Topic.MOTOR_PWM_COMMAND, struct.pack("<q3f", 7, 0.5, -0.5, 0.0))
+    device.receive(old + old[:received], 0.0)
+    told = bytearray(MBot().drive(0.0, 0.0).data)
+    zero = packed(Topic.MOTOR_PWM_COMMAND, struct.pack("<q3f", 7, 0.0, -0.0, 0.0))
+    ends = [found.end() for found in re.finditer(re.escape(zero), told)]
+    assert len(ends) == REPEATED
+    told[ends[lost] - 1] ^= 1
+    device.receive(bytes(told), 0.001)
+    device.wake(0.002)
+    assert device._is_told_time
+    assert device.duty == (0.0, 0.0)
 
 
 def test_only_these_duties_in_force_since_they_were_told_confirm_them(clock: Clock) -> None:
@@ -73,6 +108,18 @@ def test_only_these_duties_in_force_since_they_were_told_confirm_them(clock: Clo
     with pytest.raises(BadReply):
         request.parse(b"")
     assert answer(request, said(Topic.MOTOR_PWM, 1500, left, -right)) == (left, right)
+
+
+def test_a_board_that_did_not_hear_its_duties_is_not_waited_for(clock: Clock) -> None:
+    mbot = MBot()
+    clock.utime = 1000
+    request = mbot.drive(0.1, 0.2)
+    clock.utime = 40_000
+    early, late = said(Topic.MOTOR_PWM, 20_999, 0.1, -0.1), said(Topic.MOTOR_PWM, 21_000, 0.1, -0.1)
+    assert request.missing(early + START) > 0
+    assert request.missing(early + late + START) == 0
+    with pytest.raises(BadReply, match="did not say its duties"):
+        request.parse(b"")
 
 
 def test_encoders_count_forward_modulo_and_tell_when(clock: Clock) -> None:
@@ -136,6 +183,14 @@ def test_the_boards_clock_keeps_its_pace_through_all_its_jumps() -> None:
     pace = [(after[1] - before[1]) - (after[0] - before[0]) for before, after in itertools.pairwise(times[100:])]
     assert max(map(abs, pace)) < JITTER + 5
     assert all(-1000 <= shown - true <= 0 for true, shown in times)
+
+
+def test_after_a_silence_the_clock_keeps_its_pace_at_once() -> None:
+    steady = SteadyClock()
+    for turn in range(100):
+        steady.read(4545 * turn)
+    silent_until = steady.read(2_000_000)
+    assert steady.read(2_000_000 + 4545 - 3000) - silent_until == pytest.approx(4545, abs=JITTER)
 
 
 def test_a_clock_that_is_set_for_the_first_time_is_followed_at_once() -> None:

@@ -54,6 +54,25 @@ def test_it_sees_what_every_ray_against_everything_sees(
     assert seen == pytest.approx(every_ray(sensor, pose, own, things, segments), abs=1e-6)
 
 
+@pytest.mark.parametrize("side", [20.0, 200.0, 1e4, 1e6])
+def test_among_many_discs_each_sensor_sees_those_around_it_wherever_they_are(side: float) -> None:
+    """Each sensor, one of the discs itself, has some of them around it; how far the others are depends."""
+    random = np.random.default_rng(round(side))
+    sensor = RangeSensor(180, -math.pi, 2.0 * math.pi / 180, 5.0)
+    discs = np.vstack([random.uniform(-side, side, (2, 400)), random.uniform(0.05, 0.5, 400)])
+    discs[:2, 100:] = discs[:2, np.arange(300) % 100] + random.uniform(-4.0, 4.0, (2, 300))
+    discs[2, 7], discs[0, 8] = np.nan, np.inf
+    own = [0, 50, 99, 399]
+    pose = np.vstack([discs[:2, own], random.uniform(-9.0, 9.0, 4)])
+    seen = sensor.scan(pose, own, discs, NO_WALLS)
+    for i, k in enumerate(own):
+        near = np.hypot(*(discs[:2] - discs[:2, [k]])) < 5.6
+        near[k] = False
+        expected = every_ray(sensor, pose[:, [i]], NOT_SEEN, discs[:, near], NO_WALLS)
+        assert seen[i] == pytest.approx(expected[0], abs=1e-6)
+        assert np.isfinite(seen[i]).any()  # so that there is something to agree on
+
+
 def test_ranges_to_a_disc_and_a_wall_are_those_of_geometry() -> None:
     seen = FOUR.scan(at(1.0, 1.0), NOT_SEEN, [[4.0], [1.0], [0.5]], [[-1.0], [-1.0], [-1.0], [6.0]])
     assert seen[0] == pytest.approx([2.5, np.inf, 2.0, np.inf])

@@ -7,6 +7,7 @@ import pytest
 
 from cmr.world.behaviours.crossing import BAND
 from cmr.world.behaviours.right_of_way import RightOfWay
+from tests.driver_bench import number
 from tests.team_bench import DIAMETER, Bench
 
 ZONE = 0.8  # m from the middle to the line, as it is by default
@@ -39,7 +40,7 @@ def bench_of(seed: int, rule: str, teams: int) -> tuple[Bench, list[tuple[float,
     return Bench(poses, members), ends
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(number("CMR_SEEDS", 2)))
 @pytest.mark.parametrize(("rule", "teams"), [("right", 1), ("first", 1), ("right", 2), ("first", 2)])
 def test_everybody_gets_through_and_nobody_touches_anybody(seed: int, rule: str, teams: int) -> None:
     bench, ends = bench_of(seed, rule, teams)

@@ -1,6 +1,7 @@
 """Roboteq's text protocol: the lines are those of the manual, and only a whole answer to the question is believed."""
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -10,13 +11,17 @@ from hypothesis import strategies as st
 from cmr.msg import motor_feedback_t
 from robot_driver.controllers import BadReply, Request
 from robot_driver.controllers.roboteq import FAULT_FLAGS, MOTOR_FLAGS, Roboteq
+from robot_driver.emulator.roboteq_device import RoboteqDevice
+from tests.emulated_device import answer
 from tests.golden_vectors import ROBOTEQ_ANSWERS as ANSWERS
+from tests.test_emulator_roboteq import make_device
 
 ESTOP, TEMPERATURE = motor_feedback_t.STATUS_ESTOP, motor_feedback_t.STATUS_TEMPERATURE
 BATTERY, MOTOR_FAULT = motor_feedback_t.STATUS_BATTERY, motor_feedback_t.STATUS_MOTOR_FAULT
 DONE, REFUSED = b"+\r", b"-\r"
 ORDER = list(ANSWERS)
 COUNTS = st.integers(-(2**31), 2**31 - 1)
+INSERTED = b"0123456789-+ _!?GM\r\0\xff"  # what could make another command of one
 
 
 def every_request(roboteq: Roboteq) -> dict[bytes, Request[Any]]:
@@ -29,6 +34,7 @@ def every_request(roboteq: Roboteq) -> dict[bytes, Request[Any]]:
         roboteq.read_encoders(),
         *roboteq.read_telemetry(),
     ]
+    requests += [request.then(None) for request in requests if request.then]
     return {request.data: request for request in requests}
 
 
@@ -66,7 +72,20 @@ def test_a_watchdog_that_would_be_off_is_never_set(seconds: float) -> None:
 def test_the_answer_to_a_duty_is_the_duty_that_was_really_sent() -> None:
     request = Roboteq().drive(0.12345, -0.98765)
     assert request.data == b"!M 123 -988\r"
-    assert request.parse(DONE) == (0.123, -0.988)
+    assert request.then is not None
+    told = request.then(request.parse(DONE))
+    assert told.data == b"?M\r"
+    assert told.parse(b"M=123:-988\r") == (0.123, -0.988)
+
+
+def test_a_controller_that_holds_its_motors_is_told_as_holding_them_and_no_other_duty_is_believed() -> None:
+    request = Roboteq().drive(0.3, -0.25)
+    assert request.then is not None
+    told = request.then(request.parse(DONE))
+    assert told.parse(b"M=0:0\r") == (0.0, 0.0)
+    for other in (b"M=300:0\r", b"M=0:-250\r", b"M=300:250\r"):
+        with pytest.raises(BadReply, match="tells"):
+            told.parse(other)
 
 
 @given(st.sampled_from(ORDER), st.booleans(), st.booleans(), st.data())
@@ -88,7 +107,7 @@ def test_garbage_is_refused_and_never_waited_for_without_end(line: bytes, garbag
     request = every_request(Roboteq())[line]
     reply = arrived(request, garbage + b"x" * 200, lambda: 1)
     assert len(reply) <= request.longest_reply
-    if reply.removeprefix(line) == ANSWERS[line] or (reply == REFUSED and line[:2] == b"~M"):
+    if reply.removeprefix(line) == ANSWERS[line] or (reply == REFUSED and line[:2] in (b"~M", b"~C")):
         return
     with pytest.raises(BadReply):
         request.parse(reply)
@@ -209,7 +228,16 @@ def test_faults_and_motor_flags_do_not_hide_each_other_and_go_when_they_are_over
     assert requests[b"?FF\r"].parse(b"FF=0\r")["conditions"] == ("motor 1 takes as much current as it may",)
 
 
-@pytest.mark.parametrize(("mode", "words"), [("MMOD 1", "open loop"), ("MMOD 2", "open loop"), ("MXMD", "separate")])
+@pytest.mark.parametrize(
+    ("mode", "words"),
+    [
+        ("MMOD 1", "open loop"),
+        ("MMOD 2", "open loop"),
+        ("MXMD", "separate"),
+        ("CLIN 1", "linear"),
+        ("CLIN 2", "linear"),
+    ],
+)
 def test_a_controller_that_would_not_take_a_duty_as_a_duty_is_refused(mode: str, words: str) -> None:
     request = every_request(Roboteq())[f"~{mode}\r".encode()]
     with pytest.raises(BadReply, match=words):
@@ -220,11 +248,83 @@ def test_a_controller_that_would_not_take_a_duty_as_a_duty_is_refused(mode: str,
 def test_a_restarted_device_gets_zeros_and_is_not_believed_until_it_is_armed_anew() -> None:
     roboteq = Roboteq()
     roboteq.learn()[0].parse(DONE)
-    assert roboteq.drive(0.5, 0.5).parse(DONE) == (0.5, 0.5)
+    roboteq.drive(0.5, 0.5).parse(DONE)
     with pytest.raises(BadReply, match="restarted"):
         roboteq.read_encoders().parse(b"?C\rC=1:2\r")
     drive = roboteq.drive(0.5, 0.5)
     assert drive.data == b"!M 0 0\r"
-    for request, answer in ((drive, DONE), (roboteq.read_encoders(), b"C=1:2\r")):
+    for request, reply in ((drive, DONE), (roboteq.read_encoders(), b"C=1:2\r")):
         with pytest.raises(BadReply):
-            request.parse(answer)
+            request.parse(reply)
+
+
+class Lenient(RoboteqDevice):
+    """Takes the first two numbers of a line for the duty, whatever else stands in it."""
+
+    def _answer(self, line: str, time: float) -> str:
+        numbers = re.findall(r"-?[0-9]+", line)
+        return super()._answer(f"!M {numbers[0]} {numbers[1]}" if line[0] == "!" and numbers[1:] else line, time)
+
+
+def damages(line: bytes) -> Iterator[bytes]:
+    """All that is left of a line when a byte is dropped, a bit flipped, or a byte inserted."""
+    for place in range(len(line)):
+        yield line[:place] + line[place + 1 :]
+        yield from (line[:place] + bytes((line[place] ^ 1 << bit,)) + line[place + 1 :] for bit in range(8))
+    for place in range(len(line) + 1):
+        yield from (line[:place] + bytes((byte,)) + line[place:] for byte in INSERTED)
+
+
+def told(device: RoboteqDevice, request: Request[Any], *arriving: bytes) -> Any:
+    """Exchange a request as the port does, where these bytes arrive instead of the first lines; None if it fails."""
+    reply = arrived(request, answer(device, arriving[0] if arriving else request.data), lambda: 1000)
+    try:
+        said = request.parse(reply) if request.missing(reply) <= 0 else None
+    except BadReply:
+        said = None
+    return said if said is None or request.then is None else told(device, request.then(said), *arriving[1:])
+
+
+def driving(kind: type[RoboteqDevice], echo: bool) -> RoboteqDevice:
+    device, plant = make_device(echo=echo)
+    device = kind(device._settings, plant)
+    assert told(device, Roboteq().drive(0.7, 0.6)) == (0.7, 0.6)
+    return device
+
+
+@pytest.mark.parametrize("kind", [RoboteqDevice, Lenient])
+@pytest.mark.parametrize("duty", [(0.3, -0.25), (0.0, 0.0)])
+def test_3_a_duty_that_was_damaged_on_its_way_is_never_told_as_applied(
+    kind: type[RoboteqDevice], duty: tuple[float, float]
+) -> None:
+    """Nor is the zero at exit, which is the second one; then neither by what is left over of the damaged line."""
+    device = driving(kind, echo=False)
+    taken_for_another = 0
+    for line in damages(Roboteq().drive(*duty).data):
+        device._wanted, device.duty, device._line = [700, 600], [700, 600], b""
+        said = told(device, Roboteq().drive(*duty), line)
+        assert said is None or [round(1000 * value) for value in said] == device.duty
+        taken_for_another += said is None and device.duty != [700, 600]
+        said = told(device, Roboteq().drive(0.0, 0.0))
+        assert said is None or device.duty == [0, 0]
+    assert taken_for_another > 0
+
+
+@pytest.mark.parametrize("echo", [True, False])
+def test_3_a_duty_counts_only_when_the_device_tells_it(echo: bool) -> None:
+    device = driving(RoboteqDevice, echo)
+    for line in damages(b"?M\r"):
+        device._line = b""
+        assert told(device, Roboteq().drive(0.3, -0.25), b"!M 300 250\r", line) is None
+        assert told(device, Roboteq().drive(0.3, -0.25), b"!M 300 -250\r", line) in (None, (0.3, -0.25))
+
+
+def test_3_a_duty_whose_acknowledgement_is_lost_is_not_told_as_applied() -> None:
+    request = Roboteq().drive(0.3, -0.25)
+    assert request.then is not None
+    for lost in (b"", b"\r", b"+", b"M=300:-250\r", b"-\r"):
+        with pytest.raises(BadReply):
+            request.parse(lost)
+    for answered in (b"", b"+\r", b"M=300:250\r", b"M=300\r", b"M=-250:300\r", b"M=300:-250", b"C=300:-250\r", b"-\r"):
+        with pytest.raises(BadReply):
+            request.then((0.3, -0.25)).parse(answered)

@@ -22,8 +22,6 @@ from cmr.scenario.preparing import prepare
 from tests.html_page import Page
 from tests.private_bus import private_url
 
-pytestmark = pytest.mark.real_time
-
 RUN = str(Path(sys.executable).parent / "cmr-run")
 PARAMETERS = shipped()["line"].parent / "parameters/robot_0.yaml"
 TEXT = f"""\

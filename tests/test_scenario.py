@@ -248,7 +248,7 @@ def test_what_is_written_reads_back_the_same(
     many = {"count": count, "first_id": 20, "kind": "virtual", "behaviour": "follow,leader=previous", "start": start}
     lead = {"id": 19, "kind": "virtual", "start": [0, 5], "waypoints": [list(point) for point in waypoints]}
     content = yaml.safe_load(TEXT)
-    content |= {"seed": seed, "process_noise": noise, "host": "lab-pc"}
+    content |= {"seed": seed, "process_noise": noise, "reaction": 0.03, "host": "lab-pc"}
     content["obstacles"] = {"discs": [[80, 0, 1]], "walls": [[70, 0, 70, 1]]}
     content["robots"] += [lead, many]
     scenario = parse(yaml.safe_dump(content), "a.yaml")

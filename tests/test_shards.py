@@ -1,10 +1,12 @@
 """Several simulators share one world: each moves its own robots, sees the others', and takes over nobody's."""
 
 import heapq
+import importlib
 import math
 import random
 from collections.abc import Iterator
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -141,7 +143,7 @@ def assert_as_their_owners_say(both: Shards, utime: int) -> None:
             assert moved <= TOP_SPEED * (utime - robot.utime) * 1e-6 + 1e-5
 
 
-@pytest.mark.parametrize(("seed", "seconds", "largest"), [(0, 60.0, None), (1, 15.0, 100)])
+@pytest.mark.parametrize(("seed", "seconds", "largest"), [(0, 20.0, None), (1, 15.0, 100)])
 def test_over_a_lossy_network_no_robot_is_lost_or_doubled_and_all_are_where_their_owners_say(
     seed: int, seconds: float, largest: int | None
 ) -> None:
@@ -279,6 +281,38 @@ def test_a_simulator_that_was_held_up_catches_up_by_and_by_and_counts_what_came_
     assert world.late_steps == 10 + 10 + 5
     world.advance(EPOCH + 327 * STEP)
     assert world.late_steps == 25 + 299  # left out: nobody saw them
+
+
+class Turns:
+    """A process whose turns come at these moments [us] and that hears nothing."""
+
+    def __init__(self, utimes: list[int]) -> None:
+        self._utimes = utimes
+        self.exit_code = 0
+
+    def __enter__(self) -> "Turns":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def loop(self, rate_hz: float) -> Iterator[int]:
+        assert rate_hz == 1e6 / STEP
+        yield from self._utimes
+
+    def __getattr__(self, _name: str) -> Any:
+        return lambda *_arguments, **_options: None
+
+
+def test_a_simulator_that_was_held_up_tells_no_moment_twice(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    held_up = [EPOCH, EPOCH + STEP, EPOCH + 54_000, EPOCH + 57_000, EPOCH + 64_000, EPOCH + 2 * LOST]
+    told: list[int] = []
+    sim = importlib.import_module("cmr.commands.sim")  # the package has a function of this name
+    monkeypatch.setattr(sim, "Process", lambda *_: Turns(held_up))
+    monkeypatch.setattr(sim.Timer, "due", lambda _: True)
+    monkeypatch.setattr(sim, "_state_messages", lambda world, _: told.append(world.utime))
+    assert sim.main(["--parameters", str(tmp_path)]) == 0
+    assert told == [EPOCH, EPOCH + STEP, EPOCH + 5 * STEP, EPOCH + 6 * STEP, EPOCH + 2 * LOST]
 
 
 def test_a_simulator_says_that_it_is_late_while_it_is() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cmr.commands.robots import behaviour_of, numbered, virtual_robots
+from cmr.model.catalogue import together
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
@@ -21,7 +22,7 @@ from cmr.world.behaviours import (
     make_behaviours,
 )
 from cmr.world.behaviours.following import SPEED_PER_DISTANCE
-from cmr.world.behaviours.team import Duties, Memory, duties_of, stacked
+from cmr.world.behaviours.team import Duties, Memory, duties_of
 from cmr.world.behaviours.waypoints import Waypoints, read_points
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.view import VIRTUAL, Robots, WorldView
@@ -109,7 +110,7 @@ def test_the_page_shows_the_example_that_runs(monkeypatch: pytest.MonkeyPatch) -
 
 def test_what_is_no_number_stands_and_what_is_too_much_is_clipped() -> None:
     me = Robots((1, 2), (VIRTUAL, VIRTUAL), Robots.of([]).state)
-    assert duties_of(NoNumber(), EPOCH, me, WorldView(), stacked([MODEL] * 2)).tolist() == [[0.0, 0.0], [1.0, -1.0]]
+    assert duties_of(NoNumber(), EPOCH, me, WorldView(), together([MODEL] * 2)).tolist() == [[0.0, 0.0], [1.0, -1.0]]
 
 
 def test_duties_of_a_wrong_shape_are_refused_by_name() -> None:

@@ -12,11 +12,13 @@ REQUESTS: tuple[Callable[[Roboteq], list[Request[Any]]], ...] = (
     lambda unit: [unit.identify()],
     lambda unit: unit.learn(),
     lambda unit: [unit.set_watchdog(0.5), unit.read_watchdog()],
-    lambda unit: [unit.drive(0.5, -0.25)],
+    lambda unit: _duty_and_what_is_told_of_it(unit.drive(0.5, -0.25)),
     lambda unit: [unit.read_encoders()],
     lambda unit: unit.read_telemetry(),
 )
-COUNTS = {b"C": (2, 2), b"V": (3, 3), b"A": (2, 2), b"T": (1, 5), b"FM": (1, 2), b"MMOD": (1, 2), b"MXMD": (1, 2)}
+TOLD = b"M=500:-250\r"  # of this duty, nothing else
+COUNTS = {b"C": (2, 2), b"V": (3, 3), b"A": (2, 2), b"T": (1, 5), b"FM": (1, 2)}
+COUNTS |= {b"M": (2, 2), b"MMOD": (1, 2), b"MXMD": (1, 2), b"CLIN": (1, 2)}
 
 FORMS = (b"%d", b"%d", b"%d", b"%d", b"%d", b"%04d", b"%+d", b"% d")  # the last three are none
 
@@ -38,6 +40,11 @@ def check(data: bytes) -> None:
         else:
             assert understood(request, whole) is not None
             echo_is_off |= request.data == b"^ECHOF 1\r"
+
+
+def _duty_and_what_is_told_of_it(drive: Request[Any]) -> list[Request[Any]]:
+    assert drive.then is not None
+    return [drive, drive.then(None)]
 
 
 def _reply(script: Script, request: Request[Any]) -> bytes:
@@ -63,7 +70,9 @@ def _is_sound(line: bytes, reply: bytes) -> bool:
     answer = reply[len(line) - 1 :].removeprefix(b"\r") if echoed else reply
     if line[:1] in b"!^":
         return answer == DONE
-    if line[:2] == b"~M" and answer == REFUSED:
+    if line == b"?M\r":
+        return answer == TOLD
+    if line[:2] in (b"~M", b"~C") and answer == REFUSED:
         return True
     name = line[1:-1].split()[0]
     text = answer[len(name) + 1 : -1]
@@ -81,6 +90,8 @@ def _answer(line: bytes, script: Script) -> bytes:
     if line[:1] in b"!^":
         return script.one_of((DONE, REFUSED))
     name = line[1:-1].split()[0]
+    if name == b"M" and script.number(4) == 0:
+        return TOLD
     if name == b"FID":
         return b"FID=v" + script.take(script.number(80)).replace(b"\r", b"") + b"\r"
     least, most = COUNTS.get(name, (1, 1))

@@ -1,9 +1,12 @@
 """Compile the plant's functions."""
 
+import fcntl
+import functools
 import hashlib
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
@@ -26,3 +29,27 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     finally:
         config.CACHE_DIR = before
     return result
+
+
+def compiled_once(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile what is called from outside; processes begun together wait for the first of them, and load it then."""
+    result: Any = compiled(function)
+    if config.DISABLE_JIT:
+        return function
+
+    called_before = False
+
+    @functools.wraps(function)
+    def called(*arguments: P.args, **options: P.kwargs) -> R:
+        nonlocal called_before
+        if called_before:
+            return cast("R", result(*arguments, **options))
+        called_before = True
+        with ExitStack() as held:
+            with suppress(OSError):  # where nothing can be written, each process compiles for itself
+                folder = _FOLDER / "__pycache__"
+                folder.mkdir(exist_ok=True)
+                fcntl.flock(held.enter_context((folder / "lock").open("w")), fcntl.LOCK_EX)
+            return cast("R", result(*arguments, **options))
+
+    return called

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from cmr.recordings.signal import Floats
-from tests.reference_plant.compiling import compiled
+from tests.reference_plant.compiling import compiled, compiled_once
 from tests.reference_plant.ground import ground_speed, moved, on_patch
 from tests.reference_plant.motors import accelerations, dry_friction, load, powered, switched, turned, wanted_duties
 from tests.reference_plant.parameters import PlantParameters
@@ -67,7 +67,7 @@ def disturbed(
     return Side(side.ramp, side.u, side.heat, side.psi, side.domega, side.phi, side.gap, torque, slip, lost)
 
 
-@compiled
+@compiled_once
 def simulate(
     p: PlantParameters,
     robot: Robot,

@@ -1,0 +1,187 @@
+"""What cmr-plot draws is what the logs hold, labelled with units; and what it cannot draw it says."""
+
+import math
+from pathlib import Path
+
+import lcm
+import numpy as np
+import pytest
+
+from cmr.bus.messages import make
+from cmr.commands.command_line import CommandError
+from cmr.msg import motor_feedback_t, pose_xyt_t, waypoints_t
+from cmr.recordings.events import EventReader
+from cmr.tools import plot
+from cmr.tools.plot_fields import FieldName, Gathered, Values, against, near_names, parse_field, unit_of
+from cmr.tools.plot_figure import Curve, Panel, broken_at_gaps, figure_of
+
+BEGIN = 1_700_000_000_000_000  # us
+LATE = 20_000  # us from measurement to logging
+RADIUS = 2.0  # m
+
+
+def write_log(path: Path, robot_ids: tuple[int, ...] = (0,)) -> Path:
+    """Write 4 s of circles, poses at 20 Hz and wheels at 50 Hz, and one message of waypoints."""
+    log = lcm.EventLog(str(path), "w", overwrite=True)
+    log.write_event(BEGIN, "CAMERA", b"picture")
+    for step in range(400):
+        utime = BEGIN + 10_000 * step
+        for robot_id in robot_ids:
+            angle = step / 100.0
+            place = {"x": RADIUS * math.cos(angle), "y": RADIUS * math.sin(angle), "theta": angle}
+            if step % 5 == 0:
+                message = make(pose_xyt_t, utime=utime, robot_id=robot_id, **place)
+                log.write_event(utime + LATE, f"POSE_{robot_id}", message.encode())
+            if step % 2 == 0:
+                fields = dict.fromkeys(motor_feedback_t.__slots__, 0) | {"utime": utime, "psi_left": angle}
+                log.write_event(utime + LATE, f"MOTOR_FEEDBACK_{robot_id}", make(motor_feedback_t, **fields).encode())
+    points = make(waypoints_t, utime=BEGIN, robot_id=0, x=[1.0, 5.0], y=[2.0, 6.0])
+    log.write_event(BEGIN + LATE, "WAYPOINTS_0", points.encode())
+    log.close()
+    return path
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_log(tmp_path_factory.mktemp("logs") / "run.lcm")
+
+
+def gather(log: Path, *fields: str) -> Gathered:
+    return Gathered([parse_field(field) for field in fields], EventReader(log))
+
+
+# Which field
+
+
+def test_fields_are_written_as_channel_and_field_and_number() -> None:
+    assert parse_field("POSE_0.x") == FieldName("POSE_0", "x")
+    assert parse_field("WORLD_STATE.psi_left[3]") == FieldName("WORLD_STATE", "psi_left", 3)
+    assert [str(parse_field(text)) for text in ("POSE_0.x", "WORLD_STATE.x[3]")] == ["POSE_0.x", "WORLD_STATE.x[3]"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("POSE_0", "is neither a file nor a field"),
+        ("POSE_0.z", r"has no such field: z\. It has POSE_0\.y, POSE_0\.x, .*POSE_0\.theta"),
+        ("MOTOR_FEEDBACK_0.psi_lef", r"It has MOTOR_FEEDBACK_0\.psi_left, "),
+        ("PROCESS_STATUS.message", "has text there"),
+        ("WAYPOINTS_0.x", r"name one, such as WAYPOINTS_0\.x\[0\]"),
+        ("POSE_0.x[0]", "is one number"),
+    ],
+)
+def test_a_wrong_field_is_told_with_those_that_there_are(text: str, said: str) -> None:
+    with pytest.raises(CommandError, match=said):
+        parse_field(text)
+
+
+def test_units_are_those_of_the_message_types() -> None:
+    fields = ("POSE_0.x", "POSE_0.theta", "MOTOR_FEEDBACK_0.psi_left", "MOTOR_FEEDBACK_0.temperature", "GYRO_0.valid")
+    assert [unit_of(parse_field(text)) for text in fields] == ["m", "rad", "rad/s", "deg C", ""]
+
+
+def test_near_names_are_of_the_channels_of_the_log() -> None:
+    assert near_names("POSE_1.x", ["POSE_0", "CAMERA", "WAYPOINTS_0"])[0] == "POSE_0.x"
+
+
+# Its values
+
+
+def test_values_stand_at_the_times_at_which_they_were_measured(log: Path) -> None:
+    seconds, values = gather(log, "POSE_0.theta").values(FieldName("POSE_0", "theta"))
+    assert len(seconds) == 80
+    assert seconds == pytest.approx(np.arange(80) * 0.05)
+    assert values == pytest.approx(seconds)
+
+
+def test_elements_of_arrays_are_found_and_missing_ones_are_no_numbers(log: Path) -> None:
+    gathered = gather(log, "WAYPOINTS_0.y[1]", "WAYPOINTS_0.y[2]")
+    assert gathered.values(FieldName("WAYPOINTS_0", "y", 1)).values.tolist() == [6.0]
+    assert np.isnan(gathered.values(FieldName("WAYPOINTS_0", "y", 2)).values).tolist() == [True]
+    assert "CAMERA" in gathered.channels
+
+
+def test_one_field_against_another_of_other_times_is_interpolated_and_never_extrapolated() -> None:
+    horizontal = Values(np.array([0.0, 1.0, 2.0, 9.0]), np.array([5.0, 6.0, 7.0, 8.0]))
+    vertical = Values(np.array([0.5, 2.5]), np.array([10.0, 14.0]))
+    x, y = against(horizontal, vertical)
+    assert x.tolist() == [5.0, 6.0, 7.0, 8.0]
+    assert y == pytest.approx([np.nan, 11.0, 13.0, np.nan], nan_ok=True)
+
+
+def test_a_silence_breaks_the_line() -> None:
+    seconds, values = broken_at_gaps(np.array([0.0, 0.1, 0.2, 5.0, 5.1]), np.arange(5.0))
+    assert values == pytest.approx([0.0, 1.0, 2.0, np.nan, 3.0, 4.0], nan_ok=True)
+    assert np.isnan(seconds[3])
+
+
+# The figure
+
+
+def panels_of(logs: list[Path], *fields: str) -> list[Panel]:
+    asked = [plot._asked(text) for text in fields]
+    names = {name for one in asked for name in one.names}
+    return plot._panels(asked, logs, [Gathered(names, EventReader(path)) for path in logs])
+
+
+def test_fields_of_one_unit_share_a_panel_and_axes_have_their_units(log: Path) -> None:
+    places, angle, path = panels_of([log], "POSE_0.x", "POSE_0.theta", "POSE_0.y", "POSE_0.x:POSE_0.y")
+    assert [curve.label for curve in places.curves] == ["POSE_0.x", "POSE_0.y"]
+    assert (places.x_label, places.y_label) == ("time since the log began [s]", "x, y [m]")
+    assert angle.y_label == "POSE_0.theta [rad]"
+    assert (path.x_label, path.y_label, path.same_scale) == ("POSE_0.x [m]", "POSE_0.y [m]", True)
+    [circle] = path.curves
+    assert np.hypot(circle.x, circle.y) == pytest.approx(np.full(80, RADIUS))
+
+
+def test_several_logs_lie_over_each_other_and_are_told_apart(log: Path, tmp_path: Path) -> None:
+    other = write_log(tmp_path / "other.lcm")
+    [panel] = panels_of([log, other], "POSE_0.x")
+    assert [curve.label for curve in panel.curves] == ["POSE_0.x, run.lcm", "POSE_0.x, other.lcm"]
+    assert plot._names([Path("a/run.lcm"), Path("b/run.lcm")]) == ["a/run.lcm", "b/run.lcm"]
+    figure = figure_of([panel], "both", 2)
+    first, second = figure.axes[0].get_lines()
+    assert first.get_color() != second.get_color()
+
+
+def test_panels_over_time_share_their_time_axis() -> None:
+    curve = Curve("a", np.arange(3.0), np.arange(3.0), 0, 0)
+    over_time = Panel("t", "y", [curve], over_time=True)
+    figure = figure_of([over_time, over_time._replace(over_time=False), over_time], "title", 1)
+    first, path, last = figure.axes
+    first.set_xlim(0.0, 77.0)
+    assert last.get_xlim() == (0.0, 77.0)
+    assert path.get_xlim() != (0.0, 77.0)
+
+
+# The command
+
+
+@pytest.mark.parametrize(("name", "begin"), [("a.png", b"\x89PNG"), ("a.SVG", b"<?xml"), ("a.pdf", b"%PDF")])
+def test_a_file_of_the_kind_that_its_name_says_is_written(log: Path, tmp_path: Path, name: str, begin: bytes) -> None:
+    assert plot.main([str(log), "POSE_0.x:POSE_0.y", "--out", str(tmp_path / name)]) == 0
+    assert (tmp_path / name).read_bytes().startswith(begin)
+
+
+def test_what_no_log_has_is_an_error_and_what_one_lacks_is_said(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other, out = write_log(tmp_path / "other.lcm", robot_ids=(1,)), tmp_path / "a.png"
+    with pytest.raises(CommandError, match=r"has no POSE_2\.x\. Near names: POSE_0\.x"):
+        plot.main([str(log), "POSE_2.x", "--out", str(out)])
+    assert not out.exists()
+    assert plot.main([str(log), str(other), "POSE_0.x", "--out", str(out)]) == 0
+    assert f"{other} has no POSE_0.x." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [["run.lcm"], ["POSE_0.x"], ["run.lcm", "POSE_0.x", "--out", "a.bmp"]], ids=["field", "log", "kind"]
+)
+def test_what_is_missing_or_of_no_known_kind_is_wrong_usage(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        plot.main(arguments)
+
+
+def test_a_log_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(CommandError, match=r"none\.lcm: No such file"):
+        plot.main([str(tmp_path / "none.lcm"), "POSE_0.x", "--out", str(tmp_path / "a.png")])
