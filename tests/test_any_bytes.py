@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robot_driver.controllers import BadReply
@@ -16,10 +16,13 @@ from tests.golden_vectors import DSP3000_LINE
 
 T = TypeVar("T")
 
+ROBOTEQ_TELLS_ZERO = b"\3\1\0\0\0\0\0\1\1"  # for a duty that is not zero
+
 
 @pytest.mark.parametrize("protocol", CHECKS)
 @settings(max_examples=300)
 @given(st.binary(min_size=60, max_size=300))
+@example(ROBOTEQ_TELLS_ZERO)
 def test_any_bytes_are_taken_for_what_they_are(protocol: str, script: bytes) -> None:
     CHECKS[protocol](script)
 
