@@ -120,3 +120,16 @@ def test_late_turns_of_all_processes_are_added_up_and_a_doubt_is_known() -> None
     watched.handle(EPOCH, PROCESS_STATUS.name, status(8, process_status_t.DEGRADED, 2.0))
     assert watched.overruns == 5
     assert [watched.is_degraded(pid) for pid in (7, 8, 9)] == [False, True, False]
+
+
+def test_what_came_late_while_processes_started_up_does_not_count() -> None:
+    watched = watch()
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(7, process_status_t.RUNNING, 100.0))
+    see(watched, 0, (0, VIRTUAL, 0.0, 0.0), (1, VIRTUAL, 0.0, 1.0))
+    watched.begin()
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(7, process_status_t.RUNNING, 103.0))
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(8, process_status_t.RUNNING, 2.0))
+    see(watched, 1, (0, VIRTUAL, 0.0, 0.0), (1, VIRTUAL, 0.0, 1.0))
+    assert [watched.late_turns(pid) for pid in (7, 8, 9)] == [3, 2, None]
+    assert watched.overruns == 5
+    assert watched.worlds == 1

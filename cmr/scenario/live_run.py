@@ -62,7 +62,6 @@ class LiveRun:
         self._there_since: float | None = None  # when all robots were in the world
         self._over_since: float | None = None
         self._moved = 0.0  # when a robot last moved, in seconds in service
-        self.first_utime = 0  # when all were in service
         self._to_send: set[int] = set()  # robots that have to be told of their waypoints
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(PROCESS_STATUS, every=True)
@@ -97,7 +96,7 @@ class LiveRun:
         if doubt:
             self.say(f"In doubt, {doubt}")
         began = time.monotonic()
-        self.first_utime = self.watch.utime
+        self.watch.begin()
         for _utime in self._process.loop(RATE):
             self._seconds = time.monotonic() - began
             self._turn()
@@ -164,16 +163,17 @@ class LiveRun:
                 self._to_send.discard(robot_id)
 
     def _progress(self) -> str:
-        """Return how it goes, in one line."""
+        """Return how it goes, in one line that a terminal of 80 columns shows whole."""
         watch, count = self.watch, len(self.scenario.robots)
+        there = count - len(watch.missing())
         parts = [
-            f"{self._seconds:5.1f} s, {max(self.scenario.duration - self._seconds, 0.0):.0f} s left",
-            f"{count - len(watch.missing())}/{count} robots",
+            f"{max(self.scenario.duration - self._seconds, 0.0):.0f} s left",
+            f"{there if there == count else f'{there}/{count}'} robot{'s' if count > 1 else ''}",
             f"{watch.rate():.0f} Hz",
             f"{watch.overruns} late turns",
-            f"{watch.distance.sum():.1f} m driven",
-            f"nearest {watch.nearest.distance:.2f} m" if watch.nearest.utime else "",
             f"{self.supervisor.restarts} restarts" if self.supervisor.restarts else "",
+            f"{watch.measure('distance_driven'):.1f} m {'each' if count > 1 else 'driven'}",
+            f"nearest {watch.nearest.distance:.2f} m" if watch.nearest.utime else "",
         ]
         return " | ".join(part for part in parts if part)
 

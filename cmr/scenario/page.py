@@ -121,25 +121,11 @@ def _cross(frame: Frame, x: float, y: float) -> Html:
 
 def _robots(document: Document) -> Html:
     robots = document["robots"]
-    rows = [
-        [
-            str(robot["id"]),
-            robot["kind"],
-            robot["behaviour"],
-            number(robot["distance_m"], 3),
-            f"{len(robot['waypoints']) - robot['waypoints_left']} of {len(robot['waypoints'])}"
-            if robot["waypoints"]
-            else "",
-            number(robot["goal_reached_at_s"], 3) if robot["goal_reached_at_s"] is not None else "",
-        ]
-        for robot in robots[:MOST_ROWS]
-    ]
-    headings = ("robot", "kind", "behaviour", "driven [m]", "waypoints", "last one at [s]")
-    more = (
-        quiet(f"The first {MOST_ROWS} of {len(robots)}; all are in report.json.")
-        if len(robots) > MOST_ROWS
-        else Html("")
-    )
+    headings = ["robot", "kind", "behaviour", "driven [m]"]
+    if any(robot["waypoints"] for robot in robots):
+        headings += ["waypoints", "last one at [s]"]
+    rows = [_row(robot)[: len(headings)] for robot in robots[:MOST_ROWS]]
+    more = f"The first {MOST_ROWS} of {len(robots)}; all are in report.json." if len(robots) > MOST_ROWS else ""
     near = document["nearest_robots"]
     nearest = (
         paragraph(
@@ -150,7 +136,17 @@ def _robots(document: Document) -> Html:
         if near
         else Html("")
     )
-    return section("Robots", table(headings, rows, numbers=(3, 5)), more, nearest)
+    return section("Robots", nearest, table(headings, rows, numbers=(3, 5)), quiet(more) if more else Html(""))
+
+
+def _row(robot: Document) -> list[str]:
+    """Return what the table has of one robot."""
+    count, reached = len(robot["waypoints"]), robot["goal_reached_at_s"]
+    return [
+        *(str(robot["id"]), robot["kind"], robot["behaviour"].replace(",", ", "), number(robot["distance_m"], 3)),
+        f"{count - robot['waypoints_left']} of {count}" if count else "",
+        number(reached, 3) if reached is not None else "",
+    ]
 
 
 def _processes(document: Document) -> Html:

@@ -31,7 +31,7 @@ def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> 
 def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
     """Return what was measured: lengths in m, times in s since all robots were in service."""
     watch, scenario = run.watch, run.scenario
-    first = run.first_utime or (watch.sample_utime[0] if watch.sample_utime else 0)
+    first = watch.first_utime or (watch.sample_utime[0] if watch.sample_utime else 0)
     near = watch.nearest
     return {
         "schema": SCHEMA,
@@ -59,9 +59,12 @@ def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
 
 
 def mean_rate(watch: TeamWatch) -> float:
-    """Return how often the world was published on average [Hz]."""
-    span = (watch.sample_utime[-1] - watch.sample_utime[0]) * 1e-6 if len(watch.sample_utime) > 1 else 0.0
-    return (watch.worlds - 1) / span if span > 0.0 else 0.0
+    """Return how often the world was published on average [Hz], since all were in service if they are."""
+    if not watch.sample_utime:
+        return 0.0
+    span = (watch.utime - (watch.first_utime or watch.sample_utime[0])) * 1e-6
+    counted = watch.worlds if watch.first_utime else watch.worlds - 1
+    return counted / span if span > 0.0 else 0.0
 
 
 def _robots(run: LiveRun, first: int) -> list[dict[str, Any]]:
@@ -105,7 +108,7 @@ def _processes(run: LiveRun) -> list[dict[str, Any]]:
                 "ends": state.ends,
                 "last_words": run.supervisor.last_words(name),
                 "loop_rate_hz": _number(status.loop_rate_hz) if status else None,
-                "overruns": int(status.loop_overruns) if status else None,
+                "overruns": run.watch.late_turns(state.pid),
                 "message": status.message if status else "",
             }
         )

@@ -47,7 +47,9 @@ class TeamWatch:
         self.distance = np.zeros(count)  # m driven
         self.nearest = Nearest()
         self.utime = 0
-        self.worlds = 0  # how many states of the world were received
+        self.first_utime = 0  # when all were in service; 0: not yet
+        self.worlds = 0  # how many states of the world were received, since all were in service if they are
+        self._late_before: dict[int, int] = {}  # late turns of each process until then, by pid
         self._world_utimes: deque[int] = deque(maxlen=100)
         self._period = SAMPLE_PERIOD
         self.sample_utime: list[int] = []
@@ -97,10 +99,20 @@ class TeamWatch:
         span = self._world_utimes[-1] - self._world_utimes[0] if len(self._world_utimes) > 1 else 0
         return (len(self._world_utimes) - 1) / (span * 1e-6) if span > 0 else 0.0
 
+    def begin(self) -> None:
+        """From now on all are in service: late turns and states of the world before only tell of starting up."""
+        self.first_utime, self.worlds = self.utime, 0
+        self._late_before = {pid: int(status.loop_overruns) for pid, status in self.statuses.items()}
+
+    def late_turns(self, pid: int) -> int | None:
+        """Return for how many turns of its loop a process was late; None if it was never heard."""
+        status = self.statuses.get(pid)
+        return None if status is None else int(status.loop_overruns) - self._late_before.get(pid, 0)
+
     @property
     def overruns(self) -> int:
         """How many turns of their loops all processes were late for."""
-        return int(sum(status.loop_overruns for status in self.statuses.values()))
+        return sum(self.late_turns(pid) or 0 for pid in self.statuses)
 
     def is_degraded(self, pid: int) -> bool:
         """Tell whether a process was in doubt when it was last heard."""
