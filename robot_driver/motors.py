@@ -111,9 +111,8 @@ class Motors(Device):
         assert self._connection is not None
         self.rhythm.note_turn()
         try:
-            if time.monotonic() - self._last_driven > HUSH:
-                self._check_watchdog(self._connection)
-            self._serve(self._connection)
+            if self._is_known(self._connection):
+                self._serve(self._connection)
         except BadReply:
             self._recover()
         except CountersReset as reset:
@@ -194,6 +193,23 @@ class Motors(Device):
             self._health.take(request, answer, time.monotonic())
             answered.append(request)
         return requests if self._health.missing(time.monotonic()) else answered
+
+    def _is_known(self, connection: _Connection) -> bool:
+        """Tell whether the device is the one that was armed; look, where it may have been reset.
+
+        While nobody answers, zero is all that it may be told; and is told: of two units one may still hear, and go on.
+        Raises BadReply when that is not acknowledged.
+        """
+        if time.monotonic() - self._last_driven <= HUSH:
+            return True
+        try:
+            self._check_watchdog(connection)
+        except BadReply:
+            self._recover()
+            self._ramp.reset()
+            self._ask(connection.controller.drive(0.0, 0.0))
+            return False
+        return True
 
     def _serve(self, connection: _Connection) -> None:
         """Make the requests of one turn.

@@ -122,12 +122,37 @@ class SerialPort:
             raise self._lost(error) from error
 
     def exchange(self, request: Request[T]) -> Answer[T]:
-        """Ask a device and return its answer.
+        """Ask a device, and what follows from its answer or from its silence; return the answer.
 
         A reply may come in pieces: each byte that comes moves the deadline. Raises BadReply when no reply, half a
         reply or a damaged one comes before the deadline; then call `resynchronise` before the next request. Raises
         PortLost.
         """
+        try:
+            answer = self._ask(request)
+        except BadReply:
+            if request.otherwise is not None:
+                self.resynchronise()
+                with suppress(BadReply):
+                    self.exchange(request.otherwise)
+            raise
+        if request.then is None:
+            return answer
+        further = self.exchange(request.then(answer.value))
+        return Answer(further.value, (answer.measured + further.measured) // 2, further.arrived)
+
+    def resynchronise(self) -> None:
+        """Be silent until the line is silent, for long enough that the device drops what it has half received.
+
+        A silence that lasts already counts. Raises PortLost.
+        """
+        give_up = time.monotonic() + RESYNC_LIMIT
+        while time.monotonic() < give_up:
+            if not self.read(4096, self._last_traffic + PACKET_GAP - time.monotonic()):
+                return
+
+    def _ask(self, request: Request[T]) -> Answer[T]:
+        """Make one request, and return what it is answered. Raises BadReply and PortLost."""
         self._discard_strays()
         sent = time.monotonic_ns()
         self.write(request.data)
@@ -148,21 +173,7 @@ class SerialPort:
         # delays are alike. A reply is longer than its request, so the middle of the whole exchange would be late.
         asked = sent + int(1e9 * self.wire_time(len(request.data)))
         answered = began or arrived
-        answer = Answer(request.parse(reply), (asked + answered) // 2, arrived)
-        if request.then is None:
-            return answer
-        further = self.exchange(request.then(answer.value))
-        return Answer(further.value, (answer.measured + further.measured) // 2, further.arrived)
-
-    def resynchronise(self) -> None:
-        """Be silent until the line is silent, for long enough that the device drops what it has half received.
-
-        A silence that lasts already counts. Raises PortLost.
-        """
-        give_up = time.monotonic() + RESYNC_LIMIT
-        while time.monotonic() < give_up:
-            if not self.read(4096, self._last_traffic + PACKET_GAP - time.monotonic()):
-                return
+        return Answer(request.parse(reply), (asked + answered) // 2, arrived)
 
     def _discard_strays(self) -> None:
         """Get back in step if bytes are waiting that no request asked for: a late reply is not the next one's."""

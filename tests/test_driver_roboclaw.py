@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import MOTOR_COMMAND
-from cmr.msg import motor_command_t, motor_feedback_t
+from cmr.bus.streams import ESTOP, MOTOR_COMMAND
+from cmr.msg import estop_t, motor_command_t, motor_feedback_t
 from robot_driver.controllers import CONTROLLERS, Request
 from robot_driver.controllers.roboclaw import crc
 from robot_driver.controllers.roboclaw_pair import RoboClawPair
@@ -27,6 +27,7 @@ from tests.driver_bench import PunctualEngine, open_gate_of, wait_for
 from tests.exchanges import Exchanges
 
 SAVE_TO_MEMORY = 94
+NEVER = 60.0  # s; longer than a test lasts
 COMMANDED_ON = 0.3  # s for which a robot that has been stopped goes on being commanded
 
 
@@ -37,11 +38,11 @@ class Run:
         self.driver = driver
         self.feedback: list[Any] = []
 
-    def until(self, condition: Callable[[], object]) -> None:
+    def until(self, condition: Callable[[], object], left: float = 0.5, right: float = -0.25) -> None:
         """Command the same duties until the condition holds."""
 
         def commanded() -> object:
-            command = make(motor_command_t, utime=now_utime(), robot_id=0, left=0.5, right=-0.25)
+            command = make(motor_command_t, utime=now_utime(), robot_id=0, left=left, right=right)
             self.driver.handle(command.utime, MOTOR_COMMAND.channel(0), command)
             self.feedback += [message for _, _, message in self.driver.outgoing()]
             return condition()
@@ -63,6 +64,17 @@ def running(folder: Path, controller: str, plant: Plant, device: Device) -> Iter
 def pair() -> tuple[Plant, RoboclawPairDevice]:
     plant = Plant(emulated.load_settings().ideal())
     return plant, RoboclawPairDevice(emulated.load_settings().ideal(), plant)
+
+
+def deafen(unit: RoboclawDevice) -> None:
+    """Have a unit hear nothing more."""
+    unit.receive = lambda data, time: []  # type: ignore[method-assign]  # noqa: ARG005
+
+
+def endure_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the driver not give up its connection for want of answers."""
+    monkeypatch.setattr("robot_driver.motors.SILENCE_LIMIT", NEVER)
+    monkeypatch.setattr("robot_driver.readings.OLDEST", NEVER)
 
 
 def reply_of(unit: int, command: int, data: bytes) -> bytes:
@@ -115,13 +127,49 @@ def test_when_one_of_two_units_falls_silent_the_other_is_stopped(tmp_path: Path,
     plant, device = pair()
     with running(tmp_path, "roboclaw-pair", plant, device) as run:
         run.until(lambda: device.units[1 - dead].duty == [16384, -8192])
-        device.units[dead].receive = lambda data, time: []  # type: ignore[method-assign]  # noqa: ARG005
+        deafen(device.units[dead])
         run.until(lambda: "0x80 and 0x81" in run.driver.problems())
         run.until(lambda: device.units[1 - dead].duty == [0, 0])
         later = time.monotonic() + COMMANDED_ON
         run.until(lambda: time.monotonic() > later)
         assert device.units[1 - dead].duty == [0, 0]
         assert "0x80 and 0x81" in run.driver.problems()
+
+
+@pytest.mark.parametrize("dead", [0, 1])
+def test_while_one_of_two_units_is_silent_the_other_goes_on_obeying(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dead: int
+) -> None:
+    endure_silence(monkeypatch)
+    monkeypatch.setattr("robot_driver.motors.HUSH", NEVER)
+    plant, device = pair()
+    with running(tmp_path, "roboclaw-pair", plant, device) as run:
+        run.until(lambda: device.units[1 - dead].duty == [16384, -8192])
+        deafen(device.units[dead])
+        run.until(lambda: device.units[1 - dead].duty[0] < 16384, 0.25, -0.25)
+        assert device.units[1 - dead].duty[1] != 0
+        estop = make(estop_t, utime=now_utime(), engaged=True, source="test", reason="test")
+        run.driver.handle(estop.utime, ESTOP.channel(), estop)
+        run.until(lambda: device.units[1 - dead].duty == [0, 0])
+        assert run.driver.problems() == ""
+
+
+@pytest.mark.parametrize("dead", [0, 1])
+def test_soon_after_one_of_two_units_fell_silent_the_other_is_told_zero_until_both_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dead: int
+) -> None:
+    endure_silence(monkeypatch)
+    plant, device = pair()
+    with running(tmp_path, "roboclaw-pair", plant, device) as run:
+        run.until(lambda: device.units[1 - dead].duty == [16384, -8192])
+        deafen(device.units[dead])
+        run.until(lambda: device.units[1 - dead].duty == [0, 0])
+        later = time.monotonic() + COMMANDED_ON
+        run.until(lambda: time.monotonic() > later)
+        assert device.units[1 - dead].duty == [0, 0]
+        del device.units[dead].receive
+        run.until(lambda: [unit.duty for unit in device.units] == [[16384, -8192], [16384, -8192]])
+        assert run.driver.problems() == ""
 
 
 def test_when_one_of_two_units_is_reset_both_are_armed_anew(tmp_path: Path) -> None:

@@ -48,7 +48,8 @@ class Request(Generic[T]):
     what it says, or raises BadReply. `ends_in_silence`: a reply shorter than `longest_reply` may be complete; only
     silence tells. `measured` tells, once `parse` has returned, when the device took the reading (monotonic ns), where
     its own clock says so. `then` makes, from what the reply says, a further request to be made at once; what that
-    is answered is the answer to both.
+    is answered is the answer to both. `otherwise` is made when there is no good reply, which stays a failure all the
+    same: somebody else on the line must hear it, whatever it is answered.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Request(Generic[T]):
     ends_in_silence: bool = False
     measured: Callable[[], int] | None = None
     then: "Callable[[T], Request[T]] | None" = None
+    otherwise: "Request[T] | None" = None
 
 
 class Controller(ABC):

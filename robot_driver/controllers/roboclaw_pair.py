@@ -16,7 +16,8 @@ ADDRESSES = (0x80, 0x81)
 class RoboClawPair(Controller):
     """Both units get the same duty; a side has gone as far as the mean of its two wheels.
 
-    Each unit is spoken to when the other has answered. Both must be armed, and either can say that something is wrong.
+    The rear unit is spoken to when the front one has answered; of duties it hears in any case. Both must be armed, and
+    either can say that something is wrong.
     """
 
     default_baud_rate = RoboClaw.default_baud_rate
@@ -50,8 +51,9 @@ class RoboClawPair(Controller):
         return _both(self._front.read_watchdog(), self._rear.read_watchdog(), wrong_one)
 
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
-        """Set the duty of M1 and of M2 in both."""
-        return _both(self._front.drive(first, second), self._rear.drive(first, second), lambda front, _rear: front)
+        """Set the duty of M1 and of M2 in both; in the rear unit also when the front one does not answer."""
+        rear = self._rear.drive(first, second)
+        return replace(_both(self._front.drive(first, second), rear, lambda front, _rear: front), otherwise=rear)
 
     def stops(self) -> list[Request[tuple[float, float]]]:
         """Stop each for itself: if one is dead, the other must hear it all the more."""
