@@ -15,7 +15,7 @@ from cmr.scenario.children import Children
 from cmr.scenario.jobs import Job, jobs_of
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.preparing import prepare
-from cmr.scenario.report import write_report
+from cmr.scenario.report import metrics_in_words, write_report
 from cmr.scenario.terminal import Terminal
 
 SHIPPED = Path(str(files("cmr.scenario"))) / "shipped"
@@ -42,7 +42,9 @@ def main(arguments: list[str]) -> int:
             outcome = run.run()
             run.say(f"Stopping: {outcome.ended_by}.")
             run.supervisor.stop()
-        write_report(run, outcome, began, folder)
+        metrics = write_report(run, outcome, began, folder)["metrics"]
+        if metrics:
+            print(f"Measured: {metrics_in_words(metrics)}.")
         print(f"Look at {folder}/report.html; the log is {folder}/run.lcm, what each process said is beside it.")
         return _exit_code(outcome)
 

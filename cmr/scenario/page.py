@@ -12,6 +12,7 @@ from cmr.diagnosis.report.svg import Frame, dots, line, plot
 from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.whole import whole_page
 from cmr.scenario.plan import Disc
+from cmr.team.metrics import UNITS
 
 WIDTH = 720.0
 LABELS_X, LABELS_Y = 65.0, 57.0  # what a frame's labels take of its width and height
@@ -20,6 +21,8 @@ LEAST, MOST = 0.35, 1.1  # height of the map over its width
 MOST_ROWS = 40  # robots in the table
 WALL, GROUND = "#4a4e57", "#8a8f9a"
 CORNERS = np.linspace(0.0, 2.0 * np.pi, 25)  # of a disc as it is drawn
+
+METRICS = {name: name.replace("_", " ") for name in UNITS} | {"distance_driven": "driven on average"}
 
 Document = dict[str, Any]
 
@@ -40,8 +43,7 @@ def _header(document: Document) -> Html:
     head = tag("header", tag("h1", words), tag("p", badge, said), class_=verdict)
     values = (
         ("robots", f"{len(document['robots'])}"),
-        ("driven on average", f"{number(document['distance_driven_m'], 3)} m"),
-        ("minimum separation", f"{number(document['minimum_separation_m'], 3)} m"),
+        *((METRICS[name], f"{number(value, 3)} {UNITS[name]}") for name, value in document["metrics"].items()),
         ("world", f"{number(document['world_rate_hz'], 3)} Hz"),
         ("late turns of loops", f"{document['overruns']}"),
         ("restarts", f"{document['restarts']}"),

@@ -11,21 +11,28 @@ import numpy as np
 from cmr.files import write_atomically
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.page import page_of
+from cmr.scenario.plan import ENDING_METRICS
 from cmr.scenario.watch import Floats, TeamWatch
+from cmr.team.metrics import UNITS
+from cmr.team.scoring import scores
 
 SCHEMA = 1
 MOST_POINTS = 200_000  # of all paths together
 FEWEST_POINTS = 20  # of a path
+MOST_MOMENTS = 1500  # that metrics are measured at; some look at each moment together with each other one
 
 
-def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> None:
+def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> dict[str, Any]:
     """Write report.json and report.html into a folder; `began` is the time of day [s since the epoch].
+
+    Returns what is in report.json.
 
     Raises OSError when they cannot be written.
     """
     document = document_of(run, outcome, began)
     write_atomically(json.dumps(document, allow_nan=False) + "\n", folder / "report.json")
     write_atomically(page_of(document), folder / "report.html")
+    return document
 
 
 def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
@@ -42,6 +49,7 @@ def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
         "ended_by": outcome.ended_by,
         "failed": outcome.failed,
         "seed": scenario.seed,
+        "metrics": metrics_of(run),
         "minimum_separation_m": _number(near.distance),
         "nearest_robots": list(near.robots) if near.utime else [],
         "nearest_at_s": (near.utime - first) * 1e-6 if near.utime else None,
@@ -56,6 +64,30 @@ def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
         "processes": _processes(run),
         "events": [{"at_s": round(at, 2), "words": words} for at, words in run.events],
     }
+
+
+def metrics_of(run: LiveRun) -> dict[str, float]:
+    """Return the metrics that the scenario asks for, in the units of `UNITS`, without those that mean nothing here.
+
+    They are measured since all robots were in service, at moments at which all were there.
+    """
+    watch, chosen = run.watch, run.scenario.metrics
+    measured = {name: watch.measure(name) for name in ENDING_METRICS}
+    utimes = np.array(watch.sample_utime, dtype=np.int64)
+    places: Floats = np.array(watch.samples, dtype=float).reshape(-1, 2, len(watch.ids))
+    there = np.flatnonzero((utimes >= watch.first_utime) & np.isfinite(places).all(axis=(1, 2)))
+    there = there[:: math.ceil(len(there) / MOST_MOMENTS) or 1]
+    others = [name for name in chosen if name not in measured]
+    if watch.first_utime and len(there) > 1:
+        seconds = np.asarray(utimes[there] - watch.first_utime, dtype=np.float64) * 1e-6
+        x, y = places[there].transpose(1, 0, 2)
+        measured |= scores(run.scenario, watch.ids.tolist(), seconds, x, y, others)
+    return {name: number for name in chosen if (number := _number(measured.get(name, math.nan))) is not None}
+
+
+def metrics_in_words(metrics: dict[str, float]) -> str:
+    """Return metrics as a person reads them."""
+    return ", ".join(f"{name.replace('_', ' ')} {value:.3g} {UNITS[name]}" for name, value in metrics.items())
 
 
 def mean_rate(watch: TeamWatch) -> float:

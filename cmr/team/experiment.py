@@ -7,7 +7,6 @@ live system. Virtual robots move by the model. Real robots move by a plant of it
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from inspect import signature
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +16,11 @@ from cmr.bus.streams import PARAMETERS, WAYPOINTS, WORLD_STATE
 from cmr.msg import waypoints_t
 from cmr.parameters.file import ParameterFile
 from cmr.parameters.following import ParameterFollower
-from cmr.team import metrics
 from cmr.team.casting import Cast, RobotLike, ScenarioLike
-from cmr.team.metrics import Bond, has_arrived
+from cmr.team.metrics import has_arrived
 from cmr.team.real_robots import PERIOD, Message, RealRobots
-from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviour, make_behaviours
+from cmr.team.scoring import goals_of, scores
+from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviours
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.pilot import Pilot
 from cmr.world.process_noise import ProcessNoise
@@ -71,7 +70,7 @@ def run(
         world.handle(EPOCH, *message)
         real.hear(EPOCH, [message])
     places: list[Floats] = []
-    goals = _goals(scenario)
+    goals = goals_of(scenario, {robot.robot_id: column for column, robot in enumerate(scenario.robots)})
     for period in range(round(scenario.duration * 1e6) // PERIOD + 1):
         utime = EPOCH + period * PERIOD
         if period % RECORD_EVERY == 0:
@@ -97,20 +96,6 @@ def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[in
     for message in real.decide(utime):
         world.handle(utime, *message)
         listen(utime, message)
-
-
-def bonds_of(scenario: ScenarioLike) -> list[Bond]:
-    """Return which robot keeps which distance to which: that of the behaviours with settings `leader` and `gap`."""
-    columns = {robot.robot_id: column for column, robot in enumerate(scenario.robots)}
-    bonds = []
-    for column, robot in enumerate(scenario.robots):
-        name, settings = _description(robot)
-        takes = signature(type(make_behaviour(name, settings))).parameters
-        if "leader" in takes and "gap" in takes:
-            leader, gap = (float(settings.get(key, takes[key].default)) for key in ("leader", "gap"))
-            if leader in columns and leader != robot.robot_id:
-                bonds.append(Bond(column, columns[int(leader)], gap))
-    return bonds
 
 
 def _behaviours(robots: Iterable[RobotLike]) -> dict[int, AnyBehaviour]:
@@ -199,21 +184,9 @@ def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:
     return np.array([columns.get(robot.robot_id, _start(robot)) for robot in scenario.robots]).T
 
 
-def _goals(scenario: ScenarioLike) -> dict[int, tuple[float, float]]:
-    """Return the last waypoint of each robot that has some, by its column."""
-    return {column: robot.waypoints[-1] for column, robot in enumerate(scenario.robots) if robot.waypoints}
-
-
 def _run_of(scenario: ScenarioLike, places: Floats) -> TeamRun:
     """Return the run with its metrics; `places` has the shape (t, 3, n)."""
     time: Floats = np.arange(len(places), dtype=float) * (RECORD_EVERY * PERIOD * 1e-6)
     x, y, theta = places.transpose(1, 0, 2)
-    bonds = bonds_of(scenario)
-    scores = {
-        "formation_error": metrics.formation_error(x, y, bonds),
-        "time_to_goal": metrics.time_to_goal(time, x, y, _goals(scenario)),
-        "minimum_separation": metrics.minimum_separation(x, y),
-        "path_spread": metrics.path_spread(x, y, bonds),
-        "distance_driven": metrics.distance_driven(x, y),
-    }
-    return TeamRun(tuple(robot.robot_id for robot in scenario.robots), time, x, y, theta, scores)
+    ids = tuple(robot.robot_id for robot in scenario.robots)
+    return TeamRun(ids, time, x, y, theta, scores(scenario, ids, time, x, y))

@@ -22,18 +22,22 @@ ARRIVED = 0.1  # m; a robot this near to its goal is there
 
 
 class Bond(NamedTuple):
-    """One robot's place relative to another: columns of both, and the distance [m] that is wanted between them."""
+    """One robot's place relative to another: columns of both, and the distance [m] that is wanted between them.
+
+    `follows` tells whether the robot is to drive on the path of the other.
+    """
 
     robot: int
     leader: int
     distance: float
+    follows: bool = True
 
 
 def formation_error(x: Floats, y: Floats, bonds: Sequence[Bond]) -> float:
     """Return the root mean square, over time and bonds, of the distance between two robots less the one wanted [m]."""
     if not bonds:
         return float("nan")
-    errors = [np.hypot(x[:, a] - x[:, b], y[:, a] - y[:, b]) - distance for a, b, distance in bonds]
+    errors = [np.hypot(x[:, a] - x[:, b], y[:, a] - y[:, b]) - distance for a, b, distance, _ in bonds]
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
@@ -72,7 +76,7 @@ def path_spread(x: Floats, y: Floats, bonds: Sequence[Bond]) -> float:
     """Return the root mean square, over time and bonds, of a robot's distance to the path its leader drove [m]."""
     if not bonds:
         return float("nan")
-    squares = [_to_path(x[:, a], y[:, a], x[:, b], y[:, b]) ** 2 for a, b, _distance in bonds]
+    squares = [_to_path(x[:, a], y[:, a], x[:, b], y[:, b]) ** 2 for a, b, *_ in bonds]
     return float(np.sqrt(np.mean(squares)))
 
 
