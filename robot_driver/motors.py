@@ -107,14 +107,17 @@ class Motors(Device):
         self._due = self._last_driven = time.monotonic()
 
     def turn(self, stop: threading.Event) -> None:
-        """Send the duty, read the encoders, and one slow reading; then wait for the next turn's time."""
+        """Send the duty, read the encoders, and one slow reading; if all is answered, wait for the next turn's time."""
         assert self._connection is not None
         self.rhythm.note_turn()
         try:
-            if self._is_known(self._connection):
-                self._serve(self._connection)
+            if time.monotonic() - self._last_driven > HUSH:
+                self._look(self._connection)
+            self._serve(self._connection)
         except BadReply:
             self._recover()
+            # Try again at once: at a low rate, silence would last too long before what is wrong can be known.
+            self._due = min(self._due, time.monotonic() - self._period)
         except CountersReset as reset:
             raise PortLost(self._reset("its encoder counts began anew at zero")) from reset
         self._refusal = self._refusal or self._connection.controller.objection
@@ -194,22 +197,19 @@ class Motors(Device):
             answered.append(request)
         return requests if self._health.missing(time.monotonic()) else answered
 
-    def _is_known(self, connection: _Connection) -> bool:
-        """Tell whether the device is the one that was armed; look, where it may have been reset.
+    def _look(self, connection: _Connection) -> None:
+        """See that the device, which may have been reset, is still armed.
 
         While nobody answers, zero is all that it may be told; and is told: of two units one may still hear, and go on.
-        Raises BadReply when that is not acknowledged.
+        Raises BadReply when there is no answer.
         """
-        if time.monotonic() - self._last_driven <= HUSH:
-            return True
         try:
             self._check_watchdog(connection)
         except BadReply:
             self._recover()
             self._ramp.reset()
             self._ask(connection.controller.drive(0.0, 0.0))
-            return False
-        return True
+            self._check_watchdog(connection)
 
     def _serve(self, connection: _Connection) -> None:
         """Make the requests of one turn.

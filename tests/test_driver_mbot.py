@@ -173,6 +173,16 @@ def test_a_board_that_takes_duties_for_velocities_is_refused_at_the_first_of_the
     assert client.feedback[-1].status & motor_feedback_t.STATUS_NOT_ARMED
 
 
+def test_a_slow_driver_refuses_such_a_board_as_well(tmp_path: Path) -> None:
+    slow = dataclasses.replace(settings(tmp_path), rate=5.0)
+    with board(tmp_path, takes_velocities=True) as device, Driver(slow) as driver:
+        client = Client(driver)
+        client.until(lambda: "takes them for velocities" in driver.problems())
+        count = len(device.drives)
+        client.more(3)
+    assert {duty for _, duty in device.drives[count + 50 :]} == {(0.0, 0.0)}
+
+
 def test_a_board_that_was_refused_stays_so_when_it_is_connected_anew(tmp_path: Path) -> None:
     faults = Faults()
     with board(tmp_path, faults, takes_velocities=True) as device, Driver(settings(tmp_path)) as driver:
