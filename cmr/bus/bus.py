@@ -67,7 +67,7 @@ class Bus:
 
     def receive(self, timeout: float) -> list[Received]:
         """Wait up to `timeout` seconds for a message; return all that have arrived, oldest first."""
-        if select.select([self._lcm.fileno()], [], [], max(timeout, 0.0))[0]:
+        if timeout <= 0.0 or select.select([self._lcm.fileno()], [], [], timeout)[0]:
             enough = time.monotonic() + DRAIN_SECONDS
             while self._lcm.handle_timeout(0) > 0 and time.monotonic() < enough:
                 pass

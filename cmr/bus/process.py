@@ -15,6 +15,7 @@ from cmr.bus.streams import PROCESS_STATUS, Stream
 from cmr.msg import process_status_t
 
 LONGEST_WAIT = 0.1  # s; a signal is noticed within this time
+NAP = 0.01  # s; what arrives meanwhile is taken at once, as waking up for a message costs more than taking it
 STATUS_PERIOD = 1.0  # s
 EXIT_INTERRUPTED = 130
 
@@ -161,6 +162,7 @@ class Process:
 
     def _listen_until(self, due: float) -> None:
         while not self.stopped_by_signal:
+            time.sleep(min(max(due - time.monotonic(), 0.0), NAP))
             remaining = due - time.monotonic()
             self._received += self.bus.receive(min(max(remaining, 0.0), LONGEST_WAIT))
             if remaining <= 0.0:
