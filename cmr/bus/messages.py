@@ -1,8 +1,7 @@
 """Make, encode and decode messages; whatever is not ours or is damaged is named, never passed on."""
 
 import time
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from cmr.bus.streams import Stream, identify
 from cmr.bus.world_state import WorldState
@@ -24,8 +23,7 @@ class RejectedMessage(Exception):  # noqa: N818 - it is a finding, not a failure
 REASONS = ("unknown_channel", "foreign", "corrupt", "wrong_robot")
 
 
-@dataclass(frozen=True)
-class Received:
+class Received(NamedTuple):
     """One decoded message: the channel it came on, the stream that channel belongs to, and the robot (None: all)."""
 
     channel: str

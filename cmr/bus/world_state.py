@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import numpy as np
 from cmr.msg import world_state_t
 
 HEAD = struct.Struct(">8sqi")  # the type's fingerprint, utime and n
-FIELDS = ("robot_id", "origin", "x", "y", "theta", "psi_left", "psi_right", "domega_left", "domega_right")
-BYTES_PER_ROBOT = 4 + 1 + 7 * 4
+FINGERPRINT = world_state_t._get_packed_fingerprint()
+FLOATS_PER_ROBOT = 7  # x to domega_right
+BYTES_PER_ROBOT = 4 + 1 + 4 * FLOATS_PER_ROBOT
+MOST_REMEMBERED = 100  # sets of ids or origins that are kept as bytes
 
 
 class WorldState(world_state_t):
@@ -21,18 +24,17 @@ class WorldState(world_state_t):
 
     def __init__(self, utime: int, columns: Sequence[Any]) -> None:
         self.utime, self.n = utime, len(columns[0])
-        for name, column in zip(FIELDS, columns, strict=True):
-            setattr(self, name, column)
+        self.robot_id, self.origin, self.x, self.y, self.theta, *wheels = columns
+        self.psi_left, self.psi_right, self.domega_left, self.domega_right = wheels
 
     def encode(self) -> bytes:
         """Return the bytes of the message."""
-        n, columns = self.n, [getattr(self, name) for name in FIELDS[2:]]
-        data = np.empty(HEAD.size + BYTES_PER_ROBOT * n, np.uint8)
-        HEAD.pack_into(data.data, 0, world_state_t._get_packed_fingerprint(), self.utime, n)
-        ids, origins, floats = _parts(data, n)
-        ids[:], origins[:] = self.robot_id, self.origin
+        head = HEAD.pack(FINGERPRINT, self.utime, self.n)
+        pose, speeds = (self.x, self.y, self.theta), (self.psi_left, self.psi_right)
+        floats = np.empty(FLOATS_PER_ROBOT * self.n, ">f4")
+        columns = (*pose, *speeds, self.domega_left, self.domega_right)
         np.concatenate(columns, out=floats, casting="same_kind")
-        return data.tobytes()
+        return b"".join((head, _bytes_of(self.robot_id, ">i4"), _bytes_of(self.origin, "i1"), floats.data))
 
     @staticmethod
     def decode(data: bytes) -> "WorldState":
@@ -43,12 +45,18 @@ class WorldState(world_state_t):
         _, utime, n = HEAD.unpack_from(data)
         if not 0 <= n <= (len(data) - HEAD.size) // BYTES_PER_ROBOT:
             raise ValueError(f"{n} robots do not fit into {len(data)} bytes")
-        ids, origins, floats = _parts(np.frombuffer(data, np.uint8), n)
-        columns = floats.astype(np.float64).reshape(len(FIELDS) - 2, n)
-        return WorldState(utime, (ids.astype(np.int64), origins.astype(np.int64), *columns))
+        origins, floats = HEAD.size + 4 * n, HEAD.size + 5 * n
+        ids = np.frombuffer(data, ">i4", n, HEAD.size).astype(np.int64)
+        kinds = np.frombuffer(data, "i1", n, origins).astype(np.int64)
+        columns = np.frombuffer(data, ">f4", FLOATS_PER_ROBOT * n, floats).astype(np.float64)
+        return WorldState(utime, (ids, kinds, *columns.reshape(FLOATS_PER_ROBOT, n)))
 
 
-def _parts(data: Any, n: int) -> tuple[Any, Any, Any]:
-    """Return the ids, the origins and the seven columns one after another of n robots, as they lie in the bytes."""
-    origins, floats, end = HEAD.size + 4 * n, HEAD.size + 5 * n, HEAD.size + BYTES_PER_ROBOT * n
-    return data[HEAD.size : origins].view(">i4"), data[origins:floats].view("i1"), data[floats:end].view(">f4")
+def _bytes_of(numbers: Any, kind: str) -> bytes:
+    """Return ids or origins as they lie in a message; a tuple, which comes again at each step, is converted once."""
+    return _bytes_of_tuple(numbers, kind) if isinstance(numbers, tuple) else np.asarray(numbers).astype(kind).tobytes()
+
+
+@lru_cache(MOST_REMEMBERED)
+def _bytes_of_tuple(numbers: tuple[int, ...], kind: str) -> bytes:
+    return np.array(numbers, kind).tobytes()
