@@ -9,7 +9,7 @@ from cmr.bus.messages import decode, make
 from cmr.bus.streams import WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.msg import world_state_t
-from cmr.world.behaviours.path_following import SEARCH_AHEAD, pursue
+from cmr.world.behaviours.path_following import SEARCH_AHEAD, look_around, pursue
 from cmr.world.view import VIRTUAL, Numbers, Robot, Robots, numbers_of, world_messages
 
 EPOCH = 1_700_000_000_000_000  # us
@@ -58,13 +58,15 @@ def test_the_search_along_a_path_finds_the_nearest_point_though_it_leaves_pieces
     random = np.random.default_rng(seed)
     points = np.cumsum(random.uniform(-0.08, 0.1, (2, 30)), axis=1)
     lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(points))))
-    place = points[:, random.integers(0, 30)] + random.normal(0.0, 0.1, 2)
+    place = points[:, random.integers(0, 30)] + random.normal(0.0, random.uniform(0.0, 0.1), 2)
     start = float(random.uniform(0.0, lengths[-1]))
     progress, piece = np.array([start]), np.array([np.searchsorted(lengths, start, "right") - 1])
     first, target = int(piece[0]), np.empty((3, 1))
+    path = np.column_stack([*points, lengths, np.zeros(30)])[np.newaxis]
+    look_around(path, 0, 0, 29)
     pursue(
-        *(np.zeros(1, np.int64), np.zeros(1, np.int64), points[:1].copy(), points[1:].copy(), lengths[np.newaxis]),
-        *(np.array([30]), place[:1].copy(), place[1:].copy(), 0.15, progress, piece, *target),
+        *(np.zeros(1, np.int64), path, np.array([30]), place[:1].copy(), place[1:].copy()),
+        *(0.15, progress, piece, *target),
     )
     nearest = np.inf
     for i in range(first, 29):

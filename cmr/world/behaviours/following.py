@@ -53,12 +53,11 @@ class Follow(Seeker):
         around, memory, trails = world.surroundings(), self.memory, self._trails
         leader = self._leaders_of(team.row, around.members)
         trails.make_room(len(memory), 0)
-        path = (trails.x, trails.y, trails.along, trails.count)
-        place = (memory["progress"], memory["piece"])
+        path, place = (trails.points, trails.count), (memory["progress"], memory["piece"])
         length, target_x, target_y, remaining = np.empty((4, len(team.x)))
         most = trail(team.row, leader, *path, around.x, around.y, team.x, team.y, *place, length)
-        pursue(team.row, team.row, *path, team.x, team.y, LOOK_AHEAD, *place, target_x, target_y, remaining)
-        if trails.x.shape[1] < min(2 * most, MOST_POINTS):
+        pursue(team.row, *path, team.x, team.y, LOOK_AHEAD, *place, target_x, target_y, remaining)
+        if trails.room < min(2 * most, MOST_POINTS):
             trails.make_room(0, 2 * most)
         return length, target_x, target_y, remaining
 

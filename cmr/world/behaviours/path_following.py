@@ -6,24 +6,18 @@ that the robot is on.
 
 import math
 
-from cmr.model.compiled import compiled
-from cmr.world.behaviours.paths import SHORTEST
+from cmr.model.compiled import compiled, inlined
+from cmr.world.behaviours.paths import ALONE, ALONG, SHORTEST, X, Y
 from cmr.world.behaviours.team import Floats, Indices
 
 ROUNDING = 1e-6  # m
 SEARCH_AHEAD = 0.5  # m of path looked at for the point nearest to the robot
 
 
-@compiled(
-    "void(i8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], f8[::1], f8[::1], f8, f8[::1], i8[::1],"
-    " f8[::1], f8[::1], f8[::1])"
-)
-def pursue(  # type: ignore[no-untyped-def]
+@compiled("void(i8[::1], f8[:, :, ::1], i8[::1], f8[::1], f8[::1], f8, f8[::1], i8[::1], f8[::1], f8[::1], f8[::1])")
+def pursue(
     row: Indices,
-    path: Indices,
-    path_x: Floats,
-    path_y: Floats,
-    along: Floats,
+    points: Floats,
     count: Indices,
     x: Floats,
     y: Floats,
@@ -33,46 +27,76 @@ def pursue(  # type: ignore[no-untyped-def]
     target_x: Floats,
     target_y: Floats,
     remaining: Floats,
-):
+) -> None:
     """Move the progress of n robots at (x, y) [m] on to the points of their paths nearest to them, never back.
 
-    Robot k is on path `path[k]`; its progress [m] and the piece of path it is on are in `progress`, `piece` at
-    `row[k]`. Writes the points `look_ahead` [m] further on to the targets, and what remains of the paths [m] to
+    Robot k is on the path `row[k]` of Paths; there in `progress` and `piece` are its progress [m] and the piece of path
+    it is on. Writes the points `look_ahead` [m] further on to the targets, and what remains of the paths [m] to
     `remaining`: -1 where there is no path.
     """
     for k in range(len(row)):
-        r, p = row[k], path[k]
-        if p < 0 or count[p] == 0:
+        r = row[k]
+        if count[r] == 0:
             remaining[k] = -1.0
             continue
-        last = count[p] - 1
-        px, py, pa = path_x[p], path_y[p], along[p]
-        nearest, best, reached = math.inf, piece[r], progress[r]
-        i = piece[r]
-        while i < last and pa[i] <= progress[r] + SEARCH_AHEAD:
-            dx, dy, span = px[i + 1] - px[i], py[i + 1] - py[i], pa[i + 1] - pa[i]
-            share = ((x[k] - px[i]) * dx + (y[k] - py[i]) * dy) / (span * span)
-            share = min(max(share, 0.0, (progress[r] - pa[i]) / span), 1.0)
-            ex, ey = px[i] + share * dx - x[k], py[i] + share * dy - y[k]
-            away = ex * ex + ey * ey
-            if away < nearest:
-                nearest, best, reached = away, i, pa[i] + share * span
-            else:  # pieces that end before the path can have come as near again need no look
-                near_again = pa[i] + share * span + math.sqrt(away) - math.sqrt(nearest) - ROUNDING
-                while i + 2 < last and pa[i + 2] < near_again:
-                    i += 1
-            i += 1
+        last = count[r] - 1
+        best, reached = _nearest(points, r, last, x[k], y[k], progress[r], piece[r])
         progress[r], piece[r] = reached, best
-        remaining[k] = pa[last] - reached
+        remaining[k] = points[r, last, ALONG] - reached
         ahead = reached + look_ahead
-        while best < last and pa[best + 1] < ahead:
+        while best < last and points[r, best + 1, ALONG] < ahead:
             best += 1
-        if best >= last:
-            target_x[k], target_y[k] = px[last], py[last]
-        else:
-            share = (ahead - pa[best]) / (pa[best + 1] - pa[best])
-            target_x[k] = px[best] + share * (px[best + 1] - px[best])
-            target_y[k] = py[best] + share * (py[best + 1] - py[best])
+        target_x[k], target_y[k] = points[r, best, X], points[r, best, Y]
+        if best < last:
+            begin = points[r, best, ALONG]
+            share = (ahead - begin) / (points[r, best + 1, ALONG] - begin)
+            target_x[k] += share * (points[r, best + 1, X] - target_x[k])
+            target_y[k] += share * (points[r, best + 1, Y] - target_y[k])
+
+
+@inlined
+def _nearest(points, r, last, x, y, progress, piece):  # type: ignore[no-untyped-def]
+    """Return the piece of path `r` nearest to (x, y) [m], from the progress on, and the length [m] up to there."""
+    nearest, best, reached = math.inf, piece, progress
+    i = piece
+    while i < last and points[r, i, ALONG] <= progress + SEARCH_AHEAD:
+        begin = points[r, i, ALONG]
+        dx, dy = points[r, i + 1, X] - points[r, i, X], points[r, i + 1, Y] - points[r, i, Y]
+        span = points[r, i + 1, ALONG] - begin
+        share = ((x - points[r, i, X]) * dx + (y - points[r, i, Y]) * dy) / (span * span)
+        share = min(max(share, 0.0, (progress - begin) / span), 1.0)
+        ex, ey = points[r, i, X] + share * dx - x, points[r, i, Y] + share * dy - y
+        away = ex * ex + ey * ey
+        if away < nearest:
+            nearest, best, reached = away, i, begin + share * span
+        elif nearest < points[r, best, ALONE] ** 2:
+            break
+        else:  # pieces that end before the path can have come as near again need no look
+            near_again = begin + share * span + math.sqrt(away) - math.sqrt(nearest) - ROUNDING
+            while i + 2 < last and points[r, i + 2, ALONG] < near_again:
+                i += 1
+        i += 1
+    return best, reached
+
+
+@compiled("void(f8[:, :, ::1], i8, i8, i8)")
+def look_around(points: Floats, row: int, first: int, end: int) -> None:
+    """Note in ALONE how near new pieces of a path, from `first` on up to `end`, come to those before them.
+
+    The next but one is the first that counts. Pieces are at least as far apart as their middles, less half of both
+    lengths.
+    """
+    p = points[row]
+    for piece in range(first, end):
+        p[piece, ALONE] = math.inf
+        i = piece - 2
+        while i >= 0 and p[piece, ALONG] <= p[i + 1, ALONG] + SEARCH_AHEAD:
+            dx = p[piece, X] + p[piece + 1, X] - p[i, X] - p[i + 1, X]
+            dy = p[piece, Y] + p[piece + 1, Y] - p[i, Y] - p[i + 1, Y]
+            lengths = p[piece + 1, ALONG] - p[piece, ALONG] + p[i + 1, ALONG] - p[i, ALONG]
+            apart = 0.5 * (math.sqrt(dx * dx + dy * dy) - lengths)
+            p[i, ALONE] = min(p[i, ALONE], max(0.5 * apart - ROUNDING, 0.0))
+            i -= 1
 
 
 @compiled("i8(f8[:, ::1], f8)")
@@ -93,16 +117,11 @@ def thin(points: Floats, shortest: float) -> int:
     return kept
 
 
-@compiled(
-    "i8(i8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
-    " i8[::1], f8[::1])"
-)
+@compiled("i8(i8[::1], i8[::1], f8[:, :, ::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1])")
 def trail(
     row: Indices,
     leader: Indices,
-    path_x: Floats,
-    path_y: Floats,
-    along: Floats,
+    points: Floats,
     count: Indices,
     all_x: Floats,
     all_y: Floats,
@@ -118,30 +137,30 @@ def trail(
     all_y), or -1: then the trail is forgotten, and the next one begins where the follower is. Writes the lengths of the
     trails [m] up to the leaders. What lies behind the follower is dropped when there is no more room.
     """
-    most, room = 0, path_x.shape[1]
+    most, room = 0, points.shape[1]
     for k in range(len(row)):
         r, j = row[k], leader[k]
         if j < 0:
             count[r] = 0
             length[k] = 0.0
             continue
-        px, py, pa = path_x[r], path_y[r], along[r]
         if count[r] == 0:
-            px[0], py[0], pa[0] = x[k], y[k], 0.0
+            points[r, 0, X], points[r, 0, Y], points[r, 0, ALONG] = x[k], y[k], 0.0
             count[r], piece[r], progress[r] = 1, 0, 0.0
         last = count[r] - 1
-        dx, dy = all_x[j] - px[last], all_y[j] - py[last]
+        dx, dy = all_x[j] - points[r, last, X], all_y[j] - points[r, last, Y]
         step = math.sqrt(dx * dx + dy * dy)
-        length[k] = pa[last] + step
+        length[k] = points[r, last, ALONG] + step
         if step < SHORTEST:
             continue
         if last + 1 == room:
             behind = piece[r]
             for i in range(behind, room):
-                px[i - behind], py[i - behind], pa[i - behind] = px[i], py[i], pa[i]
+                points[r, i - behind] = points[r, i]
             last, piece[r] = last - behind, 0
         if last + 1 < room:
-            px[last + 1], py[last + 1], pa[last + 1] = all_x[j], all_y[j], pa[last] + step
+            points[r, last + 1, X], points[r, last + 1, Y], points[r, last + 1, ALONG] = all_x[j], all_y[j], length[k]
+            look_around(points, r, last, last + 1)
             last += 1
         count[r] = last + 1
         most = max(most, last + 1 - piece[r])

@@ -61,9 +61,9 @@ class Waypoints(Seeker):
         paths, memory = self._paths, self.memory
         target_x, target_y, remaining = np.empty((3, len(team.x)))
         pursue(
-            team.row, team.row, paths.x, paths.y, paths.along, paths.count, team.x, team.y, LOOK_AHEAD,
-            memory["progress"], memory["piece"], target_x, target_y, remaining,
-        )  # fmt: skip
+            *(team.row, paths.points, paths.count, team.x, team.y, LOOK_AHEAD),
+            *(memory["progress"], memory["piece"], target_x, target_y, remaining),
+        )
         return target_x, target_y, remaining
 
     def _lay(self, utime: int, team: Team) -> None:
