@@ -6,7 +6,9 @@ Shalev-Shwartz, Shammah and Shashua, On a formal model of safe and scalable self
 
 import math
 
-from cmr.model.compiled import compiled
+import numpy as np
+
+from cmr.model.compiled import compiled, inlined
 from cmr.model.elementary import sincos
 from cmr.world.behaviours.team import Floats, Indices
 
@@ -63,50 +65,23 @@ def tangent(dx: float, dy: float, apart: float, left: bool) -> tuple[float, floa
     return (dx * cosine - dy * sine) / away, (dy * cosine + dx * sine) / away
 
 
-@compiled(
-    "Tuple((f8, i8))(i8, f8, f8, i8, i8, i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
-    " f8, f8, f8, f8)"
-)
-def first_in_way(  # type: ignore[no-untyped-def]
-    i,
-    along_x: float,
-    along_y: float,
-    begin,
-    end,
-    near,
-    x: Floats,
-    y: Floats,
-    speed_x: Floats,
-    speed_y: Floats,
-    disc_x: Floats,
-    disc_y: Floats,
-    disc_radius: Floats,
-    radius: float,
-    clearance: float,
-    reaction: float,
-    fastest: float,
-):
-    """Return how fast [m/s] robot i, whose neighbours are near[begin:end], may go along a direction of length 1.
+@inlined
+def _first_in_way(things, count, along_x, along_y, reaction, fastest):  # type: ignore[no-untyped-def]
+    """Return how fast [m/s] a robot may go along a direction of length 1, and which of so many things allows least.
 
-    And what holds it up most: a robot, by its place among all, or a disc, by its number after them; -1 if nothing does.
+    That is -1 if none does. For each, `things` has the way there [m], its velocity [m/s], and how far to stay away [m].
     """
     slowest, blocking = fastest, -1
-    for k in range(begin, end):
-        j = near[k]
-        dx, dy, apart = x[j] - x[i], y[j] - y[i], 2.0 * radius + clearance
-        allowed = speed_before(dx, dy, along_x, along_y, speed_x[j], speed_y[j], apart, reaction, fastest)
+    for n in range(count):
+        dx, dy, speed_x, speed_y, apart = things[n]
+        allowed = speed_before(dx, dy, along_x, along_y, speed_x, speed_y, apart, reaction, fastest)
         if allowed < slowest:
-            slowest, blocking = allowed, j
-    for n in range(len(disc_x)):
-        dx, dy, apart = disc_x[n] - x[i], disc_y[n] - y[i], disc_radius[n] + radius + clearance
-        allowed = speed_before(dx, dy, along_x, along_y, 0.0, 0.0, apart, reaction, fastest)
-        if allowed < slowest:
-            slowest, blocking = allowed, len(x) + n
+            slowest, blocking = allowed, n
     return slowest, blocking
 
 
 @compiled(
-    "void(i8[::1], f8[::1], i8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1],"
+    "void(i8[::1], f8[::1], i8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], b1[::1],"
     " f8[::1], f8, f8, f8[::1], f8[::1], f8[::1], f8[::1])"
 )
 def keep_clear(  # type: ignore[no-untyped-def]
@@ -118,9 +93,7 @@ def keep_clear(  # type: ignore[no-untyped-def]
     y: Floats,
     speed_x: Floats,
     speed_y: Floats,
-    disc_x: Floats,
-    disc_y: Floats,
-    disc_radius: Floats,
+    discs: Floats,
     round_it,
     radius: Floats,
     clearance: float,
@@ -134,37 +107,36 @@ def keep_clear(  # type: ignore[no-untyped-def]
 
     `me` (n,) are their places in `x`, `y`, `speed_x`, `speed_y`, which hold everybody, `theta` [rad] their headings;
     the neighbours of robot i are near[start[i]:start[i + 1]], as of `pairs_within`. Bodies keep `clearance` [m] from
-    one another and from the discs (disc_x, disc_y, disc_radius); others are taken to be as large as oneself, `radius`
-    [m] (n,). Who may go round (`round_it` (n,)) and is held up gets a target on the right of what is in its way, or on
-    that side of a disc to which it is turned already, and so never changes its mind. Writes `speed` and the targets,
-    and how fast they may go along their headings while they turn to the targets: `forward`, all (n,).
+    one another and from the discs (x, y, radius); others are taken to be as large as oneself, `radius` [m] (n,). Who
+    may go round (`round_it` (n,)) and is held up gets a target on the right of what is in its way, or on that side of a
+    disc to which it is turned already, and so never changes its mind. Writes `speed` and the targets, and how fast they
+    may go along their headings while they turn to the targets: `forward`, all (n,).
     """
+    things = np.empty((len(x) + discs.shape[1], 5))
     for k in range(len(me)):
         i, wanted = me[k], speed[k]
         if i < 0:
             speed[k] = forward[k] = 0.0
             continue
         forward[k] = wanted
-        if start[i] == start[i + 1] and len(disc_x) == 0:
-            continue  # nobody is near
+        robots = start[i + 1] - start[i]
+        count = robots + discs.shape[1]
         dx, dy = target_x[k] - x[i], target_y[k] - y[i]
         distance = math.sqrt(dx * dx + dy * dy)
-        if distance < 1e-9 or wanted <= 0.0:
+        if count == 0 or distance < 1e-9 or wanted <= 0.0:
             continue
+        for n in range(robots):
+            j = near[start[i] + n]
+            things[n] = x[j] - x[i], y[j] - y[i], speed_x[j], speed_y[j], 2.0 * radius[k] + clearance
+        for n in range(discs.shape[1]):
+            things[robots + n] = discs[0, n] - x[i], discs[1, n] - y[i], 0.0, 0.0, discs[2, n] + radius[k] + clearance
         sine, cosine = sincos(theta[k])
-        around = start[i], start[i + 1], near, x, y, speed_x, speed_y, disc_x, disc_y, disc_radius
-        bounds = radius[k], clearance, reaction, wanted
-        speed[k], blocking = first_in_way(i, dx / distance, dy / distance, *around, *bounds)
+        speed[k], blocking = _first_in_way(things, count, dx / distance, dy / distance, reaction, wanted)
         if blocking >= 0 and round_it[k]:
-            apart, left = 2.0 * radius[k] + clearance, True  # another robot is passed with it on the left
-            if blocking < len(x):
-                dx, dy = x[blocking] - x[i], y[blocking] - y[i]
-            else:
-                disc = blocking - len(x)
-                dx, dy = disc_x[disc] - x[i], disc_y[disc] - y[i]
-                apart = disc_radius[disc] + radius[k] + clearance
-                left = dx * sine - dy * cosine <= 0.0
+            dx, dy, apart = things[blocking, 0], things[blocking, 1], things[blocking, 4]
+            # Another robot is passed with it on the left.
+            left = blocking < robots or dx * sine - dy * cosine <= 0.0
             along_x, along_y = tangent(dx, dy, WIDE * apart, left)
-            speed[k], _ = first_in_way(i, along_x, along_y, *around, *bounds)
+            speed[k], _ = _first_in_way(things, count, along_x, along_y, reaction, wanted)
             target_x[k], target_y[k] = x[i] + distance * along_x, y[i] + distance * along_y
-        forward[k], _ = first_in_way(i, cosine, sine, *around, *bounds)
+        forward[k], _ = _first_in_way(things, count, cosine, sine, reaction, wanted)

@@ -99,10 +99,9 @@ class Seeker(TeamBehaviour):
         forward = np.empty(len(team.row))
         near = around.neighbours(view_needed(team.apart.max(initial=0.0), goals.speed.max(initial=0.0), REACTION))
         speed_x, speed_y = around.velocities(wheel_radius_of(team))
-        disc_x, disc_y, disc_radius = world.obstacles.discs
         keep_clear(
             *(team.place, team.theta, near.start, near.index, around.x, around.y, speed_x, speed_y),
-            *(disc_x, disc_y, disc_radius, goals.round_it, team.radius, self.clearance, REACTION),
+            *(world.obstacles.discs, goals.round_it, team.radius, self.clearance, REACTION),
             *(goals.x, goals.y, goals.speed, forward),
         )
         if world.geofence:
