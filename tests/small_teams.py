@@ -13,11 +13,7 @@ BELIEVED = ParameterFile(
 NUMBERS = {name: value.value for name, value in BELIEVED.values.items()}
 
 
-def line_of_three(folder: Path, duration: float = 8.0) -> Scenario:
-    """Robot 0 leads through a bend of 1.6 m at 0.3 m/s, robots 1 and 2 follow 0.4 m apart."""
-    BELIEVED.save(folder / "robot_0.yaml")
-    return parse(
-        f"""
+LINE = """
 duration: {duration}
 parameters: robot_0.yaml
 ends_when: waypoints_reached
@@ -25,6 +21,10 @@ robots:
   - {{id: 0, kind: emulated, behaviour: "figure_eight,laps=0,speed=0.3", waypoints: [[0, 0], [0.8, 0], [1.2, 0.6]]}}
   - {{id: 1, kind: virtual, start: [-0.4, 0.0], behaviour: "follow,leader=0,gap=0.4,speed=0.5"}}
   - {{id: 2, kind: virtual, start: [-0.8, 0.0], behaviour: "follow,leader=1,gap=0.4,speed=0.5"}}
-""",
-        folder=folder,
-    )
+"""
+
+
+def line_of_three(folder: Path, duration: float = 8.0) -> Scenario:
+    """Robot 0 leads through a bend of 1.6 m at 0.3 m/s, robots 1 and 2 follow 0.4 m apart."""
+    BELIEVED.save(folder / "robot_0.yaml")
+    return parse(LINE.format(duration=duration), folder=folder)

@@ -8,11 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmr.commands.fidelity import JOURNAL, main
 from cmr.fidelity.distances import CLOSES, NO_GAP, NOT_SHOWN, WIDENS, Closing, closing, distance
-from cmr.fidelity.findings import Finding, findings_of, sentences, table
-from cmr.fidelity.study import SETS, Scores, tasks_of
+from cmr.fidelity.findings import Finding, failures, findings_of, sentences, table
+from cmr.fidelity.preparing import moved_by
+from cmr.fidelity.study import PREPARED, SETS, Scores, Study, Task, perform, tasks_of
 from cmr.fidelity.writing import DOCUMENT, FIGURE, RUNS, TABLE, write
+from cmr.parameters.file import Value
+from cmr.team.hidden import HiddenRobot
 from cmr.team.metrics import UNITS
+from tests.small_teams import BELIEVED, LINE, line_of_three
 
 SEEDS = 20
 RANDOM = np.random.default_rng(7)
@@ -105,6 +110,86 @@ def test_what_was_found_is_written_as_table_document_and_figure(tmp_path: Path) 
     assert len(table(found).splitlines()) == 1 + len(compared)
 
 
-def test_no_two_laboratories_of_a_study_are_the_same() -> None:
-    seeds = [task.seed for task in tasks_of(range(SEEDS))]
-    assert len(set(seeds)) == len(seeds) == len(SETS) * SEEDS
+def test_real_teams_and_teams_with_one_real_robot_are_of_different_laboratories_and_preparations_of_the_same() -> None:
+    seeds = {name: [task.seed for task in tasks_of(range(SEEDS)) if task.group == name] for name in SETS}
+    assert seeds["uncalibrated"] == seeds["calibrated"] == seeds["diagnosed"] == seeds["population"]
+    distinct = {*seeds["real A"], *seeds["real B"], *seeds["uncalibrated"]}
+    assert len(distinct) == 3 * SEEDS
+
+
+def test_what_takes_longest_is_done_last_and_only_what_is_chosen() -> None:
+    groups = [task.group for task in tasks_of(range(2), ("uncalibrated", "diagnosed", "population"))]
+    assert groups[::2] == groups[1::2] == ["real A", "real B", "uncalibrated", "population", "diagnosed"]
+
+
+def test_laboratories_in_which_a_preparation_failed_are_counted() -> None:
+    shares = {"uncalibrated": [1.0, 1.0, 1.0], "calibrated": [1.0, 0.0, 1.0], "population": [2 / 3, 2 / 3, 1.0]}
+    scores: dict[str, list[Scores]] = {name: [{PREPARED: one} for one in ones] for name, ones in shares.items()}
+    calibrated, population = failures(scores)
+    assert calibrated.startswith("calibrated: in 1 of 3 laboratories nothing was found")
+    assert population.startswith("population: in 2 of 3 laboratories a robot could not be calibrated")
+
+
+def test_of_robots_that_could_not_be_calibrated_none_counts() -> None:
+    assert moved_by([None], [1, 2], 0) == moved_by([], [1, 2], 0) == moved_by([None, None], [1, 2], 0) == {}
+    assert moved_by([BELIEVED], [1, 2], 0) == dict.fromkeys((1, 2), BELIEVED.robot_parameters)
+    faster = replace(BELIEVED, values={**BELIEVED.values, "k1": Value(0.05)})
+    drawn = moved_by([None, BELIEVED, faster], [1, 2], 0)
+    assert drawn.keys() == {1, 2}
+    assert drawn[1] != drawn[2]
+
+
+# From end to end
+
+
+def study_of(folder: Path, size: float) -> Study:
+    """Of three robots, of which the one in the middle is real, beside two virtual ones."""
+    return Study(scenario=line_of_three(folder), believed=BELIEVED, real=1, size=size)
+
+
+def time_to_goal(study: Study, group: str) -> float:
+    """The mean of two laboratories [s]."""
+    return float(np.mean([perform(study, Task(group, number))["time_to_goal"] for number in range(2)]))
+
+
+def test_where_robots_are_as_believed_all_teams_are_alike(tmp_path: Path) -> None:
+    study = study_of(tmp_path, 0.0)
+    real = time_to_goal(study, "real A")
+    for group in ("uncalibrated", "calibrated"):
+        assert time_to_goal(study, group) == pytest.approx(real, abs=0.1)
+
+
+def test_where_robots_have_no_other_imperfections_calibration_closes_the_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cmr.team.hidden.USUAL", HiddenRobot())
+    monkeypatch.setattr("cmr.team.hidden.SIGNED_SPREAD", {})
+    study = study_of(tmp_path, 1.0)
+    real, before, after = (time_to_goal(study, group) for group in ("real A", "uncalibrated", "calibrated"))
+    assert abs(after - real) < 0.3 * abs(before - real)
+
+
+def test_a_robot_that_cannot_be_calibrated_is_taken_to_be_as_believed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cmr.calibration.calibrator.Calibrator.fit", lambda _calibrator: None)
+    study = study_of(tmp_path, 1.0)
+    without, failed = (perform(study, Task(group, 0)) for group in ("uncalibrated", "calibrated"))
+    assert failed == {**without, PREPARED: 0.0}
+
+
+def test_the_command_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line_of_three(tmp_path)
+    (tmp_path / "three.yaml").write_text(LINE.format(duration=1.0))
+    out = tmp_path / "out"
+    command = [str(tmp_path / "three.yaml"), "--out", str(out), "--seeds", "4", "--jobs", "1", "--real", "1"]
+    assert main([*command, "--prepared", "uncalibrated"]) == 0
+    runs = (out / RUNS).read_bytes()
+    said = capsys.readouterr().out
+    assert "real teams among themselves" in said
+    lines = (out / JOURNAL).read_text().splitlines(keepends=True)
+    assert len(lines) == 12
+    (out / JOURNAL).write_text("".join(lines[:-1]) + lines[-1][:20])  # as when it was killed while it wrote the last
+    assert main([*command, "--prepared", "uncalibrated"]) == 0
+    assert "11 of 12 experiments are there already" in capsys.readouterr().out
+    assert (out / RUNS).read_bytes() == runs

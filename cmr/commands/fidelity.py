@@ -1,30 +1,41 @@
 """cmr-fidelity: how well a team with one real robot stands for a real one, and what calibration does for that."""
 
 import argparse
+import hashlib
 import os
+import sys
 import time
 from pathlib import Path
 
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
-from cmr.commands.diagnose import ProgressLine
-from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, perform_all, tasks_of
+from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, Task, gathered, perform_all, tasks_of
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.scenario.document import ScenarioError
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.scenario import load as load_scenario
+from cmr.scenario.terminal import Terminal
+from cmr.sweep.experiment import files_of, sources_digest
+from cmr.sweep.journal import Journal, JournalError
 from cmr.team.experiment import ExperimentError
 
 FEWEST = 4  # seeds; fewer say nothing of a distribution
 BAR = 24  # characters
+JOURNAL = "experiments.jsonl"  # what is done, for a study that was stopped
 
 
 def main(arguments: list[str]) -> int:
     """Run cmr-fidelity."""
     options = _options(arguments)
-    study = _study(options)
+    scenario, study = _study(options)
     began = time.monotonic()
-    scores = _performed(study, options)
-    from cmr.fidelity.findings import findings_of, sentences, table  # SciPy, which is slow to import
+    try:
+        with Journal(options.out / JOURNAL) as journal:
+            scores = _performed(scenario, study, options, journal)
+    except JournalError as error:
+        raise CommandError(str(error)) from error
+    except OSError as error:
+        raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
+    from cmr.fidelity.findings import failures, findings_of, sentences, table  # SciPy, which is slow to import
     from cmr.fidelity.writing import write
 
     findings = findings_of(scores)
@@ -36,12 +47,11 @@ def main(arguments: list[str]) -> int:
         "believed": {name: value.value for name, value in study.believed.values.items()},
     }
     try:
-        options.out.mkdir(parents=True, exist_ok=True)
         files = write(options.out, scores, findings, about)
     except OSError as error:
         raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
     print(table(findings))
-    print("\n".join(["", *sentences(findings)]))
+    print("\n".join(["", *sentences(findings), *failures(scores)]))
     print(f"\n{time.monotonic() - began:.0f} s; written to {options.out}: {', '.join(path.name for path in files)}")
     return 0
 
@@ -53,7 +63,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "calibrated, calibrated, calibrated with diagnosed effects, and drawn from a population of three calibrated "
         "robots. Real robots are plants with hidden imperfections that differ from robot to robot. Says for each "
         "metric how far the teams with one real robot are from real teams, and by how much calibration closes the "
-        "gap, or that it does not.\n\nNo hardware and no bus are needed.",
+        "gap, or that it does not.\n\nNo hardware and no bus are needed. The same command goes on with a "
+        "study that was stopped.",
         "cmr-fidelity line.yaml --seeds 20 --out fidelity",
         bus="of no use here: nothing goes over a bus",
     )
@@ -110,8 +121,8 @@ def _size(text: str) -> float:
     return size
 
 
-def _study(options: argparse.Namespace) -> Study:
-    """Return what is to be compared.
+def _study(options: argparse.Namespace) -> tuple[Scenario, Study]:
+    """Return the scenario, and what is to be compared.
 
     Raises CommandError where the scenario or the parameters cannot be used.
     """
@@ -121,8 +132,7 @@ def _study(options: argparse.Namespace) -> Study:
         believed = _believed(scenario, real, options.parameters)
     except (ScenarioError, ParameterFileError) as error:
         raise CommandError(str(error)) from error
-    chosen = [name for name in PREPARATIONS if name in (UNCALIBRATED, *(options.prepared or PREPARATIONS))]
-    return Study(scenario=scenario, believed=believed, real=real, size=options.imperfections, preparations=chosen)
+    return scenario, Study(scenario=scenario, believed=believed, real=real, size=options.imperfections)
 
 
 def _real_robot(scenario: Scenario, chosen: int | None) -> int:
@@ -138,6 +148,8 @@ def _real_robot(scenario: Scenario, chosen: int | None) -> int:
 def _believed(scenario: Scenario, real: int, given: Path | None) -> ParameterFile:
     """Return the parameters believed of all robots, which must be complete."""
     robot = scenario.robot(real)
+    if robot is not None and robot.parameters is None and robot.parameters_of is not None:
+        robot = scenario.robot(robot.parameters_of)
     path = given or (robot.parameters if robot else None)
     if path is None:
         raise CommandError(f"Robot {real} has no parameter file in the scenario; name one by --parameters.")
@@ -146,19 +158,31 @@ def _believed(scenario: Scenario, real: int, given: Path | None) -> ParameterFil
     return believed
 
 
-def _performed(study: Study, options: argparse.Namespace) -> dict[str, list[Scores]]:
-    """Do all experiments, with a bar."""
-    tasks = tasks_of(range(options.seeds))
-    line, began = ProgressLine(), time.monotonic()
-
-    def tell(done: int) -> None:
-        filled = BAR * done // len(tasks)
-        rest = (time.monotonic() - began) / done * (len(tasks) - done) if done else 0.0
-        line.show(f"[{'#' * filled}{'.' * (BAR - filled)}] {done} of {len(tasks)} laboratories, {rest:.0f} s to go")
-
+def _performed(
+    scenario: Scenario, study: Study, options: argparse.Namespace, journal: Journal
+) -> dict[str, list[Scores]]:
+    """Do the experiments that are not in the journal yet, with a bar; return the scores of all."""
+    depends_on = (sources_digest(), [path.read_bytes() for path in sorted(files_of(scenario))], study)
+    preparations = [name for name in PREPARATIONS if name in (UNCALIBRATED, *(options.prepared or PREPARATIONS))]
+    keys = {task: _key(depends_on, task) for task in tasks_of(range(options.seeds), preparations)}
+    left = [task for task, key in keys.items() if key not in journal.results]
+    if len(left) < len(keys):
+        print(f"{len(keys) - len(left)} of {len(keys)} experiments are there already.")
+    terminal, began = Terminal(sys.stderr), time.monotonic()
     try:
-        return perform_all(study, tasks, options.jobs, tell)
+        for done, (task, scores) in enumerate(perform_all(study, left, options.jobs), 1):
+            journal.add(keys[task], scores)
+            rest = (time.monotonic() - began) / done * (len(left) - done)
+            filled = BAR * done // len(left)
+            bar = "#" * filled + "." * (BAR - filled)
+            terminal.progress(f"[{bar}] {done} of {len(left)} experiments, {rest:.0f} s to go")
     except ExperimentError as error:
         raise CommandError(str(error)) from error
     finally:
-        line.clear()
+        terminal.end()
+    return gathered({task: journal.results[key] for task, key in keys.items()})
+
+
+def _key(depends_on: tuple[object, ...], task: Task) -> str:
+    """Return what an experiment is known by: it changes with all that it depends on."""
+    return hashlib.sha256(repr((*depends_on, task)).encode()).hexdigest()[:32]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.fidelity.distances import CHANCE, NO_GAP, NOT_SHOWN, WIDENS, Closing, Distance, closing, distance
-from cmr.fidelity.study import PREPARATIONS, REAL_A, REAL_B, UNCALIBRATED, Scores
+from cmr.fidelity.study import PREPARATIONS, PREPARED, REAL_A, REAL_B, UNCALIBRATED, Scores
 from cmr.team.metrics import UNITS
 
 Floats = NDArray[np.float64]
@@ -62,6 +62,24 @@ def _finding(metric: str, values: Mapping[str, Floats]) -> Finding:
 def sentences(findings: Sequence[Finding]) -> list[str]:
     """Return what a person should take home: for each preparation and metric, whether the gap is closed."""
     return [_sentence(finding, name, closed) for finding in findings for name, closed in finding.closings.items()]
+
+
+def failures(scores: Mapping[str, Sequence[Scores]]) -> list[str]:
+    """Return a sentence for each preparation that failed in some laboratories."""
+    found = []
+    for name in (name for name in PREPARATIONS if name in scores):
+        shares = [one.get(PREPARED, 1.0) for one in scores[name]]
+        never, partly = sum(share == 0.0 for share in shares), sum(0.0 < share < 1.0 for share in shares)
+        if never:
+            found.append(
+                f"{name}: in {never} of {len(shares)} laboratories nothing was found; there virtual robots moved by "
+                "what is believed."
+            )
+        if partly:
+            found.append(
+                f"{name}: in {partly} of {len(shares)} laboratories a robot could not be calibrated and was left out."
+            )
+    return found
 
 
 def _sentence(finding: Finding, name: str, closed: Closing) -> str:

@@ -3,7 +3,7 @@
 The drives are made without hardware; what is made of them is the very work of cmr-calibrate and cmr-diagnose.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from cmr.calibration.calibrator import Calibrator
@@ -14,7 +14,7 @@ from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recorder, Recording
 from cmr.team.casting import Cast
-from cmr.team.experiment import ExperimentError, run
+from cmr.team.experiment import run
 from cmr.team.hidden import Laboratory
 from cmr.team.population import population_of
 from cmr.team.real_robots import Message
@@ -59,24 +59,19 @@ class _Drive:
     ends_when: _Ending = field(default_factory=_Ending)
 
 
-def calibrated(laboratory: Laboratory, believed: ParameterFile, robot_id: int, seed: int) -> ParameterFile:
-    """Return the parameters that cmr-calibrate finds of a real robot in a figure-eight.
-
-    Raises ExperimentError where it finds none.
-    """
+def calibrated(laboratory: Laboratory, believed: ParameterFile, robot_id: int, seed: int) -> ParameterFile | None:
+    """Return the parameters that cmr-calibrate finds of a real robot in a figure-eight; None where it finds none."""
     nominal = replace(believed, robot_id=robot_id)
     calibrator = Calibrator(robot_id, nominal)
     _drive(_Behaviour("figure_eight", EIGHT), EIGHT_DURATION, Cast(nominal, (robot_id,), laboratory), seed, calibrator)
     result = calibrator.fit()
-    if result is None:
-        raise ExperimentError(f"Robot {robot_id} could not be calibrated: {calibrator.failure}")
-    return result.parameter_file({"log": "cmr-fidelity"})
+    return None if result is None else result.parameter_file({"log": "cmr-fidelity"})
 
 
-def diagnosed(laboratory: Laboratory, believed: ParameterFile, robot_id: int, seed: int) -> ParameterFile:
+def diagnosed(laboratory: Laboratory, believed: ParameterFile, robot_id: int, seed: int) -> ParameterFile | None:
     """Return the parameters, with effects, that cmr-diagnose finds of a real robot in a figure-eight and a rich drive.
 
-    Raises ExperimentError where the paper's model cannot be fitted.
+    None where the paper's model cannot be fitted.
     """
     nominal = replace(believed, robot_id=robot_id)
     cast = Cast(nominal, (robot_id,), laboratory)
@@ -84,17 +79,21 @@ def diagnosed(laboratory: Laboratory, believed: ParameterFile, robot_id: int, se
     recordings = [_recorded(*drive, cast, seed) for drive in drives]
     try:
         return extended_file(diagnose(recordings, nominal), {"log": "cmr-fidelity"})
-    except CalibrationError as error:
-        raise ExperimentError(f"Robot {robot_id} could not be diagnosed: {error}") from error
+    except CalibrationError:
+        return None
 
 
-def population(
-    laboratory: Laboratory, believed: ParameterFile, known: ParameterFile, virtual: list[int], seed: int
-) -> dict[int, RobotParameters]:
-    """Return virtual robots drawn from three calibrated ones: the one that is `known` and two more."""
-    files = [known, *(calibrated(laboratory, believed, robot_id, seed) for robot_id in OTHERS)]
-    drawn_from = population_of(files)
-    return {robot_id: drawn_from.draw(seed, robot_id) for robot_id in virtual}
+def moved_by(files: Sequence[ParameterFile | None], virtual: Sequence[int], seed: int) -> dict[int, RobotParameters]:
+    """Return what virtual robots move by where these are the parameter files of prepared robots.
+
+    Of one robot all are the same; of several they are drawn. Those that could not be prepared, None, do not count; an
+    empty result stands for what is believed.
+    """
+    known = [file for file in files if file is not None]
+    if len(files) == 1 and known:
+        return dict.fromkeys(virtual, known[0].robot_parameters)
+    drawn_from = population_of(known) if known else None
+    return {robot_id: drawn_from.draw(seed, robot_id) for robot_id in virtual} if drawn_from else {}
 
 
 def _recorded(behaviour: _Behaviour, duration: float, cast: Cast, seed: int) -> Recording:

@@ -6,14 +6,14 @@ where one program runs on all of them; virtual robots move by what they were pre
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
-from cmr.fidelity.preparing import calibrated, diagnosed, population
-from cmr.model.parameters import DEFINITIONS, RobotParameters
+from cmr.fidelity.preparing import OTHERS, calibrated, diagnosed, moved_by
+from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile
 from cmr.team.casting import Cast, ScenarioLike
 from cmr.team.experiment import run
@@ -22,12 +22,14 @@ from cmr.team.hidden import Laboratory
 REAL_A, REAL_B = "real A", "real B"
 UNCALIBRATED, CALIBRATED, DIAGNOSED, POPULATION = "uncalibrated", "calibrated", "diagnosed", "population"
 PREPARATIONS = (UNCALIBRATED, CALIBRATED, DIAGNOSED, POPULATION)
-SETS = (REAL_A, REAL_B, "one real")  # the third has all preparations of the same laboratories
+PREPARED = "prepared"
+SETS = (REAL_A, REAL_B, *PREPARATIONS)
+LABORATORIES = 3  # of each number: one for either set of real teams, the third for all preparations alike
 
 # One process for each core: threads of linear algebra inside them would only be in each other's way.
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
-Scores = Mapping[str, float]  # of one experiment, by metric
+Scores = Mapping[str, float]  # of one experiment, by metric, and PREPARED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,92 +37,83 @@ class Study:
     """What is compared.
 
     `real` is the id of the robot that is real in mixed teams, `believed` its parameter file before any preparation.
-    `size` scales what sets real robots apart, as in Laboratory; `preparations` are some of PREPARATIONS.
+    `size` scales what sets real robots apart, as in Laboratory.
     """
 
     scenario: ScenarioLike
     believed: ParameterFile
     real: int
     size: float = 1.0
-    preparations: Sequence[str] = PREPARATIONS
 
 
 @dataclass(frozen=True)
 class Task:
-    """The experiments of one laboratory: its set, one of SETS, and its number from 0 on."""
+    """An experiment: its set, one of SETS, and its number from 0 on."""
 
     group: str
     number: int
 
     @property
     def seed(self) -> int:
-        """What fixes all that is random; no two tasks have the same."""
-        return self.number * len(SETS) + SETS.index(self.group)
+        """What fixes all that is random, the laboratory included; it is the same for all preparations."""
+        return self.number * LABORATORIES + min(SETS.index(self.group), LABORATORIES - 1)
 
 
-def tasks_of(numbers: Sequence[int]) -> list[Task]:
-    """Return what there is to do for so many seeds, the longest tasks first."""
-    return [Task(group, number) for group in reversed(SETS) for number in numbers]
+def tasks_of(numbers: Sequence[int], preparations: Sequence[str] = PREPARATIONS) -> list[Task]:
+    """Return what there is to do for so many numbers, what takes longest at last: who stops before has the rest."""
+    chosen = sorted(preparations, key=lambda name: name == DIAGNOSED)
+    return [Task(group, number) for group in (REAL_A, REAL_B, *chosen) for number in numbers]
 
 
-def perform(study: Study, task: Task) -> dict[str, Scores]:
-    """Return the scores of the experiments of one laboratory: by set, or by preparation.
+def perform(study: Study, task: Task) -> Scores:
+    """Return the scores of one experiment.
 
-    Raises ExperimentError where the scenario cannot be run, or the real robot not be prepared.
+    Where a preparation fails, virtual robots move by what is believed. PREPARED, beside the metrics, is the share of
+    the robots to be prepared that were. Raises ExperimentError where the scenario cannot be run.
     """
     believed = {name: study.believed.value(name) for name in DEFINITIONS}
     laboratory = Laboratory(believed, task.seed, study.size)
     ids = [robot.robot_id for robot in study.scenario.robots]
     if task.group in (REAL_A, REAL_B):
-        return {task.group: run(study.scenario, Cast(study.believed, ids, laboratory), task.seed).metrics}
-    virtual = [robot_id for robot_id in ids if robot_id != study.real]
-    return {
-        name: run(study.scenario, Cast(study.believed, (study.real,), laboratory, moves_by), task.seed).metrics
-        for name, moves_by in _prepared(study, laboratory, virtual, task.seed)
-    }
+        return {**run(study.scenario, Cast(study.believed, ids, laboratory), task.seed).metrics, PREPARED: 1.0}
+    files = _prepared(study, laboratory, task)
+    moves_by = moved_by(files, [robot_id for robot_id in ids if robot_id != study.real], task.seed)
+    result = run(study.scenario, Cast(study.believed, (study.real,), laboratory, moves_by), task.seed)
+    known = sum(file is not None for file in files)
+    return {**result.metrics, PREPARED: known / len(files) if files else 1.0}
 
 
-def _prepared(
-    study: Study, laboratory: Laboratory, virtual: list[int], seed: int
-) -> Iterator[tuple[str, dict[int, RobotParameters]]]:
-    """Yield the preparations, and what the virtual robots then move by."""
-    believed, chosen = study.believed, study.preparations
-    if UNCALIBRATED in chosen:
-        yield UNCALIBRATED, {}
-    known = None
-    if CALIBRATED in chosen or POPULATION in chosen:
-        known = calibrated(laboratory, believed, study.real, seed)
-    if known and CALIBRATED in chosen:
-        yield CALIBRATED, dict.fromkeys(virtual, known.robot_parameters)
-    if DIAGNOSED in chosen:
-        found = diagnosed(laboratory, believed, study.real, seed)
-        yield DIAGNOSED, dict.fromkeys(virtual, found.robot_parameters)
-    if known and POPULATION in chosen:
-        yield POPULATION, population(laboratory, believed, known, virtual, seed)
+def _prepared(study: Study, laboratory: Laboratory, task: Task) -> list[ParameterFile | None]:
+    """Return the parameter files that a preparation came to; None for a robot with which it failed."""
+    robots = {UNCALIBRATED: (), POPULATION: (study.real, *OTHERS)}.get(task.group, (study.real,))
+    prepare = diagnosed if task.group == DIAGNOSED else calibrated
+    return [prepare(laboratory, study.believed, robot_id, task.seed) for robot_id in robots]
 
 
-def perform_all(
-    study: Study, tasks: Sequence[Task], processes: int, tell: Callable[[int], None] = lambda _done: None
-) -> dict[str, list[Scores]]:
-    """Do all tasks, side by side; return the scores by set or preparation, in the order of the tasks' numbers.
+def perform_all(study: Study, tasks: Sequence[Task], processes: int) -> Iterator[tuple[Task, Scores]]:
+    """Do all tasks, side by side; yield each with its scores as it is done.
 
-    `tell` is told how many are done. Raises what `perform` raises.
+    Raises what `perform` raises. Whoever stops listening ends the processes.
     """
-    found: dict[Task, dict[str, Scores]] = {}
     with _single_threads(), ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         futures = {pool.submit(perform, study, task): task for task in tasks}
         try:
-            for done, future in enumerate(as_completed(futures), 1):
-                found[futures[future]] = future.result()
-                tell(done)
+            for future in as_completed(futures):
+                yield futures[future], future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for child in active_children():  # what they are at may take minutes
+                child.terminate()
             raise
-    scores: dict[str, list[Scores]] = {}
-    for task in sorted(found, key=lambda one: one.seed):
-        for name, one in found[task].items():
-            scores.setdefault(name, []).append(one)
-    return scores
+
+
+def gathered(done: Mapping[Task, Scores]) -> dict[str, list[Scores]]:
+    """Return the scores by set, in the order of the tasks' numbers."""
+    return {
+        name: [done[task] for task in sorted(done, key=lambda one: one.number) if task.group == name]
+        for name in SETS
+        if any(task.group == name for task in done)
+    }
 
 
 @contextmanager

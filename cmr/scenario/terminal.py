@@ -37,6 +37,11 @@ class Terminal:
         if self._is_terminal:
             self._due = 0.0
 
+    def end(self) -> None:
+        """Take the progress away."""
+        if self._is_terminal:
+            self._write(CLEAR)
+
     def _write(self, text: str) -> None:
         self._stream.write(text)
         self._stream.flush()

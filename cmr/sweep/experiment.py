@@ -53,7 +53,7 @@ def experiment_of(scenario: Scenario) -> Experiment:
         )
     try:
         population = population_of([load(path) for path in scenario.population]) if scenario.population else None
-        return Experiment(scenario, load(paths[0]), population, _sources())
+        return Experiment(scenario, load(paths[0]), population, sources_digest())
     except (ParameterFileError, PopulationError, OSError) as error:
         raise ExperimentError(f"{scenario.name}: {error}") from error
 
@@ -79,7 +79,7 @@ def perform(experiment: Experiment, seed: int) -> dict[str, Any]:
     Real and emulated robots are moved by a plant that differs from robot to robot and from seed to seed.
     Raises ExperimentError where this is not the CMR that planned the run: results of two versions are not mixed.
     """
-    if experiment.sources != _sources():
+    if experiment.sources != sources_digest():
         raise ExperimentError(
             f"{gethostname()} has another CMR installed. Install the same on all computers, and start its workers anew."
         )
@@ -96,11 +96,13 @@ def perform(experiment: Experiment, seed: int) -> dict[str, Any]:
 def key_of(document: str, files: Iterable[Path], seed: int) -> str:
     """Return what a run is known by: it changes with the scenario, its files, the seed and CMR itself."""
     contents = [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files)]
-    return hashlib.sha256(json.dumps([version("cmr"), _sources(), document, contents, seed]).encode()).hexdigest()[:32]
+    return hashlib.sha256(
+        json.dumps([version("cmr"), sources_digest(), document, contents, seed]).encode()
+    ).hexdigest()[:32]
 
 
 @cache
-def _sources() -> str:
+def sources_digest() -> str:
     """Return a digest of CMR's source files: results of a checkout that has changed since are not mixed."""
     folder = Path(__file__).parents[1]
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.rglob("*.py")))).hexdigest()
