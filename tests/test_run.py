@@ -14,11 +14,11 @@ from typing import Any
 
 import pytest
 
-from cmr.commands.run import shipped
 from cmr.recordings.log import LogReader
 from cmr.scenario import load
 from cmr.scenario.jobs import jobs_of
 from cmr.scenario.preparing import prepare
+from cmr.scenario.shipping import shipped
 from tests.html_page import Page
 from tests.private_bus import private_url
 

@@ -13,6 +13,7 @@ from cmr.scenario import Scenario, ScenarioError, load
 from cmr.scenario.plan import arguments_of
 from cmr.scenario.robots import KEYS as ROBOT_KEYS
 from cmr.scenario.scenario import KEYS, parse
+from cmr.scenario.shipping import path_of
 from cmr.scenario.writing import to_yaml
 
 SHIPPED = Path(__file__).resolve().parents[1] / "cmr/scenario/shipped"
@@ -254,3 +255,10 @@ def test_what_is_written_reads_back_the_same(
     scenario = parse(yaml.safe_dump(content), "a.yaml")
     assert len(scenario.robots) == 6 + count
     assert parse(to_yaml(scenario), "b.yaml") == scenario
+
+
+def test_a_shipped_scenario_is_known_by_its_name_and_a_file_by_its_path(tmp_path: Path) -> None:
+    assert path_of("line") == SHIPPED / "line.yaml"
+    assert path_of(str(tmp_path)) == tmp_path
+    with pytest.raises(ScenarioError, match=r"neither a file nor a shipped scenario 'lin\.yaml'.*formation, line"):
+        path_of("lin.yaml")

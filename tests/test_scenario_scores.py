@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.commands.run import shipped
 from cmr.model.motion import RobotState
 from cmr.scenario import Scenario, load
 from cmr.scenario.plan import BehaviourPlan, RobotPlan
 from cmr.scenario.report import metrics_in_words, metrics_of
+from cmr.scenario.shipping import shipped
 from cmr.scenario.watch import TeamWatch
 from cmr.team.metrics import UNITS, Bond
 from cmr.team.scoring import bonds_of, goals_of, scores

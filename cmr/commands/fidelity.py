@@ -13,6 +13,7 @@ from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.scenario.document import ScenarioError
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.scenario import load as load_scenario
+from cmr.scenario.shipping import path_of
 from cmr.scenario.terminal import Terminal
 from cmr.sweep.experiment import files_of, sources_digest
 from cmr.sweep.journal import Journal, JournalError
@@ -40,7 +41,7 @@ def main(arguments: list[str]) -> int:
 
     findings = findings_of(scores)
     about = {
-        "scenario": str(options.scenario),
+        "scenario": options.scenario,
         "seeds": options.seeds,
         "real_robot": study.real,
         "imperfections": study.size,
@@ -65,11 +66,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "metric how far the teams with one real robot are from real teams, and by how much calibration closes the "
         "gap, or that it does not.\n\nNo hardware and no bus are needed. The same command goes on with a "
         "study that was stopped.",
-        "cmr-fidelity line.yaml --seeds 20 --out fidelity",
+        "cmr-fidelity line --seeds 20 --out fidelity",
         bus="of no use here: nothing goes over a bus",
     )
     add = options.add_argument
-    add("scenario", type=Path, metavar="SCENARIO", help="scenario file, as for cmr-run")
+    add("scenario", metavar="SCENARIO", help="scenario file, or the name of a shipped one, as for cmr-run")
     add("--seeds", type=_seeds, default=20, metavar="N", help=f"experiments of each kind, {FEWEST} or more")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     add("--real", type=parse_robot_id, default=None, metavar="ID", help="the real robot; else that of the scenario")
@@ -127,7 +128,7 @@ def _study(options: argparse.Namespace) -> tuple[Scenario, Study]:
     Raises CommandError where the scenario or the parameters cannot be used.
     """
     try:
-        scenario = load_scenario(options.scenario)
+        scenario = load_scenario(path_of(options.scenario))
         real = _real_robot(scenario, options.real)
         believed = _believed(scenario, real, options.parameters)
     except (ScenarioError, ParameterFileError) as error:

@@ -4,7 +4,6 @@ import argparse
 import shlex
 import socket
 import time
-from importlib.resources import files
 from pathlib import Path
 
 from cmr.bus.preflight import parse_udpm
@@ -16,9 +15,8 @@ from cmr.scenario.jobs import Job, jobs_of
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.preparing import prepare
 from cmr.scenario.report import metrics_in_words, write_report
+from cmr.scenario.shipping import SHIPPED, path_of, shipped
 from cmr.scenario.terminal import Terminal
-
-SHIPPED = Path(str(files("cmr.scenario"))) / "shipped"
 
 
 def main(arguments: list[str]) -> int:
@@ -66,11 +64,6 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     return result
 
 
-def shipped() -> dict[str, Path]:
-    """Return the shipped scenarios by name."""
-    return {path.stem: path for path in sorted(SHIPPED.glob("*.yaml"))}
-
-
 def _list_shipped() -> int:
     for name, path in shipped().items():
         print(f"{name:10s} {load(path).about}")
@@ -83,13 +76,8 @@ def _load(name: str) -> Scenario:
 
     Raises CommandError saying what is wrong, and where.
     """
-    path = Path(name)
-    if not path.exists() and name in shipped():
-        path = shipped()[name]
-    elif not path.exists() and not path.suffix:
-        raise CommandError(f"There is neither a file nor a shipped scenario {name!r}. Shipped: {', '.join(shipped())}.")
     try:
-        return load(path)
+        return load(path_of(name))
     except ScenarioError as error:
         raise CommandError(str(error)) from error
 

@@ -33,14 +33,15 @@ def main(arguments: list[str]) -> int:
         raise CommandError(
             f"{error.name} is not installed, which sweeps need. To install it: pip install 'cmr[sweep]'"
         ) from error
-    out = options.out or Path(f"{options.scenario.stem}_sweep")
+    name = Path(options.scenario).stem
+    out = options.out or Path(f"{name}_sweep")
     try:
         with Journal(out / "runs.jsonl") as journal:
             failed = _perform(runs, journal, options)
             rows = [_row(run, journal.results[run.key]) for run in runs if run.key in journal.results]
         if rows:
             paths = [setting.path for setting in settings]
-            print("\n".join(write_tables(rows, paths, runs[0].experiment.scenario.metrics, out, options.scenario.stem)))
+            print("\n".join(write_tables(rows, paths, runs[0].experiment.scenario.metrics, out, name)))
     except (ClusterError, JournalError, OSError) as error:
         raise CommandError(str(error)) from error
     if failed:
@@ -51,6 +52,7 @@ def main(arguments: list[str]) -> int:
 def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedRun]]":
     """Return the settings and the runs that were asked for."""
     from cmr.scenario.document import ScenarioError
+    from cmr.scenario.shipping import path_of
     from cmr.sweep.experiment import ExperimentError
     from cmr.sweep.planning import plan
     from cmr.sweep.settings import SettingError, setting_of
@@ -59,7 +61,7 @@ def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedR
         sys.path.append("")  # a user's own module:Class lies in the folder where the command is run
     try:
         settings = [setting_of(text) for text in options.set]
-        return settings, plan(options.scenario, settings, options.seeds)
+        return settings, plan(path_of(options.scenario), settings, options.seeds)
     except SettingError as error:
         raise CommandError(f"--set {error}") from error
     except (ScenarioError, ExperimentError) as error:
@@ -134,10 +136,12 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "settings. Real and emulated robots are moved by a plant that differs from seed to seed.\n\n"
         "Results land in the folder of --out: runs.parquet has a row for each run (the same on every run of the same "
         "seed, to the last bit), summary.png shows them, runs.jsonl is what a stopped sweep goes on from.",
-        "cmr-sweep line.yaml --seeds 100 --set robots.11.behaviour.gap=0.3,0.5,0.7",
+        "cmr-sweep line --seeds 100 --set robots.11.behaviour.gap=0.3,0.5,0.7",
         bus="accepted as by every command; a sweep needs no bus",
     )
-    options.add_argument("scenario", type=Path, metavar="SCENARIO.yaml", help="a scenario as for cmr-run")
+    options.add_argument(
+        "scenario", metavar="SCENARIO", help="scenario file, or the name of a shipped one, as for cmr-run"
+    )
     options.add_argument(
         "--seeds", type=_number(MOST_SEEDS), default=20, metavar="N", help="runs of each combination, one a seed"
     )

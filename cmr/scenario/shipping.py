@@ -1,0 +1,26 @@
+"""The scenarios that come with CMR, known by their names."""
+
+from importlib.resources import files
+from pathlib import Path
+
+from cmr.scenario.document import ScenarioError
+
+SHIPPED = Path(str(files("cmr.scenario"))) / "shipped"
+
+
+def shipped() -> dict[str, Path]:
+    """Return the files of the shipped scenarios by name."""
+    return {path.stem: path for path in sorted(SHIPPED.glob("*.yaml"))}
+
+
+def path_of(name: str) -> Path:
+    """Return the file of this path, or of the shipped scenario of this name.
+
+    Raises ScenarioError where there is neither.
+    """
+    path = Path(name)
+    if path.exists():
+        return path
+    if name in shipped():
+        return shipped()[name]
+    raise ScenarioError(f"There is neither a file nor a shipped scenario {name!r}. Shipped: {', '.join(shipped())}.")
