@@ -95,6 +95,16 @@ def test_errors_do_not_pile_up() -> None:
     assert np.max(free) > 5.0 * np.max(foretold)
 
 
+def test_where_encoders_draw_the_wheels_the_robot_goes_with_them() -> None:
+    """The heading foretold is what the drawn wheels have turned."""
+    what = heard()
+    moved = observe(what, {**ROBOT, "k2_over_k3": 124.0}, Gains(0.2, 1.0, 0.0, 0.0)).motion
+    angle_left, angle_right, theta = (moved[:, MOTION.index(name)] for name in ("angle_left", "angle_right", "theta"))
+    rolled = (angle_right - angle_left) * ROBOT["wheel_radius"] / ROBOT["base_width"]
+    assert np.max(np.abs(rolled)) > 1.0
+    assert np.max(np.abs(theta - rolled)) < 1e-9
+
+
 def test_a_restart_forgets_where_the_robot_was_believed_to_be() -> None:
     """After a pose that restarts it, the observer foretells the jumped path as well as the path before."""
     what = heard()

@@ -13,13 +13,12 @@ OF_VALUE = 0.008
 OF_TYPICAL = 0.012  # of the typical size: robots without the effect seem to have so much of some
 # Of the value, instead. How dry friction depends on the speed differs from one motor to the next; what holds a wheel at
 # rest fades as the wheel sets off: with one Stribeck exponent or another, it seems up to 20 % smaller. Slip at
-# accelerations seems 5 to 18 % larger where motors run unevenly, because the observer moves wheels that are found
-# elsewhere, but not the robot on them.
+# accelerations is found within 5 % where motors run unevenly.
 OF_EFFECT = {
     "coulomb_friction": 0.07,
     "static_friction": 0.12,
     "surface_patch_friction": 0.07,
-    "longitudinal_slip": 0.12,
+    "longitudinal_slip": 0.05,
 }
 # Of the paper's parameters: effects beside them are not exactly as the model has them.
 OF_PAPER = {"k2_over_k3": 0.0008, "k1": 0.0002, "base_width": 0.0005}

@@ -12,8 +12,7 @@ from cmr.diagnosis.naming import Search, search
 from cmr.diagnosis.prediction import WHEELS
 from cmr.model.parameters import DEFINITIONS as PAPER
 
-TRUSTED = 4.0  # inflation up to which errors of moments are what they are taken for
-ASTRAY = 2.5  # factor by which the paper's parameters may differ from those of free runs
+ASTRAY = 2.5  # factor by which the paper's parameters may differ from those of free runs, where ticks are coarse
 # Share of the usual speed by which wheels may stray: models without the physics of tests/hidden_effects stray by 9 % at
 # most; of the robots of README's table the Husky on grass, for which moments tell nothing, by 13 %, the MBot by 90 %.
 STRAYING = 0.11
@@ -35,14 +34,14 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
 def trusted(found: Search, ready: Ready) -> bool:
     """Tell whether errors of moments led to a model that is of use.
 
-    They did if they behaved as chance does and the paper's parameters are such as free runs allow, or if wheels that
-    run freely with the model stay with the robot all the same. Errors of coarse encoders never do, and are allowed for.
+    They did if wheels that run freely with the model stay with the robot. Coarse ticks do not tell whether they do;
+    there the paper's parameters must be such as free runs allow.
     """
-    final = found.final
-    factors = [final.values[name] / ready.start[name] for name in final.names if name in PAPER]
+    if straying(found) < STRAYING:
+        return True
+    factors = [found.final.values[name] / ready.start[name] for name in found.final.names if name in PAPER]
     coarse = max(predictor.piece.tick for predictor in found.study.predictors) > COARSE
-    by_chance = coarse or found.inflation <= TRUSTED
-    return (by_chance and all(1.0 / ASTRAY < factor < ASTRAY for factor in factors)) or straying(found) < STRAYING
+    return coarse and all(1.0 / ASTRAY < factor < ASTRAY for factor in factors)
 
 
 def straying(found: Search) -> float:

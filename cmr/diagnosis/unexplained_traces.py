@@ -130,7 +130,8 @@ def roll_on(side, course, pushed, miscounted, free, dt, response):  # type: igno
 def follow_wheels(body, left, right, course, shares, then, at_end, numbers):  # type: ignore[no-untyped-def]
     """Let the body follow its wheels through a step; without disturbances it moves from `then` to `at_end`."""
     dt, radius, width = numbers[DT], numbers[RADIUS], numbers[WIDTH]
-    cosine, sine = cos(then[THETA]), sin(then[THETA])
+    theta = 0.5 * (then[THETA] + at_end[THETA])
+    cosine, sine = cos(theta), sin(theta)
     ahead = 0.5 * radius * dt * (at_end[PSI_LEFT] + at_end[PSI_RIGHT])
     for i in range(len(course)):
         turn = (right[ROLLED, i] - left[ROLLED, i]) * radius / width + shares[YAW_RATE, i] * course[i] * dt
@@ -152,14 +153,20 @@ def read_gyro(gyro_error, body, course, misread, share):  # type: ignore[no-unty
 
 
 @inlined
-def read_encoder(wheel_error, side, share, gain_angle, gain_psi):  # type: ignore[no-untyped-def]
-    """Read one side's encoder when this share of the step is over, and correct the side by it."""
+def read_encoder(wheel_error, side, body, share, theta, turn_per_angle, numbers):  # type: ignore[no-untyped-def]
+    """Read one side's encoder when this share of the step is over; correct the side by it, and the body it carries."""
+    gain_angle, gain_psi, cosine, sine = numbers[GAIN_ANGLE], numbers[GAIN_PSI], cos(theta), sin(theta)
+    on_per_angle = 0.5 * numbers[RADIUS]
     for i in range(len(wheel_error)):
         error = side[ANGLE_BEFORE, i] + share * (side[ANGLE, i] - side[ANGLE_BEFORE, i])
         wheel_error[i] = error
         side[ANGLE, i] -= gain_angle * error
         side[ANGLE_BEFORE, i] -= gain_angle * error
         side[PSI, i] -= gain_psi * error
+        rolled = gain_angle * error
+        body[X, i] -= on_per_angle * rolled * cosine
+        body[Y, i] -= on_per_angle * rolled * sine
+        body[TURNED, i] -= turn_per_angle * rolled
 
 
 @inlined
@@ -197,6 +204,7 @@ def follow_traces(  # type: ignore[no-untyped-def]
     """
     steps, lanes = courses.shape
     dt, response = numbers[DT], response_of(numbers[DT], numbers[SLOWING])
+    turning = numbers[RADIUS] / numbers[WIDTH]
     left, right, body = np.zeros((4, lanes)), np.zeros((4, lanes)), np.zeros((5, lanes))
     wheel, gyro, pose, left_reading, right_reading = 0, 0, 0, 0, 0
     for step in range(steps):
@@ -214,10 +222,10 @@ def follow_traces(  # type: ignore[no-untyped-def]
         while wheel < len(wheel_time) and wheel_time[wheel] <= now:
             share = min(1.0 - (now - wheel_time[wheel]) / dt, 1.0)
             if wheel_use[wheel, 0] > 0:
-                read_encoder(left_error[left_reading], left, share, numbers[GAIN_ANGLE], numbers[GAIN_PSI])
+                read_encoder(left_error[left_reading], left, body, share, at_end[THETA], -turning, numbers)
                 left_reading += 1
             if wheel_use[wheel, 1] > 0:
-                read_encoder(right_error[right_reading], right, share, numbers[GAIN_ANGLE], numbers[GAIN_PSI])
+                read_encoder(right_error[right_reading], right, body, share, at_end[THETA], turning, numbers)
                 right_reading += 1
             wheel += 1
         while pose < len(pose_time) and pose_time[pose] <= now:

@@ -128,14 +128,26 @@ def observe(
                     # From here on by how much the wheels, not their encoders, are elsewhere.
                     error_left = scale_left[i] * error_left if use_left else 0.0
                     error_right = scale_right[i] * error_right if use_right else 0.0
-                    here[ANGLE_LEFT + i] += gain_angle[i] * error_left
-                    before_left[i] += gain_angle[i] * error_left
-                    here[ANGLE_RIGHT + i] += gain_angle[i] * error_right
-                    before_right[i] += gain_angle[i] * error_right
+                    rolled_left, rolled_right = gain_angle[i] * error_left, gain_angle[i] * error_right
+                    here[ANGLE_LEFT + i] += rolled_left
+                    before_left[i] += rolled_left
+                    here[ANGLE_RIGHT + i] += rolled_right
+                    before_right[i] += rolled_right
                     here[PSI_LEFT + i] += gain_psi[i] * error_left
                     here[PSI_RIGHT + i] += gain_psi[i] * error_right
                     offset_left[i] += gain_psi[i] * error_left
                     offset_right[i] += gain_psi[i] * error_right
+                    # Wheels that are elsewhere have carried the robot there.
+                    radius = numbers[WHEEL_RADIUS_NUMBER, i]
+                    ahead = 0.5 * radius * (rolled_left + rolled_right)
+                    turned = (rolled_right - rolled_left) * radius / numbers[BASE_WIDTH_NUMBER, i]
+                    move_x, move_y = ahead * cos(here[THETA + i]), ahead * sin(here[THETA + i])
+                    offset_x[i] += move_x
+                    offset_y[i] += move_y
+                    offset_theta[i] += turned
+                    here[X + i] += move_x
+                    here[Y + i] += move_y
+                    here[THETA + i] += turned
                 next_wheel += 1
             while next_pose < len(pose_time) and pose_time[next_pose] <= now:
                 stamp = pose_time[next_pose]
