@@ -27,6 +27,11 @@ class _Group:
     origin: tuple[int, ...]
     parameters: RobotParameters
 
+    @property
+    def everybody(self) -> bool:
+        """Whether these are all robots, in their order."""
+        return isinstance(self.index, slice)
+
 
 class Deciding:
     """Decides for these robots, in this order, as long as they and their parameters are the same.
@@ -65,8 +70,7 @@ class Deciding:
     def duties(self, utime: int, step: int, robots: Robots, world: WorldView) -> Duties:
         """Return the duties of all robots at `utime` [us], the number `step` of all steps."""
         for group in self._groups:
-            state = RobotState(*np.array(robots.state, dtype=float)[:, group.index])
-            me = Robots(group.robot_id, group.origin, state)
+            me = robots if group.everybody else _some(group, robots)
             self._duties[group.index] = duties_of(group.behaviour, utime, me, world, group.parameters)
         for index, behaviour, parameters in self._turn(step):
             me_alone = Robot(utime, robots.robot_id[index], robots.origin[index], robots.state_of(index))
@@ -80,6 +84,11 @@ class Deciding:
         turns = math.ceil(len(self._own) / LARGEST_TURN) or 1
         first = step % turns * LARGEST_TURN
         yield from self._own[first : first + LARGEST_TURN]
+
+
+def _some(group: _Group, robots: Robots) -> Robots:
+    """Return the robots of a group."""
+    return Robots(group.robot_id, group.origin, RobotState(*np.array(robots.state, dtype=float)[:, group.index]))
 
 
 def _group(

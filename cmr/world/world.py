@@ -42,7 +42,9 @@ from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
 MOST_STEPS_AT_ONCE = 10  # made up in one turn, so that a world that was held up is seen while it catches up
+NO_BODIES = np.zeros((3, 0))
 LOST = 1_000_000  # us; a real robot of which nothing newer was heard leaves the world
+NOBODY = Robots.of([])
 USUAL_BASE_WIDTH = 0.16  # m; of real robots whose parameters nobody knows yet
 
 
@@ -203,7 +205,7 @@ class World:
 
     def everybody(self) -> Robots:
         """Return all robots of the world as they are now; real robots not heard of lately are left out."""
-        everybody = Robots.of(self.real())
+        everybody = Robots.of(self.real()) if self._real else NOBODY
         for robots in (*self._standing(), self._fleet.robots()):
             everybody = everybody.with_others(robots)
         return everybody
@@ -240,7 +242,7 @@ class World:
             parameters = self._real[robot.robot_id].estimator.parameters
             base_width = parameters.base_width if parameters else USUAL_BASE_WIDTH
             bodies.append((robot.state.x, robot.state.y, body_radius(base_width)))
-        return np.array(bodies, dtype=float).reshape(-1, 3).T
+        return np.array(bodies, dtype=float).reshape(-1, 3).T if bodies else NO_BODIES
 
     def _take_others(self, message: Any) -> None:
         """Show what another simulator says of its robots; before the first turn nobody knows what time it is."""

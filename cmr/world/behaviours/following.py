@@ -40,10 +40,11 @@ class Follow(Seeker):
 
     def goals(self, _utime: int, team: Team, _me: Robots, world: WorldView) -> Goals:
         """Return points on the trails, and speeds that keep the gaps."""
+        from cmr.world.behaviours.path_following import keep_gaps
+
         length, target_x, target_y, remaining = self._pursue(team, world)
-        behind = length - self.memory["progress"][team.row] - self.memory["gap"][team.row]
-        speed = np.minimum(SPEED_PER_DISTANCE * behind, self.speed)
-        speed[(behind < DEAD_ZONE) | (remaining < 0.0)] = 0.0
+        progress, gap, speed = self.memory["progress"], self.memory["gap"], np.empty(len(length))
+        keep_gaps(team.row, length, remaining, progress, gap, SPEED_PER_DISTANCE, DEAD_ZONE, self.speed, speed)
         return Goals(target_x, target_y, speed, np.zeros(len(speed), bool))
 
     def _pursue(self, team: Team, world: WorldView) -> tuple[Floats, Floats, Floats, Floats]:

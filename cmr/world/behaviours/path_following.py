@@ -99,6 +99,39 @@ def look_around(points: Floats, row: int, first: int, end: int) -> None:
             i -= 1
 
 
+@compiled("void(i8[::1], i8[::1], f8[::1], f8[::1], f8, f8, f8, f8[::1], b1[::1])")
+def stop_at_end(  # type: ignore[no-untyped-def]
+    row: Indices, count: Indices, remaining: Floats, apart: Floats, arrived, braking, fastest, speed: Floats, round_it
+) -> None:
+    """Write the speeds [m/s], at most `fastest`, at which n robots can stop at the ends of their paths.
+
+    And whether each is far enough from there to go round what is in its way, which keeps it `apart` [m]. Who has
+    `arrived` [m] stands, and its path is forgotten.
+    """
+    for k in range(len(row)):
+        round_it[k] = remaining[k] > 2.0 * apart[k]
+        if remaining[k] < arrived:
+            count[row[k]] = 0
+            speed[k] = 0.0
+        else:
+            speed[k] = min(math.sqrt(2.0 * braking * remaining[k]), fastest)
+
+
+@compiled("void(i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8, f8, f8, f8[::1])")
+def keep_gaps(  # type: ignore[no-untyped-def]
+    row: Indices, length: Floats, remaining: Floats, progress: Floats, gap: Floats, rate, dead_zone, fastest, speed
+) -> None:
+    """Write the speeds [m/s], at most `fastest`, that take n robots to where they are `gap` [m] behind their leaders.
+
+    Those are `length` [m] along their trails, of which `remaining` [m] remain, -1 where there is none. Speeds are
+    `rate` [1/s] times the distances; who is nearer than `dead_zone` [m] stands.
+    """
+    for k in range(len(row)):
+        behind = length[k] - progress[row[k]] - gap[row[k]]
+        rests = behind < dead_zone or remaining[k] < 0.0
+        speed[k] = 0.0 if rests else min(rate * behind, fastest)
+
+
 @compiled("i8(f8[:, ::1], f8)")
 def thin(points: Floats, shortest: float) -> int:
     """Move the points (2, n) [m] that are kept to the front; return how many there are.

@@ -59,6 +59,7 @@ class Seeker(TeamBehaviour):
         self.memory = Memory(speed=0.0, utime=0.0, **remembered)
         self._index: tuple[tuple[int, ...], Members, Indices] | None = None
         self._sizes: tuple[RobotParameters, Floats, Floats] | None = None
+        self._widest = 0.0  # of what others stay away [m]
 
     @abstractmethod
     def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
@@ -72,7 +73,7 @@ class Seeker(TeamBehaviour):
 
     def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
         """Return the duties that take robots where `goals` says."""
-        from cmr.world.behaviours.steering import gather_speed, steer
+        from cmr.world.behaviours.steering import gather_speed, limit, steer
 
         around = world.surroundings()
         row = self.memory.rows(me.robot_id)
@@ -83,21 +84,23 @@ class Seeker(TeamBehaviour):
         index, sizes = self._index_of(me.robot_id, around.members), self._sizes_of(parameters)
         team = Team(row, index, x, y, theta, dt, *sizes, parameters)
         goals = self.goals(utime, team, me, world)
-        np.minimum(goals.speed, fastest, out=goals.speed)
-        forward = self._keep_clear(team, goals, around, world)
+        forward = self._keep_clear(team, goals, limit(goals.speed, fastest), around, world)
         self.memory["speed"][row] = goals.speed
         duties = np.empty((len(row), 2))
         body = (parameters.wheel_radius, parameters.k1, parameters.base_width)
         steer(x, y, theta, goals.x, goals.y, goals.speed, forward, *body, duties)
         return duties
 
-    def _keep_clear(self, team: Team, goals: Goals, around: Surroundings, world: WorldView) -> Floats:
-        """Lower speeds, and move targets, for what is in the way; return how fast robots may go straight on [m/s]."""
+    def _keep_clear(self, team: Team, goals: Goals, highest: float, around: Surroundings, world: WorldView) -> Floats:
+        """Lower speeds, `highest` being the highest, and move targets, for what is in the way.
+
+        Returns how fast robots may go straight on [m/s].
+        """
         from cmr.world.behaviours.border import stop_before
         from cmr.world.behaviours.clearance import REACTION, keep_clear, view_needed
 
         forward = np.empty(len(team.row))
-        near = around.neighbours(view_needed(team.apart.max(initial=0.0), goals.speed.max(initial=0.0), REACTION))
+        near = around.neighbours(view_needed(self._widest, highest, REACTION))
         speed_x, speed_y = around.velocities(wheel_radius_of(team))
         keep_clear(
             *(team.place, team.theta, near.start, near.index, around.x, around.y, speed_x, speed_y),
@@ -115,6 +118,7 @@ class Seeker(TeamBehaviour):
         if self._sizes is None or self._sizes[0] is not parameters:
             radius = body_radius(parameters.base_width)
             self._sizes = (parameters, radius, 2.0 * radius + self.clearance)
+            self._widest = float(self._sizes[2].max(initial=0.0))
         return self._sizes[1:]
 
     def _index_of(self, robot_ids: tuple[int, ...], members: Members) -> Indices:

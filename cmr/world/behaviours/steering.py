@@ -71,3 +71,13 @@ def gather_speed(
         dt[k] = min(max((utime - decided[r]) * 1e-6, 0.0), longest)
         fastest[k] = speed[r] + acceleration * dt[k]
         decided[r] = utime
+
+
+@compiled("f8(f8[::1], f8[::1])")
+def limit(speed: Floats, fastest: Floats) -> float:
+    """Lower speeds to `fastest` (n,), in place; return the highest of them, at least 0."""
+    highest = 0.0
+    for k in range(len(speed)):
+        speed[k] = min(speed[k], fastest[k])
+        highest = max(highest, speed[k])
+    return highest

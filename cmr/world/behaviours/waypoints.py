@@ -32,21 +32,21 @@ class Waypoints(Seeker):
         self.points: Path = (x * laps, y * laps)
         self._paths = Paths()
         self._to_lay: dict[int, Path] = {}  # by row
+        self._told = 0  # robots that were told a path
 
     def take_waypoints(self, robot_id: int, x: list[float], y: list[float]) -> None:
         """Let one robot drive this path from where it is."""
-        row = self.memory.row(robot_id)
-        self.memory["told"][row] = 1
-        self._to_lay[row] = (list(x), list(y))
+        self._tell(self.memory.row(robot_id), (list(x), list(y)))
 
     def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
         """Return points a little further on the paths, and speeds at which robots can stop at the end."""
+        from cmr.world.behaviours.path_following import stop_at_end
+
         target_x, target_y, remaining = self._pursue(utime, team, me, world)
-        arrived = remaining < ARRIVED
-        self._paths.count[team.row[arrived]] = 0
-        speed = np.minimum(np.sqrt(2.0 * ACCELERATION * np.maximum(remaining, 0.0)), self.speed)
-        speed[arrived] = 0.0
-        return Goals(target_x, target_y, speed, remaining > 2.0 * team.apart)
+        speed, round_it = np.empty(len(remaining)), np.empty(len(remaining), bool)
+        settings = (ARRIVED, ACCELERATION, self.speed)
+        stop_at_end(team.row, self._paths.count, remaining, team.apart, *settings, speed, round_it)
+        return Goals(target_x, target_y, speed, round_it)
 
     def begins(self, _utime: int, _row: int, _x: float, _y: float, _theta: float) -> Path | None:
         """Return what a robot at this pose [m, m, rad] that was told nothing drives from now on; None: not yet."""
@@ -68,13 +68,12 @@ class Waypoints(Seeker):
 
     def _lay(self, utime: int, team: Team) -> None:
         """Lay the paths that are new, from where the robots are."""
-        told = self.memory["told"]
-        for k in np.flatnonzero(told[team.row] == 0).tolist():
-            row = int(team.row[k])
-            path = self.begins(utime, row, team.x[k], team.y[k], team.theta[k])
-            if path is not None:
-                told[row] = 1
-                self._to_lay[row] = path
+        if self._told < len(self.memory):
+            for k in np.flatnonzero(self.memory["told"][team.row] == 0).tolist():
+                row = int(team.row[k])
+                path = self.begins(utime, row, team.x[k], team.y[k], team.theta[k])
+                if path is not None:
+                    self._tell(row, path)
         if not self._to_lay:
             return
         places = {row: k for k, row in enumerate(team.row.tolist())}
@@ -84,6 +83,12 @@ class Waypoints(Seeker):
             start = ([float(team.x[k])], [float(team.y[k])]) if x else ([], [])
             self._paths.put(row, start[0] + x, start[1] + y)
             self.memory["progress"][row] = self.memory["piece"][row] = 0
+
+    def _tell(self, row: int, path: Path) -> None:
+        """Let a robot drive a path from where it is when it decides next."""
+        self._told += int(self.memory["told"][row] == 0)
+        self.memory["told"][row] = 1
+        self._to_lay[row] = path
 
 
 def read_points(text: str) -> Path:

@@ -47,8 +47,7 @@ def neighbours_of(x: Floats, y: Floats, radius: float) -> Neighbours:
     """Return the same for positions and a radius that are known to be sound."""
     if len(x) == 0:
         return Neighbours(np.zeros(1, np.int64), np.zeros(0, np.int32))
-    first, second = close_pairs(x, y, radius)
-    return Neighbours(*_listed(first, second, len(x)))
+    return Neighbours(*_neighbours(x, y, radius))
 
 
 def range_and_bearing(x: Any, y: Any, theta: Any, neighbours: Neighbours) -> tuple[Floats, Floats]:
@@ -77,6 +76,13 @@ def checked_positions(x: Any, y: Any) -> tuple[Floats, Floats]:
                 f"{name} of robot {wrong[0]} is {values[wrong[0]]}; a position is a number of at most {FURTHEST:g} m"
             )
     return x, y
+
+
+@compiled("Tuple((i8[::1], i4[::1]))(f8[::1], f8[::1], f8)")
+def _neighbours(x: Floats, y: Floats, radius: float) -> Any:
+    """Return `start` and `index` of Neighbours."""
+    first, second = close_pairs(x, y, radius)
+    return _listed(first, second, len(x))
 
 
 @compiled("Tuple((i8[::1], i4[::1]))(i4[::1], i4[::1], i8)")
