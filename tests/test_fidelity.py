@@ -2,6 +2,10 @@
 
 import csv
 import json
+import signal
+import subprocess
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,9 +21,11 @@ from cmr.fidelity.writing import DOCUMENT, FIGURE, RUNS, TABLE, write
 from cmr.parameters.file import Value
 from cmr.team.hidden import HiddenRobot
 from cmr.team.metrics import UNITS
+from tests.bus_bench import our_command
 from tests.small_teams import BELIEVED, LINE, line_of_three
 
 SEEDS = 20
+PATIENCE = 120.0  # s for processes to start and to end on a busy machine
 RANDOM = np.random.default_rng(7)
 
 
@@ -193,3 +199,35 @@ def test_the_command_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest
     assert main([*command, "--prepared", "uncalibrated"]) == 0
     assert "11 of 12 experiments are there already" in capsys.readouterr().out
     assert (out / RUNS).read_bytes() == runs
+
+
+def children_of(pid: int) -> list[int]:
+    """The processes that a process has started, without that which tidies up semaphores."""
+    tasks = Path(f"/proc/{pid}/task").glob("*/children")
+    children = [int(child) for path in tasks for child in path.read_text().split()]
+    return [child for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_study_that_is_stopped_leaves_nobody_behind(tmp_path: Path, number: signal.Signals) -> None:
+    line_of_three(tmp_path)
+    (tmp_path / "three.yaml").write_text(LINE.format(duration=600.0))
+    command = [our_command("cmr-fidelity"), str(tmp_path / "three.yaml"), "--out", str(tmp_path / "out"), "--jobs", "1"]
+    study = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    wait_until(lambda: bool(children_of(study.pid)))
+    children = children_of(study.pid)
+    study.send_signal(number)
+    _, said = study.communicate(timeout=PATIENCE)
+    assert study.returncode == (130 if number == signal.SIGTERM else -signal.SIGKILL)
+    assert said.strip() == (
+        "cmr-fidelity: stopped; the same command goes on from here." if study.returncode > 0 else ""
+    )
+    wait_until(lambda: not any(Path(f"/proc/{child}").exists() for child in children))
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    """Wait until something holds, for as long as a busy machine may take."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)

@@ -17,6 +17,7 @@ from cmr.scenario.shipping import path_of
 from cmr.scenario.terminal import Terminal
 from cmr.sweep.experiment import files_of, sources_digest
 from cmr.sweep.journal import Journal, JournalError
+from cmr.sweep.stopping import end_on_signals
 from cmr.team.experiment import ExperimentError
 
 FEWEST = 4  # seeds; fewer say nothing of a distribution
@@ -27,6 +28,7 @@ JOURNAL = "experiments.jsonl"  # what is done, for a study that was stopped
 def main(arguments: list[str]) -> int:
     """Run cmr-fidelity."""
     options = _options(arguments)
+    end_on_signals("cmr-fidelity")
     scenario, study = _study(options)
     began = time.monotonic()
     try:

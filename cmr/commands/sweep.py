@@ -1,14 +1,13 @@
 """cmr-sweep: many runs of one scenario, on all cores or on many computers."""
 
 import argparse
-import os
-import signal
 import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmr.commands.command_line import CommandError, parser
+from cmr.sweep.stopping import end_on_signals
 
 if TYPE_CHECKING:
     from cmr.sweep.journal import Journal, Result
@@ -17,13 +16,12 @@ if TYPE_CHECKING:
 
 MOST_SEEDS = 1_000_000
 MOST_WORKERS = 4096
-EXIT_INTERRUPTED = 130
 
 
 def main(arguments: list[str]) -> int:
     """Run cmr-sweep."""
     options = _options(arguments)
-    _end_on_signals()
+    end_on_signals("cmr-sweep")
     settings, runs = _planned(options)
     try:
         from cmr.sweep.cluster import ClusterError
@@ -116,17 +114,6 @@ def _failure(run: "PlannedRun", error: BaseException) -> str:
 
 def _row(run: "PlannedRun", result: "Result") -> dict[str, Any]:
     return {"seed": run.seed, **run.values, **result}
-
-
-def _end_on_signals() -> None:
-    """End at once on a signal: what is done is in the journal, and workers of this computer end with their parent."""
-
-    def end(_number: int, _frame: object) -> None:
-        os.write(2, b"\ncmr-sweep: stopped; the same command goes on from here.\n")
-        os._exit(EXIT_INTERRUPTED)
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, end)
 
 
 def _options(arguments: list[str]) -> argparse.Namespace:

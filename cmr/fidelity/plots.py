@@ -34,6 +34,8 @@ def figure_of(findings: Sequence[Finding]) -> "Figure":
         _draw_distances(axes[1, column], finding)
     axes[0, 0].set_ylabel("value in each experiment; line: mean")
     axes[1, 0].set_ylabel("Wasserstein distance to real teams A; bar: 95 %")
+    handles, labels = axes[1, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower left", ncols=len(labels), fontsize=9, frameon=False)
     figure.suptitle("Does a team with one real robot stand for a team of real ones?", fontsize=15)
     return figure
 
@@ -71,7 +73,6 @@ def _draw_distances(axes: "Axes", finding: Finding) -> None:
             )
     axes.set_ylim(bottom=0.0)
     axes.set_title(f"distance [{finding.unit}]")
-    axes.legend(loc="upper right", fontsize=8, frameon=False)
     _name_columns(axes, list(finding.distances))
 
 

@@ -6,11 +6,14 @@ where one program runs on all of them; virtual robots move by what they were pre
 """
 
 import os
+import signal
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, get_context, parent_process
+from multiprocessing.connection import wait
+from threading import Thread
 
 from cmr.fidelity.preparing import OTHERS, calibrated, diagnosed, moved_by
 from cmr.model.parameters import DEFINITIONS
@@ -95,7 +98,8 @@ def perform_all(study: Study, tasks: Sequence[Task], processes: int) -> Iterator
 
     Raises what `perform` raises. Whoever stops listening ends the processes.
     """
-    with _single_threads(), ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    spawn = get_context("spawn")
+    with _single_threads(), ProcessPoolExecutor(processes, mp_context=spawn, initializer=_end_with_parent) as pool:
         futures = {pool.submit(perform, study, task): task for task in tasks}
         try:
             for future in as_completed(futures):
@@ -105,6 +109,20 @@ def perform_all(study: Study, tasks: Sequence[Task], processes: int) -> Iterator
             for child in active_children():  # what they are at may take minutes
                 child.terminate()
             raise
+
+
+def _end_with_parent() -> None:
+    """In a process of the pool: leave Ctrl-C to the parent, and end with it, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def watch(sentinel: int) -> None:
+        wait([sentinel])
+        os._exit(1)
+
+    Thread(target=watch, args=(parent.sentinel,), daemon=True).start()
 
 
 def gathered(done: Mapping[Task, Scores]) -> dict[str, list[Scores]]:
@@ -119,6 +137,8 @@ def gathered(done: Mapping[Task, Scores]) -> dict[str, list[Scores]]:
 @contextmanager
 def _single_threads() -> Iterator[None]:
     """Let processes started meanwhile compute with one thread each."""
+    # A study that is killed, as any may be, needs no word about semaphores, which are tidied up all the same.
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
