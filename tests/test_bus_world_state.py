@@ -54,3 +54,17 @@ def test_a_large_world_in_packets_of_its_own_arrives_with_every_robot_once(url: 
         robot = view.robot(i)
         assert robot is not None
         assert robot.state.x == columns[0, i]
+
+
+def test_a_simulator_hears_the_worlds_of_others_and_not_its_own(url: str) -> None:
+    own, other = Bus(url), Bus(url)
+    own.subscribe(WORLD_STATE, every=True)
+    for number in range(5):
+        for bus, robot_id in ((own, 1), (other, 2)):
+            state = RobotState(*np.full((len(RobotState._fields), 1), float(number)))
+            (message,) = world_messages(EPOCH + number, Robots((robot_id,), (VIRTUAL,), state))
+            bus.publish(WORLD_STATE, message)
+    received = receive_until(own, lambda all_: len(all_) >= 5)
+    assert [(one.message.utime - EPOCH, *one.message.robot_id) for one in received + own.receive(0.2)] == [
+        (number, 2) for number in range(5)
+    ]

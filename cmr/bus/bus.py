@@ -2,21 +2,23 @@
 
 import select
 import time
-from collections import Counter
+from collections import Counter, deque
 from typing import Any
 
 from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test, warnings
-from cmr.bus.streams import Stream
+from cmr.bus.streams import WORLD_STATE, Stream
 
 DRAIN_SECONDS = 0.05  # handled in one go at most; a flood must not keep a process from its own work
+MOST_OWN = 64  # messages of a process that it knows again when the bus brings them back
 
 
 class Bus:
     """A connection to the LCM bus at `url` (None: environment, then this host only).
 
     `rejected` counts what was not taken, by (channel, reason); `unsent` what could not be sent, by the system's
-    words for why. `warnings` are sentences about losses to expect.
+    words for why. `warnings` are sentences about losses to expect. The bus brings back what a process sends itself,
+    if it listens; of WORLD_STATE, which is large, that is passed over.
     Raises BusError when the bus cannot be used.
     """
 
@@ -29,6 +31,8 @@ class Bus:
         self_test(self._lcm, self.url)
         self._every: set[str] = set()
         self._arrived: list[Received] = []
+        self._own: deque[bytes] = deque(maxlen=MOST_OWN)
+        self._hears_worlds = False
         self._repeated: dict[str, _Repeated] = {}
 
     def subscribe(self, stream: Stream, robot_id: int | None = None, *, every: bool = False) -> None:
@@ -42,6 +46,7 @@ class Bus:
         subscription.set_queue_capacity(0)  # unlimited: LCM's 30 lose messages whenever we are held up
         if every:
             self._every.add(stream.name)
+        self._hears_worlds |= stream is WORLD_STATE
 
     def publish(self, stream: Stream, message: Any, robot_id: int | None = None) -> None:
         """Send a message once. Where the network is gone it is lost, as any message can be, and counted."""
@@ -76,6 +81,8 @@ class Bus:
 
     def latest(self, arrived: list[Received]) -> list[Received]:
         """Return the last message of each channel, and all of those subscribed to with `every`, in order."""
+        if not arrived:
+            return []
         last = {received.channel: index for index, received in enumerate(arrived)}
         return [
             received
@@ -84,12 +91,18 @@ class Bus:
         ]
 
     def _send(self, channel: str, message: Any) -> None:
+        data = message.encode()
+        if channel == WORLD_STATE.name and self._hears_worlds:
+            self._own.append(data)
         try:
-            self._lcm.publish(channel, message.encode())
+            self._lcm.publish(channel, data)
         except OSError as error:  # Wi-Fi that drops out takes its route with it, and brings it back
             self.unsent[error.strerror or str(error)] += 1
 
     def _take(self, channel: str, data: bytes) -> None:
+        if channel == WORLD_STATE.name and data in self._own:
+            self._own.remove(data)
+            return
         try:
             self._arrived.append(decode(channel, data))
         except RejectedMessage as rejected:
