@@ -12,8 +12,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+import lcm
 import pytest
 
+from cmr.bus.messages import make, now_utime
+from cmr.msg import estop_t
 from cmr.recordings.log import LogReader
 from cmr.scenario import load
 from cmr.scenario.jobs import jobs_of
@@ -70,11 +73,23 @@ def start(folder: Path, url: str) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
+def stop_and_release(url: str) -> None:
+    """Engage the emergency stop for half a second."""
+    bus = lcm.LCM(url)
+    for engaged in (True, False):
+        for _ in range(10):
+            bus.publish(
+                "ESTOP", make(estop_t, utime=now_utime(), engaged=engaged, source="test", reason="try").encode()
+            )
+            time.sleep(0.05)
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A run whose simulation is killed while its robots drive: the folder, and what was said."""
     folder = tmp_path_factory.mktemp("run") / "two"
-    process = start(folder, private_url())
+    url = private_url()
+    process = start(folder, url)
     assert process.stdout is not None
     said = ""
     for line in process.stdout:
@@ -82,6 +97,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
         if "in service" in line:
             time.sleep(1.0)
             os.kill(pid_of(folder, "cmr-sim"), signal.SIGKILL)
+            stop_and_release(url)
             break
     rest, _ = process.communicate(timeout=200.0)
     assert process.returncode == 0, said + rest
@@ -110,6 +126,12 @@ def test_a_simulation_that_died_goes_on_where_its_robots_were(report: dict[str, 
     steps = [abs(after - before) for before, after in zip(path["x"], path["x"][1:], strict=False)]
     assert max(steps) < 0.35, "it did not start anew from the beginning"
     assert min(path["x"]) > -0.05
+
+
+def test_an_emergency_stop_is_told(report: dict[str, Any], run: tuple[Path, str]) -> None:
+    words = [event["words"] for event in report["events"]]
+    assert words.index("ESTOP is engaged by test: try.") < words.index("ESTOP is released.")
+    assert "ESTOP is released." in run[1]
 
 
 def test_everything_was_recorded(run: tuple[Path, str]) -> None:

@@ -4,9 +4,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from cmr.bus.estop import EmergencyStop
 from cmr.bus.process import Process
-from cmr.bus.streams import PROCESS_STATUS, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.msg import process_status_t
 from cmr.scenario.children import Children
 from cmr.scenario.jobs import PILOT, SIM, Job
@@ -56,6 +58,7 @@ class LiveRun:
         self.events: list[tuple[float, str]] = []
         self._folder = folder
         self._process = process
+        self._emergency_stop = EmergencyStop()
         self._terminal = terminal
         self._created = time.monotonic()
         self._seconds = 0.0  # in service
@@ -65,6 +68,7 @@ class LiveRun:
         self._to_send: set[int] = set()  # robots that have to be told of their waypoints
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(PROCESS_STATUS, every=True)
+        process.subscribe(ESTOP, every=True)
 
     def run(self) -> Outcome:
         """Start everything, and return when the run is over; nothing is stopped yet."""
@@ -109,12 +113,19 @@ class LiveRun:
 
     def _turn(self) -> None:
         """Listen, start what died again, and say on PROCESS_STATUS how it goes."""
-        self._process.dispatch(self.watch.handle)
+        self._process.dispatch(self._hear)
         for sentence in self.supervisor.poll(time.monotonic()):
             self.say(sentence)
         down = self.supervisor.down()
         self._process.state = process_status_t.DEGRADED if down else process_status_t.RUNNING
         self._process.message = f"Not running: {', '.join(down)}." if down else ""
+
+    def _hear(self, utime: int, channel: str, message: Any) -> None:
+        self.watch.handle(utime, channel, message)
+        stop, was_engaged = self._emergency_stop, self._emergency_stop.engaged
+        stop.handle(utime, channel, message)
+        if stop.engaged != was_engaged:
+            self.say(f"ESTOP is engaged by {stop.reason}." if stop.engaged else "ESTOP is released.")
 
     def _missing(self) -> str:
         """Return which robots or processes are not there; empty if all are."""
@@ -166,16 +177,18 @@ class LiveRun:
         """Return how it goes, in one line that a terminal of 80 columns shows whole."""
         watch, count = self.watch, len(self.scenario.robots)
         there = count - len(watch.missing())
+        restarts = self.supervisor.restarts
         parts = [
+            "ESTOP" if self._emergency_stop.engaged else "",
             f"{max(self.scenario.duration - self._seconds, 0.0):.0f} s left",
             f"{there if there == count else f'{there}/{count}'} robot{'s' if count > 1 else ''}",
             f"{watch.rate():.0f} Hz",
             f"{watch.overruns} late turns",
-            f"{self.supervisor.restarts} restarts" if self.supervisor.restarts else "",
+            f"{restarts} restart{'s' if restarts > 1 else ''}" if restarts else "",
             f"{watch.measure('distance_driven'):.1f} m {'each' if count > 1 else 'driven'}",
             f"nearest {watch.nearest.distance:.2f} m" if watch.nearest.utime else "",
         ]
-        return " | ".join(part for part in parts if part)
+        return ", ".join(part for part in parts if part)
 
     def _why_over(self) -> str:
         """Return why the run is over; empty while it is not."""
