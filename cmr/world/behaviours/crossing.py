@@ -41,8 +41,11 @@ class Crossing:
         `index` are our robots among everybody, `inward` tells which of them head for the middle; of others it is
         guessed from their headings.
         """
+        from cmr.world.behaviours.crossing_loops import distances  # imports Numba, which takes half a second
+
         to_x, to_y = self.at_x - around.x, self.at_y - around.y
-        away = np.hypot(to_x, to_y)
+        away = np.empty(len(to_x))
+        distances(to_x, to_y, away)
         near = np.flatnonzero(away < self.zone + BAND)
         heads = np.cos(around.theta[near]) * to_x[near] + np.sin(around.theta[near]) * to_y[near]
         heading_in = np.zeros(len(away), bool)
@@ -58,16 +61,21 @@ class Crossing:
         into_core = int(robot_id[ring].min()) if len(ring) and not len(in_core) else NOBODY
         return NOBODY if taken else next_in, into_core
 
-    def limit(
-        self, robot_id: Indices, x: Floats, y: Floats, inward: NDArray[np.bool_], free: tuple[int, int], braking: float
-    ) -> Floats:
-        """Return the speeds [m/s] at which robots at (x, y) [m] can stop before what they may not enter."""
-        away = np.hypot(x - self.at_x, y - self.at_y)
-        outside = away >= self.zone
-        room = away - np.where(outside, self.zone, self.core) - STOP_SHORT
-        may = (robot_id == np.where(outside, *free)) | ~inward | (away < self.core)
-        late = braking * REACTION
-        return np.where(may, np.inf, np.sqrt(late * late + 2.0 * braking * np.maximum(room, 0.0)) - late)
+    def wait(
+        self,
+        robot_id: Indices,
+        x: Floats,
+        y: Floats,
+        inward: NDArray[np.bool_],
+        free: tuple[int, int],
+        braking: float,
+        speed: Floats,
+    ) -> None:
+        """Lower the speeds [m/s] of robots at (x, y) [m] so that they can stop before what they may not enter."""
+        from cmr.world.behaviours.crossing_loops import wait_before  # the same
+
+        here = (self.at_x, self.at_y, self.zone, self.core)
+        wait_before(*here, *free, STOP_SHORT, REACTION, braking, robot_id, x, y, inward, speed)
 
     def _next(self, utime: int, robot_ids: Indices, x: Floats, y: Floats, taken: bool) -> int:
         """Return whose turn it is of those who wait at (x, y) [m] from the middle; while it is taken, no turn ends."""

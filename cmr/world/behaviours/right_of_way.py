@@ -46,12 +46,14 @@ class RightOfWay(Waypoints):
         around = world.surroundings()
         free = self._crossing.free_for(utime, around, team.place, inward)
         robot_id = np.append(around.members.robot_id, NOBODY)[team.place]  # a robot that is MISSING is nobody
-        limit = self._crossing.limit(robot_id, team.x, team.y, inward, free, ACCELERATION)
-        np.minimum(goals.speed, limit, out=goals.speed)
+        self._crossing.wait(robot_id, team.x, team.y, inward, free, ACCELERATION, goals.speed)
         return goals
 
     def _heads_in(self, team: Team, goals: Goals) -> NDArray[np.bool_]:
         """Tell who heads for the middle; those who rest do not."""
-        x, y = self._crossing.at_x, self._crossing.at_y
-        nearer = np.hypot(goals.x - x, goals.y - y) < np.hypot(team.x - x, team.y - y)
-        return np.asarray(nearer & (goals.speed > 0.0))
+        from cmr.world.behaviours.crossing_loops import head_in  # imports Numba, which takes half a second
+
+        inward = np.empty(len(team.x), bool)
+        at = self._crossing.at_x, self._crossing.at_y
+        head_in(*at, team.x, team.y, goals.x, goals.y, goals.speed, inward)
+        return inward

@@ -1,0 +1,51 @@
+"""What a crossing asks of many robots at once."""
+
+import math
+
+from cmr.model.compiled import compiled
+from cmr.world.behaviours.team import Floats, Indices
+
+
+@compiled("void(f8[::1], f8[::1], f8[::1])")
+def distances(x: Floats, y: Floats, away: Floats) -> None:
+    """Write the lengths [m] of n ways."""
+    for k in range(len(x)):
+        away[k] = math.sqrt(x[k] * x[k] + y[k] * y[k])
+
+
+@compiled("void(f8, f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1])")
+def head_in(at_x, at_y, x: Floats, y: Floats, goal_x: Floats, goal_y: Floats, speed: Floats, inward) -> None:  # type: ignore[no-untyped-def]
+    """Write who of n robots at (x, y) [m] heads for (at_x, at_y) [m]; those who rest do not."""
+    for k in range(len(x)):
+        dx, dy, goal_dx, goal_dy = x[k] - at_x, y[k] - at_y, goal_x[k] - at_x, goal_y[k] - at_y
+        inward[k] = goal_dx * goal_dx + goal_dy * goal_dy < dx * dx + dy * dy and speed[k] > 0.0
+
+
+@compiled("void(f8, f8, f8, f8, i8, i8, f8, f8, f8, i8[::1], f8[::1], f8[::1], b1[::1], f8[::1])")
+def wait_before(  # type: ignore[no-untyped-def]
+    at_x,
+    at_y,
+    zone,
+    core,
+    next_in,
+    into_core,
+    stop_short,
+    reaction,
+    braking,
+    robot_id: Indices,
+    x: Floats,
+    y: Floats,
+    inward,
+    speed: Floats,
+) -> None:
+    """Lower the speeds [m/s] of n robots at (x, y) [m] to where each can stop before what it may not enter.
+
+    Over the line `zone` [m] from (at_x, at_y) only `next_in` may go, from there into the `core` [m] only `into_core`.
+    """
+    for k in range(len(x)):
+        dx, dy = x[k] - at_x, y[k] - at_y
+        away = math.sqrt(dx * dx + dy * dy)
+        line, free = (zone, next_in) if away >= zone else (core, into_core)
+        if inward[k] and away >= core and robot_id[k] != free:
+            late, room = braking * reaction, max(away - line - stop_short, 0.0)
+            speed[k] = min(speed[k], math.sqrt(late * late + 2.0 * braking * room) - late)
