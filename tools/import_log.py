@@ -14,9 +14,13 @@ from cmr.tools import mapping as mappings
 from cmr.tools.block import MappingError
 from cmr.tools.converting import ConversionError, Event, convert
 from cmr.tools.mapping import Mapping
+from cmr.tools.ros_files import files_of
+from cmr.tools.ros_records import BagError
+from cmr.tools.ros_source import read_bag
 from cmr.tools.sources import MICROSECONDS, Source, SourceError, read
 from cmr.tools.writing import write_log
 
+PIECE_BYTES = 1 << 20
 LARGEST_ROBOT_ID = 999_999_999  # nine digits: what channel names are read with
 
 
@@ -31,13 +35,14 @@ def main(arguments: list[str]) -> int:
         return 0
     recording, out = Path(options.input), Path(options.out)
     try:
-        if out.exists() and out.samefile(recording):
-            raise CommandError(f"{out} is the recording itself; name another file with --out")
         mapping = mappings.load(options.mapping)
-        source = read(mapping, recording)
-        events = convert(mapping, source, options.robot, _provenance(mapping, recording))
+        files = files_of(recording) if mapping.topics else [recording]
+        if out.exists() and any(out.samefile(file) for file in files):
+            raise CommandError(f"{out} is the recording itself; name another file with --out")
+        source = read_bag(mapping, recording) if mapping.topics else read(mapping, recording)
+        events = convert(mapping, source, options.robot, _provenance(mapping, recording, files))
         write_log(out, events, options.robot)
-    except (MappingError, SourceError, ConversionError) as error:
+    except (MappingError, BagError, SourceError, ConversionError) as error:
         raise CommandError(str(error)) from error
     except OSError as error:
         raise CommandError(f"{error.filename or out}: {error.strerror or error}") from error
@@ -48,12 +53,17 @@ def main(arguments: list[str]) -> int:
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     command_line = parser(
         "cmr-import",
-        "Turn a recording of another robot (a foreign LCM log, or CSV) into an event log of ours, by a mapping file.",
+        "Turn a recording of another robot (a foreign LCM log, CSV, a ROS 1 or ROS 2 bag, or MCAP) into an event log "
+        "of ours, by a mapping file.",
         "cmr-import mbot drive_square.log --out run.lcm && cmr-calibrate --log run.lcm",
         bus="accepted as by every command; an import needs no bus",
     )
     command_line.add_argument("mapping", nargs="?", help="name of a shipped mapping, or path of a mapping file")
-    command_line.add_argument("input", nargs="?", help="the recording: an LCM log, .csv or .csv.gz")
+    command_line.add_argument(
+        "input",
+        nargs="?",
+        help="the recording: an LCM log, .csv, .csv.gz, .bag, .mcap, .db3, or the folder of a bag",
+    )
     command_line.add_argument("--out", metavar="RUN.lcm", help="the event log to write; replaced if it is there")
     command_line.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot in the log")
     command_line.add_argument("--list", action="store_true", help="list the shipped mappings and end")
@@ -71,19 +81,29 @@ def _list() -> list[str]:
     return [f"{name:{width}}  {mappings.load(name).about}" for name in names]
 
 
-def _provenance(mapping: Mapping, recording: Path) -> dict[str, Any]:
+def _provenance(mapping: Mapping, recording: Path, files: Sequence[Path]) -> dict[str, Any]:
     """Return where the nominal parameters and the log come from, and what is needed to undo the mapping."""
     provenance: dict[str, Any] = {
         "method": "nominal",
         "mapping": mapping.name,
-        "log": recording.name,
-        "sha256": hashlib.sha256(recording.read_bytes()).hexdigest(),
+        "log": recording.name or recording.resolve().name,
+        "sha256": _digest(files),
     }
     if mapping.feedback is not None:
         provenance["ticks_per_turn"] = mapping.feedback.ticks_per_turn
     if mapping.command is not None and mapping.command.full_scale is not None:
         provenance["full_scale_rad_s"] = mapping.command.full_scale
     return provenance
+
+
+def _digest(files: Sequence[Path]) -> str:
+    """Return the SHA-256 of the files' bytes, one after the other."""
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            while piece := stream.read(PIECE_BYTES):
+                digest.update(piece)
+    return digest.hexdigest()
 
 
 def _summary(events: Sequence[Event], source: Source, robot_id: int, out: Path) -> list[str]:

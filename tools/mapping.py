@@ -15,14 +15,19 @@ import yaml
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value
 from cmr.tools.block import Block, MappingError
 from cmr.tools.layout import LayoutError, column_names, parse_layout
-from cmr.tools.quantities import units
+from cmr.tools.quantities import TURN, units
+from cmr.tools.ros_fields import PathError, parse_path
 
 SHIPPED = Path(__file__).resolve().parent / "mappings"
-CSV_TABLE = "the file"  # a CSV file is one table; a log has one for each channel
+CSV_TABLE = "the file"  # a CSV file is one table; a log has one for each channel, a bag one for each topic
 
 # utime: as the message says. event_time: when the log says it arrived, for a utime that is broken.
 # shifted_utime: utime of a clock that runs well but was set wrong, moved as a whole to the log's clock.
 CLOCKS = ("utime", "event_time", "shifted_utime")
+
+# header: as the message's header says. received: when the recorder got it. published: when an MCAP file says it was.
+# shifted_header: header of a clock that runs well but was set wrong, moved as a whole to the recorder's clock.
+TOPIC_CLOCKS = ("header", "received", "published", "shifted_header")
 
 FEEDBACK_PAIRS = {"ticks": "ticks", "psi": "wheel_speed", "applied": "drive", "current": "current"}
 FEEDBACK_SINGLES = {"battery_voltage": "voltage", "temperature": "temperature"}
@@ -32,7 +37,8 @@ FEEDBACK_SINGLES = {"battery_voltage": "voltage", "temperature": "temperature"}
 class Signal:
     """One quantity in the recording: ours = gain × recorded + shift, in our unit.
 
-    `table` is the channel it is on (CSV_TABLE in a CSV file), `unit` the recorded one.
+    `table` is the channel or topic it is on (CSV_TABLE in a CSV file), `column` its name there (in a bag a path, see
+    ros_fields), `unit` the recorded one.
     """
 
     table: str
@@ -80,6 +86,14 @@ class Channel:
 
 
 @dataclass(frozen=True)
+class Topic:
+    """Which of TOPIC_CLOCKS is right about a bag's topic; its type's .msg text, for bags that do not define it."""
+
+    clock: str
+    definition: str | None
+
+
+@dataclass(frozen=True)
 class Rows:
     """How time runs in a CSV file: `time_column` [s] counts from `start`.
 
@@ -94,12 +108,13 @@ class Rows:
 
 @dataclass(frozen=True)
 class Mapping:
-    """A checked mapping; exactly one of `channels` (LCM log) and `rows` (CSV) is given."""
+    """A checked mapping; exactly one of `channels` (LCM log), `topics` (bag) and `rows` (CSV) is given."""
 
     name: str
     about: str
     nominal: dict[str, float]
     channels: dict[str, Channel] = field(default_factory=dict)
+    topics: dict[str, Topic] = field(default_factory=dict)
     rows: Rows | None = None
     feedback: Feedback | None = None
     command: Command | None = None
@@ -148,15 +163,18 @@ class _Reader:
     def __init__(self, file: Block) -> None:
         self._file = file
         self._channels: dict[str, Channel] = {}
+        self._topics: dict[str, Topic] = {}
         self._nominal: dict[str, float] = {}
 
     def mapping(self, name: str) -> Mapping:
         file = self._file
         about = file.text("about")
-        is_log = file.choice("format", ("lcm_log", "csv")) == "lcm_log"
+        kind = file.choice("format", ("lcm_log", "csv", "ros_bag"))
         rows = None
-        if is_log:
+        if kind == "lcm_log":
             self._channels = self._read_channels(file.block("channels"))
+        elif kind == "ros_bag":
+            self._topics = self._read_topics(file.block("topics"))
         else:
             rows = self._read_rows(file)
         self._nominal = self._read_nominal(file.block("nominal"))
@@ -165,6 +183,7 @@ class _Reader:
             about=about,
             nominal=self._nominal,
             channels=self._channels,
+            topics=self._topics,
             rows=rows,
             feedback=self._read_feedback(file.block("motor_feedback")) if file.value("motor_feedback") else None,
             command=self._read_command(file.block("motor_command")) if file.value("motor_command") else None,
@@ -174,6 +193,9 @@ class _Reader:
         file.finish()
         if not mapping.groups:
             raise MappingError(f"{file.place}: needs at least one of motor_feedback, motor_command, gyro, pose")
+        for name in self._topics:
+            if not mapping.columns(name):
+                raise MappingError(f"{file.place}: topics: {name}: no signal is on it; leave it out")
         return mapping
 
     def _read_channels(self, block: Block) -> dict[str, Channel]:
@@ -190,6 +212,18 @@ class _Reader:
             channel.finish()
             channels[name] = Channel(layout, clock)
         return channels
+
+    def _read_topics(self, block: Block) -> dict[str, Topic]:
+        topics = {}
+        for name in block:
+            topic = block.block(name)
+            clock = topic.choice("time", TOPIC_CLOCKS)
+            definition = None if topic.value("definition") is None else topic.text("definition")
+            topic.finish()
+            topics[name] = Topic(clock, definition)
+        if not topics:
+            raise MappingError(f"{block.place}: names no topic")
+        return topics
 
     def _read_rows(self, file: Block) -> Rows:
         time = file.block("time")
@@ -221,7 +255,7 @@ class _Reader:
         table = self._table(block)
         ticks_per_turn = block.number("ticks_per_turn", positive=True)
         present = {key: of for key, of in (quantities | FEEDBACK_SINGLES).items() if block.value(key) is not None}
-        signals = self._read_signals(block, present, table)
+        signals = self._read_signals(block, present, table, ticks_per_turn=ticks_per_turn)
         block.finish()
         if not {"ticks_left", "ticks_right"} <= set(signals) and not {"psi_left", "psi_right"} <= set(signals):
             raise MappingError(f"{block.place}: needs ticks_left and ticks_right, or psi_left and psi_right, or all")
@@ -265,21 +299,34 @@ class _Reader:
         return Pose(table, signals, columns)
 
     def _table(self, block: Block, default: str | None = None) -> str:
-        if not self._channels:
-            return CSV_TABLE
-        return block.choice("channel", self._channels, default)
+        if self._channels:
+            return block.choice("channel", self._channels, default)
+        if self._topics:
+            return block.choice("topic", self._topics, default)
+        return CSV_TABLE
 
     def _read_signals(
-        self, group: Block, quantities: dict[str, str], table: str, full_scale: float | None = None
+        self,
+        group: Block,
+        quantities: dict[str, str],
+        table: str,
+        full_scale: float | None = None,
+        ticks_per_turn: float | None = None,
     ) -> dict[str, Signal]:
-        return {key: self._read_signal(group.block(key), of, table, full_scale) for key, of in quantities.items()}
+        signals = {}
+        for key, quantity in quantities.items():
+            allowed = units(quantity, wheel_radius=self._nominal["wheel_radius"], full_scale=full_scale)
+            if quantity == "ticks" and ticks_per_turn is not None:
+                allowed |= {"rad": ticks_per_turn / TURN, "deg": ticks_per_turn / 360}
+            signals[key] = self._read_signal(group.block(key), allowed, table)
+        return signals
 
-    def _read_signal(self, block: Block, quantity: str, table: str, full_scale: float | None) -> Signal:
-        column_key = "field" if self._channels else "column"
+    def _read_signal(self, block: Block, allowed: dict[str, float], table: str) -> Signal:
+        """Read one signal; `allowed` are its units and how many of ours each is."""
+        column_key = "field" if self._channels or self._topics else "column"
         table = self._table(block, table)
         column = block.text(column_key)
         self._check_column(block, column_key, table, column)
-        allowed = units(quantity, wheel_radius=self._nominal["wheel_radius"], full_scale=full_scale)
         unit = block.choice("unit", allowed)
         sign = block.number("sign", 1.0)
         if sign not in (1.0, -1.0):
@@ -294,3 +341,8 @@ class _Reader:
             present: Iterable[str] = column_names(self._channels[table].layout)
             if column not in present:
                 raise block.error(key, f"is {column!r}; {table} has {', '.join(present)}")
+        if self._topics:
+            try:
+                parse_path(column)
+            except PathError as error:
+                raise block.error(key, str(error)) from error

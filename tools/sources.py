@@ -114,16 +114,17 @@ def _log_tables(
             skipped[name, "message of an impossible time"] += int((~possible).sum())
         columns = {column: values[possible] for column, values in decoded[name].items()}
         segment = np.zeros(int(possible.sum()), np.int64)
-        tables[name] = _in_time_order(utime[possible], arrivals[name][possible], segment, columns)
+        tables[name] = in_time_order(utime[possible], arrivals[name][possible], segment, columns)
     return tables
 
 
-def _in_time_order(
+def in_time_order(
     utime: NDArray[np.int64],
     received_utime: NDArray[np.int64],
     segment: NDArray[np.int64],
     columns: dict[str, NDArray[Any]],
 ) -> Table:
+    """Return the rows as a table, in the order of `utime`; rows of one time stay in their order."""
     order = np.argsort(utime, kind="stable")
     return Table(
         utime[order], received_utime[order], segment[order], {name: values[order] for name, values in columns.items()}
@@ -153,7 +154,7 @@ def _read_csv(mapping: Mapping, rows: Rows, path: Path) -> Source:
         source.skipped[CSV_TABLE, f"row without a time in {rows.time_column}"] += int((~timed).sum())
     segment = _segment_numbers(np.array(labels, str))[timed]
     utime = _utime(rows, seconds[timed], segment)
-    source.tables[CSV_TABLE] = _in_time_order(
+    source.tables[CSV_TABLE] = in_time_order(
         utime, utime, segment, {name: values[timed] for name, values in columns.items()}
     )
     return source

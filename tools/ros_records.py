@@ -1,0 +1,134 @@
+"""What a bag holds, whichever its format: topics and messages, and what of it is damaged."""
+
+import bz2
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+COMPRESSIONS = ("", "none", "bz2", "lz4", "zstd")
+
+_PIECE_BYTES = 65536  # what is decompressed at a time: all of it that is before the damage is kept
+_WINDOW_BYTES = 1 << 20
+
+
+class Topic(NamedTuple):
+    """One topic as a bag announces it.
+
+    `encoding` is that of its messages (ros1, cdr, json, ...); `definition` the text of their type, in `language`
+    (msg, idl, jsonschema or empty, where the bag holds none).
+    """
+
+    name: str
+    message_type: str
+    encoding: str
+    definition: str
+    language: str
+
+
+class Message(NamedTuple):
+    """One message: when the recorder received it and, where the bag says so, when it was published [ns]."""
+
+    topic: Topic
+    received: int
+    published: int | None
+    data: bytes
+
+
+class BagError(Exception):
+    """The file is no bag that can be read; the text says why."""
+
+
+class BagReader:
+    """Reads the messages of the `wanted` topics from one file, in the order of the file.
+
+    Whatever is intact is read. After the iteration `topics` holds the types of all topics by name, wanted or not, and
+    `sentence` says what was damaged. `position` of `size` bytes have been read.
+    """
+
+    def __init__(self, path: Path, wanted: frozenset[str]) -> None:
+        self.path = path
+        self.size = path.stat().st_size
+        self.position = 0
+        self.topics: dict[str, set[str]] = {}
+        self._wanted = wanted
+        self._faults: dict[str, int] = {}
+        self._damaged_bytes = 0
+        self._damaged_places = 0
+
+    def __iter__(self) -> Iterator[Message]:
+        raise NotImplementedError
+
+    def sentence(self) -> str:
+        """Return what was damaged; empty if nothing was."""
+        faults = [name if count == 1 else f"{name} ({count} times)" for name, count in self._faults.items()]
+        if self._damaged_bytes:
+            places = "1 place" if self._damaged_places == 1 else f"{self._damaged_places} places"
+            faults.insert(0, f"{self._damaged_bytes} bytes in {places} are no intact records")
+        return f"{self.path.name} is truncated or damaged: {'; '.join(faults)}; the rest is used." if faults else ""
+
+    def announce(self, topic: Topic) -> Topic:
+        """Note that a topic is in the bag."""
+        self.topics.setdefault(topic.name, set()).add(topic.message_type)
+        return topic
+
+    def damage(self, count: int) -> None:
+        """Note that so many bytes in one place are no intact records."""
+        if count > 0:
+            self._damaged_bytes += count
+            self._damaged_places += 1
+
+    def fault(self, what: str) -> None:
+        """Note what else is wrong, in words."""
+        self._faults[what] = self._faults.get(what, 0) + 1
+
+
+def type_name(name: str) -> str:
+    """Return a message type's name as ROS 2 writes it: nav_msgs/msg/Odometry."""
+    package, _, last = name.partition("/")
+    return f"{package}/msg/{last}" if last and "/" not in last else name
+
+
+def decompress(compression: str, data: bytes) -> bytes:
+    """Return what can be decompressed: of damaged data that before the damage."""
+    if compression in ("", "none"):
+        return data
+    decompressor = _decompressor(compression)
+    pieces = []
+    try:
+        for start in range(0, len(data), _PIECE_BYTES):
+            pieces.append(decompressor(data[start : start + _PIECE_BYTES]))
+    except Exception:  # the libraries' errors have no base in common; whatever they are, the data is damaged here
+        pass
+    return b"".join(pieces)
+
+
+def _decompressor(compression: str) -> Callable[[bytes], bytes]:
+    one: Any
+    if compression == "bz2":
+        one = bz2.BZ2Decompressor()
+    elif compression == "lz4":
+        import lz4.frame  # type: ignore[import-untyped]
+
+        one = lz4.frame.LZ4FrameDecompressor()
+    else:
+        import zstandard
+
+        one = zstandard.ZstdDecompressor().decompressobj()
+    decompressed: Callable[[bytes], bytes] = one.decompress
+    return decompressed
+
+
+def places(stream: BinaryIO, start: int, pattern: re.Pattern[bytes], longest: int) -> Iterator[int]:
+    """Yield where in the file, from `start` on, the pattern matches; a match is at most `longest` bytes."""
+    while True:
+        stream.seek(start)
+        window = stream.read(_WINDOW_BYTES)
+        is_last = len(window) < _WINDOW_BYTES
+        step = len(window) if is_last else len(window) - longest
+        for match in pattern.finditer(window):
+            if match.start() < step:
+                yield start + match.start()
+        if is_last:
+            return
+        start += step

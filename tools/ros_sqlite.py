@@ -1,0 +1,87 @@
+"""ROS 2 bags in SQLite files (.db3): of a damaged one, every row that SQLite can still reach.
+
+Tables as rosbag2's storage plugin makes them: topics, messages, and since its schema 4 message_definitions. Messages
+that were compressed one by one are recognised by Zstandard's magic, which no CDR message begins with.
+"""
+
+import sqlite3
+from collections.abc import Iterator
+from urllib.parse import quote
+
+from cmr.tools.ros_records import BagError, BagReader, Message, Topic, decompress
+
+MAGIC = b"SQLite format 3\0"
+ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+ROWS_STEPPED_SINGLY = 32  # behind a damaged row; after that the steps double
+LAST_ROW = 2**63 - 1
+MOST_STEPS = 10_000
+
+Row = tuple[int, int, int, bytes]
+
+
+class SqliteReader(BagReader):
+    """Reads one .db3 file. Raises BagError where it has no topics that can be read."""
+
+    def __iter__(self) -> Iterator[Message]:
+        connection = self._connect()
+        try:
+            topics = self._read_topics(connection)
+            chosen = {number: topic for number, topic in topics.items() if topic.name in self._wanted}
+            for _, number, received, data in self._rows(connection, sorted(chosen)):
+                if not isinstance(received, int) or not isinstance(data, bytes):
+                    self.fault("a message that is not intact")
+                    continue
+                if data.startswith(ZSTANDARD_MAGIC):
+                    data = decompress("zstd", data)
+                yield Message(chosen[number], received, None, data)
+        finally:
+            connection.close()
+
+    def _connect(self) -> sqlite3.Connection:
+        """Open the file, together with the journal beside it that a killed recorder leaves."""
+        has_journal = self.path.with_name(self.path.name + "-wal").exists()
+        address = f"file:{quote(str(self.path))}?mode=ro{'' if has_journal else '&immutable=1'}"
+        connection = sqlite3.connect(address, uri=True)
+        connection.text_factory = lambda text: text.decode("utf-8", "replace")
+        return connection
+
+    def _read_topics(self, connection: sqlite3.Connection) -> dict[int, Topic]:
+        try:
+            rows = connection.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
+        except sqlite3.DatabaseError as error:
+            raise BagError(f"{self.path}: holds no topics of a ROS 2 bag that can be read ({error})") from error
+        definitions = self._read_definitions(connection)
+        topics = {}
+        for number, name, kind, encoding in rows:
+            language, definition = definitions.get(str(kind), ("", ""))
+            topics[number] = self.announce(Topic(str(name), str(kind), str(encoding), definition, language))
+        return topics
+
+    def _read_definitions(self, connection: sqlite3.Connection) -> dict[str, tuple[str, str]]:
+        """Return language and text of the definitions by type; bags before ROS 2 Iron hold none."""
+        query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        try:
+            rows = connection.execute(query).fetchall()
+        except sqlite3.DatabaseError:
+            return {}
+        return {str(kind): (str(encoding).removeprefix("ros2"), str(text)) for kind, encoding, text in rows if text}
+
+    def _rows(self, connection: sqlite3.Connection, numbers: list[int]) -> Iterator[Row]:
+        """Yield the messages of the topics; where a row cannot be read, go on some rows behind it."""
+        marks = ",".join("?" * len(numbers))
+        query = f"SELECT id, topic_id, timestamp, data FROM messages WHERE id > ? AND topic_id IN ({marks}) ORDER BY id"
+        last, steps_without_row = 0, 0
+        for _ in range(MOST_STEPS):
+            try:
+                for row in connection.execute(query, (last, *numbers)):
+                    last, steps_without_row = row[0], 0
+                    yield row
+                return
+            except sqlite3.DatabaseError as error:
+                if steps_without_row == 0:
+                    self.fault(f"rows that cannot be read ({error})")
+            steps_without_row += 1
+            last += 1 << max(steps_without_row - ROWS_STEPPED_SINGLY, 0)
+            if last >= LAST_ROW:
+                return
