@@ -27,6 +27,7 @@ FIELDS: dict[str, dict[str, Any]] = {
         **{"psi_left": [1.0, 1.0], "psi_right": [2.0, 2.0], "domega_left": [0.0, 0.0], "domega_right": [3.0, 4.0]},
     },
     "RANGE_SCAN": {"angle_first": -1.0, "angle_step": 0.5, "range_max": 8.0, "ranges": [0.5, math.inf, 0.1]},
+    "CAMERA_IMAGE": {"camera": "ceiling", "width": 2, "height": 1, "jpeg": b"\xff\xd8\x00\n\xff\xd9"},
     "WAYPOINTS": {"x": [], "y": []},
     "PARAMETERS": {"sequence": 5, "sha256": "ab", "yaml": 'schema: 1\nname: "a, b"\n'},
     "CALIBRATION_STATUS": {
@@ -51,7 +52,7 @@ def small_log() -> list[Event]:
         message = make(stream.message_type, utime=utime - 100, **robot, **FIELDS[stream.name])
         channel = stream.channel(3 if stream.per_robot else None)
         events.append(Event(number, utime, channel, message.encode()))
-    return events + gyro_readings(len(events), 88)
+    return events + gyro_readings(len(events), 87)
 
 
 def gyro_readings(first: int, count: int, channel: str = "GYRO_4") -> list[Event]:

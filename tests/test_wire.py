@@ -30,6 +30,7 @@ WIRE = {
     "waypoints_t": "int64_t utime; int32_t robot_id; int32_t n; double x[n]; double y[n]",
     "range_scan_t": """int64_t utime; int32_t robot_id; double angle_first; double angle_step; double range_max;
         int32_t n; float ranges[n]""",
+    "camera_image_t": "int64_t utime; string camera; int32_t width; int32_t height; int32_t n; byte jpeg[n]",
     "parameters_t": "int64_t utime; int32_t robot_id; int64_t sequence; string sha256; string yaml",
     "calibration_status_t": """int64_t utime; int32_t robot_id; int8_t state; double progress; double k2_over_k3;
         double k1; double base_width; double k2_over_k3_std; double k1_std; double base_width_std;

@@ -6,6 +6,7 @@ The build carries those comments into the generated classes; the units are nowhe
 import ast
 import inspect
 import re
+from base64 import b64encode
 from dataclasses import dataclass
 from functools import cache
 from textwrap import dedent
@@ -17,6 +18,7 @@ NAMED = re.compile(r'\("(\w+)"\)')  # of: fraction of full drive ("duty")
 # Units as they stand first in the brackets of a comment; what else stands there is a range, a frame, or words.
 UNITS = ("rad/s^2", "rad/s", "s/rad", "rad", "deg C", "duty", "ticks", "us", "Hz", "m", "A", "V")
 SAME_UNIT = "same units"  # of X_std as of X
+BYTES = "bytes"  # wire type, here, of an array of bytes: a picture, say, which is one value and no row of numbers
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,17 @@ def fields_of(message_type: Any) -> tuple[Field, ...]:
     for name, wire_type, dimensions in described:
         if dimensions is not None and (len(dimensions) > 1 or not isinstance(dimensions[0], str)):
             raise TypeError(f"{message_type.__name__}.{name}: no array that another field counts")
-        is_number = wire_type != "string"
-        unit = _unit(comments[name], name, fields) if is_number else ""
-        fields[name] = Field(name, wire_type, dimensions[0] if dimensions else None, unit, comments[name])
+        counted_by = dimensions[0] if dimensions else None
+        if wire_type == "byte" and counted_by is not None:
+            wire_type, counted_by = BYTES, None
+        unit = _unit(comments[name], name, fields) if wire_type not in ("string", BYTES) else ""
+        fields[name] = Field(name, wire_type, counted_by, unit, comments[name])
     return tuple(fields.values())
+
+
+def text_of_bytes(data: bytes) -> str:
+    """Return bytes as the text that tables and JSON hold: base64."""
+    return b64encode(bytes(data)).decode("ascii")
 
 
 def _comments(message_type: Any) -> dict[str, str]:

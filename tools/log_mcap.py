@@ -13,7 +13,7 @@ from typing import Any
 from cmr.recordings.batch import layout_of
 from cmr.recordings.events import Event
 from cmr.tools.log_channels import FOREIGN_CHANNEL, MOST_CHANNELS, Channel, LeftOut, Rejected, channel_of, utime_of
-from cmr.tools.log_fields import Field, fields_of
+from cmr.tools.log_fields import BYTES, Field, fields_of, text_of_bytes
 
 NANOSECONDS = 1000  # in a microsecond
 LAST_UTIME = (2**64 - 1) // NANOSECONDS  # us; MCAP's times are 64 bits of nanoseconds
@@ -101,6 +101,8 @@ def schema_of(message_type: Any) -> dict[str, Any]:
     properties = {}
     for field in fields_of(message_type):
         kind: dict[str, Any] = {"type": JSON_TYPES.get(field.wire_type, "integer")}
+        if field.wire_type == BYTES:
+            kind = {"type": "string", "contentEncoding": "base64"}
         if field.counted_by is not None:
             kind = {"type": "array", "items": kind}
         properties[field.name] = {**kind, "description": field.comment}
@@ -138,6 +140,8 @@ def encoder_of(channel: Channel) -> Encoder:
 def _text_of(field: Field) -> Text:
     """Return what writes a value of the field as JSON; None stands for nothing."""
     by_type: dict[str, Text] = {"string": json.dumps, "boolean": _boolean, "float": _short_number, "double": _number}
+    if field.wire_type == BYTES:
+        return lambda value: f'"{text_of_bytes(value)}"'
     one = by_type.get(field.wire_type, str)
     if field.counted_by is None:
         return one

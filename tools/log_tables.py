@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cmr.recordings.batch import WIRE_TYPES, layout_of
 from cmr.recordings.events import Event
 from cmr.tools.log_channels import FOREIGN_CHANNEL, Channel, LeftOut, Rejected, channel_of
-from cmr.tools.log_fields import INDEX, Field, fields_of
+from cmr.tools.log_fields import BYTES, INDEX, Field, fields_of, text_of_bytes
 
 LOGGED = "logged [us]"  # column: when the message was logged, since the Unix epoch
 MOST_OF_A_CHANNEL = 1 << 20  # bytes of messages that are gathered before they are written
@@ -157,11 +157,14 @@ def _table_of_varying_size(channel: Channel, logged: NDArray[np.int64], data: li
 
 
 def _singles(field: Field, messages: list[Any]) -> Column:
-    return Column(np.array([getattr(message, field.name) for message in messages], _dtype(field)))
+    values = [getattr(message, field.name) for message in messages]
+    if field.wire_type == BYTES:
+        values = list(map(text_of_bytes, values))
+    return Column(np.array(values, _dtype(field)))
 
 
 def _dtype(field: Field) -> Any:
-    return object if field.wire_type == "string" else np.dtype(WIRE_TYPES[field.wire_type]).newbyteorder("=")
+    return object if field.wire_type in ("string", BYTES) else np.dtype(WIRE_TYPES[field.wire_type]).newbyteorder("=")
 
 
 class CsvFile:

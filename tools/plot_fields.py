@@ -12,7 +12,7 @@ from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import identify
 from cmr.commands.command_line import CommandError
 from cmr.recordings.events import Event
-from cmr.tools.log_fields import Field, fields_of
+from cmr.tools.log_fields import BYTES, Field, fields_of
 
 MICROSECONDS = 1e6
 WRITTEN = re.compile(r"([^.:]+)\.(\w+)(?:\[(\d+)\])?")
@@ -52,7 +52,7 @@ def parse_field(text: str) -> FieldName:
     if known is None:  # no channel of ours; what is near, the log tells
         return name
     field = known.get(name.field)
-    if field is None or field.wire_type == "string":
+    if field is None or field.wire_type in ("string", BYTES):
         near = near_names(str(name), [name.channel])
         why = "has no such field" if field is None else "has text there"
         raise CommandError(f"{name.channel} {why}: {name.field}. It has {', '.join(near)}.")
@@ -76,7 +76,7 @@ def near_names(asked: str, channels: Iterable[str]) -> list[str]:
         f"{channel}.{field.name}" + ("" if field.counted_by is None else "[0]")
         for channel in sorted(channels)
         for field in (_fields(channel) or {}).values()
-        if field.wire_type != "string"
+        if field.wire_type not in ("string", BYTES)
     ]
     near = get_close_matches(asked, names, MOST_NEAR_NAMES, cutoff=0.6)
     few = names if len(set(channels)) == 1 else []

@@ -159,6 +159,8 @@ def _values(line: Line) -> str:
 def _text(value: Any, most: int, longest: int) -> str:
     if isinstance(value, str):
         return _plain(value)[:longest]
+    if isinstance(value, bytes):
+        return f"{len(value)} bytes"
     if isinstance(value, float):
         return f"{value:.5g}"
     if isinstance(value, (int, bool)):

@@ -54,6 +54,7 @@ POSE = Stream("POSE", msg.pose_xyt_t, True, 5.0, "external localisation")
 ROBOT_STATE = Stream("ROBOT_STATE", msg.robot_state_t, True, 20.0, "cmr-sim")
 WORLD_STATE = Stream("WORLD_STATE", msg.world_state_t, False, 20.0, "cmr-sim")
 RANGE_SCAN = Stream("RANGE_SCAN", msg.range_scan_t, True, 10.0, "cmr-sim, for robots with a range sensor")
+CAMERA_IMAGE = Stream("CAMERA_IMAGE", msg.camera_image_t, False, None, "cmr-camera")
 WAYPOINTS = Stream("WAYPOINTS", msg.waypoints_t, True, None, "whoever plans")
 PARAMETERS = Stream("PARAMETERS", msg.parameters_t, True, 1.0, "whoever wrote the file, and cmr-sim")
 CALIBRATION_STATUS = Stream("CALIBRATION_STATUS", msg.calibration_status_t, True, 2.0, "cmr-calibrate")
@@ -68,6 +69,7 @@ STREAMS = (
     ROBOT_STATE,
     WORLD_STATE,
     RANGE_SCAN,
+    CAMERA_IMAGE,
     WAYPOINTS,
     PARAMETERS,
     CALIBRATION_STATUS,
