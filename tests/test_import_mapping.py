@@ -15,7 +15,7 @@ from cmr.tools.import_log import main
 from cmr.tools.mapping import SHIPPED, load, shipped
 
 
-@pytest.mark.parametrize("name", ["husky_tile", "husky_wet_grass", "maebot", "mbot", "optiodom"])
+@pytest.mark.parametrize("name", [name for name in shipped() if name != "cmr_mcap"])
 def test_shipped_mappings_load_by_name_and_say_where_their_data_comes_from(name: str) -> None:
     mapping = load(name)
     assert mapping.name == name
@@ -33,7 +33,7 @@ def test_the_list_shows_a_line_for_each_shipped_mapping(capsys: pytest.CaptureFi
 
 
 BROKEN: list[tuple[str, list[str], Any, str]] = [
-    ("mbot", ["format"], "rosbag", "mbot.yaml: format: is 'rosbag'; allowed are lcm_log, csv"),
+    ("mbot", ["format"], "rosbag", "mbot.yaml: format: is 'rosbag'; allowed are lcm_log, csv, ros_bag"),
     ("mbot", ["poses"], {}, "mbot.yaml: poses: unknown key; allowed are about, format, channels, nominal"),
     (
         "mbot",
@@ -64,6 +64,35 @@ BROKEN: list[tuple[str, list[str], Any, str]] = [
     ("husky_tile", ["pose", "only_changes"], 3, "pose: only_changes: must be true (of the pose) or a column's name"),
     ("husky_tile", ["motor_command", "full_scale"], None, "motor_command: left: unit: is 'rad/s'; allowed are duty"),
     ("husky_wet_grass", ["motor_command", "full_scale"], None, "motor_command: full_scale: is missing"),
+    (
+        "jackal",
+        ["topics", "/imu/data", "time"],
+        "utime",
+        "/imu/data: time: is 'utime'; allowed are header, received, pub",
+    ),
+    ("jackal", ["topics", "/imu/data", "definition"], 3, "topics: /imu/data: definition: must be a text, not 3"),
+    ("jackal", ["topics", "/odom"], {"time": "header"}, "topics: /odom: no signal is on it; leave it out"),
+    ("jackal", ["topics"], {}, "topics: names no topic"),
+    (
+        "jackal",
+        ["gyro", "topic"],
+        "/imu",
+        "gyro: topic: is '/imu'; allowed are /imu/data, /jackal_velocity_controller",
+    ),
+    (
+        "jackal",
+        ["gyro", "yaw_rate", "field"],
+        "a..b",
+        "yaw_rate: field: is 'a..b', which is no path such as twist.linear.x",
+    ),
+    ("jackal", ["gyro", "yaw_rate", "field"], "a[b", "yaw_rate: field: is 'a[b', which is no path"),
+    ("jackal", ["gyro", "yaw_rate", "column"], "a", "yaw_rate: column: unknown key; allowed are topic, field, unit"),
+    (
+        "jackal",
+        ["motor_feedback", "ticks_left", "unit"],
+        "turns",
+        "unit: is 'turns'; allowed are ticks, ticks/row, rad, deg",
+    ),
 ]
 
 
@@ -83,7 +112,9 @@ def test_a_wrong_key_is_named_with_what_is_allowed(
 
 
 def test_an_unknown_mapping_is_answered_with_the_shipped_ones() -> None:
-    with pytest.raises(MappingError, match="shipped mappings are husky_tile, husky_wet_grass, maebot, mbot, optiodom"):
+    with pytest.raises(
+        MappingError, match="shipped mappings are cmr_mcap, husky_tile, husky_wet_grass, jackal, maebot"
+    ):
         load("turtlebot")
 
 

@@ -4,8 +4,12 @@ Tables as rosbag2's storage plugin makes them: topics, messages, and since its s
 that were compressed one by one are recognised by Zstandard's magic, which no CDR message begins with.
 """
 
+import shutil
 import sqlite3
+import tempfile
 from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
 from urllib.parse import quote
 
 from cmr.tools.ros_records import BagError, BagReader, Message, Topic, decompress
@@ -13,6 +17,8 @@ from cmr.tools.ros_records import BagError, BagReader, Message, Topic, decompres
 MAGIC = b"SQLite format 3\0"
 ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
 
+HEAD_BYTES = 100  # sqlite.org/fileformat.html
+VERSION_VALID_FOR = 92  # offset of what must equal the change counter for the number of pages to be believed
 ROWS_STEPPED_SINGLY = 32  # behind a damaged row; after that the steps double
 LAST_ROW = 2**63 - 1
 MOST_STEPS = 10_000
@@ -24,8 +30,8 @@ class SqliteReader(BagReader):
     """Reads one .db3 file. Raises BagError where it has no topics that can be read."""
 
     def __iter__(self) -> Iterator[Message]:
-        connection = self._connect()
-        try:
+        with self._readable() as address, closing(sqlite3.connect(address, uri=True)) as connection:
+            connection.text_factory = lambda text: text.decode("utf-8", "replace")
             topics = self._read_topics(connection)
             chosen = {number: topic for number, topic in topics.items() if topic.name in self._wanted}
             for _, number, received, data in self._rows(connection, sorted(chosen)):
@@ -35,16 +41,37 @@ class SqliteReader(BagReader):
                 if data.startswith(ZSTANDARD_MAGIC):
                     data = decompress("zstd", data)
                 yield Message(chosen[number], received, None, data)
-        finally:
-            connection.close()
 
-    def _connect(self) -> sqlite3.Connection:
-        """Open the file, together with the journal beside it that a killed recorder leaves."""
-        has_journal = self.path.with_name(self.path.name + "-wal").exists()
-        address = f"file:{quote(str(self.path))}?mode=ro{'' if has_journal else '&immutable=1'}"
-        connection = sqlite3.connect(address, uri=True)
-        connection.text_factory = lambda text: text.decode("utf-8", "replace")
-        return connection
+    @contextmanager
+    def _readable(self) -> Iterator[str]:
+        """Give the address of a database that SQLite opens: the file itself, or a copy, which is all that is changed.
+
+        A killed recorder leaves a journal, whose messages SQLite takes over by writing. Of a file that was cut off it
+        reads nothing, unless the number of pages in its head is not valid: then it asks the file for its size.
+        """
+        journal = self.path.with_name(self.path.name + "-wal")
+        if not journal.exists() and not self._is_cut_off():
+            yield f"file:{quote(str(self.path))}?mode=ro&immutable=1"
+            return
+        with tempfile.TemporaryDirectory(prefix="cmr-import.") as folder:
+            copy = Path(folder) / "bag.db3"
+            shutil.copyfile(self.path, copy)
+            if journal.exists():
+                shutil.copyfile(journal, copy.with_name("bag.db3-wal"))
+            if self._is_cut_off():
+                self.fault("it is shorter than it says")
+                with copy.open("r+b") as stream:
+                    stream.seek(VERSION_VALID_FOR)
+                    stream.write(b"\xff\xff\xff\xff")
+            yield f"file:{quote(str(copy))}"
+
+    def _is_cut_off(self) -> bool:
+        with self.path.open("rb") as stream:
+            head = stream.read(HEAD_BYTES)
+        if len(head) < HEAD_BYTES:
+            return False
+        page, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
+        return self.size < (page if page > 1 else 65536) * pages
 
     def _read_topics(self, connection: sqlite3.Connection) -> dict[int, Topic]:
         try:
