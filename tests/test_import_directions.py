@@ -17,6 +17,7 @@ KNOWN: dict[str, set[str]] = {
     "model": set(),
     "bus": {"msg"},
     "parameters": {*BUS, "files", "model"},
+    "camera": {"msg", "files"},
     "manoeuvres": {"model"},
     "recordings": {*BUS, "parameters", "model"},
     "calibration": {*RECORDED, "colours"},
@@ -26,7 +27,11 @@ KNOWN: dict[str, set[str]] = {
     "team": {*RECORDED, "world"},
     "fidelity": {*RECORDED, "colours", "files", "calibration", "diagnosis", "team"},
     "sweep": {*RECORDED, "colours", "scenario", "team", "world"},
-    "commands": {*RECORDED, "manoeuvres", "calibration", "world", "diagnosis", "scenario", "team", "fidelity", "sweep"},
+    "view": {*RECORDED, "colours", "world"},
+    "commands": {
+        *{*RECORDED, "manoeuvres", "calibration", "world", "diagnosis", "scenario", "team", "fidelity", "sweep"},
+        "view",
+    },
     "tools": {*RECORDED, "colours", "commands"},
 }
 DRIVER = {*BUS, "parameters", "commands"}  # of commands only how command lines are read

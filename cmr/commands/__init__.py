@@ -110,3 +110,8 @@ def spy() -> int:
 def sweep() -> int:
     """Start cmr-sweep."""
     return run("cmr.commands.sweep")
+
+
+def view() -> int:
+    """Start cmr-view."""
+    return run("cmr.commands.view")

@@ -1,0 +1,126 @@
+"""cmr-view: the world in a web page, live or from a log."""
+
+import argparse
+import secrets
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cmr.bus.messages import now_utime
+from cmr.bus.process import Process
+from cmr.bus.streams import ESTOP
+from cmr.commands.command_line import CommandError, parser
+from cmr.msg import process_status_t
+from cmr.world.interaction.obstacles import Geofence, ObstacleError, Obstacles
+
+if TYPE_CHECKING:
+    from cmr.view.showing import Showing
+
+RATE = 20.0  # Hz
+LOCAL = "127.0.0.1"
+SHORTEST_TOKEN = 8  # characters
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-view."""
+    options = _options(arguments)
+    _check(options)
+    obstacles, geofence = _room(options)
+    try:
+        from cmr.view.server import PageServer
+        from cmr.view.showing import LiveShowing, LogShowing
+    except ModuleNotFoundError as error:
+        raise CommandError(f"{error.name} is missing. To install it: pip install 'cmr[view]'") from error
+    token = options.token or secrets.token_urlsafe(12)
+    with Process("cmr-view", options.lcm_url) as process:
+        process.subscribe(ESTOP, every=True)
+        try:
+            showing: Showing = LogShowing(options.log) if options.log else LiveShowing(options.lcm_url)
+            server = PageServer(options.host, options.port, token, obstacles, geofence, showing.panel)
+        except OSError as error:
+            raise CommandError(f"{options.log or options.host}: {error.strerror or error}") from error
+        print(f"cmr-view: {server.url}  token for its buttons: {token}", file=sys.stderr, flush=True)
+        try:
+            for utime in process.loop(rate_hz=RATE):
+                process.dispatch(showing.orders.handle)
+                showing.advance(1.0 / RATE)
+                for wish in server.wished(showing.state):
+                    showing.fulfil(wish, utime)
+                process.publish_all(showing.orders.due(now_utime()))
+                server.show(showing.state, showing.head())
+                process.state, process.message = process_status_t.RUNNING, showing.message()
+        finally:
+            server.stop()
+        return process.exit_code
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = parser(
+        "cmr-view",
+        "Show the world in a web page: robots, twins, trails, what processes and bus do, calibration and diagnosis; "
+        "live from the bus, or from a log with a time slider.\n\n"
+        "Buttons act only for those who type the token that is printed at the start; without it the page only shows. "
+        "The page is served to this computer alone, unless --host and --token are given.",
+        "cmr-view\n  cmr-view run.lcm\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm.yaml",
+    )
+    options.add_argument("log", type=Path, nargs="?", metavar="RUN.lcm", help="a log to play; without it, the bus")
+    options.add_argument("--host", default=LOCAL, metavar="ADDRESS", help="to serve at; others than this need --token")
+    options.add_argument("--port", type=_port, default=8080, metavar="N", help="to serve at, or the next that is free")
+    options.add_argument("--token", metavar="TEXT", help="for the buttons; without it a new one at each start")
+    options.add_argument("--scenario", metavar="FILE", help="whose obstacles and geofence to draw, as cmr-run has it")
+    for name, form, what in (
+        ("--obstacle", "X,Y,RADIUS", "a disc"),
+        ("--wall", "X1,Y1,X2,Y2", "a straight wall"),
+        ("--geofence", "X1,Y1,X2,Y2,...", "the polygon that robots stay inside of"),
+    ):
+        action = "store" if name == "--geofence" else "append"
+        options.add_argument(name, type=_numbers, action=action, metavar=form, help=f"{what} [m] to draw")
+    return options.parse_args(arguments)
+
+
+def _check(options: argparse.Namespace) -> None:
+    if options.token is not None and len(options.token) < SHORTEST_TOKEN:
+        raise CommandError(f"--token is too short; give one of {SHORTEST_TOKEN} characters or more.")
+    if options.host not in (LOCAL, "localhost") and options.token is None:
+        raise CommandError(f"--host {options.host} lets others see the page; give the buttons' --token, too.")
+
+
+def _room(options: argparse.Namespace) -> tuple[Obstacles, Geofence | None]:
+    """Return what the command line and the scenario say stands there. Raises CommandError for what cannot be."""
+    obstacles, geofence = Obstacles.none(), None
+    if options.scenario:
+        obstacles, geofence = _room_of(options.scenario)
+    try:
+        discs, walls = [*(options.obstacle or ()), *obstacles.discs.T], [*(options.wall or ()), *obstacles.walls.T]
+        if options.geofence:
+            geofence = Geofence(_pairs(options.geofence))
+        return Obstacles(discs, walls), geofence
+    except (ObstacleError, ValueError) as error:
+        raise CommandError(f"--obstacle, --wall, --geofence: {error}") from error
+
+
+def _room_of(path: str) -> tuple[Obstacles, Geofence | None]:
+    from cmr.scenario import ScenarioError
+    from cmr.scenario.scenario import load
+
+    try:
+        scenario = load(Path(path), starts_checked=False)
+    except ScenarioError as error:
+        raise CommandError(str(error)) from error
+    fence = Geofence(scenario.geofence) if scenario.geofence is not None else None
+    return Obstacles(scenario.discs, scenario.walls), fence
+
+
+def _pairs(numbers: Sequence[float]) -> list[tuple[float, float]]:
+    return list(zip(numbers[::2], numbers[1::2], strict=True))
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in text.split(",")]
+
+
+def _port(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 0 < int(text) < 65536):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port: a whole number of 1 to 65535")
+    return int(text)

@@ -1,0 +1,59 @@
+"""Curves over time in the panels: calibration estimates with their intervals, and the distance of robot and twin."""
+
+from typing import Any
+
+import numpy as np
+import viser
+from viser import uplot
+
+from cmr.view.robots import Floats
+from cmr.view.words import CONFIDENCE, ESTIMATES
+
+BAND = "rgba(53, 116, 226, 0.25)"
+LINE, EDGE = "#3574e2", "rgba(53, 116, 226, 0.4)"
+HEIGHT = 130  # pixels
+NOTHING = np.array([0.0, 1.0])
+
+
+class Chart:
+    """A curve with or without an interval around it, hidden while there is nothing to draw."""
+
+    def __init__(self, gui: viser.GuiApi, title: str, with_interval: bool) -> None:
+        curves = [uplot.Series(label="s"), uplot.Series(label=title, stroke=LINE, width=2)]
+        if with_interval:
+            curves += [uplot.Series(label=label, stroke=EDGE, width=1) for label in ("high", "low")]
+        self._columns = len(curves)
+        self._chart = gui.add_uplot(
+            (NOTHING,) * self._columns,
+            tuple(curves),
+            bands=(uplot.Band(series=(2, 3), fill=BAND),) if with_interval else None,
+            scales={"x": uplot.Scale(time=False)},
+            title=title,
+            legend=uplot.Legend(show=False),
+            height=HEIGHT,
+            visible=False,
+        )
+
+    def show(self, columns: Floats) -> None:
+        """Draw columns (k, n): moments [s], values, and the interval's upper and lower ends."""
+        columns = columns[:, np.isfinite(columns).all(axis=0)]
+        self._chart.visible = columns.shape[1] > 1
+        if columns.shape[1] > 1:
+            self._chart.data = tuple(np.ascontiguousarray(column) for column in columns)
+
+
+def estimates(history: Any) -> dict[str, Floats]:
+    """Return by parameter the columns of its chart, from what was heard of a calibration over time."""
+    begin = history[0].utime
+    seconds = [(heard.utime - begin) / 1e6 for heard in history]
+    result = {}
+    for name, _unit in ESTIMATES:
+        value = np.array([getattr(heard.message, name) for heard in history])
+        reach = CONFIDENCE * np.array([getattr(heard.message, f"{name}_std") for heard in history])
+        result[name] = np.array([seconds, value, value + reach, value - reach])
+    return result
+
+
+def distances(history: Any, now: int) -> Floats:
+    """Return the columns of the chart of a robot's distance [cm] from its twin, over seconds until now."""
+    return np.array([[(utime - now) / 1e6, 100 * distance] for utime, distance in history]).T

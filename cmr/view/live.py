@@ -1,0 +1,29 @@
+"""What is said on the bus, as it arrives, undecoded."""
+
+import time
+
+from cmr.bus.messages import now_utime
+from cmr.bus.preflight import open_lcm, resolve_url, self_test
+from cmr.view.intake import Intake
+
+LONGEST = 0.2  # s in one go; a flood must not keep the page from being drawn
+
+
+class Ear:
+    """Hears everything on the bus at `url` and says nothing. Raises BusError when the bus cannot be used."""
+
+    def __init__(self, url: str | None, intake: Intake) -> None:
+        resolved = resolve_url(url)
+        self._lcm = open_lcm(resolved)
+        self_test(self._lcm, resolved)
+        self._intake = intake
+        self._lcm.subscribe(".*", self._take).set_queue_capacity(0)  # unlimited
+
+    def listen(self) -> None:
+        """Hand on what has arrived."""
+        enough = time.monotonic() + LONGEST
+        while self._lcm.handle_timeout(0) > 0 and time.monotonic() < enough:
+            pass
+
+    def _take(self, channel: str, data: bytes) -> None:
+        self._intake.take(now_utime(), channel, data)

@@ -1,0 +1,240 @@
+"""Where in a log is what: read once, so that any moment of it can be shown without reading what came before."""
+
+import os
+import time
+from array import array
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+from cmr.bus.messages import RejectedMessage, decode
+from cmr.bus.streams import (
+    CALIBRATION_STATUS,
+    ESTOP,
+    PARAMETERS,
+    PROCESS_STATUS,
+    SELF_TESTS,
+    WAYPOINTS,
+    WORLD_STATE,
+    Stream,
+    identify,
+)
+from cmr.msg import calibration_status_t
+from cmr.recordings.events import HEADER, Event, EventReader
+from cmr.view.state import DIAGNOSIS
+
+PLACES_APART = 200_000  # us between the messages of a channel that are remembered
+ALL_REMEMBERED = {stream.name for stream in (PROCESS_STATUS, ESTOP, CALIBRATION_STATUS, PARAMETERS, WAYPOINTS)}
+PARTS_WITHIN = 10_000  # us in which the parts of one WORLD_STATE are logged
+CHECKPOINTS_APART = 1_000_000  # us
+LARGEST_DISORDER = 1_000_000  # us; what was logged with an earlier time than that before it: its clock was set back
+LONGEST_SILENCE = 86_400_000_000  # us; a day: after a longer one the clock was set
+TAIL = 1 << 20  # bytes at the end of a log in which its last message is looked for
+EVENTS_BETWEEN_LOOKS = 2000  # at the clock
+UTIME_BYTES = slice(8, 16)  # of a message, after the fingerprint
+
+
+class Mark(NamedTuple):
+    """Something that happened: when [us of the log's own time], in a word, and in a sentence."""
+
+    utime: int
+    word: str
+    sentence: str
+
+
+class Place(NamedTuple):
+    """A message of a log: when it was logged [us of the log's own time], and where in the file it begins."""
+
+    utime: int
+    offset: int
+
+
+class LogClock:
+    """The log's own time [us]: as logged, but it never goes back, and does not jump where the logger's clock was set.
+
+    It begins at the first event's time stamp.
+    """
+
+    def __init__(self, utime: int | None = None, latest: int | None = None) -> None:
+        self.utime = utime
+        self.latest = latest
+
+    def tell(self, stamp: int) -> int:
+        """Return the log's own time of an event with this time stamp [us], the next one of the log."""
+        if self.utime is None or self.latest is None:
+            self.utime = self.latest = stamp
+        step = stamp - self.latest
+        if step > 0 or step < -LARGEST_DISORDER:
+            self.latest = stamp
+        if 0 < step <= LONGEST_SILENCE:
+            self.utime += step
+        return self.utime
+
+
+class _Checkpoint(NamedTuple):
+    """Where reading can begin, and the log's clock there."""
+
+    utime: int | None
+    latest: int | None
+    offset: int
+
+
+class LogIndex:
+    """What is where in the log of `reader`; `build` reads on.
+
+    `begin` and `end` [us of the log's own time] are known at once, from the first and last messages; `end` is
+    corrected while the log is read. `marks` are the events found until now. Raises OSError.
+    """
+
+    def __init__(self, reader: EventReader) -> None:
+        self.reader = reader
+        self.begin, self.end = _span(reader)
+        self.indexed_until = self.begin
+        self.complete = False
+        self.marks: list[Mark] = []
+        self.places: dict[str, tuple[array[int], array[int]]] = {}
+        self._checkpoints: list[_Checkpoint] = []
+        self._due: dict[str, int] = {}  # when a channel's next message is to be remembered
+        self._parts_until: dict[str, int] = {}  # until when it may be a part of the last one remembered
+        self._watch = _Watch(self.marks)
+        self._reading = self._read()
+
+    @property
+    def progress(self) -> float:
+        """How much of the log has been read. [0 to 1]"""
+        return 1.0 if self.complete or not self.reader.size else self.reader.position / self.reader.size
+
+    def build(self, seconds: float) -> bool:
+        """Read on for some time; return whether all has been read."""
+        enough = time.monotonic() + seconds
+        while not self.complete and time.monotonic() < enough:
+            self.complete = next(self._reading, None) is None
+        return self.complete
+
+    def last_before(self, channel: str, utime: int, seconds: float = 0.0) -> list[Place]:
+        """Return the last remembered message of a channel at or before a moment, and those up to `seconds` before."""
+        times, offsets = self.places[channel]
+        last = bisect_right(times, utime)
+        first = min(bisect_right(times, utime - int(seconds * 1e6)), max(last - 1, 0))
+        return [Place(times[k], offsets[k]) for k in range(first, last)]
+
+    def read(self, utime: int) -> Iterator[tuple[int, Event]]:
+        """Yield the events from this moment on with their moments in the log's own time [us]."""
+        known = bisect_right(self._checkpoints, utime, key=lambda checkpoint: checkpoint.utime or 0)
+        start = self._checkpoints[max(known - 1, 0)] if self._checkpoints else None
+        clock = LogClock(start.utime, start.latest) if start else LogClock()
+        for event in EventReader(self.reader.path).read(start.offset if start else 0):
+            moment = clock.tell(event.utime)
+            if moment >= utime:
+                yield moment, event
+
+    def events_at(self, places: Iterable[Place]) -> Iterator[tuple[int, Event]]:
+        """Yield the events at places that the index remembers, with their moments."""
+        with self.reader.path.open("rb", buffering=0) as stream:
+            for place in places:
+                head = os.pread(stream.fileno(), HEADER.size, place.offset)
+                _sync, number, utime, channel_bytes, data_bytes = HEADER.unpack(head)
+                rest = os.pread(stream.fileno(), channel_bytes + data_bytes, place.offset + HEADER.size)
+                yield place.utime, Event(number, utime, rest[:channel_bytes].decode(), rest[channel_bytes:])
+
+    def _read(self) -> Iterator[bool]:
+        clock, reader, due, parts_until = LogClock(), self.reader, self._due, self._parts_until
+        checkpoint_due = utime = self.begin
+        for count, event in enumerate(reader):
+            before, latest = clock.utime, clock.latest
+            utime = clock.tell(event.utime)
+            if utime >= checkpoint_due:
+                checkpoint_due = utime + CHECKPOINTS_APART
+                self._checkpoints.append(_Checkpoint(before, latest, reader.position - _length(event)))
+            if utime >= due.get(event.channel, 0) or utime <= parts_until.get(event.channel, 0):
+                self._keep(utime, reader.position - _length(event), event)
+            if not count % EVENTS_BETWEEN_LOOKS:
+                self.indexed_until = utime
+                yield True
+        self.indexed_until = self.end = utime
+
+    def _keep(self, utime: int, offset: int, event: Event) -> None:
+        if event.channel in SELF_TESTS:
+            return
+        if event.channel not in self.places:
+            self.places[event.channel] = array("q"), array("q")
+        identity = identify(event.channel)
+        if not (identity and identity[0].name in ALL_REMEMBERED) and utime >= self._due.get(event.channel, 0):
+            self._due[event.channel] = utime + PLACES_APART
+            if event.channel == WORLD_STATE.name:
+                self._parts_until[event.channel] = utime + PARTS_WITHIN
+        times, offsets = self.places[event.channel]
+        times.append(utime)
+        offsets.append(offset)
+        self._watch.take(utime, event)
+
+
+class _Watch:
+    """Finds what is worth a mark."""
+
+    def __init__(self, marks: list[Mark]) -> None:
+        self._marks = marks
+        self._tell = {
+            ESTOP.name: _estop,
+            PARAMETERS.name: _parameters,
+            CALIBRATION_STATUS.name: _calibration,
+            PROCESS_STATUS.name: _diagnosis,
+        }
+        self._streams: dict[str, Stream | None] = {}
+        self._bytes: dict[str, bytes] = {}
+        self._told: dict[str, str] = {}
+
+    def take(self, utime: int, event: Event) -> None:
+        """Look at one event."""
+        if event.channel not in self._streams:
+            identity = identify(event.channel)
+            self._streams[event.channel] = identity[0] if identity and identity[0].name in self._tell else None
+        stream = self._streams[event.channel]
+        content = event.data[UTIME_BYTES.stop :]
+        if stream is None or self._bytes.get(event.channel) == content:
+            return
+        self._bytes[event.channel] = content
+        try:
+            message = decode(event.channel, event.data).message
+        except RejectedMessage:
+            return
+        told = self._tell[stream.name](message)
+        if told is None or told[1] == self._told.get(event.channel, ""):
+            return
+        self._told[event.channel] = told[1]
+        if told[0]:
+            self._marks.append(Mark(utime, *told))
+
+
+def _estop(message: Any) -> tuple[str, str]:
+    if message.engaged:
+        return "stop", f"Emergency stop by {message.source}: {message.reason}"
+    return "released", f"Emergency stop released by {message.source}: {message.reason}"
+
+
+def _parameters(message: Any) -> tuple[str, str]:
+    return "parameters", f"Robot {message.robot_id} has parameters {message.sha256[:8]}"
+
+
+def _calibration(message: Any) -> tuple[str, str]:
+    words = {calibration_status_t.DONE: "calibrated", calibration_status_t.FAILED: "failed"}
+    word = words.get(message.state, "")
+    return word, f"Calibration of robot {message.robot_id}: {message.message}" if word else ""
+
+
+def _diagnosis(message: Any) -> tuple[str, str] | None:
+    if message.process != DIAGNOSIS:
+        return None
+    is_news = "Watching" not in message.message and "Waiting" not in message.message
+    return ("diagnosis", message.message) if is_news else ("", "")
+
+
+def _length(event: Event) -> int:
+    return HEADER.size + len(event.channel.encode()) + len(event.data)
+
+
+def _span(reader: EventReader) -> tuple[int, int]:
+    """Return the time stamps of the first and last message, as far as they tell; both the first one where not."""
+    first = next((event.utime for event in reader.read()), 0)
+    last = max((event.utime for event in reader.read(max(reader.size - TAIL, 0))), default=first)
+    return first, last if 0 <= last - first <= LONGEST_SILENCE else first

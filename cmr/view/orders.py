@@ -1,0 +1,75 @@
+"""What the page can order on the bus: the emergency stop, its release, and a figure-eight."""
+
+from typing import Any
+
+from cmr.bus.messages import make
+from cmr.bus.streams import ESTOP, WAYPOINTS, Stream
+from cmr.msg import estop_t, waypoints_t
+
+SOURCE = "cmr-view"
+RELEASES = 5  # messages, as one can be lost
+FIGURE_EIGHT = 0.7  # m from its crossing to each tip
+
+Outgoing = tuple[Stream, int | None, Any]
+
+
+class Orders:
+    """Turns orders into messages. `handle` hears ESTOP, `due` returns what is to be sent at each turn.
+
+    A stop is repeated until anybody releases it. `stopped` tells whether the emergency stop is engaged, and `reason`
+    by whom and why.
+    """
+
+    def __init__(self) -> None:
+        self.stopped = False
+        self.reason = ""
+        self._engaged_at: int | None = None  # us; None while no stop of ours is in force
+        self._releases = 0
+        self._outgoing: list[Outgoing] = []
+
+    def handle(self, _utime: int, channel: str, message: Any) -> None:
+        """Take a message from the bus, our own among them."""
+        if channel != ESTOP.name:
+            return
+        if message.engaged:
+            # Our own repetitions come back even after we have released; they engage nothing again.
+            if message.source != SOURCE or self._engaged_at is not None:
+                self.stopped, self.reason = True, f"{message.source}: {message.reason}"
+            return
+        if self._engaged_at is None or message.utime >= self._engaged_at:
+            self.stopped, self.reason, self._engaged_at = False, "", None
+
+    def stop(self, utime: int) -> None:
+        """Engage the emergency stop."""
+        self._engaged_at, self._releases = utime, 0
+        self.stopped, self.reason = True, f"{SOURCE}: the button on the page"
+
+    def release(self, utime: int) -> None:
+        """Release the emergency stop, whoever engaged it."""
+        if self._engaged_at is not None:
+            self._engaged_at = None
+        self._releases = RELEASES
+        self.stopped, self.reason = False, ""
+        self._outgoing.append(_estop(utime, False))
+
+    def figure_eight(self, utime: int, robot_id: int, place: tuple[float, float, float]) -> None:
+        """Tell a robot to drive a figure-eight from where it is: x, y [m], theta [rad]."""
+        from cmr.world.behaviours.leading import figure_eight
+
+        x, y = figure_eight(*place, FIGURE_EIGHT)
+        self._outgoing.append((WAYPOINTS, robot_id, make(waypoints_t, utime=utime, robot_id=robot_id, x=x, y=y)))
+
+    def due(self, utime: int) -> list[Outgoing]:
+        """Return what is to be sent now."""
+        outgoing, self._outgoing = self._outgoing, []
+        if self._engaged_at is not None:
+            outgoing.append(_estop(utime, True))
+        elif self._releases:
+            self._releases -= 1
+            outgoing.append(_estop(utime, False))
+        return outgoing
+
+
+def _estop(utime: int, engaged: bool) -> Outgoing:
+    reason = "the button on the page" if engaged else "released on the page"
+    return ESTOP, None, make(estop_t, utime=utime, engaged=engaged, source=SOURCE, reason=reason)

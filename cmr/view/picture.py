@@ -1,0 +1,145 @@
+"""A description of the scene, as arrays that any renderer can draw; it knows of none."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.bus.streams import RANGE_SCAN
+from cmr.colours import REAL_COLOUR
+from cmr.view import shapes
+from cmr.view.robots import REAL, TWIN, VIRTUAL, Integers, Robots
+from cmr.view.state import ViewState
+from cmr.view.trails import Trail
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Return red, green and blue of a colour such as #f2b705."""
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
+
+
+YELLOW = rgb(REAL_COLOUR)
+BLUE = (53, 116, 226)
+RED = (214, 40, 40)
+COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: YELLOW}
+TRAIL_COLOURS = {REAL: YELLOW, VIRTUAL: (124, 163, 235), TWIN: (150, 126, 48)}
+MOST_LABELLED = 3000  # robots; with more than that only real ones have their ids on them
+LABEL_HEIGHT = shapes.CLEARANCE + shapes.HEIGHT + 0.002  # m
+TRAIL_HEIGHT, WAYPOINT_HEIGHT, RAY_HEIGHT = 0.006, 0.012, 0.05  # m
+
+
+class Bodies(NamedTuple):
+    """Robots as things to draw: positions (n, 3) [m], quaternions (n, 4), colours (n, 3)."""
+
+    position: Floats
+    wxyz: Floats
+    colour: Bytes
+
+
+class Lines(NamedTuple):
+    """Lines: both ends of each (n, 2, 3) [m] with their colours (n, 2, 3)."""
+
+    ends: Floats
+    colour: Bytes
+
+
+@dataclass(frozen=True)
+class Picture:
+    """All that moves and every visitor sees.
+
+    Solid robots with their ids, ghosts (twins), where each of the ten digits stands (n, 3) [m], and waypoints.
+    """
+
+    solid: Bodies
+    solid_ids: Integers
+    ghosts: Bodies
+    digits: tuple[Floats, ...]
+    waypoints: Lines
+
+
+def picture_of(state: ViewState) -> Picture:
+    """Return the scene as it is."""
+    robots = state.present()
+    is_twin = robots.origin == TWIN
+    return Picture(
+        bodies(robots, ~is_twin),
+        robots.robot_id[~is_twin],
+        bodies(robots, is_twin),
+        digits(robots),
+        waypoints(state),
+    )
+
+
+def bodies(robots: Robots, chosen: NDArray[np.bool_]) -> Bodies:
+    """Return some of the robots as things to draw."""
+    x, y, theta = robots.pose[:, chosen]
+    colours = np.zeros((3, 3), np.uint8)
+    for origin, colour in COLOURS.items():
+        colours[origin] = colour
+    origins = np.clip(robots.origin[chosen], 0, 2)
+    return Bodies(np.stack([x, y, np.zeros(len(x))], axis=1), shapes.turned(theta), colours[origins])
+
+
+def digits(robots: Robots) -> tuple[Floats, ...]:
+    """Return for each digit from 0 to 9 where it stands, so that every robot but twins carries its id."""
+    labelled = robots.origin == REAL if len(robots.origin) > MOST_LABELLED else robots.origin != TWIN
+    ids, (x, y, _) = robots.robot_id[labelled], robots.pose[:, labelled]
+    counts = np.maximum(np.floor(np.log10(np.maximum(ids, 1) + 0.5)).astype(np.int64) + 1, 1)
+    found: list[list[Floats]] = [[] for _ in range(10)]
+    for place in range(int(counts.max(initial=0))):  # from the last digit on
+        number = ids // 10**place % 10
+        # Centred over the robot: the last of k digits stands (k - 1) / 2 pitches to the right.
+        across = x + ((counts - 1) / 2 - place) * shapes.DIGIT_PITCH
+        for value in range(10):
+            here = (number == value) & (counts > place)
+            found[value].append(np.stack([across[here], y[here], np.full(here.sum(), LABEL_HEIGHT)], axis=1))
+    return tuple(np.concatenate(parts) if parts else np.empty((0, 3)) for parts in found)
+
+
+def trails(trail: Trail) -> Lines:
+    """Return paths that were driven, in the colours of those who drove."""
+    colours = np.zeros((4, 3), np.uint8)
+    for origin, colour in TRAIL_COLOURS.items():
+        colours[origin] = colour
+    chosen = colours[np.clip(trail.origin, 0, 3)]
+    return Lines(shapes.at_height(trail.ends, TRAIL_HEIGHT), np.repeat(chosen[:, np.newaxis], 2, axis=1))
+
+
+def waypoints(state: ViewState) -> Lines:
+    """Return the paths that robots were told, red, with a mark where each ends."""
+    parts = [np.empty((0, 2, 2))]
+    for heard in state.latest["WAYPOINTS"].values():
+        points = _finite(np.array([heard.message.x, heard.message.y], float).T)
+        if len(points):
+            parts += [shapes.chain(points), shapes.circle(float(points[-1, 0]), float(points[-1, 1]), 0.04, 12)]
+    return _of_one_colour(shapes.at_height(np.concatenate(parts), WAYPOINT_HEIGHT), RED)
+
+
+def rays(state: ViewState, robot_id: int) -> Lines:
+    """Return what the range sensor of a robot saw last; nothing where it has none."""
+    message, place = state.newest(RANGE_SCAN, robot_id), state.present().place(robot_id)
+    if message is None or place is None:
+        return _of_one_colour(np.empty((0, 2, 3)), RED)
+    return _of_one_colour(shapes.at_height(_ray_ends(message, place), RAY_HEIGHT), (200, 60, 160))
+
+
+def _ray_ends(scan: Any, place: tuple[float, float, float]) -> Floats:
+    x, y, theta = place
+    ranges = np.asarray(scan.ranges, float)
+    angles = theta + scan.angle_first + scan.angle_step * np.arange(len(ranges))
+    hits = np.isfinite(ranges) & (ranges > 0.0)  # what sees nothing is not drawn: it would hide all else
+    far = np.stack([x + ranges[hits] * np.cos(angles[hits]), y + ranges[hits] * np.sin(angles[hits])], axis=1)
+    return np.stack([np.broadcast_to((x, y), far.shape), far], axis=1)
+
+
+def _finite(points: Floats) -> Floats:
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _of_one_colour(ends: Floats, colour: tuple[int, int, int]) -> Lines:
+    return Lines(ends, np.full(ends.shape, colour, np.uint8))

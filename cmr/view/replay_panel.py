@@ -1,0 +1,93 @@
+"""The part of a page that plays a log: where it is, what happened when, speed and pause."""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import viser
+
+from cmr.view.inputs import write
+from cmr.view.log_index import Mark
+from cmr.view.playback import Playback
+from cmr.view.wishes import JUMP, PAUSE, SPEED
+
+SPEEDS = ("0.1", "0.5", "1", "2", "5", "10", "20", "50")
+HANDS_OFF = 1.0  # s after a visitor moved the slider in which it is left to him
+MOST_ON_SLIDER = 12  # marks; with more than that they would hide one another
+CHOOSE = "jump to an event ..."
+
+Asking = Callable[..., None]
+
+
+class ReplayPanel:
+    """Shows where a playback is, and passes on wishes to be elsewhere."""
+
+    def __init__(self, playback: Playback) -> None:
+        self._playback = playback
+        self._marks = 0
+        self._touched = 0.0
+
+    def add(self, gui: viser.GuiApi, ask: Asking) -> None:
+        """Add it to a page; `ask(what, value)` passes on wishes."""
+        self._gui, self._ask = gui, ask
+        self._folder = gui.add_folder("replay")
+        with self._folder:
+            self._slider = self._new_slider(gui, ())
+            self._pause = gui.add_button("pause")
+            self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+            self._events = gui.add_dropdown("events", (CHOOSE,), initial_value=CHOOSE)
+        self._pause.on_click(lambda _event: ask(PAUSE))
+        self._speed.on_update(self._change_speed)
+        self._events.on_update(self._choose_event)
+
+    def show(self) -> None:
+        """Bring it up to date."""
+        playback = self._playback
+        self._pause.label = "play" if playback.paused else "pause"
+        end = max(self._seconds(playback.index.end), 0.1)
+        if self._slider.max != end:
+            self._slider.max = end
+        if time.monotonic() - self._touched > HANDS_OFF:
+            write(self._slider, min(self._seconds(playback.position), end))
+            write(self._speed, f"{playback.speed:g}")
+        if len(playback.index.marks) != self._marks:
+            self._show_marks(playback.index.marks)
+
+    def _show_marks(self, marks: Sequence[Mark]) -> None:
+        self._marks = len(marks)
+        step = -(-len(marks) // MOST_ON_SLIDER)
+        self._slider.remove()
+        with self._folder:  # viser lets nobody change the marks of a slider
+            self._slider = self._new_slider(self._gui, marks[::step])
+        self._events.options = (CHOOSE, *(self._name(number, mark) for number, mark in enumerate(marks)))
+
+    def _new_slider(self, gui: viser.GuiApi, marks: Sequence[Mark]) -> viser.GuiSliderHandle[float]:
+        end = max(self._seconds(self._playback.index.end), 0.1)
+        words = tuple((self._seconds(mark.utime), mark.word) for mark in marks)
+        now = min(self._seconds(self._playback.position), end)
+        slider = gui.add_slider("time [s]", 0.0, end, 0.1, now, marks=words or None, order=0.0)
+        slider.on_update(self._slide)
+        return slider
+
+    def _name(self, number: int, mark: Mark) -> str:
+        minutes, seconds = divmod(self._seconds(mark.utime), 60.0)
+        return f"{number + 1}. {minutes:.0f}:{seconds:04.1f} {mark.sentence[:80]}"
+
+    def _slide(self, event: Any) -> None:
+        if event.client_id is not None:
+            self._touched = time.monotonic()
+            self._ask(JUMP, self._playback.index.begin + int(self._slider.value * 1e6))
+
+    def _change_speed(self, event: Any) -> None:
+        if event.client_id is not None:
+            self._ask(SPEED, float(self._speed.value))
+
+    def _choose_event(self, event: Any) -> None:
+        if event.client_id is None or self._events.value == CHOOSE:
+            return
+        number = int(self._events.value.split(".", 1)[0]) - 1
+        write(self._events, CHOOSE)
+        self._ask(JUMP, self._playback.index.marks[number].utime)
+
+    def _seconds(self, utime: int) -> float:
+        return (utime - self._playback.index.begin) / 1e6

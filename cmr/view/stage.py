@@ -1,0 +1,136 @@
+"""The scene that all visitors see, drawn with viser."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import viser
+
+from cmr.view import shapes
+from cmr.view.picture import WAYPOINT_HEIGHT, Bodies, Lines, Picture
+from cmr.world.interaction.obstacles import Geofence, Obstacles
+
+GHOST_OPACITY = 0.35
+LABEL_COLOUR = (20, 20, 20)
+OBSTACLE_COLOUR = (120, 120, 125)
+OBSTACLE_HEIGHT = 0.12  # m that is drawn; they reach higher
+FENCE_COLOUR = (225, 120, 20)
+TRAIL_WIDTH, WAYPOINT_WIDTH, FENCE_WIDTH = 0.012, 0.014, 0.025  # m
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+
+
+class Instances:
+    """Many things of one shape; made anew when their number changes, moved otherwise."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, mesh: shapes.Mesh, **look: Any) -> None:
+        self._scene, self._name, self._mesh, self._look = scene, name, mesh, look
+        self._handle: viser.BatchedMeshHandle | None = None
+        self._on_click: Callable[[int, int], None] | None = None
+
+    def show(self, bodies: Bodies) -> None:
+        """Put them there."""
+        count = len(bodies.position)
+        if self._handle is None or len(self._handle.batched_positions) != count:
+            self._make(bodies)
+            return
+        self._handle.batched_positions = bodies.position.astype(np.float32)
+        self._handle.batched_wxyzs = bodies.wxyz.astype(np.float32)
+        self._handle.batched_colors = bodies.colour
+
+    def on_click(self, call: Callable[[int, int], None]) -> None:
+        """Call with the visitor's id and the number of the thing that was clicked."""
+        self._on_click = call
+
+    def _make(self, bodies: Bodies) -> None:
+        if self._handle is not None:
+            self._handle.remove()
+            self._handle = None
+        if not len(bodies.position):
+            return
+        vertices, faces = self._mesh
+        self._handle = self._scene.add_batched_meshes_simple(
+            self._name,
+            vertices,
+            faces,
+            bodies.wxyz,
+            bodies.position,
+            batched_colors=bodies.colour,
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+            **self._look,
+        )
+        if self._on_click is not None:
+            self._handle.on_click(self._clicked)
+
+    def _clicked(self, event: Any) -> None:
+        if self._on_click is not None and event.instance_index is not None:
+            self._on_click(event.client_id, event.instance_index)
+
+
+class LineSet:
+    """Lines that are drawn anew when they change."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, width: float) -> None:
+        self._scene, self._name, self._width = scene, name, width
+        self._shown: Lines | None = None
+        self._handle: viser.LineSegmentsHandle | None = None
+
+    def show(self, lines: Lines) -> None:
+        """Draw these in place of the ones before."""
+        if self._shown is not None and np.array_equal(self._shown.ends, lines.ends):
+            return
+        self._shown = lines
+        if len(lines.ends):
+            self._handle = self._scene.add_line_segments(self._name, lines.ends, lines.colour, thickness=self._width)
+        elif self._handle is not None:
+            self._handle.remove()
+            self._handle = None
+
+
+class Stage:
+    """Floor, robots with their ids, ghosts, waypoints, geofence and obstacles."""
+
+    def __init__(self, scene: viser.SceneApi, obstacles: Obstacles, geofence: Geofence | None) -> None:
+        scene.add_grid(
+            "/floor", infinite_grid=True, cell_size=0.5, section_size=1.0, cell_color=(228, 228, 228),
+            section_color=(200, 200, 200), fade_distance=60.0,
+        )  # fmt: skip
+        self.robots = Instances(scene, "/robots", shapes.robot(), flat_shading=True)
+        self._ghosts = Instances(scene, "/twins", shapes.robot(), flat_shading=True, opacity=GHOST_OPACITY)
+        self._digits = [Instances(scene, f"/ids/{value}", shapes.digit(value)) for value in range(10)]
+        self._waypoints = LineSet(scene, "/waypoints", WAYPOINT_WIDTH)
+        _add_room(scene, obstacles, geofence)
+
+    def show(self, picture: Picture) -> None:
+        """Draw the moment."""
+        self.robots.show(picture.solid)
+        self._ghosts.show(picture.ghosts)
+        for digit, places in zip(self._digits, picture.digits, strict=True):
+            digit.show(
+                Bodies(places, np.tile(UPRIGHT, (len(places), 1)), np.full((len(places), 3), LABEL_COLOUR, np.uint8))
+            )
+        self._waypoints.show(picture.waypoints)
+
+
+def _upright(places: shapes.Floats, colour: tuple[int, int, int]) -> Bodies:
+    count = len(places)
+    return Bodies(places, np.tile(UPRIGHT, (count, 1)), np.full((count, 3), colour, np.uint8))
+
+
+def _add_room(scene: viser.SceneApi, obstacles: Obstacles, geofence: Geofence | None) -> None:
+    """Draw what does not move."""
+    for k, (x, y, radius) in enumerate(obstacles.discs.T.tolist()):
+        vertices, faces = shapes.cylinder(radius, OBSTACLE_HEIGHT)
+        scene.add_mesh_simple(
+            f"/obstacles/disc_{k}", vertices, faces, color=OBSTACLE_COLOUR, flat_shading=True, position=(x, y, 0.0)
+        )
+    for k, wall in enumerate(obstacles.walls.T):
+        (x1, y1), (x2, y2) = wall[:2], wall[2:]
+        low, high = np.array([[x1, y1, 0.0], [x2, y2, 0.0]]), np.array([[x2, y2, 1.0], [x1, y1, 1.0]])
+        vertices = np.concatenate([low, high * (1.0, 1.0, OBSTACLE_HEIGHT)])
+        faces = np.array([(0, 1, 2), (0, 2, 3)])
+        scene.add_mesh_simple(f"/obstacles/wall_{k}", vertices, faces, color=OBSTACLE_COLOUR, side="double")
+    if geofence is not None:
+        ends = shapes.at_height(shapes.closed(geofence.outline.T), WAYPOINT_HEIGHT)
+        scene.add_line_segments("/geofence", ends, FENCE_COLOUR, thickness=FENCE_WIDTH)

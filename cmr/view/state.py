@@ -1,0 +1,108 @@
+"""What is shown, as it is at one moment: from messages, whether they come from the bus or from a log."""
+
+from collections import deque
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cmr.bus import streams
+from cmr.bus.estop import EmergencyStop
+from cmr.bus.streams import identify
+from cmr.msg import process_status_t
+from cmr.view.robots import REAL, TWIN, Robots, RobotTable
+from cmr.view.traffic import Traffic
+from cmr.view.trails import Trails
+
+LATEST_OF = ("MOTOR_COMMAND", "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOINTS", "PARAMETERS")
+MOST_ESTIMATES = 600  # kept of a calibration
+MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
+STOPPED_FOR = 10_000_000  # us for which a process that has ended is told
+SILENT_FOR = 60_000_000  # us after which a process that says nothing is forgotten
+DIAGNOSIS = "cmr-diagnose"
+
+
+class Heard(NamedTuple):
+    """A message and when it came [us]."""
+
+    utime: int
+    message: Any
+
+
+class ViewState:
+    """The world, the processes and the bus as they are `now` [us].
+
+    `latest` holds the last message of each robot by the stream's name; `calibrations` and `divergence` what was told
+    and measured over time by robot: CALIBRATION_STATUS_N, and (moment, distance of robot and twin [m]).
+    """
+
+    def __init__(self) -> None:
+        self.now = 0
+        self.robots = RobotTable()
+        self.trails = Trails()
+        self.traffic = Traffic()
+        self.estop = EmergencyStop()
+        self.processes: dict[tuple[str, str, int], Heard] = {}
+        self.latest: dict[str, dict[int, Heard]] = {name: {} for name in LATEST_OF}
+        self.calibrations: dict[int, deque[Heard]] = {}
+        self.divergence: dict[int, deque[tuple[int, float]]] = {}
+
+    def handle(self, utime: int, channel: str, message: Any) -> None:
+        """Take a message that came at `utime` [us]."""
+        stream, robot_id = identify(channel) or (None, None)
+        if stream is None:
+            return
+        if robot_id is not None and stream.name in self.latest:
+            self.latest[stream.name][robot_id] = Heard(utime, message)
+        if stream is streams.WORLD_STATE:
+            self.robots.take_world(utime, message)
+        elif stream is streams.ROBOT_STATE:
+            self.robots.take_state(utime, message)
+        elif stream is streams.POSE:
+            self.robots.take_pose(utime, message)
+        elif stream is streams.ESTOP:
+            self.estop.handle(utime, channel, message)
+        elif stream is streams.PROCESS_STATUS:
+            self.processes[message.process, message.host, message.pid] = Heard(utime, message)
+        elif stream is streams.CALIBRATION_STATUS and robot_id is not None:
+            self._take_calibration(robot_id, Heard(utime, message))
+
+    def advance(self, now: int) -> None:
+        """Let time pass until `now` [us]."""
+        self.now = now
+        if self.trails.due(now):
+            present = self.robots.present(now)
+            self.trails.sample(now, present)
+            self._measure_divergence(now, present)
+            self._forget_processes(now)
+
+    def present(self) -> Robots:
+        """Return the robots that are there now."""
+        return self.robots.present(self.now)
+
+    def diagnosis(self) -> str:
+        """Return what the live diagnosis says; empty where none runs."""
+        return " ".join(told.message.message for (name, _, _), told in self.processes.items() if name == DIAGNOSIS)
+
+    def newest(self, stream: streams.Stream, robot_id: int) -> Any:
+        """Return the last message of a robot on one of the streams LATEST_OF; None if there was none."""
+        heard = self.latest[stream.name].get(robot_id)
+        return None if heard is None else heard.message
+
+    def _take_calibration(self, robot_id: int, told: Heard) -> None:
+        history = self.calibrations.setdefault(robot_id, deque(maxlen=MOST_ESTIMATES))
+        if history and told.message.progress < history[-1].message.progress and told.message.state == 0:
+            history.clear()  # another drive begins
+        history.append(told)
+
+    def _measure_divergence(self, now: int, robots: Robots) -> None:
+        real, twins = robots.of(REAL), robots.of(TWIN)
+        both, first, second = np.intersect1d(real.robot_id, twins.robot_id, return_indices=True)
+        distances = np.hypot(*(real.pose[:2, first] - twins.pose[:2, second]))
+        for robot_id, distance in zip(both.tolist(), distances.tolist(), strict=True):
+            self.divergence.setdefault(robot_id, deque(maxlen=MOST_DISTANCES)).append((now, distance))
+
+    def _forget_processes(self, now: int) -> None:
+        for key, told in list(self.processes.items()):
+            is_over = told.message.state == process_status_t.STOPPING
+            if now - told.utime > (STOPPED_FOR if is_over else SILENT_FOR):
+                del self.processes[key]

@@ -1,0 +1,66 @@
+"""Where robots have been: pieces of path that are shown for some time."""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from cmr.view.robots import Floats, Integers, Robots
+
+PERIOD = 250_000  # us between the points of a trail
+LONGEST = 60_000_000  # us that are kept
+LEAST_STEP = 0.002  # m; who stands still draws nothing
+LARGEST_STEP = 1.0  # m; who goes further in a period was put somewhere else
+MOST_PIECES = 30_000  # shown; with more than that the oldest go first
+
+
+class Trail(NamedTuple):
+    """Pieces of path. `ends` (n, 2, 2): x and y [m] of both ends of each; `origin` (n): of the robot."""
+
+    ends: Floats
+    origin: Integers
+
+
+class Trails:
+    """The paths of all robots over the last minute."""
+
+    def __init__(self) -> None:
+        self._pieces: deque[tuple[int, Trail]] = deque()
+        self._last: tuple[int, Integers, Floats] | None = None
+
+    def due(self, now: int) -> bool:
+        """Tell whether it is time for another point, `now` [us]."""
+        return self._last is None or now - self._last[0] >= PERIOD
+
+    def sample(self, now: int, robots: Robots) -> None:
+        """Note where robots are."""
+        keys = robots.robot_id * 4 + robots.origin
+        places = robots.pose[:2].T
+        if self._last is not None:
+            self._pieces.append((now, _pieces(self._last[1], self._last[2], keys, places)))
+        self._last = (now, keys, places.copy())
+        while self._pieces and self._pieces[0][0] < now - LONGEST:
+            self._pieces.popleft()
+
+    def shown(self, now: int, seconds: float) -> Trail:
+        """Return the pieces of the last `seconds`, oldest first."""
+        chosen: list[Trail] = []
+        count = 0
+        for utime, trail in reversed(self._pieces):
+            count += len(trail.origin)
+            if utime < now - seconds * 1e6 or count > MOST_PIECES:
+                break
+            chosen.append(trail)
+        chosen.append(Trail(np.empty((0, 2, 2)), np.empty(0, np.int64)))
+        chosen.reverse()
+        return Trail(np.concatenate([trail.ends for trail in chosen]), np.concatenate([t.origin for t in chosen]))
+
+
+def _pieces(keys: Integers, places: Floats, new_keys: Integers, new_places: Floats) -> Trail:
+    """Return the pieces of path from one moment to the next, of those who were there at both and moved."""
+    if not np.array_equal(keys, new_keys):
+        keys, first, second = np.intersect1d(keys, new_keys, return_indices=True)
+        places, new_places = places[first], new_places[second]
+    steps = np.hypot(*(new_places - places).T)
+    moved = (steps > LEAST_STEP) & (steps < LARGEST_STEP)
+    return Trail(np.stack([places[moved], new_places[moved]], axis=1), keys[moved] % 4)

@@ -1,0 +1,42 @@
+"""What visitors ask for: put into a queue by the page's own threads, fulfilled by the process between two pictures."""
+
+import hmac
+from queue import SimpleQueue
+from typing import Any, NamedTuple
+
+COME, LEAVE, CLICK = "come", "leave", "click"  # of a visitor: what needs no token
+STOP, RELEASE, FIGURE_EIGHT = "stop", "release", "figure-eight"
+PAUSE, SPEED, JUMP = "pause", "speed", "jump"
+
+
+class Wish(NamedTuple):
+    """What is wished, by which visitor, and its object: a robot id, a speed, a moment [us], a place in a list."""
+
+    what: str
+    visitor: int
+    value: Any = None
+
+
+Wishes = SimpleQueue[Wish]
+
+
+class Permission:
+    """Whether one visitor has told the token, without which nothing that he wishes is done.
+
+    `refused` counts what was wished without it.
+    """
+
+    def __init__(self, token: str) -> None:
+        self.granted = False
+        self.refused = 0
+        self._token = token.encode()
+
+    def try_token(self, text: str) -> bool:
+        """Take what a visitor types; return whether it is the token."""
+        self.granted = self.granted or hmac.compare_digest(text.strip().encode(), self._token)
+        return self.granted
+
+    def asks(self) -> bool:
+        """Tell whether the visitor may have what he wishes now."""
+        self.refused += not self.granted
+        return self.granted

@@ -1,0 +1,156 @@
+"""The panels' contents as HTML: tables and sentences. Whatever comes from the bus is escaped."""
+
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS
+from cmr.msg import calibration_status_t, motor_feedback_t, process_status_t
+from cmr.view.robots import REAL, TWIN, VIRTUAL
+from cmr.view.state import ViewState
+
+SILENT = 3.0  # s without a report after which a process is told to be silent
+CONFIDENCE = 1.96  # standard deviations to each side that hold the truth in 95 of 100 cases
+STYLE = "font-size:12px;line-height:1.35;padding:2px 12px;overflow-x:auto"
+CELL = "padding:1px 8px 1px 0;vertical-align:top;text-align:left"
+PROCESS_STATES = {
+    process_status_t.STARTING: "starting",
+    process_status_t.RUNNING: "running",
+    process_status_t.DEGRADED: "degraded",
+    process_status_t.STOPPING: "stopped",
+}
+STATUS_WORDS = {
+    motor_feedback_t.STATUS_ESTOP: "the emergency stop is engaged",
+    motor_feedback_t.STATUS_COMMAND_STALE: "no fresh command, so the motors get zero",
+    motor_feedback_t.STATUS_NOT_ARMED: "not armed: the controller's watchdog could not be set",
+    motor_feedback_t.STATUS_TEMPERATURE: "too hot",
+    motor_feedback_t.STATUS_BATTERY: "the battery is low or unknown",
+    motor_feedback_t.STATUS_MOTOR_FAULT: "a motor has a fault or draws too much current",
+    motor_feedback_t.STATUS_ENCODER_JUMP: "an encoder jumped",
+}
+CALIBRATION_STATES = {
+    calibration_status_t.WAITING: "waiting for the robot to move",
+    calibration_status_t.COLLECTING: "watching the manoeuvre",
+    calibration_status_t.FITTING: "computing",
+    calibration_status_t.DONE: "done",
+    calibration_status_t.FAILED: "failed",
+}
+ESTIMATES = (("k2_over_k3", "rad/s²"), ("k1", "s/rad"), ("base_width", "m"))
+
+
+def status_words(status: int) -> str:
+    """Return what the status bits of a motor_feedback_t say, in plain language."""
+    words = [word for bit, word in STATUS_WORDS.items() if status & bit]
+    unknown = status & ~sum(STATUS_WORDS)
+    words += [f"unknown status {unknown:#x}"] if unknown else []
+    return "; ".join(words) or "healthy"
+
+
+def processes(state: ViewState) -> str:
+    """Return the table of processes, with what each says below it."""
+    rows: list[tuple[object, ...]] = []
+    for (name, host, pid), told in sorted(state.processes.items()):
+        message, age = told.message, (state.now - told.utime) / 1e6
+        condition = PROCESS_STATES.get(message.state, str(message.state))
+        if age > SILENT and condition != "stopped":
+            condition = f"silent for {age:.0f} s"
+        parameters = " ".join(sha[:7] for sha in message.parameters_sha256.split(","))
+        rate = f"{message.loop_rate_hz:.1f}"
+        rows.append((name, f"{host}:{pid}", condition, rate, f"{message.loop_overruns:.0f}", parameters))
+        if message.message:
+            rows.append((("", message.message),))
+    return table(("process", "host:pid", "state", "Hz", "overruns", "parameters"), rows)
+
+
+def bus(state: ViewState) -> str:
+    """Return the table of channels."""
+    rows = [
+        (line.channel, f"{line.rate:.1f}", _size(line.bytes_per_second), f"{line.age:.1f}", line.gaps, line.rejected)
+        for line in state.traffic.lines(state.now)
+    ]
+    return table(("channel", "Hz", "B/s", "age s", "gaps", "not taken"), rows)
+
+
+def robot(state: ViewState, robot_id: int) -> str:
+    """Return what is known of one robot."""
+    robots = state.present()
+    rows: list[tuple[object, ...]] = []
+    for origin, name in ((REAL, "real"), (VIRTUAL, "virtual"), (TWIN, "twin")):
+        group = robots.of(origin)
+        for place in (group.robot_id == robot_id).nonzero()[0]:
+            x, y, theta = group.pose[:, place]
+            left, right = group.wheels[:, place]
+            rows.append((name, f"x {x:.3f} m, y {y:.3f} m, heading {math.degrees(theta):.1f}°"))
+            rows.append(("", f"wheels {_number(left, '.2f')}, {_number(right, '.2f')} rad/s"))
+    if not rows:
+        rows.append(("state", "not in the world at present"))
+    return table((f"robot {robot_id}", ""), [*rows, *_told(state, robot_id)])
+
+
+def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
+    """Yield what a robot's own channels say."""
+    command = state.newest(MOTOR_COMMAND, robot_id)
+    if command is not None:
+        yield "command", f"left {command.left:+.2f}, right {command.right:+.2f} duty"
+    feedback = state.newest(MOTOR_FEEDBACK, robot_id)
+    if feedback is not None:
+        yield "applied", f"left {feedback.applied_left:+.2f}, right {feedback.applied_right:+.2f} duty"
+        yield "battery", f"{_number(feedback.battery_voltage, '.1f')} V"
+        yield "temperature", f"{_number(feedback.temperature, '.0f')} °C"
+        yield "current", f"{_number(feedback.current_left, '.1f')}, {_number(feedback.current_right, '.1f')} A"
+        yield "driver", status_words(feedback.status)
+    gyro = state.newest(GYRO, robot_id)
+    if gyro is not None:
+        yield "gyro", f"{gyro.yaw_rate:+.3f} rad/s" if gyro.valid else "reports a fault"
+    parameters = state.newest(PARAMETERS, robot_id)
+    if parameters is not None:
+        yield "parameters", parameters.sha256[:12]
+
+
+def calibration(message: Any) -> str:
+    """Return what a calibration_status_t says."""
+    rows: list[tuple[object, ...]] = [("state", CALIBRATION_STATES.get(message.state, message.state))]
+    rows.append(("manoeuvre seen", f"{100 * message.progress:.0f} %"))
+    for name, unit in ESTIMATES:
+        value, std = getattr(message, name), getattr(message, f"{name}_std")
+        rows.append((name, f"{_number(value, '.4g')} ± {_number(CONFIDENCE * std, '.2g')} {unit}"))
+    before, after = _number(message.path_rmse_before, ".3f"), _number(message.path_rmse_after, ".3f")
+    rows.append(("path error", f"{before} m before, {after} m after"))
+    title = f"calibration of robot {message.robot_id}"
+    return table((title, ""), rows) + sentence(message.message)
+
+
+def twins(state: ViewState) -> str:
+    """Return how far robots are from their twins, with what the live diagnosis says."""
+    rows = []
+    for robot_id, distances in sorted(state.divergence.items()):
+        last = distances[-1][1]
+        largest = max(distance for _, distance in distances)
+        rows.append((f"robot {robot_id}", f"{100 * last:.1f} cm", f"{100 * largest:.1f} cm"))
+    said = state.diagnosis() or "cmr-diagnose --live would say here what a robot does otherwise than its twin."
+    return table(("", "from its twin", "at most"), rows) + sentence(said)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table; a row of one (key, text) pair is a remark that goes over all columns."""
+    lines = ["".join(f'<th style="{CELL}">{escape(name)}</th>' for name in head)]
+    for row in rows:
+        if len(row) == 1 and isinstance(row[0], tuple):
+            lines.append(f'<td colspan="{len(head)}" style="{CELL};opacity:.75">{escape(str(row[0][1]))}</td>')
+        else:
+            lines.append("".join(f'<td style="{CELL}">{escape(str(cell))}</td>' for cell in row))
+    return f'<div style="{STYLE}"><table>' + "".join(f"<tr>{line}</tr>" for line in lines) + "</table></div>"
+
+
+def sentence(text: str, colour: str = "inherit") -> str:
+    """Return a paragraph."""
+    return f'<div style="{STYLE};color:{colour}">{escape(text)}</div>'
+
+
+def _number(value: float, form: str) -> str:
+    return format(value, form) if math.isfinite(value) else "?"
+
+
+def _size(bytes_per_second: float) -> str:
+    return f"{bytes_per_second / 1e3:.1f}k" if bytes_per_second >= 1e4 else f"{bytes_per_second:.0f}"
