@@ -30,7 +30,7 @@ KNOWN: dict[str, set[str]] = {
     "view": {*RECORDED, "colours", "world"},
     "commands": {
         *{*RECORDED, "manoeuvres", "calibration", "world", "diagnosis", "scenario", "team", "fidelity", "sweep"},
-        "view",
+        *("camera", "view"),
     },
     "tools": {*RECORDED, "colours", "commands"},
 }

@@ -1,0 +1,1 @@
+"""A camera over the floor: where robots with tags are, and virtual robots drawn into its picture."""

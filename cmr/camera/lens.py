@@ -1,0 +1,117 @@
+"""What a lens does to the picture: focal lengths, centre and distortion, as `cmr-camera calibrate` finds them."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from cmr.files import write_atomically
+
+Floats = NDArray[np.float64]
+SCHEMA = 1
+DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # OpenCV's order
+# Until the next step is below a thousandth of a pixel; a wide lens takes more steps than OpenCV's five.
+PRECISELY = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-3)
+
+
+class CameraFileError(Exception):
+    """A lens or floor file that cannot be used; the text names the file and what is wrong."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens and the pictures behind it: size, focal lengths and centre [pixels], distortion k1, k2, p1, p2, k3.
+
+    Pixel (0, 0) has its centre at u = 0, v = 0. What is called straight below are pixels of the same camera without
+    its distortion.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = (0.0,) * 5
+    rms: float = math.nan  # pixels between the board's corners and the model's, when it was calibrated
+
+    @property
+    def matrix(self) -> Floats:
+        """The matrix that OpenCV calls camera matrix."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def straight(self, pixels: Floats) -> Floats:
+        """Return straight pixels (n, 2) of pixels of the picture (n, 2)."""
+        if not any(self.distortion):
+            return np.asarray(pixels, float)
+        points = np.asarray(pixels, float).reshape(-1, 1, 2)
+        return np.asarray(
+            cv2.undistortImagePoints(points, self.matrix, np.array(self.distortion), None, PRECISELY), float
+        ).reshape(-1, 2)
+
+    def pixels(self, points: Floats) -> Floats:
+        """Return where points before the camera (n, 3) [m; x right, y down, z ahead] are in the picture (n, 2)."""
+        seen, _ = cv2.projectPoints(
+            np.asarray(points, float).reshape(-1, 1, 3),
+            np.zeros(3),
+            np.zeros(3),
+            self.matrix,
+            np.array(self.distortion),
+        )
+        return np.asarray(seen, float).reshape(-1, 2)
+
+    def directions(self, straight: Floats) -> Floats:
+        """Return the directions (n, 3) of straight pixels (n, 2), one long ahead; axes as in `pixels`."""
+        x = (straight[:, 0] - self.cx) / self.fx
+        y = (straight[:, 1] - self.cy) / self.fy
+        return np.stack([x, y, np.ones_like(x)], axis=1)
+
+    def save(self, path: Path) -> None:
+        """Write the lens to a file. Raises OSError."""
+        content = {
+            "schema": SCHEMA,
+            "width": self.width,
+            "height": self.height,
+            "fx": self.fx,
+            "fy": self.fy,
+            "cx": self.cx,
+            "cy": self.cy,
+            "distortion": dict(zip(DISTORTION, self.distortion, strict=True)),
+            "rms": self.rms,
+        }
+        write_atomically(yaml.safe_dump(content, sort_keys=False), path)
+
+    @classmethod
+    def load(cls, path: Path) -> "Lens":
+        """Read a lens file. Raises CameraFileError."""
+        content = read_yaml(path)
+        try:
+            bent = content["distortion"]
+            numbers = {name: float(content[name]) for name in ("fx", "fy", "cx", "cy", "rms")}
+            lens = cls(
+                int(content["width"]),
+                int(content["height"]),
+                distortion=tuple(float(bent[name]) for name in DISTORTION),
+                **numbers,
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise CameraFileError(f"{path} is no lens file of cmr-camera calibrate: {error!r}") from error
+        if lens.width <= 0 or lens.height <= 0 or not (lens.fx > 0.0 and lens.fy > 0.0):
+            raise CameraFileError(f"{path}: sizes and focal lengths are more than 0.")
+        return lens
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Return the content of a YAML file of schema 1. Raises CameraFileError."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise CameraFileError(f"{path} cannot be read: {error}") from error
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise CameraFileError(f"{path}: 'schema: {SCHEMA}' is missing.")
+    return content
