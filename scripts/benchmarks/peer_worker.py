@@ -59,6 +59,9 @@ def mujoco_contacts(robots: int) -> Run:
     return run
 
 
+MEMORY = "2G"  # for 10,000 bodies; MuJoCo's own guess is more than it can have
+
+
 def mujoco_model(starts: list[tuple[float, float, float]], flag: str) -> Any:
     """Return a model of bodies with two slides, one hinge and a velocity actuator for each."""
     library: Any = import_module("mujoco")
@@ -75,6 +78,7 @@ def mujoco_model(starts: list[tuple[float, float, float]], flag: str) -> Any:
         motors += [f'<velocity joint="{name}{i}" kv="{gain}"/>' for name, gain in gains.items()]
     return library.MjModel.from_xml_string(
         f'<mujoco><option timestep="{STEP}" gravity="0 0 0">{flag}</option>'
+        f'<size memory="{MEMORY}"/>'
         f"<worldbody>{''.join(bodies)}</worldbody><actuator>{''.join(motors)}</actuator></mujoco>"
     )
 
