@@ -62,13 +62,13 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "live from the bus, or from a log with a time slider.\n\n"
         "Buttons act only for those who type the token that is printed at the start; without it the page only shows. "
         "The page is served to this computer alone, unless --host and --token are given.",
-        "cmr-view\n  cmr-view run.lcm\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm.yaml",
+        "cmr-view\n  cmr-view run.lcm\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm",
     )
     options.add_argument("log", type=Path, nargs="?", metavar="RUN.lcm", help="a log to play; without it, the bus")
     options.add_argument("--host", default=LOCAL, metavar="ADDRESS", help="to serve at; others than this need --token")
     options.add_argument("--port", type=_port, default=8080, metavar="N", help="to serve at, or the next that is free")
     options.add_argument("--token", metavar="TEXT", help="for the buttons; without it a new one at each start")
-    options.add_argument("--scenario", metavar="FILE", help="whose obstacles and geofence to draw, as cmr-run has it")
+    options.add_argument("--scenario", metavar="FILE", help="or name, as of cmr-run: its obstacles and geofence")
     for name, form, what in (
         ("--obstacle", "X,Y,RADIUS", "a disc"),
         ("--wall", "X1,Y1,X2,Y2", "a straight wall"),
@@ -103,9 +103,10 @@ def _room(options: argparse.Namespace) -> tuple[Obstacles, Geofence | None]:
 def _room_of(path: str) -> tuple[Obstacles, Geofence | None]:
     from cmr.scenario import ScenarioError
     from cmr.scenario.scenario import load
+    from cmr.scenario.shipping import path_of
 
     try:
-        scenario = load(Path(path), starts_checked=False)
+        scenario = load(path_of(path), starts_checked=False)
     except ScenarioError as error:
         raise CommandError(str(error)) from error
     fence = Geofence(scenario.geofence) if scenario.geofence is not None else None

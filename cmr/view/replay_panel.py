@@ -13,6 +13,7 @@ from cmr.view.wishes import JUMP, PAUSE, SPEED
 
 SPEEDS = ("0.1", "0.5", "1", "2", "5", "10", "20", "50")
 HANDS_OFF = 1.0  # s after a visitor moved the slider in which it is left to him
+MARKS_APART = 3.0  # s; with each news of them the slider is made anew
 MOST_ON_SLIDER = 12  # marks; with more than that they would hide one another
 CHOOSE = "jump to an event ..."
 
@@ -25,6 +26,7 @@ class ReplayPanel:
     def __init__(self, playback: Playback) -> None:
         self._playback = playback
         self._marks = 0
+        self._marks_due = 0.0
         self._touched = 0.0
 
     def add(self, gui: viser.GuiApi, ask: Asking) -> None:
@@ -50,7 +52,8 @@ class ReplayPanel:
         if time.monotonic() - self._touched > HANDS_OFF:
             write(self._slider, min(self._seconds(playback.position), end))
             write(self._speed, f"{playback.speed:g}")
-        if len(playback.index.marks) != self._marks:
+        if len(playback.index.marks) != self._marks and time.monotonic() >= self._marks_due:
+            self._marks_due = time.monotonic() + MARKS_APART
             self._show_marks(playback.index.marks)
 
     def _show_marks(self, marks: Sequence[Mark]) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import time
+import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from queue import Empty
@@ -51,10 +52,14 @@ class PageServer:
         self._replays: dict[int, ReplayPanel] = {}
         self._solid_ids: Integers | None = None
         self._trails_due = self._panels_due = 0.0
+        # A visitor who leaves while he is told something is no news.
+        warnings.filterwarnings("ignore", ".* on a closed connection", UserWarning)
         with redirect_stdout(io.StringIO()):  # its banner; where the page is, is said by the process
             self._server = _Server(host, port, "cmr-view", verbose=False)
         self.url = f"http://{host}:{self._server.get_port()}"
-        self._server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        self._server.gui.configure_theme(
+            control_layout="fixed", control_width="large", show_logo=False, show_share_button=False
+        )
         self._server.initial_camera.up = (0.0, 0.0, 1.0)
         self._server.initial_camera.position = (0.0, -0.01, 6.0)
         self._stage = Stage(self._server.scene, obstacles, geofence)

@@ -92,6 +92,8 @@ class Stage:
     """Floor, robots with their ids, ghosts, waypoints, geofence and obstacles."""
 
     def __init__(self, scene: viser.SceneApi, obstacles: Obstacles, geofence: Geofence | None) -> None:
+        scene.configure_environment_map(None)  # its reflections would pale the colours
+        scene.configure_default_lights(cast_shadow=False)
         scene.add_grid(
             "/floor", infinite_grid=True, cell_size=0.5, section_size=1.0, cell_color=(228, 228, 228),
             section_color=(200, 200, 200), fade_distance=60.0,

@@ -1,0 +1,304 @@
+"""What cmr-view shows, without a browser: from messages to the scene and the panels, and from buttons to messages."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cmr.bus.messages import make
+from cmr.bus.streams import CALIBRATION_STATUS, MOTOR_FEEDBACK, PROCESS_STATUS, RANGE_SCAN, WAYPOINTS, WORLD_STATE
+from cmr.bus.world_state import WorldState
+from cmr.commands.command_line import CommandError
+from cmr.commands.view import main
+from cmr.msg import estop_t, motor_feedback_t, pose_xyt_t, process_status_t, range_scan_t, robot_state_t, waypoints_t
+from cmr.view import shapes, words
+from cmr.view.camera import overview
+from cmr.view.charts import distances, estimates
+from cmr.view.intake import Intake
+from cmr.view.orders import RELEASES, Orders
+from cmr.view.picture import BLUE, YELLOW, picture_of, rays, trails
+from cmr.view.robots import REAL, TWIN, VIRTUAL
+from cmr.view.state import ViewState
+from cmr.view.wishes import Permission
+from tests.small_log import FIELDS, small_log
+
+NOW = 1_700_000_000_000_000  # us
+SECOND = 1_000_000  # us
+
+
+def world(utime: int, robots: list[tuple[int, int, float, float, float]]) -> WorldState:
+    """A WORLD_STATE of robots given as (id, origin, x, y, theta)."""
+    ids, origins, *pose = (np.array(column) for column in zip(*robots, strict=True))
+    still = np.zeros(len(ids))
+    return WorldState(utime, (ids, origins, *pose, still, still, still, still))
+
+
+def three(utime: int, x: float = 0.0) -> WorldState:
+    """A real robot with its twin 3 cm ahead, and a virtual one."""
+    return world(utime, [(0, REAL, x, 0.0, 0.0), (0, TWIN, x + 0.03, 0.0, 0.0), (27, VIRTUAL, 1.0, x, np.pi)])
+
+
+def status(process: str, message: str, utime: int = NOW) -> Any:
+    fields = {**FIELDS["PROCESS_STATUS"], "process": process, "message": message}
+    return make(process_status_t, utime=utime, **fields)
+
+
+def showing(*messages: WorldState) -> ViewState:
+    state = ViewState()
+    for message in messages:
+        state.handle(message.utime, WORLD_STATE.name, message)
+        state.advance(message.utime)
+    return state
+
+
+# The scene
+
+
+def test_real_robots_are_yellow_virtual_ones_blue_and_twins_are_ghosts() -> None:
+    picture = picture_of(showing(three(NOW)))
+    assert picture.solid_ids.tolist() == [0, 27]
+    assert picture.solid.colour.tolist() == [list(YELLOW), list(BLUE)]
+    assert picture.ghosts.position.tolist() == [pytest.approx([0.03, 0.0, 0.0])]
+    assert picture.solid.wxyz[1] == pytest.approx([0.0, 0.0, 0.0, 1.0], abs=1e-12)
+
+
+def test_the_parts_of_a_world_are_put_together_and_who_is_told_of_no_more_goes() -> None:
+    state = showing(world(NOW, [(1, VIRTUAL, 0.0, 0.0, 0.0)]), world(NOW, [(2, VIRTUAL, 5.0, 0.0, 0.0)]))
+    assert picture_of(state).solid_ids.tolist() == [1, 2]
+    later = world(NOW + 3 * SECOND, [(2, VIRTUAL, 6.0, 0.0, 0.0)])
+    state.handle(later.utime, WORLD_STATE.name, later)
+    state.advance(later.utime)
+    assert picture_of(state).solid_ids.tolist() == [2]
+
+
+def test_a_robot_is_where_the_best_source_says() -> None:
+    state = showing(three(NOW))
+    pose = make(pose_xyt_t, utime=NOW, robot_id=0, x=9.0, y=9.0, theta=0.0)
+    fields = dict.fromkeys(("psi_left", "psi_right", "domega_left", "domega_right", "y", "theta"), 0.0)
+    state.handle(NOW + 1, "POSE_0", pose)
+    assert state.present().place(0) == (0.0, 0.0, 0.0), "WORLD_STATE knows better than a measured pose"
+    state.handle(NOW + SECOND, "POSE_0", pose)
+    state.advance(NOW + SECOND)
+    assert state.present().place(0) == (9.0, 9.0, 0.0), "of a robot without a simulator the pose is shown"
+    estimate = make(robot_state_t, utime=NOW + SECOND, robot_id=0, origin=REAL, x=4.0, **fields)
+    state.handle(NOW + SECOND, "ROBOT_STATE_0", estimate)
+    state.handle(NOW + SECOND, "POSE_0", pose)
+    assert state.present().place(0) == (4.0, 0.0, 0.0)
+
+
+def test_robots_without_a_place_are_not_drawn() -> None:
+    assert len(picture_of(showing(world(NOW, [(1, REAL, np.nan, 0.0, 0.0)]))).solid_ids) == 0
+
+
+def test_every_robot_but_twins_carries_the_digits_of_its_id() -> None:
+    placed = picture_of(showing(world(NOW, [(0, REAL, 0, 0, 0), (0, TWIN, 0, 0, 0), (907, VIRTUAL, 2, 3, 1)]))).digits
+    counts = {value: len(places) for value, places in enumerate(placed) if len(places)}
+    assert counts == {0: 2, 7: 1, 9: 1}
+    nine, nought, seven = placed[9][0], placed[0][-1], placed[7][0]
+    assert nine[0] < nought[0] < seven[0], "they are read from left to right"
+    assert nought[:2] == pytest.approx([2.0, 3.0])
+
+
+def test_trails_last_as_long_as_wished_and_do_not_follow_jumps() -> None:
+    moments = [three(NOW + k * SECOND // 4, 0.1 * k) for k in range(40)]
+    state = showing(*moments)
+    assert len(trails(state.trails.shown(state.now, 5.0)).ends) == 3 * 21
+    assert len(trails(state.trails.shown(state.now, 0.5)).ends) == 3 * 3
+    before = len(state.trails.shown(state.now, 60.0).origin)
+    jumped = three(moments[-1].utime + SECOND // 4, 50.0)
+    state.handle(jumped.utime, WORLD_STATE.name, jumped)
+    state.advance(jumped.utime)
+    assert len(state.trails.shown(state.now, 60.0).origin) == before
+
+
+def test_waypoints_are_lines_with_a_mark_at_the_end_and_nonsense_is_left_out() -> None:
+    state = showing(three(NOW))
+    x = [0.0, 1.0, float("nan"), 2.0]
+    state.handle(NOW, "WAYPOINTS_0", make(waypoints_t, utime=NOW, robot_id=0, x=x, y=[0.0] * 4))
+    ends = picture_of(state).waypoints.ends
+    assert np.isfinite(ends).all()
+    assert ends[0, :, 0].tolist() == [0.0, 1.0]
+    assert ends[2:, :, 0].mean() == pytest.approx(2.0)
+
+
+def test_rays_end_where_the_sensor_saw_something() -> None:
+    state = showing(world(NOW, [(3, REAL, 1.0, 1.0, np.pi / 2)]))
+    scan = make(
+        range_scan_t, utime=NOW, robot_id=3, angle_first=0.0, angle_step=np.pi / 2, range_max=5.0, ranges=[2.0, np.inf]
+    )
+    state.handle(NOW, RANGE_SCAN.channel(3), scan)
+    assert rays(state, 3).ends[:, :, :2].tolist() == [[[1.0, 1.0], pytest.approx([1.0, 3.0])]]
+    assert len(rays(state, 4).ends) == 0
+
+
+def test_shapes_are_closed_and_point_ahead() -> None:
+    vertices, faces = shapes.robot()
+    assert vertices[vertices[:, 0].argmax(), 1] == 0.0, "its nose is in the middle"
+    corners = np.unique(vertices.round(9), axis=0, return_inverse=True)[1].reshape(-1)[faces]
+    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]).tolist()
+    assert all([b, a] in edges for a, b in edges), "every edge has a face on both sides"
+
+
+def test_a_camera_above_has_all_robots_in_its_picture() -> None:
+    robots = showing(world(NOW, [(1, VIRTUAL, -40.0, 2.0, 0.0), (2, VIRTUAL, 60.0, 4.0, 0.0)])).present()
+    (x, _, height), target = overview(robots, field_of_view=np.pi / 2, aspect=1.0)
+    assert (x, target) == (10.0, (10.0, 3.0, 0.0))
+    assert height > 50.0
+    assert overview(ViewState().present())[0][2] > 0.0, "also where nobody is"
+
+
+# From the bytes of the bus
+
+
+def test_of_each_robot_the_last_message_counts_and_every_process() -> None:
+    state = ViewState()
+    intake = Intake(state)
+    for event in small_log():
+        intake.take(event.utime, event.channel, event.data)
+    intake.take(NOW, PROCESS_STATUS.name, status("cmr-driver", "").encode())
+    intake.take(NOW, "POSE_3", b"nonsense")
+    intake.take(NOW, "SOMETHING_ELSE", b"of somebody else")
+    intake.flush()
+    assert {name for name, _, _ in state.processes} == {"cmr-sim", "cmr-driver"}
+    assert state.estop.engaged
+    rejected = {line.channel: line.rejected for line in state.traffic.lines(NOW)}
+    assert (rejected["POSE_3"], rejected["SOMETHING_ELSE"], rejected["GYRO_3"]) == (1, 1, 0)
+
+
+def test_rates_age_and_gaps_of_a_channel() -> None:
+    state = ViewState()
+    moments = [NOW + 10_000 * k for k in range(300) if k not in (150, 151, 152)]
+    for moment in moments:
+        state.traffic.take(moment, "GYRO_0", 50)
+    [line] = state.traffic.lines(moments[-1] + SECOND // 2)
+    assert line.gaps == 1
+    assert line.age == pytest.approx(0.5)
+    assert line.rate == pytest.approx(297 / 3.5, rel=0.1)
+    assert line.bytes_per_second == pytest.approx(50 * line.rate)
+
+
+# Panels
+
+
+def test_status_bits_are_told_in_words() -> None:
+    assert words.status_words(0) == "healthy"
+    told = words.status_words(motor_feedback_t.STATUS_ESTOP | motor_feedback_t.STATUS_BATTERY | 1 << 20)
+    assert told == "the emergency stop is engaged; the battery is low or unknown; unknown status 0x100000"
+
+
+def test_what_a_stranger_says_is_no_html() -> None:
+    state = showing(three(NOW))
+    state.handle(NOW, PROCESS_STATUS.name, status("<script>alert(1)</script>", "<img src=x onerror=alert(2)>"))
+    state.traffic.take(NOW, "<b>", 1)
+    for panel in (words.processes(state), words.bus(state), words.sentence("<b>")):
+        assert not any(tag in panel for tag in ("<script", "<img", "<b>"))
+
+
+def test_a_process_that_says_nothing_is_told_to_be_silent_and_then_forgotten() -> None:
+    state = ViewState()
+    state.handle(NOW, PROCESS_STATUS.name, status("cmr-sim", ""))
+    state.now = NOW + 5 * SECOND
+    assert "silent for 5 s" in words.processes(state)
+    state.advance(NOW + 61 * SECOND)
+    assert not state.processes
+
+
+def test_a_robot_is_told_with_what_its_driver_says() -> None:
+    state = showing(three(NOW))
+    values = {**FIELDS["MOTOR_FEEDBACK"], "status": motor_feedback_t.STATUS_NOT_ARMED}
+    state.handle(NOW, MOTOR_FEEDBACK.channel(0), make(motor_feedback_t, utime=NOW, robot_id=0, **values))
+    panel = words.robot(state, 0)
+    assert all(told in panel for told in ("12.1 V", "? °C", "not armed", "twin"))
+    assert "not in the world" in words.robot(state, 99)
+
+
+def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis() -> None:
+    state = showing(*(three(NOW + k * SECOND) for k in range(3)))
+    for k, std in enumerate((4.0, 1.0)):
+        values = {**FIELDS["CALIBRATION_STATUS"], "k2_over_k3": 118.0, "k2_over_k3_std": std}
+        message = make(CALIBRATION_STATUS.message_type, utime=NOW + k * SECOND, robot_id=0, **values)
+        state.handle(message.utime, CALIBRATION_STATUS.channel(0), message)
+    seconds, value, high, low = estimates(state.calibrations[0])["k2_over_k3"]
+    assert seconds.tolist() == [0.0, 1.0]
+    assert (high - value).tolist() == pytest.approx([7.84, 1.96])
+    assert (value - low).tolist() == pytest.approx([7.84, 1.96])
+    assert "118 ± 2 rad/s²" in words.calibration(state.calibrations[0][-1].message)
+    state.handle(NOW, PROCESS_STATUS.name, status("cmr-diagnose", "Robot 0: its left motor is weaker."))
+    assert "its left motor is weaker" in words.twins(state)
+    assert "3.0 cm" in words.twins(state)
+    assert distances(state.divergence[0], state.now)[1] == pytest.approx([3.0, 3.0, 3.0])
+
+
+# Buttons
+
+
+def sent(orders: Orders, utime: int) -> list[bool]:
+    return [bool(message.engaged) for stream, _, message in orders.due(utime) if stream.name == "ESTOP"]
+
+
+def test_a_stop_is_repeated_until_it_is_released_and_the_release_is_newer() -> None:
+    orders = Orders()
+    orders.stop(NOW)
+    assert [sent(orders, NOW + k) for k in range(3)] == [[True], [True], [True]]
+    assert orders.stopped
+    orders.release(NOW + 10)
+    releases = [message for k in range(10) for _, _, message in orders.due(NOW + 10 + k)]
+    assert len(releases) == RELEASES + 1
+    assert all(message.utime >= NOW + 10 and not message.engaged for message in releases)
+    assert not orders.stopped
+
+
+def test_anybody_may_release_a_stop_but_not_with_words_from_before_it() -> None:
+    orders = Orders()
+    orders.stop(NOW)
+    release = {"engaged": False, "source": "a person", "reason": "all is well"}
+    orders.handle(NOW, "ESTOP", make(estop_t, utime=NOW - 1, **release))
+    assert sent(orders, NOW) == [True]
+    orders.handle(NOW, "ESTOP", make(estop_t, utime=NOW + 1, **release))
+    assert sent(orders, NOW) == []
+    assert not orders.stopped
+
+
+def test_a_stop_of_somebody_else_is_shown_and_not_repeated_and_ours_that_echoes_engages_nothing() -> None:
+    orders = Orders()
+    orders.handle(NOW, "ESTOP", make(estop_t, utime=NOW, engaged=True, source="cmr-run", reason="a fence was left"))
+    assert orders.reason == "cmr-run: a fence was left"
+    assert sent(orders, NOW) == []
+    orders.stop(NOW)
+    [(_, _, echo)] = orders.due(NOW)
+    orders.release(NOW + 1)
+    orders.handle(NOW + 2, "ESTOP", echo)
+    assert not orders.stopped
+
+
+def test_a_figure_eight_begins_and_ends_where_the_robot_is() -> None:
+    orders = Orders()
+    orders.figure_eight(NOW, 7, (1.0, 2.0, 0.5))
+    [(stream, robot_id, message)] = orders.due(NOW)
+    assert (stream, robot_id, message.robot_id) == (WAYPOINTS, 7, 7)
+    assert (message.x[0], message.y[0], message.x[-1], message.y[-1]) == pytest.approx((1.0, 2.0, 1.0, 2.0))
+
+
+def test_nothing_is_done_without_the_token() -> None:
+    permission = Permission("secret of ours")
+    assert not permission.asks()
+    assert not permission.try_token("secret")
+    assert not permission.asks()
+    assert permission.try_token(" secret of ours\n")
+    assert permission.asks()
+    assert permission.refused == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--host", "0.0.0.0"], "--token"),
+        (["--token", "short"], "8 characters"),
+        (["--geofence=0,0,1,1"], "3 corners"),
+        (["--obstacle", "1,2"], "--obstacle"),
+        (["--scenario", "/nowhere.yaml"], "nowhere"),
+    ],
+)
+def test_what_cannot_be_is_said_in_a_sentence(arguments: list[str], says: str) -> None:
+    with pytest.raises(CommandError, match=says):
+        main(arguments)

@@ -1,0 +1,182 @@
+"""cmr-view plays logs: any moment of one is shown as if all before had been played, and reading it takes no memory."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cmr.bus.messages import make
+from cmr.bus.world_state import WorldState
+from cmr.msg import calibration_status_t, estop_t, parameters_t, process_status_t, waypoints_t
+from cmr.recordings.events import Event, EventReader, event_bytes
+from cmr.view.log_index import LogIndex
+from cmr.view.playback import Playback
+from cmr.view.showing import LogShowing
+from cmr.view.wishes import JUMP, PAUSE, SPEED, Wish
+from tests.small_log import FIELDS, gyro_readings
+
+BEGIN = 1_700_000_000_000_000  # us
+SECOND = 1_000_000  # us
+LENGTH = 100  # s
+
+
+def drive() -> list[tuple[int, str, Any]]:
+    """Two robots for 100 s, each told in a part of its own at 20 Hz, and what happens meanwhile."""
+    messages: list[tuple[int, str, Any]] = []
+    for k in range(20 * LENGTH):
+        utime = BEGIN + k * SECOND // 20
+        for robot_id in (1, 2):
+            pose = ([0.01 * k * robot_id], [0.0], [0.0])
+            columns = ([robot_id], [robot_id - 1], *pose, [0.0], [0.0], [0.0], [0.0])
+            messages.append((utime + robot_id, "WORLD_STATE", WorldState(utime, columns)))
+    for second in range(LENGTH):
+        utime = BEGIN + second * SECOND + 30_000
+        for number, process in enumerate(("cmr-sim", "cmr-driver", "cmr-diagnose")):
+            told = "Its left motor is weaker." if process == "cmr-diagnose" and second >= 70 else "Watching."
+            fields = {**FIELDS["PROCESS_STATUS"], "process": process, "message": told}
+            messages.append((utime + number, "PROCESS_STATUS", make(process_status_t, utime=utime, **fields)))
+        values = {**FIELDS["CALIBRATION_STATUS"], "state": 3 if second >= 40 else 1, "progress": min(second / 40, 1.0)}
+        status = make(calibration_status_t, utime=utime, robot_id=1, **{**values, "message": "Found."})
+        messages.append((utime + 10, "CALIBRATION_STATUS_1", status))
+        values = {"sequence": second // 50, "sha256": str(second // 50) * 8, "yaml": ""}
+        messages.append((utime + 20, "PARAMETERS_1", make(parameters_t, utime=utime, robot_id=1, **values)))
+    for utime, engaged in (
+        (BEGIN + 20 * SECOND, True),
+        (BEGIN + 20 * SECOND + 100_000, True),
+        (BEGIN + 22 * SECOND, False),
+    ):
+        messages.append(
+            (utime, "ESTOP", make(estop_t, utime=utime, engaged=engaged, source="a person", reason="smoke"))
+        )
+    path = make(waypoints_t, utime=BEGIN, robot_id=1, x=[0.0, 1.0], y=[0.0, 0.0])
+    messages.append((BEGIN + SECOND, "WAYPOINTS_1", path))
+    return sorted(messages, key=lambda entry: entry[0])
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("logs") / "drive.lcm"
+    events = [Event(k, utime, channel, message.encode()) for k, (utime, channel, message) in enumerate(drive())]
+    path.write_bytes(b"".join(event_bytes(event) for event in events))
+    return path
+
+
+def playback_of(path: Path, *, indexed: bool = True) -> Playback:
+    index = LogIndex(EventReader(path))
+    while indexed and not index.build(1.0):
+        pass
+    return Playback(index)
+
+
+def play_until(playback: Playback, seconds: float) -> None:
+    while playback.position < BEGIN + seconds * SECOND:
+        playback.play(0.25)
+
+
+def seen(playback: Playback) -> tuple[Any, ...]:
+    """What of a moment a person sees, but the trails."""
+    state = playback.state
+    poses = state.present().pose.tolist()
+    told = sorted((name, heard.message.message) for (name, _, _), heard in state.processes.items())
+    progress = [history[-1].message.progress for history in state.calibrations.values()]
+    waypoints = sorted(state.latest["WAYPOINTS"])
+    return poses, told, progress, waypoints, state.estop.engaged
+
+
+def reach(playback: Playback) -> list[float]:
+    """From where to where the trails of the last 10 s go. [m along x]"""
+    x = playback.state.trails.shown(playback.position, 10.0).ends[..., 0]
+    return [float(x.min()), float(x.max())]
+
+
+@pytest.mark.parametrize("seconds", [1.5, 21.0, 45.2, 99.5])
+def test_after_a_jump_all_is_as_if_it_had_been_played(log: Path, seconds: float) -> None:
+    played, jumped = playback_of(log), playback_of(log)
+    play_until(played, seconds)
+    jumped.jump(BEGIN + 95 * SECOND)
+    jumped.jump(played.position)
+    assert seen(jumped) == seen(played)
+    assert reach(jumped) == pytest.approx(reach(played), abs=0.3)
+    play_until(jumped, seconds + 0.3)
+    play_until(played, seconds + 0.3)
+    assert jumped.state.present().pose.tolist() == played.state.present().pose.tolist()
+
+
+def test_a_jump_reads_little_of_a_long_log(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    playback = playback_of(log)
+    decoded: list[str] = []
+    monkeypatch.setattr(playback.state.__class__, "handle", lambda _self, _utime, channel, _m: decoded.append(channel))
+    playback.jump(BEGIN + 90 * SECOND)
+    # Trails of a minute at five points a second of two robots, a second at full rate, all of the calibration.
+    assert decoded.count("WORLD_STATE") <= 2 * 60 * 5 + 2 * 20 + 10
+    assert len(decoded) < 1100
+
+
+def test_what_happened_has_its_marks(log: Path) -> None:
+    marks = [(round((mark.utime - BEGIN) / SECOND), mark.word) for mark in playback_of(log).index.marks]
+    expected = [(0, "parameters"), (20, "stop"), (22, "released"), (40, "calibrated"), (50, "parameters")]
+    assert marks == [*expected, (70, "diagnosis")]
+
+
+def test_a_log_is_shown_before_it_is_read_and_jumps_go_as_far_as_it_is_known(log: Path) -> None:
+    playback = playback_of(log, indexed=False)
+    assert playback.index.end - playback.index.begin == pytest.approx(LENGTH * SECOND, abs=SECOND)
+    playback.play(1.0)
+    assert len(playback.state.present().robot_id) == 2
+    playback.jump(BEGIN + 50 * SECOND)
+    assert playback.position == playback.index.indexed_until
+
+
+def test_speed_and_pause(log: Path) -> None:
+    playback = playback_of(log)
+    playback.speed = 10.0
+    playback.play(0.5)
+    assert playback.position == playback.index.begin + 5 * SECOND
+    playback.paused = True
+    playback.play(0.5)
+    assert playback.position == playback.index.begin + 5 * SECOND
+    playback.paused, playback.speed = False, 50.0
+    for _ in range(1000):
+        playback.play(0.5)
+    assert playback.at_end
+    assert playback.position == playback.index.end
+
+
+def test_wishes_of_a_visitor_move_the_log(log: Path) -> None:
+    showing = LogShowing(log)
+    while "read" in showing.head():
+        showing.advance(0.0 if showing.state.now else 0.1)
+        showing.advance(1.0)
+    for wish in (Wish(PAUSE, 1), Wish(JUMP, 1, BEGIN + 21 * SECOND), Wish(SPEED, 1, 5.0)):
+        showing.fulfil(wish, BEGIN)
+    assert "21.0 s" in showing.head()
+    assert "In the log, the emergency stop is engaged by a person: smoke" in showing.head()
+    assert not showing.orders.stopped, "what a log says stops nobody"
+    showing.advance(1.0)
+    assert "21.0 s" in showing.head()
+
+
+def test_the_clock_of_the_logger_may_be_set(tmp_path: Path) -> None:
+    readings = gyro_readings(0, 400)
+    shifts = [0] * 100 + [-7200 * SECOND] * 100 + [0] * 100 + [10**6 * SECOND] * 100
+    moved = [event._replace(utime=event.utime + shift) for event, shift in zip(readings, shifts, strict=True)]
+    path = tmp_path / "set.lcm"
+    path.write_bytes(b"".join(event_bytes(event) for event in moved))
+    playback = playback_of(path)
+    moments = [utime for utime, _ in playback.index.read(0)]
+    assert moments == sorted(moments)
+    assert playback.index.end == moments[-1]
+    playback.jump(playback.index.end)
+    assert playback.state.latest["GYRO"][4].utime == moments[-1]
+
+
+@pytest.mark.parametrize("size", [0, 10, 100_000])
+def test_damaged_logs_are_played(log: Path, tmp_path: Path, size: int) -> None:
+    data = bytearray(log.read_bytes()[:size])
+    data[40_000:60_000] = bytes(len(data[40_000:60_000]))
+    path = tmp_path / "damaged.lcm"
+    path.write_bytes(data)
+    playback = playback_of(path)
+    playback.jump(playback.index.end)
+    playback.play(1.0)
+    assert len(playback.state.present().robot_id) == (2 if size == 100_000 else 0)
