@@ -19,12 +19,13 @@ def draw(points: Sequence[Point], path: Path) -> None:
     axes = figure.subplots()
     names = list(dict.fromkeys(point.series for point in points))
     for number, name in enumerate(names):
-        line = sorted((point.robots, point.seconds) for point in points if point.series == name)
-        robots, seconds = zip(*line, strict=True)
+        # What was measured by itself, too, counts as it was beside the peers, later.
+        line = {point.robots: point.seconds for point in points if point.series == name}
+        robots, seconds = zip(*sorted(line.items()), strict=True)
         colour = TWIN_COLOUR if name.startswith(OURS) else "0.45"
         axes.loglog(robots, [1e3 * each for each in seconds], color=colour, marker=MARKERS[number % len(MARKERS)])
         axes.annotate(
-            name, (robots[-1], 1e3 * seconds[-1]), (6, 0), textcoords="offset points", va="center", color=colour
+            name, (robots[-1], 1e3 * seconds[-1]), (6, -2), textcoords="offset points", va="top", color=colour
         )
     axes.axhline(1e3 * STEP, color="0.6", linestyle=":", linewidth=1.0)
     axes.annotate("real time on one core", (axes.get_xlim()[0], 1e3 * STEP), (4, 3), textcoords="offset points")
