@@ -64,7 +64,7 @@ def _draw_distances(axes: "Axes", finding: Finding) -> None:
     for place, name in enumerate(finding.distances):
         if name in finding.closings:
             axes.annotate(
-                finding.closings[name].verdict.replace(" the gap", "").replace("to close ", ""),
+                finding.closings[name].verdict.replace(" to close", "").replace(" the gap", ""),
                 (place, 0.0),
                 xytext=(0, 4),
                 textcoords="offset points",
