@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from cmr.tools.ros_records import plain
+
 YAW = "yaw"
 QUATERNION = {"x", "y", "z", "w"}
 FRAMES = ">"
@@ -138,7 +140,7 @@ def _members(value: Any) -> list[str]:
 
 
 def _listed(names: Any) -> str:
-    names = list(dict.fromkeys(names))
+    names = list(dict.fromkeys(map(plain, names)))
     more = ", ..." if len(names) > MOST_NAMES else ""
     return ", ".join(names[:MOST_NAMES]) + more or "nothing"
 

@@ -8,6 +8,8 @@ from typing import Any, BinaryIO, NamedTuple
 
 COMPRESSIONS = ("", "none", "bz2", "lz4", "zstd")
 
+LONGEST_NAME = 256  # characters of a topic's or type's name, as in ROS
+
 _PIECE_BYTES = 65536  # what is decompressed at a time: all of it that is before the damage is kept
 _WINDOW_BYTES = 1 << 20
 
@@ -68,9 +70,12 @@ class BagReader:
         return f"{self.path.name} is truncated or damaged: {'; '.join(faults)}; the rest is used." if faults else ""
 
     def announce(self, topic: Topic) -> Topic:
-        """Note that a topic is in the bag."""
-        self.topics.setdefault(topic.name, set()).add(topic.message_type)
-        return topic
+        """Note that a topic is in the bag; return it under names that can be shown."""
+        shown = topic._replace(
+            name=plain(topic.name), message_type=plain(topic.message_type), encoding=plain(topic.encoding)
+        )
+        self.topics.setdefault(shown.name, set()).add(shown.message_type)
+        return shown
 
     def damage(self, count: int) -> None:
         """Note that so many bytes in one place are no intact records."""
@@ -81,6 +86,12 @@ class BagReader:
     def fault(self, what: str) -> None:
         """Note what else is wrong, in words."""
         self._faults[what] = self._faults.get(what, 0) + 1
+
+
+def plain(text: str) -> str:
+    """Return a text out of a file as one that can be shown: of one line, without control characters, not too long."""
+    shown = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST_NAME])
+    return shown + ("..." if len(text) > LONGEST_NAME else "")
 
 
 def type_name(name: str) -> str:

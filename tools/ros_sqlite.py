@@ -12,7 +12,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
-from cmr.tools.ros_records import BagError, BagReader, Message, Topic, decompress
+from cmr.tools.ros_records import BagError, BagReader, Message, Topic, decompress, plain
 
 MAGIC = b"SQLite format 3\0"
 ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -22,6 +22,8 @@ VERSION_VALID_FOR = 92  # offset of what must equal the change counter for the n
 ROWS_STEPPED_SINGLY = 32  # behind a damaged row; after that the steps double
 LAST_ROW = 2**63 - 1
 MOST_STEPS = 10_000
+
+UNREADABLE = (sqlite3.Error, UnicodeDecodeError)  # the latter where SQLite's own sentence quotes damaged text
 
 Row = tuple[int, int, int, bytes]
 
@@ -76,8 +78,10 @@ class SqliteReader(BagReader):
     def _read_topics(self, connection: sqlite3.Connection) -> dict[int, Topic]:
         try:
             rows = connection.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
-        except sqlite3.DatabaseError as error:
-            raise BagError(f"{self.path}: holds no topics of a ROS 2 bag that can be read ({error})") from error
+        except UNREADABLE as error:
+            raise BagError(
+                f"{self.path}: holds no topics of a ROS 2 bag that can be read ({plain(str(error))})"
+            ) from error
         definitions = self._read_definitions(connection)
         topics = {}
         for number, name, kind, encoding in rows:
@@ -90,7 +94,7 @@ class SqliteReader(BagReader):
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         try:
             rows = connection.execute(query).fetchall()
-        except sqlite3.DatabaseError:
+        except UNREADABLE:
             return {}
         return {str(kind): (str(encoding).removeprefix("ros2"), str(text)) for kind, encoding, text in rows if text}
 
@@ -102,12 +106,13 @@ class SqliteReader(BagReader):
         for _ in range(MOST_STEPS):
             try:
                 for row in connection.execute(query, (last, *numbers)):
-                    last, steps_without_row = row[0], 0
-                    yield row
+                    if row[0] > last:  # a damaged tree may lead back to rows that were read already
+                        last, steps_without_row = row[0], 0
+                        yield row
                 return
-            except sqlite3.DatabaseError as error:
+            except UNREADABLE as error:
                 if steps_without_row == 0:
-                    self.fault(f"rows that cannot be read ({error})")
+                    self.fault(f"rows that cannot be read ({plain(str(error))})")
             steps_without_row += 1
             last += 1 << max(steps_without_row - ROWS_STEPPED_SINGLY, 0)
             if last >= LAST_ROW:
