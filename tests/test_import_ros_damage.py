@@ -163,6 +163,20 @@ def test_a_chunk_that_fails_its_checksum_is_not_believed(
     assert "a chunk that fails its checksum" in capsys.readouterr().out
 
 
+def test_topics_are_known_even_if_the_first_chunk_is_damaged_and_the_end_is_missing(
+    tmp_path: Path, bags: dict[str, Path]
+) -> None:
+    content = bytearray(bags["mcap"].read_bytes())
+    content[content.index(imu(False, 5)) + 250] ^= 0x40
+    numbers = readings(tmp_path, bytes(content[: round(0.9 * len(content))]))
+    assert COUNT // 2 < len(numbers) < COUNT
+
+
+def test_an_error_about_a_damaged_bag_says_that_it_is_damaged(tmp_path: Path, bags: dict[str, Path]) -> None:
+    with pytest.raises(CommandError, match=r"/imu: no such topic; .*damaged is truncated or damaged: .*it has no end"):
+        readings(tmp_path, bags["mcap"].read_bytes()[:60])
+
+
 def test_a_bag_whose_recorder_was_killed_is_read(
     tmp_path: Path, bags: dict[str, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:

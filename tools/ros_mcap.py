@@ -78,17 +78,20 @@ class McapReader(BagReader):
             self._spoil("a chunk that is not whole")
         elif checksum and zlib.crc32(records) != checksum:
             self._spoil("a chunk that fails its checksum")
+            for _ in self._take_records(records, (SCHEMA, CHANNEL)):  # else a file without its end has no topics
+                pass
             return
-        yield from self._take_records(records)
+        yield from self._take_records(records, (SCHEMA, CHANNEL, MESSAGE))
 
-    def _take_records(self, records: bytes) -> Iterator[Message]:
+    def _take_records(self, records: bytes, wanted: tuple[int, ...]) -> Iterator[Message]:
         place = 0
         while place + RECORD_HEAD.size <= len(records):
             kind, length = RECORD_HEAD.unpack_from(records, place)
             place += RECORD_HEAD.size
             if kind not in (SCHEMA, CHANNEL, MESSAGE) or place + length > len(records):
                 break
-            yield from self._take(kind, records[place : place + length])
+            if kind in wanted:
+                yield from self._take(kind, records[place : place + length])
             place += length
         if place != len(records):
             self._spoil("a chunk with a record that is not intact")
@@ -107,6 +110,8 @@ class McapReader(BagReader):
 
     def _take_schema(self, content: bytes) -> None:
         (number,) = struct.unpack_from("<H", content)
+        if number in self._schemas:
+            return  # known from the end of the file
         name, place = _text(content, 2)
         language, place = _text(content, place)
         definition, _ = _text(content, place)
@@ -114,6 +119,8 @@ class McapReader(BagReader):
 
     def _take_channel(self, content: bytes) -> None:
         number, schema = struct.unpack_from("<HH", content)
+        if number in self._channels:
+            return
         name, place = _text(content, 4)
         encoding, _ = _text(content, place)
         kind, definition, language = self._schemas.get(schema, ("", "", ""))
@@ -144,6 +151,8 @@ class McapReader(BagReader):
             stream.seek(place)
             kind, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
             place += RECORD_HEAD.size + length
+            if kind == 0:
+                return  # the footer points to what is no summary
             if place <= self.size and kind in (SCHEMA, CHANNEL):
                 for _ in self._take(kind, stream.read(length)):
                     pass

@@ -55,8 +55,11 @@ def read_bag(mapping: Mapping, path: Path) -> Source:
         raise SourceError(
             f"{error.name} is not installed, which bags need. To install it: pip install 'cmr[ros]'"
         ) from error
-    _check_present(path, rows, present)
-    source.tables = _tables(path, rows, source)
+    try:
+        _check_present(path, rows, present)
+        source.tables = _tables(path, rows, source)
+    except SourceError as error:
+        raise SourceError(" ".join((f"{error}.", *source.notes)) if source.notes else str(error)) from error
     _compare_clocks(source)
     return source
 
