@@ -24,10 +24,10 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 YELLOW = rgb(REAL_COLOUR)
-BLUE = (53, 116, 226)
+BLUE = (20, 84, 214)
 RED = (214, 40, 40)
 COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: YELLOW}
-TRAIL_COLOURS = {REAL: YELLOW, VIRTUAL: (124, 163, 235), TWIN: (150, 126, 48)}
+TRAIL_COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: (150, 126, 48)}
 MOST_LABELLED = 3000  # robots; with more than that only real ones have their ids on them
 LABEL_HEIGHT = shapes.CLEARANCE + shapes.HEIGHT + 0.002  # m
 TRAIL_HEIGHT, WAYPOINT_HEIGHT, RAY_HEIGHT = 0.006, 0.012, 0.05  # m

@@ -12,8 +12,8 @@ from cmr.view.state import ViewState
 
 SILENT = 3.0  # s without a report after which a process is told to be silent
 CONFIDENCE = 1.96  # standard deviations to each side that hold the truth in 95 of 100 cases
-STYLE = "font-size:12px;line-height:1.35;padding:2px 12px;overflow-x:auto"
-CELL = "padding:1px 8px 1px 0;vertical-align:top;text-align:left"
+STYLE = "font-size:11px;line-height:1.3;padding:2px 12px;overflow-x:auto"
+CELL = "padding:1px 5px 1px 0;vertical-align:top;text-align:left"
 PROCESS_STATES = {
     process_status_t.STARTING: "starting",
     process_status_t.RUNNING: "running",

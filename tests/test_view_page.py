@@ -1,0 +1,137 @@
+"""cmr-view in a real browser: its page has the robots, goes on after a restart, and refuses who has no token."""
+
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, sync_playwright
+
+from cmr.bus.bus import Bus
+from cmr.bus.messages import now_utime
+from cmr.bus.streams import ESTOP, WORLD_STATE
+from cmr.bus.world_state import WorldState
+
+CHROMIUM = shutil.which("chromium")
+pytestmark = [
+    pytest.mark.waits,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium; apt-get install chromium"),
+]
+
+PATIENCE = 60.0  # s; of a machine with much else to do, on which pages are drawn without a graphics card
+TOKEN = "a secret of the test"
+ROBOTS = 12
+STOP = "EMERGENCY STOP"
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+# Nobody looks at the picture: five a second are enough, as each costs a core a tenth of a second.
+FEW_PICTURES = """
+const draw = window.requestAnimationFrame.bind(window);
+window.requestAnimationFrame = (call) => setTimeout(() => draw(call), 200);
+"""
+# Where the page has the robots: x of each. [m]
+PLACES = """() => {
+    const node = window.__viserSceneTree?.getState()["/robots"];
+    const bytes = node?.message?.props?.batched_positions;
+    if (!bytes) return [];
+    const end = bytes.byteOffset + bytes.byteLength;
+    return Array.from(new Float32Array(bytes.buffer.slice(bytes.byteOffset, end))).filter((_, k) => k % 3 == 0);
+}"""
+
+
+class World(threading.Thread):
+    """Robots that drive to and fro on the bus; `stops` counts the ESTOP messages that engage it."""
+
+    def __init__(self, url: str) -> None:
+        super().__init__(daemon=True)
+        self.stops = 0
+        self._ended = threading.Event()
+        self._bus = Bus(url)
+        self._bus.subscribe(ESTOP, every=True)
+
+    def run(self) -> None:
+        ids, still = np.arange(ROBOTS), np.zeros(ROBOTS)
+        while not self._ended.wait(0.1):
+            now = now_utime()
+            columns = (ids, ids % 2, np.sin(now / 1e6 + ids), 0.3 * ids, still, still, still, still, still)
+            self._bus.publish(WORLD_STATE, WorldState(now, columns))
+            self.stops += sum(bool(received.message.engaged) for received in self._bus.receive(0.0))
+
+    def __enter__(self) -> "World":
+        self.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._ended.set()
+        self.join()
+
+
+@contextmanager
+def serving(url: str, port: int) -> Iterator[None]:
+    """cmr-view, from when its page can be had."""
+    command = [str(Path(sys.executable).parent / "cmr-view"), "--lcm-url", url, "--port", str(port), "--token", TOKEN]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr
+        assert process.stderr.readline().startswith(f"cmr-view: http://127.0.0.1:{port} ")
+        yield
+    finally:
+        process.terminate()
+        _, said = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, said) == (130, "")
+
+
+@contextmanager
+def browser() -> Iterator[Page]:
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        page = chromium.new_page(viewport={"width": 700, "height": 500})
+        page.set_default_timeout(PATIENCE * 1e3)
+        page.add_init_script(FEW_PICTURES)
+        try:
+            yield page
+        finally:
+            chromium.close()
+
+
+def until(is_true: Callable[[], bool], page: Page) -> None:
+    """Wait until something is true; what the page does goes on meanwhile."""
+    end = time.monotonic() + PATIENCE
+    while not is_true():
+        assert time.monotonic() < end
+        page.wait_for_timeout(200)
+
+
+def wait_for_motion(page: Page) -> None:
+    """Wait until the page has all robots, and they are elsewhere than before."""
+    until(lambda: len(page.evaluate(PLACES)) == ROBOTS, page)
+    before = page.evaluate(PLACES)
+    until(lambda: page.evaluate(PLACES) not in (before, []), page)
+
+
+def test_the_page_has_all_robots_goes_on_after_a_restart_and_stops_nobody_without_the_token(url: str) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with World(url) as world, browser() as page:
+        with serving(url, port):
+            page.goto(f"http://127.0.0.1:{port}")
+            wait_for_motion(page)
+            page.get_by_role("button", name=STOP, exact=True).click()
+            page.get_by_text("Refused").first.wait_for()
+            assert world.stops == 0
+        with serving(url, port):
+            wait_for_motion(page)
+            page.get_by_text(f"LIVE · {ROBOTS // 2} real, {ROBOTS // 2} virtual").wait_for()
+            page.get_by_role("textbox").first.fill(TOKEN)
+            page.get_by_text("token taken").wait_for()
+            assert TOKEN not in page.content()
+            page.get_by_role("button", name=STOP, exact=True).click()
+            until(lambda: world.stops > 0, page)
+            page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
