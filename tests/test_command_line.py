@@ -12,17 +12,21 @@ import time
 from importlib.metadata import distribution, version
 from pathlib import Path
 
+import cv2
 import lcm
+import numpy as np
 import pytest
 
 from cmr.bus.preflight import BusError
 from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.camera.lens import Lens
 from cmr.commands.command_line import CommandError, guarded, parse_robot_id, parser
 
 COMMANDS = sorted(entry.name for entry in distribution("cmr").entry_points if entry.group == "console_scripts")
 WITHOUT_BUS = ("cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-sweep")  # these end by themselves
 SERVICES = [name for name in COMMANDS if name not in WITHOUT_BUS]
 NEEDED = {
+    "cmr-camera": ["0"],
     "cmr-driver": ["--port", "/dev/null"],
     "cmr-fidelity": ["line.yaml", "--out", "fidelity"],
     "cmr-log": ["info", "run.lcm"],
@@ -38,6 +42,7 @@ PATIENCE = 30.0  # s
 def command_line(name: str, folder: Path, url: str) -> list[str]:
     """Return a command line with which the command starts to work."""
     options = {
+        "cmr-camera": [str(endless_pictures(folder)), "--rate", "0.01", "--lens", "lens.yaml", "--floor", "floor.yaml"],
         "cmr-driver": ["--port", silent_port()],
         "cmr-emulate": ["--ports", str(folder / "ports")],
         "cmr-demo": ["--out", str(folder / "demo")],
@@ -55,6 +60,17 @@ def short_log(path: Path) -> Path:
         log.write_event(utime, "ANYTHING", b"")
     log.close()
     return path
+
+
+def endless_pictures(folder: Path) -> Path:
+    """Return a folder of two small pictures, and write beside it what cmr-camera wants to know of lens and floor."""
+    Lens(64, 48, 50.0, 50.0, 32.0, 24.0).save(folder / "lens.yaml")
+    tags = "".join(f"  {number}: {{x: {number}, y: 0, theta: 0}}\n" for number in range(4))
+    (folder / "floor.yaml").write_text(f"schema: 1\ntag_size: 0.1\ntags:\n{tags}")
+    (folder / "pictures").mkdir()
+    for name in "ab":
+        cv2.imwrite(str(folder / "pictures" / f"{name}.png"), np.zeros((48, 64), np.uint8))
+    return folder / "pictures"
 
 
 def silent_port() -> str:

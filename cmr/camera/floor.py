@@ -66,6 +66,10 @@ class Floor:
             return None
         return self.robot_ids.get(number, number)
 
+    def number(self, robot_id: int) -> int:
+        """Return the number of a robot's tag."""
+        return next((number for number, known in self.robot_ids.items() if known == robot_id), robot_id)
+
     def robot_tag(self, number: int) -> RobotTag:
         """Return how the robot with this tag carries it."""
         return self.robots.get(number, self.usual)

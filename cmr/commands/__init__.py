@@ -42,6 +42,11 @@ def calibrate() -> int:
     return run("cmr.commands.calibrate")
 
 
+def camera() -> int:
+    """Start cmr-camera."""
+    return run("cmr.commands.camera")
+
+
 def demo() -> int:
     """Start cmr-demo."""
     return run("cmr.commands.demo")
