@@ -87,6 +87,8 @@ class PageServer:
     def show(self, state: ViewState, head: str) -> None:
         """Draw the moment on all pages; panels and trails less often."""
         now = time.monotonic()
+        if not self.pages and now < self._panels_due:
+            return  # nobody looks; who comes sees what was drawn last
         with_trails, with_panels = now >= self._trails_due, now >= self._panels_due
         self._trails_due = now + TRAILS_EVERY if with_trails else self._trails_due
         self._panels_due = now + PANELS_EVERY if with_panels else self._panels_due

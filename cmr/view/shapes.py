@@ -36,7 +36,7 @@ def digit(number: int) -> Mesh:
         across, along, is_upright = BARS[name]
         x, y = across * DIGIT_WIDTH / 2, along * DIGIT_HEIGHT / 4
         size = (STROKE, DIGIT_HEIGHT / 2 + STROKE) if is_upright else (DIGIT_WIDTH + STROKE, STROKE)
-        parts.append(_box(x, y, *size, 0.0, 0.004))
+        parts.append(_patch(x, y, *size))
     return _joined(parts)
 
 
@@ -94,6 +94,13 @@ def _walls(low: list[Floats], high: list[Floats]) -> list[list[Floats]]:
 def _box(x: float, y: float, length: float, width: float, bottom: float, top: float) -> Mesh:
     back, front, right, left = x - length / 2, x + length / 2, y - width / 2, y + width / 2
     return prism([(back, right), (front, right), (front, left), (back, left)], bottom, top)
+
+
+def _patch(x: float, y: float, length: float, width: float) -> Mesh:
+    """Return a flat rectangle that is seen from above: thousands of digits are drawn."""
+    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    vertices = np.array([(x + i * length / 2, y + j * width / 2, 0.0) for i, j in corners])
+    return vertices, np.array([(0, 1, 2), (0, 2, 3)])
 
 
 def _joined(parts: list[Mesh]) -> Mesh:
