@@ -1,0 +1,92 @@
+"""The rows of the camera: ways to find a tag's corners, a picture with five robots, pictures without any tag."""
+
+import math
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.report import Row
+from benchmarks.timing import clocked, in_turns
+from cmr.camera.tags import TagFinder
+from cmr.camera.watcher import Watcher
+from tests.camera_bench import EYE, floor_of, lens_of, robots
+from tests.clutter import cluttered
+from tests.rendered_floor import FLOOR_TAGS, Scene
+
+LONGEST = 0.05  # s for a picture: 20 a second
+PICTURES = 4
+METHODS = ("SUBPIX", "CONTOUR", "APRILTAG")
+WITHOUT_TAGS = int(os.environ.get("CMR_PICTURES_WITHOUT_TAGS", "300"))  # 10,000 are promised, and take ten minutes
+
+
+def camera() -> Iterator[Row]:
+    """Measure on one core what a picture of 1280 x 720 with five robots and four floor tags takes."""
+    cv2.setNumThreads(1)
+    room = Scene(EYE, FLOOR_TAGS, blur=0.8)
+    scenes = [robots(seed) for seed in range(PICTURES)]
+    pictures = [room.picture(scene) for scene in scenes]
+    works: dict[str, Callable[[Any], Any]] = {name: _opencv(name) for name in METHODS}
+    works["cmr.camera.edges"] = _ours
+    timings = in_turns({name: clocked(_turns(work, pictures)) for name, work in works.items()}, repetitions=3)
+    for name, work in works.items():
+        off = [_off(work(picture), scene) for picture, scene in zip(pictures, scenes, strict=True)]
+        yield Row(
+            f"corners of 9 tags by {name}: {np.mean(off):.2f} pixels off (rms)", _milliseconds(timings[name].median)
+        )
+    watcher = Watcher(lens_of(EYE), floor_of())
+    timing = in_turns({"": clocked(_turns(watcher.watch, pictures))})[""]
+    yield Row(
+        "cmr-camera: a picture of 1280 x 720, five robots, found and located",
+        _milliseconds(timing.median),
+        goal=_milliseconds(LONGEST),
+        reached=timing.median <= LONGEST,
+    )
+    yield _without_tags(watcher)
+
+
+def _without_tags(watcher: Watcher) -> Row:
+    """Count robots in pictures that show none."""
+    found = sum(bool(watcher.watch(cluttered(seed, EYE.width, EYE.height))) for seed in range(WITHOUT_TAGS))
+    found += sum(watcher.rejected.values())
+    return Row(
+        f"cmr-camera: pictures without a tag, {WITHOUT_TAGS:,}: false tags", str(found), goal="0", reached=not found
+    )
+
+
+def _ours(picture: Any) -> dict[int, Any]:
+    return {tag.number: tag.corners for tag in TagFinder(lens_of(EYE)).find(picture)}
+
+
+def _opencv(name: str) -> Callable[[Any], dict[int, Any]]:
+    """Return what finds tags with one of OpenCV's own refinements."""
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = getattr(cv2.aruco, f"CORNER_REFINE_{name}")
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), settings)
+    lens = lens_of(EYE)
+
+    def find(picture: Any) -> dict[int, Any]:
+        corners, numbers, _ = detector.detectMarkers(picture)
+        straight = [lens.straight(np.asarray(places, float).reshape(4, 2)) for places in corners]
+        return dict(zip(np.ravel(numbers).tolist(), straight, strict=True))
+
+    return find
+
+
+def _off(found: dict[int, Any], scene: list[Any]) -> float:
+    """Return how far corners are from where the renderer put them (rms) [pixels]."""
+    true = {sheet.number: sheet.corners for sheet in (*FLOOR_TAGS, *(robot.sheet for robot in scene))}
+    gaps = [found[number] - lens_of(EYE).straight(EYE.pixels(true[number])) for number in found]
+    return math.sqrt(float(np.mean(np.sum(np.square(gaps), axis=2))))
+
+
+def _turns(work: Callable[[Any], Any], pictures: list[Any]) -> Callable[[], object]:
+    """Return the work on one picture after another."""
+    turn = iter(range(10**9))
+    return lambda: work(pictures[next(turn) % len(pictures)])
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f} ms"
