@@ -35,7 +35,7 @@ class TagFinder:
         dictionary = cv2.aruco.getPredefinedDictionary(FAMILY)
         settings = cv2.aruco.DetectorParameters()
         settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE  # `refined` is faster and more exact
-        settings.errorCorrectionRate = (MOST_WRONG_BITS + 0.5) / dictionary.maxCorrectionBits
+        dictionary.maxCorrectionBits, settings.errorCorrectionRate = MOST_WRONG_BITS, 1.0
         settings.maxErroneousBitsInBorderRate = MOST_WRONG_BORDER
         settings.minMarkerPerimeterRate = 4.0 * MIN_SIDE / max(lens.width, lens.height)
         self._detector = cv2.aruco.ArucoDetector(dictionary, settings)
