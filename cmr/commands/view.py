@@ -45,7 +45,7 @@ def main(arguments: list[str]) -> int:
             for utime in process.loop(rate_hz=RATE):
                 process.dispatch(showing.orders.handle)
                 showing.advance(1.0 / RATE)
-                for wish in server.wished(showing.state):
+                for wish in server.wished():
                     showing.fulfil(wish, utime)
                 process.publish_all(showing.orders.due(now_utime()))
                 server.show(showing.state, showing.head())

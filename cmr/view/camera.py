@@ -6,7 +6,8 @@ import viser
 from cmr.view.robots import Robots
 
 FREE, TOP, FOLLOW = "free", "from above", "follow the robot"
-LEAST_EXTENT = 2.0  # m that are in the picture at least
+LEAST_EXTENT = 3.0  # m that are in the picture at least
+MARGIN = 2.0  # m around the outermost robots, half on each side
 TILT = 1e-3  # of its height by which a camera above stands south, so that north is up
 USUAL = 0.75  # rad, field of view of a browser that has not told its own yet
 CLOSE = (-1.2, -1.2, 1.2)  # m from a robot that is followed
@@ -18,7 +19,7 @@ def overview(robots: Robots, field_of_view: float = USUAL, aspect: float = 1.0) 
     """Return where a camera above stands that has all robots in its picture, and where it looks [m]."""
     x, y = robots.pose[:2] if robots.pose.size else np.zeros((2, 1))
     centre = float(np.min(x) + np.max(x)) / 2, float(np.min(y) + np.max(y)) / 2
-    width, depth = float(np.ptp(x)) + 1.0, float(np.ptp(y)) + 1.0
+    width, depth = float(np.ptp(x)) + MARGIN, float(np.ptp(y)) + MARGIN
     extent = max(width / max(aspect, 0.1), depth, LEAST_EXTENT)
     height = extent / 2 / float(np.tan(field_of_view / 2))
     return (centre[0], centre[1] - TILT * height, height), (*centre, 0.0)

@@ -1,5 +1,6 @@
 """The panels of one visitor's page, and what only that visitor sees of the scene."""
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +19,7 @@ from cmr.view.state import ViewState
 from cmr.view.wishes import FIGURE_EIGHT, RELEASE, STOP, Permission, Wish, Wishes
 from cmr.view.words import ESTIMATES
 
+SETTLED = 1.0  # s after which a new page takes to where its camera is put
 RAY_WIDTH, RING_WIDTH = 0.006, 0.015  # m
 REFUSED = "Not done: type the token first that cmr-view printed when it started."
 TAB_NAMES = ("view", "robot", "processes", "bus", "calibration", "twins")
@@ -33,6 +35,7 @@ class Page:
         self._replay = replay
         self._camera = Camera(client)
         self._mode_changed = False
+        self._overview_due: float | None = time.monotonic() + SETTLED
         gui = client.gui
         self._head = gui.add_html("")
         self._add_orders(gui)
@@ -59,13 +62,11 @@ class Page:
         else:
             self.client.add_notification("Refused", REFUSED, color="red", auto_close_seconds=5.0)
 
-    def see_all(self, state: ViewState) -> None:
-        """Put the camera where all robots are in the picture."""
-        self._camera.choose(TOP, state.present())
-
     def show_scene(self, state: ViewState, with_trails: bool) -> None:
         """Draw what is this visitor's own."""
         robots = state.present()
+        if self._overview_due is not None and time.monotonic() >= self._overview_due:
+            self._overview_due, self._mode_changed = None, True
         if self._mode_changed:
             self._mode_changed = False
             self._camera.choose(self._mode.value, robots)

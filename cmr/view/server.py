@@ -67,7 +67,7 @@ class PageServer:
         self._server.on_client_connect(lambda client: self.wishes.put(Wish(COME, client.client_id, client)))
         self._server.on_client_disconnect(lambda client: self.wishes.put(Wish(LEAVE, client.client_id)))
 
-    def wished(self, state: ViewState) -> list[Wish]:
+    def wished(self) -> list[Wish]:
         """Let visitors come and go, and return what else they wish."""
         result: list[Wish] = []
         while True:
@@ -76,7 +76,7 @@ class PageServer:
             except Empty:
                 return result
             if wish.what == COME:
-                self._welcome(wish, state)
+                self._welcome(wish)
             elif wish.what == LEAVE:
                 self._forget(wish.visitor)
             elif wish.what == CLICK:
@@ -110,11 +110,10 @@ class PageServer:
         with redirect_stdout(io.StringIO()):
             self._server.stop()
 
-    def _welcome(self, wish: Wish, state: ViewState) -> None:
+    def _welcome(self, wish: Wish) -> None:
         replay = self._replay()
         try:
             page = Page(wish.value, self._token, self.wishes, replay)
-            page.see_all(state)
         except RuntimeError:  # left at once
             return
         self.pages[wish.visitor] = page

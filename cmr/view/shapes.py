@@ -10,8 +10,8 @@ LENGTH, WIDTH, HEIGHT = 0.20, 0.15, 0.07  # m, of a robot that is drawn; its siz
 NOSE = 0.05  # m of the length that taper to the front
 CLEARANCE = 0.015  # m under the body
 WHEEL_LENGTH, WHEEL_WIDTH = 0.07, 0.03  # m
-DIGIT_HEIGHT, DIGIT_WIDTH, STROKE = 0.075, 0.04, 0.011  # m
-DIGIT_PITCH = 0.052  # m from digit to digit
+DIGIT_HEIGHT, DIGIT_WIDTH, STROKE = 0.075, 0.034, 0.009  # m
+DIGIT_PITCH = 0.058  # m from digit to digit
 # The bars of a seven-segment digit: where they lie, in half widths and half heights, and whether they are upright.
 BARS = {"a": (0, 2, False), "b": (1, 1, True), "c": (1, -1, True), "d": (0, -2, False)}
 BARS |= {"e": (-1, -1, True), "f": (-1, 1, True), "g": (0, 0, False)}

@@ -94,6 +94,7 @@ class Stage:
     def __init__(self, scene: viser.SceneApi, obstacles: Obstacles, geofence: Geofence | None) -> None:
         scene.configure_environment_map(None)  # its reflections would pale the colours
         scene.configure_default_lights(cast_shadow=False)
+        scene.add_light_ambient("/light", intensity=1.5)  # so that no side of a robot is black
         scene.add_grid(
             "/floor", infinite_grid=True, cell_size=0.5, section_size=1.0, cell_color=(228, 228, 228),
             section_color=(200, 200, 200), fade_distance=60.0,
