@@ -24,6 +24,8 @@ T = TypeVar("T")
 
 SILENCE_LIMIT = 0.4  # s without an acknowledged duty after which the device counts as gone, perhaps switched off
 HUSH = 0.1  # s without one after which the device may have been reset: look before it is driven on
+BLIND_LIMIT = 1.0  # s without encoder counts after which the connection is made anew, though duties are acknowledged
+TAKEN_FOR_ZERO = 0.002  # duty up to which a controller may take it for zero
 SILENCE_OF_OURS = 0.1  # s that it lasts longer than the device's watchdog
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 ARM_ATTEMPTS = 10  # of one without whose answer the motors may not turn until the next connection
@@ -80,6 +82,7 @@ class Motors(Device):
         self._jumps_told = 0
         self._stamps = Stamps()
         self._last_driven = 0.0
+        self._last_counted = 0.0
         self._refusal = ""  # why this device must not be driven, whatever connection is made
         self._doubtful = False  # something may still be on its way that answers nothing that is asked from now on
         self._strays = 0  # of the port, before the last request to drive
@@ -99,12 +102,13 @@ class Motors(Device):
         for request in controller.learn():
             self._insist(request, stop)
         unarmed = self._arm(controller, stop)
+        self._insist(controller.read_encoders(), stop)  # without them nobody would see what the wheels do
         self._insist(controller.drive(0.0, 0.0), stop)  # arming may have taken a board so long that it fell silent
         self._connection = _Connection(controller, self._refusal or unarmed, self._first_readings(controller, stop))
         self._act(self._connection)
         self._gate.clear()
         self._ramp.reset()
-        self._due = self._last_driven = time.monotonic()
+        self._due = self._last_driven = self._last_counted = time.monotonic()
 
     def turn(self, stop: threading.Event) -> None:
         """Send the duty, read the encoders, and one slow reading; if all is answered, wait for the next turn's time."""
@@ -123,6 +127,8 @@ class Motors(Device):
         self._refusal = self._refusal or self._connection.controller.objection
         if time.monotonic() - self._last_driven > SILENCE_LIMIT:
             raise PortLost(self._silence())
+        if time.monotonic() - self._last_counted > BLIND_LIMIT:
+            raise PortLost(f"The controller at {self._port.path} takes duties, but tells no encoder counts.")
         self._due = max(self._due + self._period, time.monotonic() - self._period)
         stop.wait(max(self._due - time.monotonic(), 0.0))
 
@@ -246,11 +252,15 @@ class Motors(Device):
         self._strays = self._port.strays
         acknowledged = self._ask(request).value
         self._last_driven = time.monotonic()
-        self._ramp.confirm()
+        if max(map(abs, duties)) > TAKEN_FOR_ZERO and not any(acknowledged):
+            self._ramp.reset()  # the controller holds the motors by itself: when it lets go, they begin at zero
+        else:
+            self._ramp.confirm()
         return self._wiring.forward(*acknowledged), drive.status
 
     def _read_encoders(self, connection: _Connection, applied: tuple[float, float], status: int) -> None:
         answer = self._ask(connection.controller.read_encoders())
+        self._last_counted = time.monotonic()
         if self._port.strays != self._strays:
             raise BadReply("More than an acknowledgement was answered to a duty.")
         counts = self._wiring.forward_counts(*answer.value)

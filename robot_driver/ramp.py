@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+LONGEST_PAUSE = 0.4  # s; after a longer one the device's own watchdog may have stopped the motors
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -55,9 +57,11 @@ class Ramp:
     def towards(self, left: float, right: float, now: float) -> tuple[float, float]:
         """Return the duties (left, right) for the moment `now` (s) on the way to those commanded.
 
-        After a pause they go on as if it had lasted `longest_step` (s).
+        After a pause they go on as if it had lasted `longest_step` (s), after more than LONGEST_PAUSE from zero.
         """
         duties, time = self._reached
+        if now - time > LONGEST_PAUSE:
+            duties, time = (0.0, 0.0), now
         seconds = min(max(now - time, 0.0), self._longest_step)
         next_duties = (
             approach(duties[0], left, seconds, self._limits),

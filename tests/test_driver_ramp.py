@@ -46,7 +46,15 @@ def test_after_a_reset_the_ramp_begins_at_zero_again() -> None:
 def test_a_pause_is_no_licence_to_jump() -> None:
     ramp = Ramp(Limits(10.0, 20.0), longest_step=0.02)
     driven(ramp, 1.0, 1.0, 5.0)
-    assert driven(ramp, 1.0, 1.0, 9.0) == pytest.approx((0.2, 0.2))
+    assert driven(ramp, 1.0, 1.0, 5.3) == pytest.approx((0.2, 0.2))
+
+
+def test_after_a_pause_in_which_the_device_may_have_stopped_the_motors_the_ramp_begins_at_zero() -> None:
+    ramp = Ramp(Limits(10.0, 20.0), longest_step=0.02)
+    for turn in range(12):
+        driven(ramp, 1.0, 1.0, 5.0 + 0.01 * turn)
+    assert driven(ramp, 1.0, 1.0, 5.6) == (0.0, 0.0)
+    assert driven(ramp, 1.0, 1.0, 5.61) == pytest.approx((0.1, 0.1))
 
 
 def test_duties_that_were_lost_on_the_line_are_no_licence_to_jump() -> None:

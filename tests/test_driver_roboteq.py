@@ -1,6 +1,7 @@
 """The whole driver on a pseudo-terminal with an emulated Roboteq: it drives, measures, and above all stops."""
 
 import dataclasses
+import itertools
 import math
 import signal
 import time
@@ -159,6 +160,72 @@ def test_faults_of_the_controller_are_told_and_its_emergency_stop_holds_the_moto
         assert all(message.applied_left == 0.0 for message in client.more(5))
         robot.device.faults = 0
         client.until(lambda: client.feedback[-1].status & (BATTERY | ESTOP) == 0)
+
+
+class Hot(Honest):
+    """Holds its motors as long as it is `too_hot`; `applied` are all duties of the left one."""
+
+    too_hot = False
+
+    def _apply(self, duty: list[int]) -> None:
+        super()._apply([0, 0] if self.too_hot else duty)
+        self.applied = [*getattr(self, "applied", []), self.duty[0]]
+
+
+def test_motors_that_the_controller_held_by_itself_begin_at_zero_when_it_lets_them_go(tmp_path: Path) -> None:
+    with Robot(tmp_path, Hot) as robot, driving(robot) as driver:
+        client = Client(driver)
+        client.command(0.8, 0.8)
+        client.until(lambda: robot.device.duty == [800, 800])
+        robot.device.too_hot = True
+        client.until(lambda: client.more(3)[-1].applied_left == 0.0)
+        let_go = len(robot.device.applied)
+        robot.device.too_hot = False
+        client.until(lambda: robot.device.duty == [800, 800])
+    duties = robot.device.applied[let_go:]
+    # 10 a second at most, and no turn counts for more than two of 10 ms.
+    assert max(next_one - one for one, next_one in itertools.pairwise(duties[: duties.index(800) + 1])) <= 201
+
+
+class Blind(RoboteqDevice):
+    """Does not know its encoders."""
+
+    def _reading(self, name: str, *channel: int) -> str:
+        if name == "C":
+            raise KeyError
+        return super()._reading(name, *channel)
+
+
+def test_without_encoder_counts_it_never_drives(tmp_path: Path) -> None:
+    with Robot(tmp_path, Blind) as robot, driving(robot) as driver:
+        client = Client(driver)
+        client.command(0.5, 0.5)
+        client.until(lambda: "query C" in driver.problems())
+    assert set(robot.device.actions) == {"!M 0 0"}
+
+
+class Blinded(RoboteqDevice):
+    """Tells no counts any more once its encoders are `torn_off`."""
+
+    torn_off = False
+
+    def _reading(self, name: str, *channel: int) -> str:
+        if name == "C" and self.torn_off:
+            raise KeyError
+        return super()._reading(name, *channel)
+
+
+def test_encoders_that_fall_silent_while_driving_stop_the_motors(tmp_path: Path) -> None:
+    with Robot(tmp_path, Blinded) as robot, driving(robot) as driver:
+        client = Client(driver)
+        client.command(0.5, 0.5)
+        client.until(lambda: robot.device.duty == [500, 500])
+        robot.device.torn_off = True
+        client.until(lambda: "encoder counts" in driver.problems() or "query C" in driver.problems())
+        client.until(robot.at_rest)
+        done = len(robot.device.actions)
+        client.until(lambda: len(robot.device.actions) > done + 5)
+    assert set(robot.device.actions[done:]) == {"!M 0 0"}
 
 
 def test_it_never_drives_when_the_watchdog_does_not_read_back(tmp_path: Path) -> None:

@@ -109,11 +109,12 @@ class Engine:
     def _run(self) -> None:
         try:
             while not self._stopping:
-                due = self._next_due()
-                for line, data in self._arrived(due - self.now()):
+                due, before = self._next_due(), self.now()
+                for line, data in self._arrived(due - before):
                     # If this thread was held up, the bytes came before what it should have done meanwhile.
                     self._bring(line, data, min(self.now(), due))
-                self._let_happen(self.now())
+                # Of what is due since then, nothing: bytes may be waiting that came before.
+                self._let_happen(before)
         except BaseException as failure:  # handed to the main thread by check()
             self.failure = failure
 
