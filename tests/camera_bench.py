@@ -86,7 +86,7 @@ def board_pictures(count: int, eye: Eye = EYE, seed: int = 0) -> list[Any]:
 def found_lens() -> Lens:
     """The usual camera's lens as `cmr-camera calibrate` finds it."""
     fit = LensFit()
-    for picture in board_pictures(9):
+    for picture in board_pictures(8):
         assert fit.see(picture)
     return fit.lens()
 

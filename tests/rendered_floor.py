@@ -193,9 +193,10 @@ class Pattern:
         """Brightness along rays, and which of them meet the plate."""
         rows, columns = self.cells.shape
         outwards = np.cross(self.right, self.up)
-        distance = (np.subtract(self.centre, eye.position) @ outwards) / (rays @ outwards)
-        place = distance[..., None] * rays + np.subtract(eye.position, self.centre)
-        across, down = columns / 2.0 + place @ self.right / self.cell, rows / 2.0 - place @ self.up / self.cell
+        start = np.subtract(eye.position, self.centre)
+        distance = -(start @ outwards) / (rays @ outwards)
+        across = columns / 2.0 + (distance * (rays @ np.array(self.right)) + start @ self.right) / self.cell
+        down = rows / 2.0 - (distance * (rays @ np.array(self.up)) + start @ self.up) / self.cell
         beyond = self.margin / self.cell
         met = (across > -beyond) & (across < columns + beyond) & (down > -beyond) & (down < rows + beyond)
         column, row = np.floor(across).astype(int), np.floor(down).astype(int)
@@ -207,8 +208,17 @@ class Pattern:
 class Scene:
     """A floor with tags under a camera; `picture` shows it with robots on it."""
 
-    def __init__(self, eye: Eye, tags: Iterable[Sheet] = (), *, blur: float = 0.7, noise: float = 3.0, seed: int = 0):
-        self.eye, self.blur = eye, blur
+    def __init__(
+        self,
+        eye: Eye,
+        tags: Iterable[Sheet] = (),
+        *,
+        blur: float = 0.7,
+        noise: float = 3.0,
+        seed: int = 0,
+        parts: int = PARTS,
+    ):
+        self.eye, self.blur, self.parts = eye, blur, parts
         self._random = np.random.default_rng(seed)
         self._floor = self._bare_floor()
         for tag in tags:
@@ -221,7 +231,7 @@ class Scene:
         floor, seen = self._floor.copy(), self._seen.copy()
         places = []
         for thing in sorted(things, key=lambda thing: -math.dist(self.eye.position, thing.corners.mean(axis=0))):
-            parts = PARTS - 1 if isinstance(thing, Pattern) else PARTS
+            parts = self.parts - 1 if isinstance(thing, Pattern) else self.parts
             place = self._add(floor, thing.corners, lambda rays, thing=thing: thing.shade(self.eye, rays), parts)
             places += [place] if place else []
         for top, left, bottom, right in places:

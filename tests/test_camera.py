@@ -20,7 +20,7 @@ from tests.camera_bench import CARRIED, EYE, floor_of, found_lens, lens_of, robo
 from tests.clutter import cluttered
 from tests.rendered_floor import FLOOR_TAGS, Box, Scene, Sheet
 
-PICTURES = 6
+PICTURES = 4
 CENTRE = Box(0.0, 0.0, 0.4, 0)
 
 

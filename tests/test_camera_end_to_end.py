@@ -30,7 +30,7 @@ def turning(share: float) -> tuple[float, float]:
 def test_parameters_from_the_cameras_poses_are_within_3_percent() -> None:
     exact = dataclasses.replace(DEFAULT.imperfections.pose_noise, position=0.0, heading=0.0)
     settings = dataclasses.replace(DEFAULT, imperfections=dataclasses.replace(DEFAULT.imperfections, pose_noise=exact))
-    watcher, room = Watcher(lens_of(EYE), floor_of(TAGS)), Scene(EYE, TAGS)
+    watcher, room = Watcher(lens_of(EYE), floor_of(TAGS)), Scene(EYE, TAGS, parts=3)
     calibrator, seen, there = Calibrator(0), 0, 0
     for channel, message in messages(settings, duties=turning):
         if channel == "POSE_0":
