@@ -62,7 +62,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "live from the bus, or from a log with a time slider.\n\n"
         "Buttons act only for those who type the token that is printed at the start; without it the page only shows. "
         "The page is served to this computer alone, unless --host and --token are given.",
-        "cmr-view\n  cmr-view run.lcm\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm",
+        "cmr-view run.lcm\n  cmr-view\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm",
     )
     options.add_argument("log", type=Path, nargs="?", metavar="RUN.lcm", help="a log to play; without it, the bus")
     options.add_argument("--host", default=LOCAL, metavar="ADDRESS", help="to serve at; others than this need --token")
