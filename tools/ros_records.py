@@ -2,6 +2,7 @@
 
 import bz2
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -41,7 +42,7 @@ class BagError(Exception):
     """The file is no bag that can be read; the text says why."""
 
 
-class BagReader:
+class BagReader(ABC):
     """Reads the messages of the `wanted` topics from one file, in the order of the file.
 
     Whatever is intact is read. After the iteration `topics` holds the types of all topics by name, wanted or not, and
@@ -58,8 +59,9 @@ class BagReader:
         self._damaged_bytes = 0
         self._damaged_places = 0
 
+    @abstractmethod
     def __iter__(self) -> Iterator[Message]:
-        raise NotImplementedError
+        """Read the file from its beginning."""
 
     def sentence(self) -> str:
         """Return what was damaged; empty if nothing was."""
