@@ -6,13 +6,22 @@ import numpy as np
 import pytest
 
 from cmr.bus.messages import make
-from cmr.bus.streams import CALIBRATION_STATUS, MOTOR_FEEDBACK, PROCESS_STATUS, RANGE_SCAN, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import (
+    CALIBRATION_STATUS,
+    CAMERA_IMAGE,
+    MOTOR_FEEDBACK,
+    PROCESS_STATUS,
+    RANGE_SCAN,
+    WAYPOINTS,
+    WORLD_STATE,
+)
 from cmr.bus.world_state import WorldState
 from cmr.commands.command_line import CommandError
 from cmr.commands.view import main
 from cmr.msg import estop_t, motor_feedback_t, pose_xyt_t, process_status_t, range_scan_t, robot_state_t, waypoints_t
 from cmr.view import shapes, words
 from cmr.view.camera import overview
+from cmr.view.camera_panel import caption
 from cmr.view.charts import distances, estimates
 from cmr.view.intake import Intake
 from cmr.view.orders import RELEASES, Orders
@@ -175,6 +184,23 @@ def test_rates_age_and_gaps_of_a_channel() -> None:
     assert line.age == pytest.approx(0.5)
     assert line.rate == pytest.approx(297 / 3.5, rel=0.1)
     assert line.bytes_per_second == pytest.approx(50 * line.rate)
+
+
+def camera_image(utime: int, camera: str) -> Any:
+    return make(CAMERA_IMAGE.message_type, utime=utime, **{**FIELDS["CAMERA_IMAGE"], "camera": camera})
+
+
+def test_of_each_camera_the_last_picture_counts_until_it_is_old() -> None:
+    state = ViewState()
+    intake = Intake(state)
+    for k, camera in enumerate(("door", "window", "door")):
+        intake.take(NOW + k, CAMERA_IMAGE.name, camera_image(NOW + k, camera).encode())
+    intake.flush()
+    assert {name: heard.utime for name, heard in state.cameras.items()} == {"door": NOW + 2, "window": NOW + 1}
+    assert caption(state.cameras["door"], NOW + SECOND) == "door, 2 x 1"
+    assert caption(state.cameras["door"], NOW + 9 * SECOND) == "door, 2 x 1, no picture for 9 s"
+    state.advance(NOW + 61 * SECOND)
+    assert not state.cameras
 
 
 # Panels

@@ -7,7 +7,7 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.bus.world_state import WorldState
-from cmr.msg import calibration_status_t, estop_t, parameters_t, process_status_t, waypoints_t
+from cmr.msg import calibration_status_t, camera_image_t, estop_t, parameters_t, process_status_t, waypoints_t
 from cmr.recordings.events import Event, EventReader, event_bytes
 from cmr.view.log_index import LogIndex
 from cmr.view.playback import Playback
@@ -21,7 +21,7 @@ LENGTH = 100  # s
 
 
 def drive() -> list[tuple[int, str, Any]]:
-    """Two robots for 100 s, each told in a part of its own at 20 Hz, and what happens meanwhile."""
+    """Two robots for 100 s, each told in a part of its own at 20 Hz, under two cameras, and what happens meanwhile."""
     messages: list[tuple[int, str, Any]] = []
     for k in range(20 * LENGTH):
         utime = BEGIN + k * SECOND // 20
@@ -40,6 +40,11 @@ def drive() -> list[tuple[int, str, Any]]:
         messages.append((utime + 10, "CALIBRATION_STATUS_1", status))
         values = {"sequence": second // 50, "sha256": str(second // 50) * 8, "yaml": ""}
         messages.append((utime + 20, "PARAMETERS_1", make(parameters_t, utime=utime, robot_id=1, **values)))
+    for tenth in range(10 * LENGTH):
+        camera = ("door", "window")[tenth % 2]
+        utime = BEGIN + tenth * SECOND // 10 + 40_000
+        image = make(camera_image_t, utime=utime, **{**FIELDS["CAMERA_IMAGE"], "camera": camera})
+        messages.append((utime, "CAMERA_IMAGE", image))
     for utime, engaged in (
         (BEGIN + 20 * SECOND, True),
         (BEGIN + 20 * SECOND + 100_000, True),
@@ -80,7 +85,8 @@ def seen(playback: Playback) -> tuple[Any, ...]:
     told = sorted((name, heard.message.message) for (name, _, _), heard in state.processes.items())
     progress = [history[-1].message.progress for history in state.calibrations.values()]
     waypoints = sorted(state.latest["WAYPOINTS"])
-    return poses, told, progress, waypoints, state.estop.engaged
+    pictures = {name: heard.message.utime for name, heard in state.cameras.items()}
+    return poses, told, progress, waypoints, state.estop.engaged, pictures
 
 
 def reach(playback: Playback) -> list[float]:

@@ -1,23 +1,27 @@
-"""cmr-view in a real browser: its page has the robots, goes on after a restart, and refuses who has no token."""
+"""cmr-view in a real browser: robots, cameras and logs are seen, it goes on after a restart, refuses without token."""
 
 import shutil
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from playwright.sync_api import Page, sync_playwright
 
 from cmr.bus.bus import Bus
-from cmr.bus.messages import now_utime
-from cmr.bus.streams import ESTOP, WORLD_STATE
+from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import CAMERA_IMAGE, ESTOP, WORLD_STATE
 from cmr.bus.world_state import WorldState
+from cmr.msg import camera_image_t
+from cmr.recordings.events import Event, event_bytes
+from tests.bus_bench import our_command
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = [
@@ -28,6 +32,7 @@ pytestmark = [
 PATIENCE = 60.0  # s; of a machine with much else to do, on which pages are drawn without a graphics card
 TOKEN = "a secret of the test"
 ROBOTS = 12
+EPOCH = 1_700_000_000_000_000  # us
 STOP = "EMERGENCY STOP"
 FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 # Nobody looks at the picture: five a second are enough, as each costs a core a tenth of a second.
@@ -45,8 +50,21 @@ PLACES = """() => {
 }"""
 
 
+# Width and height of the camera's picture, as the browser has decoded it. [pixels]
+CAMERA_SIZE = """() => {
+    const image = Array.from(document.images).find((image) => image.src.startsWith("blob:"));
+    return image?.complete ? [image.naturalWidth, image.naturalHeight] : [];
+}"""
+
+
+def camera_image(utime: int, camera: str, width: int, height: int) -> Any:
+    """A picture of one grey."""
+    _, jpeg = cv2.imencode(".jpg", np.full((height, width, 3), 90, np.uint8))
+    return make(camera_image_t, utime=utime, camera=camera, width=width, height=height, jpeg=jpeg.tobytes())
+
+
 class World(threading.Thread):
-    """Robots that drive to and fro on the bus; `stops` counts the ESTOP messages that engage it."""
+    """Robots that drive to and fro on the bus under a camera; `stops` counts the ESTOP messages that engage it."""
 
     def __init__(self, url: str) -> None:
         super().__init__(daemon=True)
@@ -61,6 +79,7 @@ class World(threading.Thread):
             now = now_utime()
             columns = (ids, ids % 2, np.sin(now / 1e6 + ids), 0.3 * ids, still, still, still, still, still)
             self._bus.publish(WORLD_STATE, WorldState(now, columns))
+            self._bus.publish(CAMERA_IMAGE, camera_image(now, "ceiling", 64, 36))
             self.stops += sum(bool(received.message.engaged) for received in self._bus.receive(0.0))
 
     def __enter__(self) -> "World":
@@ -73,9 +92,9 @@ class World(threading.Thread):
 
 
 @contextmanager
-def serving(url: str, port: int) -> Iterator[None]:
+def serving(url: str, port: int, *log: str) -> Iterator[None]:
     """cmr-view, from when its page can be had."""
-    command = [str(Path(sys.executable).parent / "cmr-view"), "--lcm-url", url, "--port", str(port), "--token", TOKEN]
+    command = [our_command("cmr-view"), "--lcm-url", url, "--port", str(port), "--token", TOKEN, *log]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stderr
@@ -115,7 +134,20 @@ def wait_for_motion(page: Page) -> None:
     until(lambda: page.evaluate(PLACES) not in (before, []), page)
 
 
-def test_the_page_has_all_robots_goes_on_after_a_restart_and_stops_nobody_without_the_token(url: str) -> None:
+def log_of_two_cameras(path: Path) -> Path:
+    """A log of two seconds under two cameras with pictures of different size, as event log."""
+    events = []
+    for k in range(20):
+        for camera, width, height in (("door", 40, 30), ("window", 48, 20)):
+            utime = EPOCH + 100_000 * k
+            events.append(Event(k, utime, CAMERA_IMAGE.name, camera_image(utime, camera, width, height).encode()))
+    path.write_bytes(b"".join(event_bytes(event) for event in events))
+    return path
+
+
+def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_nobody_without_the_token(
+    url: str, tmp_path: Path
+) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -126,6 +158,8 @@ def test_the_page_has_all_robots_goes_on_after_a_restart_and_stops_nobody_withou
             page.get_by_role("button", name=STOP, exact=True).click()
             page.get_by_text("Refused").first.wait_for()
             assert world.stops == 0
+            until(lambda: page.evaluate(CAMERA_SIZE) == [64, 36], page)
+            page.get_by_text("ceiling, 64 x 36").wait_for()
         with serving(url, port):
             wait_for_motion(page)
             page.get_by_text(f"LIVE · {ROBOTS // 2} real, {ROBOTS // 2} virtual").wait_for()
@@ -135,3 +169,6 @@ def test_the_page_has_all_robots_goes_on_after_a_restart_and_stops_nobody_withou
             page.get_by_role("button", name=STOP, exact=True).click()
             until(lambda: world.stops > 0, page)
             page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
+        with serving(url, port, str(log_of_two_cameras(tmp_path / "run.lcm"))):
+            page.get_by_text("door, 40 x 30").wait_for()
+            until(lambda: page.evaluate(CAMERA_SIZE) == [40, 30], page)

@@ -1,7 +1,7 @@
 """From bytes to what is shown: counts everything, decodes only what will be seen."""
 
 from cmr.bus.messages import RejectedMessage, decode
-from cmr.bus.streams import PROCESS_STATUS, SELF_TESTS, WORLD_STATE
+from cmr.bus.streams import CAMERA_IMAGE, PROCESS_STATUS, SELF_TESTS, WORLD_STATE
 from cmr.view.state import ViewState
 
 MOST_KEPT = 100  # messages between two pictures of a channel of which every one counts
@@ -17,7 +17,8 @@ class Intake:
     def __init__(self, state: ViewState) -> None:
         self.state = state
         self._last: dict[str, tuple[int, bytes]] = {}
-        self._every: dict[str, list[tuple[int, bytes]]] = {WORLD_STATE.name: [], PROCESS_STATUS.name: []}
+        shared = (WORLD_STATE, PROCESS_STATUS, CAMERA_IMAGE)
+        self._every: dict[str, list[tuple[int, bytes]]] = {stream.name: [] for stream in shared}
 
     def take(self, utime: int, channel: str, data: bytes) -> None:
         """Take a message that came at `utime` [us]."""

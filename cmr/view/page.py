@@ -9,6 +9,7 @@ import viser
 
 from cmr.view import words
 from cmr.view.camera import FOLLOW, FREE, TOP, Camera
+from cmr.view.camera_panel import CameraPanel
 from cmr.view.charts import Chart, distances, estimates
 from cmr.view.inputs import write
 from cmr.view.picture import Lines, rays, trails
@@ -39,6 +40,7 @@ class Page:
         gui = client.gui
         self._head = gui.add_html("")
         self._add_orders(gui)
+        self._camera_panel = CameraPanel(gui)
         if replay is not None:
             replay.add(gui, self.wish)
         self._add_tabs(gui)
@@ -71,6 +73,7 @@ class Page:
             self._mode_changed = False
             self._camera.choose(self._mode.value, robots)
         self._camera.advance(robots, self.chosen)
+        self._camera_panel.show(state)
         place = robots.place(self.chosen)
         around = circle(place[0], place[1], 0.8 * LENGTH) if place else np.empty((0, 2, 2))
         self._ring.show(Lines(at_height(around, 0.01), np.zeros((len(around), 2, 3), np.uint8)))

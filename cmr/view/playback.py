@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator
 
 from cmr.bus.messages import RejectedMessage, decode
-from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WORLD_STATE, identify
+from cmr.bus.streams import CALIBRATION_STATUS, CAMERA_IMAGE, PROCESS_STATUS, WORLD_STATE, identify
 from cmr.recordings.events import Event
 from cmr.view.intake import Intake
 from cmr.view.log_index import LogIndex, Place
@@ -13,7 +13,12 @@ from cmr.view.state import ViewState
 LONGEST_WORK = 0.04  # s of reading in one go
 BETWEEN_FLUSHES = 250_000  # us of the log, so that trails have all their points at high speed
 RUN_UP = 1_000_000  # us before the moment jumped to that are read whole, for rates
-HISTORY = {WORLD_STATE.name: 60.0, PROCESS_STATUS.name: 3.0, CALIBRATION_STATUS.name: 3600.0}  # s
+HISTORY = {
+    WORLD_STATE.name: 60.0,
+    PROCESS_STATUS.name: 3.0,
+    CAMERA_IMAGE.name: 2.0,
+    CALIBRATION_STATUS.name: 3600.0,
+}  # s
 MOST_OF_HISTORY = 400  # messages of a channel that are read again
 EVENTS_BETWEEN_LOOKS = 200  # at the clock
 

@@ -17,7 +17,7 @@ LATEST_OF = ("MOTOR_COMMAND", "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "W
 MOST_ESTIMATES = 600  # kept of a calibration
 MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
 STOPPED_FOR = 10_000_000  # us for which a process that has ended is told
-SILENT_FOR = 60_000_000  # us after which a process that says nothing is forgotten
+SILENT_FOR = 60_000_000  # us after which a process or camera that says nothing is forgotten
 DIAGNOSIS = "cmr-diagnose"
 
 
@@ -32,7 +32,8 @@ class ViewState:
     """The world, the processes and the bus as they are `now` [us].
 
     `latest` holds the last message of each robot by the stream's name; `calibrations` and `divergence` what was told
-    and measured over time by robot: CALIBRATION_STATUS_N, and (moment, distance of robot and twin [m]).
+    and measured over time by robot: CALIBRATION_STATUS_N, and (moment, distance of robot and twin [m]). `cameras` holds
+    the last picture of each by its name.
     """
 
     def __init__(self) -> None:
@@ -43,6 +44,7 @@ class ViewState:
         self.estop = EmergencyStop()
         self.processes: dict[tuple[str, str, int], Heard] = {}
         self.latest: dict[str, dict[int, Heard]] = {name: {} for name in LATEST_OF}
+        self.cameras: dict[str, Heard] = {}
         self.calibrations: dict[int, deque[Heard]] = {}
         self.divergence: dict[int, deque[tuple[int, float]]] = {}
 
@@ -63,6 +65,8 @@ class ViewState:
             self.estop.handle(utime, channel, message)
         elif stream is streams.PROCESS_STATUS:
             self.processes[message.process, message.host, message.pid] = Heard(utime, message)
+        elif stream is streams.CAMERA_IMAGE:
+            self.cameras[message.camera] = Heard(utime, message)
         elif stream is streams.CALIBRATION_STATUS and robot_id is not None:
             self._take_calibration(robot_id, Heard(utime, message))
 
@@ -73,7 +77,7 @@ class ViewState:
             present = self.robots.present(now)
             self.trails.sample(now, present)
             self._measure_divergence(now, present)
-            self._forget_processes(now)
+            self._forget_silent(now)
 
     def present(self) -> Robots:
         """Return the robots that are there now."""
@@ -101,7 +105,8 @@ class ViewState:
         for robot_id, distance in zip(both.tolist(), distances.tolist(), strict=True):
             self.divergence.setdefault(robot_id, deque(maxlen=MOST_DISTANCES)).append((now, distance))
 
-    def _forget_processes(self, now: int) -> None:
+    def _forget_silent(self, now: int) -> None:
+        self.cameras = {name: heard for name, heard in self.cameras.items() if now - heard.utime <= SILENT_FOR}
         for key, told in list(self.processes.items()):
             is_over = told.message.state == process_status_t.STOPPING
             if now - told.utime > (STOPPED_FOR if is_over else SILENT_FOR):

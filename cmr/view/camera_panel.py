@@ -1,0 +1,51 @@
+"""The part of a page that shows what cameras over the floor see, with virtual robots drawn in."""
+
+import numpy as np
+import viser
+
+from cmr.view.inputs import write
+from cmr.view.state import Heard, ViewState
+
+STALE = 2.0  # s after which the age of a picture is told
+NO_CAMERA = "no camera"
+
+
+class CameraPanel:
+    """The last picture of one camera, in a folder that is there while any camera is heard."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._folder = gui.add_folder("camera", visible=False)
+        with self._folder:
+            self._choice = gui.add_dropdown("camera", (NO_CAMERA,), initial_value=NO_CAMERA, visible=False)
+            self._image = gui.add_image(np.zeros((1, 1, 3), np.uint8), label="", format="jpeg")
+        self._shown: Heard | None = None
+
+    def show(self, state: ViewState) -> None:
+        """Show the last picture of the chosen camera if it is another than before."""
+        if not state.cameras:
+            self._folder.visible = False
+            self._shown = None
+            return
+        self._offer(tuple(sorted(state.cameras)))
+        heard = state.cameras[self._choice.value]
+        if heard is not self._shown:
+            self._shown = heard
+            # As the camera's process made it: viser's own way would decode and encode each picture again.
+            self._image._data = bytes(heard.message.jpeg)
+            self._folder.visible = True
+        self._image.label = caption(heard, state.now)
+
+    def _offer(self, names: tuple[str, ...]) -> None:
+        if self._choice.options == names:
+            return
+        chosen = self._choice.value if self._choice.value in names else names[0]
+        self._choice.options = names
+        write(self._choice, chosen)
+        self._choice.visible = len(names) > 1
+
+
+def caption(heard: Heard, now: int) -> str:
+    """Return what stands above a picture: of which camera it is, its size, and its age [`now`: us] if it is old."""
+    message, age = heard.message, (now - heard.utime) / 1e6
+    told = f"{message.camera}, {message.width} x {message.height}"
+    return told if age < STALE else f"{told}, no picture for {age:.0f} s"
