@@ -19,6 +19,21 @@ from tests.rendered_floor import FLOOR_TAGS, Box, Eye, Pattern, Scene, Sheet
 POINT = 0.0254 / 72.0  # m; a PDF's unit of length
 EYE = Eye()
 CARRIED = RobotTag(size=0.16, height=0.10, length=0.24, width=0.22)  # as rendered boxes are
+FLOOR_FILE = """
+schema: 1
+tag_size: 0.16
+tags:
+{tags}
+robots:
+  each: {{height: 0.1, length: 0.24, width: 0.22}}
+"""
+
+
+def floor_file(folder: Path, tags: "tuple[Sheet, ...]" = FLOOR_TAGS, more: str = "") -> Path:
+    """Write a floor file of rendered tags; `more` is said of the robots."""
+    lines = [f"  {tag.number}: {{x: {tag.x}, y: {tag.y}, theta: {tag.theta}}}" for tag in tags]
+    (folder / "floor.yaml").write_text(FLOOR_FILE.format(tags="\n".join(lines)) + more)
+    return folder / "floor.yaml"
 
 
 def floor_of(tags: "tuple[Sheet, ...]" = FLOOR_TAGS, **others: Any) -> Floor:

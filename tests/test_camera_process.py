@@ -26,25 +26,11 @@ from cmr.commands.command_line import CommandError
 from cmr.model.motion import RobotState
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from tests.bus_bench import PATIENCE, our_command
-from tests.camera_bench import floor_of, lens_of, squares_of
+from tests.camera_bench import floor_file, floor_of, lens_of, squares_of
 from tests.rendered_floor import FLOOR_TAGS, Box, Eye, Scene
 
 SMALL = Eye(width=640, height=360, focal=460.0, centre=(324.0, 177.0))
 EPOCH = 1_700_000_000_000_000  # us
-FLOOR_FILE = """
-schema: 1
-tag_size: 0.16
-tags:
-{tags}
-robots:
-  each: {{height: 0.1, length: 0.24, width: 0.22}}
-"""
-
-
-def floor_file(folder: Path, more: str = "") -> Path:
-    lines = [f"  {tag.number}: {{x: {tag.x}, y: {tag.y}, theta: {tag.theta}}}" for tag in FLOOR_TAGS]
-    (folder / "floor.yaml").write_text(FLOOR_FILE.format(tags="\n".join(lines)) + more)
-    return folder / "floor.yaml"
 
 
 @pytest.mark.waits
@@ -120,11 +106,11 @@ def test_tags_are_printed_in_the_size_that_was_asked_for(tmp_path: Path) -> None
 )
 def test_a_floor_file_that_cannot_be_is_refused(more: str, wrong: str, tmp_path: Path) -> None:
     with pytest.raises(CameraFileError, match=rf"floor.yaml: {wrong}"):
-        Floor.load(floor_file(tmp_path, more))
+        Floor.load(floor_file(tmp_path, more=more))
 
 
 def test_a_floor_file_is_read_as_written(tmp_path: Path) -> None:
-    floor = Floor.load(floor_file(tmp_path, "  7: {x: 0.02, theta: 1.5, robot_id: 3}\n  only: [0, 1]\n"))
+    floor = Floor.load(floor_file(tmp_path, more="  7: {x: 0.02, theta: 1.5, robot_id: 3}\n  only: [0, 1]\n"))
     assert floor.tags == floor_of().tags
     assert [floor.robot_id(number) for number in (0, 1, 2, 7, 10)] == [0, 1, None, 3, None]
     assert floor.number(3) == 7
