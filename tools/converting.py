@@ -1,6 +1,7 @@
 """Turn a foreign recording's tables into our messages, in the order of time."""
 
-from collections.abc import Iterator
+import heapq
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
@@ -19,6 +20,7 @@ Floats = NDArray[np.float64]
 
 SIDES = ("left", "right")
 COUNTED_WIDTH = "turn_rate_limit_base_width"  # what says so of a limit of the commanded turns
+PIECE = 4096  # rows that are turned into messages at a time
 DRIVE_TOLERANCE = 1e-6  # a duty of 1 that was stored as a 32-bit float may be a little more
 
 
@@ -34,18 +36,65 @@ class Event:
     message: Any
 
 
-def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[str, Any]) -> list[Event]:
-    """Return the recording's messages in the order of time, the robot's nominal parameters first.
+@dataclass(frozen=True)
+class Batch:
+    """All messages of one stream: a column for each field, the same `constants` in every message.
+
+    The column `utime` does not decrease.
+    """
+
+    stream: Stream
+    columns: dict[str, NDArray[Any]]
+    constants: dict[str, int]
+
+    @property
+    def utime(self) -> NDArray[np.int64]:
+        """Time of each message [us]."""
+        return self.columns["utime"]
+
+    def events(self) -> Iterator[Event]:
+        """Yield the messages; they are made when they are asked for."""
+        for start in range(0, len(self.utime), PIECE):
+            piece = [values[start : start + PIECE].tolist() for values in self.columns.values()]
+            for row in zip(*piece, strict=True):
+                content = dict(zip(self.columns, row, strict=True))
+                yield Event(self.stream, make(self.stream.message_type, **content, **self.constants))
+
+
+class Conversion:
+    """A recording as messages, to be iterated over in the order of time, the robot's nominal parameters first.
+
+    What is kept are arrays: the messages of an hour would take ten times the memory.
+    """
+
+    def __init__(self, parameters: Event, batches: Sequence[Batch]) -> None:
+        self._parameters = parameters
+        self._batches = batches
+
+    def __iter__(self) -> Iterator[Event]:
+        yield self._parameters
+        # At equal times commands stay before feedback, as the batches are.
+        yield from heapq.merge(*(batch.events() for batch in self._batches), key=lambda event: event.message.utime)
+
+    def times(self) -> list[tuple[Stream, NDArray[np.int64]]]:
+        """Return each stream with the times of its messages [us], in the order in which they begin."""
+        ordered = sorted(self._batches, key=lambda batch: int(batch.utime[0]))
+        parameters = np.array([self._parameters.message.utime], np.int64)
+        return [(self._parameters.stream, parameters), *((batch.stream, batch.utime) for batch in ordered)]
+
+
+def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[str, Any]) -> Conversion:
+    """Return the recording's messages.
 
     What cannot be used is counted in `source.skipped`. Raises ConversionError when nothing is left, or a command is
     beyond full drive.
     """
     converter = _Converter(mapping, source, robot_id)
-    events = list(converter.events())
-    if not events:
+    batches = [batch for batch in converter.batches() if len(batch.utime)]
+    if not batches:
         raise ConversionError("the recording holds no usable row of any signal")
-    events.sort(key=lambda event: event.message.utime)  # stable: at equal times commands stay before feedback
-    return [_parameters(mapping, robot_id, events[0].message.utime, provenance), *events]
+    start = min(int(batch.utime[0]) for batch in batches)
+    return Conversion(_parameters(mapping, robot_id, start, provenance), batches)
 
 
 def _parameters(mapping: Mapping, robot_id: int, utime: int, provenance: dict[str, Any]) -> Event:
@@ -75,18 +124,18 @@ class _Converter:
         self._source = source
         self._robot_id = robot_id
 
-    def events(self) -> Iterator[Event]:
+    def batches(self) -> Iterator[Batch]:
         mapping = self._mapping
         if mapping.command is not None:
-            yield from self._commands(mapping.command)
+            yield self._commands(mapping.command)
         if mapping.feedback is not None:
-            yield from self._feedback(mapping.feedback)
+            yield self._feedback(mapping.feedback)
         if mapping.gyro is not None:
-            yield from self._gyro(mapping.gyro)
+            yield self._gyro(mapping.gyro)
         if mapping.pose is not None:
-            yield from self._poses(mapping.pose)
+            yield self._poses(mapping.pose)
 
-    def _commands(self, command: Command) -> Iterator[Event]:
+    def _commands(self, command: Command) -> Batch:
         table, values, _ = self._usable(MOTOR_COMMAND, command)
         if "omega" in values:
             values = self._wheel_drives(command, values["v"], values["omega"])
@@ -96,7 +145,7 @@ class _Converter:
                 f"motor_command: the largest drive is {largest:.4g} of full drive; correct unit, scale or full_scale"
             )
         fields = {side: np.clip(values[side], -1.0, 1.0) for side in SIDES}
-        yield from self._messages(MOTOR_COMMAND, table, fields)
+        return self._batch(MOTOR_COMMAND, table, fields)
 
     def _wheel_drives(self, command: Command, v: Floats, omega: Floats) -> dict[str, Floats]:
         """Return the drives that move the body at v [m/s] and omega [rad/s] by the nominal geometry."""
@@ -105,7 +154,7 @@ class _Converter:
         left, right = ((v + sign * omega * base / 2) / radius / command.full_scale for sign in (-1, 1))
         return {"left": left, "right": right}
 
-    def _feedback(self, feedback: Feedback) -> Iterator[Event]:
+    def _feedback(self, feedback: Feedback) -> Batch:
         table, values, raw = self._usable(MOTOR_FEEDBACK, feedback)
         keep = np.ones(len(table.utime), bool)
         for side in SIDES:
@@ -124,21 +173,21 @@ class _Converter:
         for side in SIDES:
             fields[f"ticks_{side}"] = fields[f"ticks_{side}"].astype(np.int64)
         fields["received_utime"] = table.received_utime
-        yield from self._messages(MOTOR_FEEDBACK, table, fields, keep, status=0)
+        return self._batch(MOTOR_FEEDBACK, table, fields, keep, status=0)
 
-    def _gyro(self, gyro: Group) -> Iterator[Event]:
+    def _gyro(self, gyro: Group) -> Batch:
         table, values, _ = self._usable(GYRO, gyro)
         fields = values | {"received_utime": table.received_utime}
-        yield from self._messages(GYRO, table, fields, valid=1)
+        return self._batch(GYRO, table, fields, valid=1)
 
-    def _poses(self, pose: Pose) -> Iterator[Event]:
+    def _poses(self, pose: Pose) -> Batch:
         table, values, _ = self._usable(POSE, pose)
         keep = np.ones(len(table.utime), bool)
         if pose.only_changes:
             columns = np.stack([table.columns[name] for name in pose.only_changes])
             keep[1:] = (columns[:, 1:] != columns[:, :-1]).any(axis=0) | (table.segment[1:] != table.segment[:-1])
             self._skip(POSE, "row that repeats the pose before it", keep)
-        yield from self._messages(POSE, table, values, keep)
+        return self._batch(POSE, table, values, keep)
 
     def _usable(self, stream: Stream, group: Group) -> tuple[Table, dict[str, Floats], dict[str, NDArray[Any]]]:
         """Return the group's rows with a number for every signal: table, signals in our units, and as recorded."""
@@ -166,20 +215,18 @@ class _Converter:
         if not keep.all():
             self._source.skipped[stream.channel(self._robot_id), reason] += int((~keep).sum())
 
-    def _messages(
+    def _batch(
         self,
         stream: Stream,
         table: Table,
         fields: dict[str, NDArray[Any]],
         keep: NDArray[np.bool_] | None = None,
         **constants: int,
-    ) -> Iterator[Event]:
-        rows = fields | {"utime": table.utime}
+    ) -> Batch:
+        columns = fields | {"utime": table.utime}
         if keep is not None:
-            rows = {name: values[keep] for name, values in rows.items()}
-        for row in zip(*(values.tolist() for values in rows.values()), strict=True):
-            content = dict(zip(rows, row, strict=True))
-            yield Event(stream, make(stream.message_type, robot_id=self._robot_id, **content, **constants))
+            columns = {name: values[keep] for name, values in columns.items()}
+        return Batch(stream, columns, {"robot_id": self._robot_id, **constants})
 
 
 def _rows(table: Table, keep: NDArray[np.bool_]) -> Table:

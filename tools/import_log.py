@@ -12,7 +12,7 @@ from typing import Any
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.tools import mapping as mappings
 from cmr.tools.block import MappingError
-from cmr.tools.converting import ConversionError, Event, convert
+from cmr.tools.converting import Conversion, ConversionError, convert
 from cmr.tools.mapping import Mapping
 from cmr.tools.ros_files import files_of
 from cmr.tools.ros_records import BagError
@@ -40,13 +40,13 @@ def main(arguments: list[str]) -> int:
         if out.exists() and any(out.samefile(file) for file in files):
             raise CommandError(f"{out} is the recording itself; name another file with --out")
         source = read_bag(mapping, recording) if mapping.topics else read(mapping, recording)
-        events = convert(mapping, source, options.robot, _provenance(mapping, recording, files))
-        write_log(out, events, options.robot)
+        conversion = convert(mapping, source, options.robot, _provenance(mapping, recording, files))
+        write_log(out, conversion, options.robot)
     except (MappingError, BagError, SourceError, ConversionError) as error:
         raise CommandError(str(error)) from error
     except OSError as error:
         raise CommandError(f"{error.filename or out}: {error.strerror or error}") from error
-    print("\n".join(_summary(events, source, options.robot, out)))
+    print("\n".join(_summary(conversion, source, options.robot, out)))
     return 0
 
 
@@ -106,16 +106,15 @@ def _digest(files: Sequence[Path]) -> str:
     return digest.hexdigest()
 
 
-def _summary(events: Sequence[Event], source: Source, robot_id: int, out: Path) -> list[str]:
+def _summary(conversion: Conversion, source: Source, robot_id: int, out: Path) -> list[str]:
     """Return what a person wants to know: what came out, what was left out, what to do next."""
-    times: dict[str, list[int]] = {}
-    for event in events:
-        times.setdefault(event.stream.channel(robot_id), []).append(event.message.utime)
-    start = events[0].message.utime
-    lines = [f"{out}: {len(events)} messages over {(events[-1].message.utime - start) / MICROSECONDS:.1f} s"]
-    for channel, utimes in times.items():
-        first, last = ((utime - start) / MICROSECONDS for utime in (utimes[0], utimes[-1]))
-        lines.append(f"  {channel:20} {len(utimes):7}  from {first:8.2f} s to {last:8.2f} s")
+    times = conversion.times()
+    start, end = int(times[0][1][0]), max(int(utimes[-1]) for _, utimes in times)
+    count = sum(len(utimes) for _, utimes in times)
+    lines = [f"{out}: {count} messages over {(end - start) / MICROSECONDS:.1f} s"]
+    for stream, utimes in times:
+        first, last = (int(utime - start) / MICROSECONDS for utime in (utimes[0], utimes[-1]))
+        lines.append(f"  {stream.channel(robot_id):20} {len(utimes):7}  from {first:8.2f} s to {last:8.2f} s")
     lines += [f"  skipped, {place}: {count} x {reason}" for (place, reason), count in sorted(source.skipped.items())]
     lines += [f"  note: {note}" for note in source.notes]
     robot = f" --robot {robot_id}" if robot_id else ""

@@ -3,7 +3,7 @@
 import os
 import signal
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import lcm
 from cmr.tools.converting import Event
 
 
-def write_log(path: Path, events: Sequence[Event], robot_id: int) -> None:
+def write_log(path: Path, events: Iterable[Event], robot_id: int) -> None:
     """Write the messages as an LCM event log, each logged at its own utime, in the order given.
 
     The log appears under its name when it is complete, in place of one that was there. Raises OSError when the
