@@ -47,7 +47,7 @@ def test_any_flat_struct_comes_back_as_it_was_encoded(
     text, columns, messages, payloads = case
     layout = parse_layout(text)
     assert {len(payload) for payload in payloads} == {message_bytes(layout)}
-    decoded = decode(layout, payloads)
+    decoded = decode(layout, b"".join(payloads))
     assert list(decoded) == columns == list(column_names(layout))
     for index, column in enumerate(columns):
         assert decoded[column].tolist() == [message[index] for message in messages]
@@ -58,7 +58,7 @@ def test_messages_of_lcm_s_own_encoder_are_read() -> None:
     layout = parse_layout(
         "struct pose_xyt_t { int64_t utime; // [us]\n int32_t robot_id; /* id */ double x, y, theta; }"
     )
-    decoded = decode(layout, [message.encode()])
+    decoded = decode(layout, message.encode())
     assert [decoded[name].tolist() for name in ("utime", "robot_id", "x", "y", "theta")] == [
         [1_700_000_000_000_000],
         [7],
@@ -73,7 +73,7 @@ def test_types_may_be_written_without_their_ending() -> None:
 
 
 def test_numbers_keep_their_type_so_that_narrow_counters_can_wrap() -> None:
-    decoded = decode(parse_layout("int32_t ticks"), [FINGERPRINT + struct.pack(">i", 5)])
+    decoded = decode(parse_layout("int32_t ticks"), FINGERPRINT + struct.pack(">i", 5))
     assert decoded["ticks"].dtype == np.int32
 
 

@@ -6,7 +6,7 @@ record. The fingerprint is not needed, so logs can be read whose type definition
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -73,19 +73,23 @@ def column_names(layout: np.dtype[Any]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def decode(layout: np.dtype[Any], payloads: Sequence[bytes]) -> dict[str, NDArray[Any]]:
-    """Return one array of shape (len(payloads),) for each column, in the member's own number type.
+def decode(
+    layout: np.dtype[Any], messages: bytes | bytearray, wanted: Collection[str] | None = None
+) -> dict[str, NDArray[Any]]:
+    """Return one array of shape (number of messages,) for each wanted column, in the member's own number type.
 
-    Every payload is a whole message, fingerprint included, of exactly `message_bytes(layout)`.
+    `messages` are whole messages one after the other, fingerprints included, each of `message_bytes(layout)`.
+    Without `wanted` every column is.
     """
-    records = np.frombuffer(b"".join(payload[FINGERPRINT_BYTES:] for payload in payloads), layout)
+    whole = np.dtype([("fingerprint", f"V{FINGERPRINT_BYTES}"), ("members", layout)])
+    records = np.frombuffer(messages, whole)["members"]
     columns: dict[str, NDArray[Any]] = {}
     for member in layout.names or ():
-        values = records[member].astype(layout[member].base.newbyteorder("="))
-        if values.ndim == 2:
-            columns |= {f"{member}[{index}]": values[:, index] for index in range(values.shape[1])}
-        else:
-            columns[member] = values
+        values = records[member]
+        is_array = values.ndim == 2
+        parts = {f"{member}[{k}]": values[:, k] for k in range(values.shape[1])} if is_array else {member: values}
+        own_type = layout[member].base.newbyteorder("=")
+        columns |= {name: part.astype(own_type) for name, part in parts.items() if wanted is None or name in wanted}
     return columns
 
 

@@ -2,8 +2,10 @@
 
 import csv
 import gzip
+import io
 import zlib
-from collections import Counter, defaultdict
+from array import array
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,13 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.recordings.events import EventReader
+from cmr.recordings.events import Event, EventReader
+from cmr.tools.events import Progress, reading
 from cmr.tools.layout import decode, message_bytes
-from cmr.tools.mapping import CSV_TABLE, Channel, Mapping, Rows
+from cmr.tools.mapping import CSV_TABLE, Mapping, Rows
 
 MICROSECONDS = 1e6
 LATEST_UTIME = 7_258_118_400_000_000  # us; the year 2200: a later time is a damaged one
 LONGEST_SECONDS = 1e9  # 31 years: a recording is shorter
+LINES_BETWEEN_REDRAWINGS = 1000
 
 
 class SourceError(Exception):
@@ -65,38 +69,56 @@ def read(mapping: Mapping, path: Path) -> Source:
 
 def _read_log(mapping: Mapping, path: Path) -> Source:
     source = Source({})
-    events: dict[str, list[tuple[int, bytes]]] = defaultdict(list)
+    gathered: dict[str, _Messages] = {}
     channels_present: set[str] = set()
     log = EventReader(path)
-    for event in log:
-        channels_present.add(event.channel)
-        channel = mapping.channels.get(event.channel)
-        if channel is None:
-            continue
-        if len(event.data) == message_bytes(channel.layout):
-            events[event.channel].append((event.utime, event.data))
-        else:
-            source.skipped[event.channel, "message of another length than the layout's"] += 1
+    with Progress(log.size) as progress:
+        for event in reading(log, progress):
+            channels_present.add(event.channel)
+            channel = mapping.channels.get(event.channel)
+            if channel is None:
+                continue
+            if len(event.data) == message_bytes(channel.layout):
+                gathered.setdefault(event.channel, _Messages()).take(event)
+            else:
+                source.skipped[event.channel, "message of another length than the layout's"] += 1
     if log.damaged_bytes:
         source.notes.append(
             f"{path} is truncated or damaged: {log.damaged_bytes} bytes of it are no intact events; the rest is used."
         )
     for name in mapping.channels:
-        if name not in events:
+        if name not in gathered:
             why = "no message of the layout's length" if name in channels_present else "no such channel"
             raise SourceError(
                 f"{path}: {name}: {why}; channels present: {', '.join(sorted(channels_present)) or 'none'}"
             )
-    source.tables = _log_tables(mapping.channels, events, source.skipped)
+    source.tables = _log_tables(mapping, gathered, source.skipped)
     return source
 
 
+class _Messages:
+    """The messages of one channel, one after the other without gaps, and when each was logged [us]."""
+
+    def __init__(self) -> None:
+        self.arrivals = array("q")
+        self.data = bytearray()
+
+    def take(self, event: Event) -> None:
+        self.arrivals.append(event.utime)
+        self.data += event.data
+
+
 def _log_tables(
-    channels: dict[str, Channel], events: dict[str, list[tuple[int, bytes]]], skipped: Counter[tuple[str, str]]
+    mapping: Mapping, gathered: dict[str, _Messages], skipped: Counter[tuple[str, str]]
 ) -> dict[str, Table]:
-    """Decode the events; all channels of a clock that was set wrong are shifted alike, to keep them in step."""
-    decoded = {name: decode(channel.layout, [data for _, data in events[name]]) for name, channel in channels.items()}
-    arrivals = {name: np.array([timestamp for timestamp, _ in events[name]], np.int64) for name in channels}
+    """Decode the messages; all channels of a clock that was set wrong are shifted alike, to keep them in step."""
+    channels = mapping.channels
+    arrivals = {name: np.frombuffer(gathered[name].arrivals, np.int64) for name in channels}
+    # What has been decoded is let go.
+    decoded = {
+        name: decode(channel.layout, gathered.pop(name).data, {"utime", *mapping.columns(name)})
+        for name, channel in channels.items()
+    }
     # A message cannot arrive before it was stamped, so the smallest delay seen is the closest bound on the shift.
     delays = [
         int((arrivals[name] - decoded[name]["utime"]).min())
@@ -133,47 +155,72 @@ def in_time_order(
 
 def _read_csv(mapping: Mapping, rows: Rows, path: Path) -> Source:
     source = Source({})
-    lines = _csv_lines(path, source)
-    header = [name.strip() for name in next(lines, [])]
-    segment_columns = () if rows.segment_column is None else (rows.segment_column,)
-    for name in (rows.time_column, *segment_columns, *mapping.columns(CSV_TABLE)):
-        if name not in header:
-            raise SourceError(f"{path}: no column {name!r}; columns present: {', '.join(header) or 'none'}")
-    cells = []
-    for line in lines:
-        if len(line) == len(header):
-            cells.append(line)
-        elif line:
-            source.skipped[CSV_TABLE, "row with another number of cells than the header"] += 1
-    by_column = dict(zip(header, zip(*cells, strict=True), strict=True)) if cells else dict.fromkeys(header, ())
-    columns = {name: _numbers(by_column[name]) for name in mapping.columns(CSV_TABLE)}
-    seconds = _numbers(by_column[rows.time_column])
-    labels = by_column[rows.segment_column] if rows.segment_column is not None else ("",) * len(seconds)
+    with Progress(path.stat().st_size) as progress:
+        lines = _csv_lines(path, source, progress)
+        header = [name.strip() for name in next(lines, [])]
+        segment_columns = () if rows.segment_column is None else (rows.segment_column,)
+        for name in (rows.time_column, *segment_columns, *mapping.columns(CSV_TABLE)):
+            if name not in header:
+                raise SourceError(f"{path}: no column {name!r}; columns present: {', '.join(header) or 'none'}")
+        cells = _Cells(header, rows, mapping.columns(CSV_TABLE))
+        for line in lines:
+            if len(line) == len(header):
+                cells.take(line)
+            elif line:
+                source.skipped[CSV_TABLE, "row with another number of cells than the header"] += 1
+    seconds, segment = _finite(cells.seconds), np.frombuffer(cells.segments, np.int64)
     timed = np.abs(seconds) < LONGEST_SECONDS
     if not timed.all():
         source.skipped[CSV_TABLE, f"row without a time in {rows.time_column}"] += int((~timed).sum())
-    segment = _segment_numbers(np.array(labels, str))[timed]
-    utime = _utime(rows, seconds[timed], segment)
-    source.tables[CSV_TABLE] = in_time_order(
-        utime, utime, segment, {name: values[timed] for name, values in columns.items()}
-    )
+    columns = {name: _finite(values)[timed] for name, values in cells.columns.items()}
+    utime = _utime(rows, seconds[timed], segment[timed])
+    source.tables[CSV_TABLE] = in_time_order(utime, utime, segment[timed], columns)
     return source
 
 
-def _csv_lines(path: Path, source: Source) -> Iterator[list[str]]:
+class _Cells:
+    """What is needed of the rows of a CSV file, as numbers; `segments` numbers the runs of equal labels from 0."""
+
+    def __init__(self, header: list[str], rows: Rows, names: tuple[str, ...]) -> None:
+        place = {name: index for index, name in enumerate(header)}
+        self.seconds = array("d")
+        self.segments = array("q")
+        self.columns = {name: array("d") for name in names}
+        self._taken = [(place[rows.time_column], self.seconds)]
+        self._taken += [(place[name], values) for name, values in self.columns.items()]
+        self._label_at = None if rows.segment_column is None else place[rows.segment_column]
+        self._label = ""
+
+    def take(self, line: list[str]) -> None:
+        """Take a row, NaN where a cell is no number."""
+        label = "" if self._label_at is None else line[self._label_at]
+        number = self.segments[-1] if self.segments else 0
+        self.segments.append(number + (bool(self.segments) and label != self._label))
+        self._label = label
+        for index, values in self._taken:
+            values.append(_number(line[index]))
+
+
+def _csv_lines(path: Path, source: Source, progress: Progress) -> Iterator[list[str]]:
     """Yield the lines' cells; of a truncated file those that are there."""
-    opener: Any = gzip.open if path.suffix == ".gz" else open
-    with opener(path, "rt", encoding="utf-8-sig", errors="replace", newline="") as stream:
+    before = 0
+    with path.open("rb") as file:
+        content: Any = gzip.GzipFile(fileobj=file) if path.suffix == ".gz" else file
+        text = io.TextIOWrapper(content, encoding="utf-8-sig", errors="replace", newline="")
         try:
-            yield from csv.reader(stream)
+            for count, line in enumerate(csv.reader(text)):
+                if count % LINES_BETWEEN_REDRAWINGS == 0:
+                    progress.show(file.tell() - before)
+                    before = file.tell()
+                yield line
         except (EOFError, zlib.error, gzip.BadGzipFile, csv.Error) as error:
             source.notes.append(f"{path} is truncated or damaged ({error}); the rows before that are used.")
 
 
-def _numbers(cells: tuple[str, ...]) -> NDArray[np.float64]:
-    """Return the cells as numbers; NaN where a cell is empty, no number, or not finite."""
-    values = np.array([_number(cell) for cell in cells], np.float64)
-    return np.where(np.isfinite(values), values, np.nan)
+def _finite(values: "array[float]") -> NDArray[np.float64]:
+    """Return the numbers as an array; NaN where one is not finite."""
+    numbers = np.frombuffer(values, np.float64)
+    return np.where(np.isfinite(numbers), numbers, np.nan)
 
 
 def _number(cell: str) -> float:
@@ -181,11 +228,6 @@ def _number(cell: str) -> float:
         return float(cell)
     except ValueError:
         return np.nan
-
-
-def _segment_numbers(labels: NDArray[np.str_]) -> NDArray[np.int64]:
-    """Number the runs of equal labels from 0."""
-    return np.concatenate([[0], np.cumsum(labels[1:] != labels[:-1])]).astype(np.int64)[: len(labels)]
 
 
 def _utime(rows: Rows, seconds: NDArray[np.float64], segment: NDArray[np.int64]) -> NDArray[np.int64]:
