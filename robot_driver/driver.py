@@ -96,6 +96,8 @@ class Driver:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        for thread in self._threads:  # all at once: none has to wait until another has left its device
+            thread.ask_to_stop()
         self._inside.__exit__(kind, error, trace)
 
     def turn(self) -> None:

@@ -65,8 +65,12 @@ class PortThread:
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
-        self._stop.set()
+        self.ask_to_stop()
         self._thread.join(STOP_TIMEOUT)
+
+    def ask_to_stop(self) -> None:
+        """Have the thread end soon; leaving waits for it."""
+        self._stop.set()
 
     @property
     def problem(self) -> str:
@@ -91,8 +95,7 @@ class PortThread:
             except PortLost as lost:
                 self._lost = str(lost)
             except Exception as failure:
-                self.failure = failure
-                self._stop.set()
+                self._end(failure)
             finally:
                 self._let_go()
             self._stop.wait(max(pause, self.device.rest))
@@ -102,5 +105,12 @@ class PortThread:
         try:
             with suppress(PortLost):
                 self.device.leave()
+        except Exception as failure:
+            self._end(failure)
         finally:
             self.port.close()
+
+    def _end(self, failure: Exception) -> None:
+        """Work no more, and have everybody who asks know why."""
+        self.failure = self.failure or failure
+        self._stop.set()

@@ -10,7 +10,7 @@ import pytest
 
 from cmr.bus.messages import now_utime
 from cmr.msg import process_status_t
-from robot_driver import serial_port
+from robot_driver import port_thread, serial_port
 from robot_driver.controllers import Request
 from robot_driver.driver import Driver, Settings
 from robot_driver.port_thread import Device, PortThread
@@ -81,6 +81,58 @@ def test_10_between_attempts_to_get_a_device_back_the_pauses_grow_to_a_second(si
     with thread:
         thread._thread.join(10.0)
     assert pauses.pauses == [0.1, 0.2, 0.4, 0.1, 0.2, 0.4, 0.8, 1.0]
+
+
+class Leaving(Device):
+    """Does nothing but leave, and notes that; where there is another, not before that one has left."""
+
+    def __init__(self, after: "Leaving | None" = None) -> None:
+        self.has_left = threading.Event()
+        self.came_after: bool | None = None
+        self._after = after
+
+    def connect(self, stop: threading.Event) -> None:
+        pass
+
+    def turn(self, stop: threading.Event) -> None:
+        stop.wait()
+
+    def leave(self) -> None:
+        self.came_after = self._after.has_left.wait(2.0) if self._after else None
+        self.has_left.set()
+
+
+def test_9_the_gyro_is_left_while_the_motors_are_still_being_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(port_thread, "STOP_TIMEOUT", 10.0)
+    driver = Driver(Settings(port=str(tmp_path / "motor"), gyro_port=str(tmp_path / "gyro")))
+    gyro = Leaving()
+    motors = Leaving(after=gyro)
+    for thread, device in zip(driver._threads, (motors, gyro), strict=True):
+        thread.device = device
+        monkeypatch.setattr(thread.port, "open", lambda: None)
+    with driver:
+        pass
+    assert motors.came_after
+
+
+class Failing(Leaving):
+    """Fails as it is left, by a fault of the program."""
+
+    def leave(self) -> None:
+        raise ZeroDivisionError
+
+
+def test_a_fault_of_the_program_while_a_device_is_left_is_not_hidden(silent_port: str) -> None:
+    port = SerialPort(silent_port, 115200)
+    with PortThread(port, Failing()) as thread:
+        thread.ask_to_stop()
+        thread._thread.join()
+        with pytest.raises(ZeroDivisionError):
+            _ = thread.problem
+    with pytest.raises(PortLost, match="not open"):
+        port.write(b"x")
 
 
 def is_exclusive(port: SerialPort) -> bool:
