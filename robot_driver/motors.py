@@ -4,7 +4,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from cmr.bus.messages import make
@@ -25,6 +25,7 @@ T = TypeVar("T")
 SILENCE_LIMIT = 0.4  # s without an acknowledged duty after which the device counts as gone, perhaps switched off
 HUSH = 0.1  # s without one after which the device may have been reset: look before it is driven on
 BLIND_LIMIT = 1.0  # s without encoder counts after which the connection is made anew, though duties are acknowledged
+DUTY_LIFETIME = 0.1  # s after which a duty that has not been sent yet is not the one wanted any more
 TAKEN_FOR_ZERO = 0.002  # duty up to which a controller may take it for zero
 SILENCE_OF_OURS = 0.1  # s that it lasts longer than the device's watchdog
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
@@ -207,12 +208,17 @@ class Motors(Device):
         """See that the device, which may have been reset, is still armed.
 
         While nobody answers, zero is all that it may be told; and is told: of two units one may still hear, and go on.
-        Raises BadReply when there is no answer.
+        At a low rate that is so at every turn; there, one lost answer is no silence yet. Raises BadReply when there is
+        no answer.
         """
+        was_silent = self._doubtful
         try:
             self._check_watchdog(connection)
         except BadReply:
             self._recover()
+            if not was_silent:
+                self._look(connection)
+                return
             self._ramp.reset()
             self._ask(connection.controller.drive(0.0, 0.0))
             self._check_watchdog(connection)
@@ -223,7 +229,8 @@ class Motors(Device):
         An acknowledgement may be as short as a byte with which other answers begin, too: if anything follows it, a
         damaged request was taken for another one, and the duty is not in force.
         All acknowledgements look alike, so after a missing answer the next may be one that is late. A reading that was
-        not asked for lately can be told from all else: what was late has come before it, or spoils it.
+        not asked for lately can be told from all else: what was late has come before it, or spoils it. Only then is it
+        sure which duty is in force.
         """
         applied, status = self._drive(connection)
         was_doubtful = self._doubtful
@@ -232,6 +239,7 @@ class Motors(Device):
             self._doubtful = False
             applied, status = self._drive(connection)
         self._read_encoders(connection, applied, status)
+        self._ramp.confirm()
         if not was_doubtful:
             self._read_telemetry(connection)
 
@@ -239,6 +247,8 @@ class Motors(Device):
         """Send the duty in force; return what was acknowledged, left first, and the status that goes with it."""
         connection.unarmed = self._refusal or connection.unarmed
         self._act(connection)
+        self._strays = self._port.strays
+        self._port.discard_strays()  # it takes a while, after which something else may be wanted
         now = seconds_since_boot()
         drive = self._gate.drive(now)
         if connection.unarmed:
@@ -249,13 +259,14 @@ class Motors(Device):
         else:
             duties = self._ramp.towards(drive.left, drive.right, now)
         request = connection.controller.drive(*self._wiring.channels(*duties))
-        self._strays = self._port.strays
+        if any(duties):  # zero is never too late
+            request = replace(request, not_after=now + DUTY_LIFETIME)
         acknowledged = self._ask(request).value
         self._last_driven = time.monotonic()
         if max(map(abs, duties)) > TAKEN_FOR_ZERO and not any(acknowledged):
             self._ramp.reset()  # the controller holds the motors by itself: when it lets go, they begin at zero
         else:
-            self._ramp.confirm()
+            self._ramp.acknowledge()
         return self._wiring.forward(*acknowledged), drive.status
 
     def _read_encoders(self, connection: _Connection, applied: tuple[float, float], status: int) -> None:
@@ -345,7 +356,7 @@ class Motors(Device):
             if stop.is_set():
                 raise PortLost("The process is ending.")
             try:
-                return self._ask(request).value
+                return self._ask(_until(stop, request)).value
             except BadReply as bad:
                 reason = str(bad)
                 self._recover()
@@ -374,6 +385,11 @@ class Motors(Device):
             f"The motor controller at {self._port.path} does not answer. Check its power, its cable, and that it is "
             f"set to {self._controller_type.link} at {self._port.baud_rate} baud."
         )
+
+
+def _until(stop: threading.Event, request: Request[T]) -> Request[T]:
+    """Return a request whose answer is not waited for when the process is ending; some take longer than a second."""
+    return replace(request, missing=lambda reply: 0 if stop.is_set() else request.missing(reply))
 
 
 def _is_set(controller: Controller, seconds: float) -> bool:

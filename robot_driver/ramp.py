@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 LONGEST_PAUSE = 0.4  # s; after a longer one the device's own watchdog may have stopped the motors
 
@@ -43,6 +44,7 @@ class Ramp:
     """The duties of both sides on their way to what is commanded; begins at zero.
 
     Only duties that the device has acknowledged count as reached: those that were lost on the line are not built upon.
+    Where it may have acknowledged others, a duty that grew does not count: two steps might be taken in one.
     """
 
     def __init__(self, limits: Limits, longest_step: float) -> None:
@@ -52,24 +54,42 @@ class Ramp:
 
     def reset(self) -> None:
         """Be at zero now; the next command is approached from there."""
-        self._reached = self._next = (0.0, 0.0), math.inf
+        self._reached = self._next = STANDSTILL, STANDSTILL
 
     def towards(self, left: float, right: float, now: float) -> tuple[float, float]:
         """Return the duties (left, right) for the moment `now` (s) on the way to those commanded.
 
         After a pause they go on as if it had lasted `longest_step` (s), after more than LONGEST_PAUSE from zero.
         """
-        duties, time = self._reached
-        if now - time > LONGEST_PAUSE:
-            duties, time = (0.0, 0.0), now
-        seconds = min(max(now - time, 0.0), self._longest_step)
-        next_duties = (
-            approach(duties[0], left, seconds, self._limits),
-            approach(duties[1], right, seconds, self._limits),
-        )
-        self._next = next_duties, now
-        return next_duties
+        self._next = self._step(self._reached[0], left, now), self._step(self._reached[1], right, now)
+        return self._next[0].duty, self._next[1].duty
+
+    def acknowledge(self) -> None:
+        """Go on from the last duties as far as they did not grow: the device has acknowledged them, or others."""
+        self._reached = _surely(self._reached[0], self._next[0]), _surely(self._reached[1], self._next[1])
 
     def confirm(self) -> None:
-        """Go on from the last duties: the device has acknowledged them."""
+        """Go on from the last duties: it is sure by now that they are those which the device has acknowledged."""
         self._reached = self._next
+
+    def _step(self, reached: "_Reached", wanted: float, now: float) -> "_Reached":
+        duty, time = reached if now - reached.time <= LONGEST_PAUSE else (0.0, now)
+        seconds = min(max(now - time, 0.0), self._longest_step)
+        return _Reached(approach(duty, wanted, seconds, self._limits), now)
+
+
+class _Reached(NamedTuple):
+    """A duty of one side, and when it was to be that (s)."""
+
+    duty: float
+    time: float
+
+
+STANDSTILL = _Reached(0.0, math.inf)
+
+
+def _surely(before: _Reached, after: _Reached) -> _Reached:
+    """Return what may be built upon when it is not known which of the two is in force: the smaller."""
+    if before.duty * after.duty < 0.0:
+        return _Reached(0.0, after.time)
+    return after if abs(after.duty) <= abs(before.duty) else before

@@ -12,13 +12,14 @@ import select
 import termios
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import serial
 from serial.tools import list_ports
 
+from robot_driver.clock import seconds_since_boot
 from robot_driver.controllers import BadReply, Request
 
 T = TypeVar("T")
@@ -125,8 +126,8 @@ class SerialPort:
         """Ask a device, and what follows from its answer or from its silence; return the answer.
 
         A reply may come in pieces: each byte that comes moves the deadline. Raises BadReply when no reply, half a
-        reply or a damaged one comes before the deadline; then call `resynchronise` before the next request. Raises
-        PortLost.
+        reply or a damaged one comes before the deadline, or it is too late to ask; then call `resynchronise` before
+        the next request. Raises PortLost.
         """
         try:
             answer = self._ask(request)
@@ -134,11 +135,11 @@ class SerialPort:
             if request.otherwise is not None:
                 self.resynchronise()
                 with suppress(BadReply):
-                    self.exchange(request.otherwise)
+                    self.exchange(replace(request.otherwise, not_after=request.not_after))
             raise
         if request.then is None:
             return answer
-        further = self.exchange(request.then(answer.value))
+        further = self.exchange(replace(request.then(answer.value), not_after=request.not_after))
         return Answer(further.value, (answer.measured + further.measured) // 2, further.arrived)
 
     def resynchronise(self) -> None:
@@ -151,11 +152,26 @@ class SerialPort:
             if not self.read(4096, self._last_traffic + PACKET_GAP - time.monotonic()):
                 return
 
+    def discard_strays(self) -> None:
+        """Get back in step if bytes are waiting that no request asked for: a late reply is not the next one's.
+
+        Takes up to RESYNC_LIMIT (s). Raises PortLost.
+        """
+        if self.read(4096, 0.0):
+            self.strays += 1
+            self.resynchronise()
+
+    def _send(self, request: Request[T]) -> None:
+        """Write a request, unless it is out of date: then BadReply is raised. Raises PortLost."""
+        if seconds_since_boot() > request.not_after:
+            raise BadReply(f"{request.name} was held up for so long that it is not sent any more.")
+        self.write(request.data)
+
     def _ask(self, request: Request[T]) -> Answer[T]:
         """Make one request, and return what it is answered. Raises BadReply and PortLost."""
-        self._discard_strays()
+        self.discard_strays()
         sent = time.monotonic_ns()
-        self.write(request.data)
+        self._send(request)
         began, reply = None, b""
         deadline = self._last_traffic + self.wire_time(request.longest_reply) + REPLY_MARGIN
         while (missing := request.missing(reply)) > 0:
@@ -174,12 +190,6 @@ class SerialPort:
         asked = sent + int(1e9 * self.wire_time(len(request.data)))
         answered = began or arrived
         return Answer(request.parse(reply), (asked + answered) // 2, arrived)
-
-    def _discard_strays(self) -> None:
-        """Get back in step if bytes are waiting that no request asked for: a late reply is not the next one's."""
-        if self.read(4096, 0.0):
-            self.strays += 1
-            self.resynchronise()
 
     def _opened(self) -> serial.Serial:
         if self._serial is None:

@@ -39,7 +39,7 @@ class StreamPort(SerialPort):
         When it does not come in time, what came is all that the request's `parse` gets: it raises BadReply. When the
         board's clock says what cannot be, a reading was taken when it arrived. Raises PortLost.
         """
-        self.write(request.data)
+        self._send(request)
         deadline = time.monotonic() + PATIENCE
         reply = b""
         while (missing := request.missing(reply)) > 0:
@@ -55,6 +55,9 @@ class StreamPort(SerialPort):
         measured = request.measured() if request.measured else arrived
         believed = 0 <= arrived - measured < LONGEST_DELAY
         return Answer(value, measured if believed else arrived, arrived)
+
+    def discard_strays(self) -> None:
+        """Do nothing: all that comes is listened to."""
 
     def resynchronise(self) -> None:
         """Do nothing: in a stream, frames tell where they begin."""

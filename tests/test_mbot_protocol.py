@@ -150,8 +150,7 @@ def test_an_impossible_duty_is_refused(duties: tuple[float, float]) -> None:
         MBot().drive(*duties)
 
 
-@pytest.mark.usefixtures("clock")
-def test_the_watchdog_is_what_the_board_shows() -> None:
+def test_the_watchdog_is_what_the_board_shows_once_and_has_as_long_as_it_talks(clock: Clock) -> None:
     mbot = MBot()
     with pytest.raises(ValueError, match="cannot be set"):
         mbot.set_watchdog(0.5)
@@ -161,7 +160,12 @@ def test_the_watchdog_is_what_the_board_shows() -> None:
         request.parse(b"")
     assert answer(request, said(Topic.MOTOR_PWM, 1_004_000)) is None
     assert request.parse(b"") == 1.0
+    clock.utime = 1_010_000
     assert mbot.read_watchdog().parse(b"") == 1.0
+    clock.utime = 1_200_000
+    with pytest.raises(BadReply):
+        mbot.read_watchdog().parse(b"")
+    clock.utime = 7
     ignored = MBot().read_watchdog()
     assert answer(ignored, said(Topic.MOTOR_PWM, 1_510_000)) == 1.5
 

@@ -1,5 +1,6 @@
 """What the driver asks of a motor controller that answers when it is spoken to."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -49,7 +50,8 @@ class Request(Generic[T]):
     silence tells. `measured` tells, once `parse` has returned, when the device took the reading (monotonic ns), where
     its own clock says so. `then` makes, from what the reply says, a further request to be made at once; what that
     is answered is the answer to both. `otherwise` is made when there is no good reply, which stays a failure all the
-    same: somebody else on the line must hear it, whatever it is answered.
+    same: somebody else on the line must hear it, whatever it is answered. Nothing of it is sent after `not_after`
+    (s since the computer was started): then it is out of date.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Request(Generic[T]):
     measured: Callable[[], int] | None = None
     then: "Callable[[T], Request[T]] | None" = None
     otherwise: "Request[T] | None" = None
+    not_after: float = math.inf
 
 
 class Controller(ABC):

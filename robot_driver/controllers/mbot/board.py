@@ -71,9 +71,13 @@ class MBot(Controller):
         return _answered("watchdog", None)
 
     def read_watchdog(self) -> Request[float]:
-        """See how long the board goes on talking after it was told the time (s), once; a reset does not change that."""
-        if self._watchdog is not None:
-            return _answered("watchdog", self._watchdog)
+        """See how long the board goes on talking after it was told the time (s), once; then only that it still talks.
+
+        A reset does not change its watchdog; but a board that was reset is silent until it is told the time again.
+        """
+        if (known := self._watchdog) is not None:
+            since = time.monotonic_ns() // 1000 - UNHEARD
+            return self._wait("watchdog", lambda: known if self._has_talked(since) else None)
         data, _ = self._tell(0.0, 0.0, time_too=True)
         told = self._told_time
 
@@ -175,6 +179,11 @@ class MBot(Controller):
         if self._latest or not topics:
             return ""
         return f" It says only topics {topics}, so its firmware is another: install the one that README names."
+
+    def _has_talked(self, since: int) -> bool:
+        """Tell whether the board has said anything since a moment (us, our monotonic clock)."""
+        now = time.monotonic_ns() // 1000
+        return any(since <= frame.utime <= now for frame in self._latest.values())
 
     def _fresh(self, topic: Topic) -> Frame | None:
         """Return the latest frame of a topic if it was said after the board was last told duties."""
