@@ -1,6 +1,7 @@
 """Fields of messages over time: what a person asks for, and their values from a log."""
 
 import re
+from array import array
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any, NamedTuple
@@ -89,7 +90,7 @@ class Gathered:
     def __init__(self, names: Iterable[FieldName], events: Iterable[Event]) -> None:
         self.channels: set[str] = set()
         self.rejected = 0
-        self._rows: dict[FieldName, list[tuple[int, float]]] = {name: [] for name in names}
+        self._rows = {name: (array("q"), array("d")) for name in names}  # times [us] and values
         self._begin: int | None = None
         wanted: dict[str, list[FieldName]] = {}
         for name in self._rows:
@@ -103,9 +104,9 @@ class Gathered:
 
     def values(self, name: FieldName) -> Values:
         """Return what was gathered of a field, in the order of its times."""
-        rows = np.array(self._rows[name], dtype=[("utime", np.int64), ("value", np.float64)])
-        rows = rows[np.argsort(rows["utime"], kind="stable")]
-        return Values((rows["utime"] - (self._begin or 0)) / MICROSECONDS, rows["value"])
+        utime, values = (np.array(column) for column in self._rows[name])
+        order = np.argsort(utime, kind="stable")
+        return Values((utime[order] - (self._begin or 0)) / MICROSECONDS, values[order])
 
     def _take(self, event: Event, names: Sequence[FieldName]) -> None:
         try:
@@ -114,7 +115,9 @@ class Gathered:
             self.rejected += 1
             return
         for name in names:
-            self._rows[name].append((message.utime, _number(message, name)))
+            times, values = self._rows[name]
+            times.append(message.utime)
+            values.append(_number(message, name))
 
 
 def against(horizontal: Values, vertical: Values) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
