@@ -21,6 +21,7 @@ Linear = tuple[Floats, Floats]  # white errors (n,) and their slopes (n, p)
 MOST_STEPS = 7
 SETTLED = 0.1  # of the sum of squares: a step that promises less is not taken
 KEPT = 0.5  # of what a step promises must come
+WORTH_A_DETOUR = 2.0  # of the sum of squares: where less is promised and does not come, the ground is only rough
 DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tried at once
 LONG_STRIDE = 6.0
 
@@ -57,14 +58,15 @@ class Fit:
 def fitted(start: Mapping[str, float], names: tuple[str, ...], noise: Noise, scene: Scene) -> Asking[Fit]:
     """Fit the free parameters `names`; where a step does not keep its promise, the best of many shorter ones is taken.
 
-    Dry friction makes the sum of squares rough. Where all steps fail, slopes over a longer distance may still do.
+    Dry friction makes the sum of squares rough. Where all steps fail, slopes over a longer distance may still do, if
+    they promise much.
     """
     values, stride = dict(start), 1.0
     here = yield from linear(values, names, scene)
     usual: Linear | None = here  # over the usual distance, where that is known
     for _ in range(MOST_STEPS):
         rest, slopes = here
-        step = newton_steps(slopes, rest, DAMPINGS[:1])[0]
+        step = newton_steps(slopes, rest, DAMPINGS[:1], room(values, names))[0]
         promised = float(rest @ rest) - float(np.sum((rest + slopes @ step) ** 2))
         if promised < SETTLED:
             break
@@ -75,12 +77,12 @@ def fitted(start: Mapping[str, float], names: tuple[str, ...], noise: Noise, sce
             usual = here if stride == 1.0 else None
             continue
         shorter, drop = yield from _best_step(values, names, rest, slopes)
-        if drop >= SETTLED:
+        better = drop >= SETTLED
+        if better:
             values, usual = shorter, None
-        elif stride == 1.0:
-            stride = LONG_STRIDE
-        else:
+        if promised < WORTH_A_DETOUR or not (better or stride == 1.0):
             break
+        stride = stride if better else LONG_STRIDE
         here = yield from linear(values, names, scene, stride)
         usual = here if stride == 1.0 else usual
     rest, slopes = usual or (yield from linear(values, names, scene))
@@ -91,7 +93,7 @@ def _best_step(
     values: Mapping[str, float], names: Sequence[str], rest: Floats, slopes: Floats
 ) -> Asking[tuple[dict[str, float], float]]:
     """Return the best values of many shortened and damped steps, and by how much they drop the sum of squares."""
-    steps = [share * step for step in newton_steps(slopes, rest, DAMPINGS) for share in SHARES]
+    steps = [share * step for step in newton_steps(slopes, rest, DAMPINGS, room(values, names)) for share in SHARES]
     tried = [moved(values, names, step) for step in steps]
     white = yield tried
     squares = sums_of_squares(white)
@@ -131,12 +133,34 @@ def one_by_one(values: Mapping[str, float], names: Sequence[str], moves: Floats)
     return [{**values, name: values[name] + move} for name, move in zip(names, moves, strict=True)]
 
 
-def newton_steps(slopes: Floats, rest: Floats, dampings: Sequence[float]) -> list[Floats]:
-    """Return Gauss-Newton steps with these dampings (Levenberg and Marquardt)."""
+def newton_steps(slopes: Floats, rest: Floats, dampings: Sequence[float], room: Floats) -> list[Floats]:
+    """Return Gauss-Newton steps with these dampings (Levenberg and Marquardt) that stay within `room` (p, 2)."""
     normal, right = slopes.T @ slopes, slopes.T @ rest
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / np.outer(scale, scale)
-    return [-np.linalg.solve(scaled + damping * np.eye(len(scale)), right / scale) / scale for damping in dampings]
+    return [
+        _step_within(scaled + damping * np.eye(len(scale)), right / scale, room * scale[:, None]) / scale
+        for damping in dampings
+    ]
+
+
+def _step_within(normal: Floats, right: Floats, room: Floats) -> Floats:
+    """Return the step (p,) down a parabola; parameters that would leave their room stop there, the others know it."""
+    step = -np.linalg.solve(normal, right)
+    stopped = np.zeros(len(step), np.bool_)
+    while np.any(beyond := ~stopped & ((step < room[:, 0]) | (step > room[:, 1]))):
+        stopped |= beyond
+        step[stopped] = np.clip(step, *room.T)[stopped]
+        free = ~stopped
+        pull = right[free] + normal[np.ix_(free, stopped)] @ step[stopped]
+        step[free] = -np.linalg.solve(normal[np.ix_(free, free)], pull)
+    return np.asarray(step)
+
+
+def room(values: Mapping[str, float], names: Sequence[str]) -> Floats:
+    """Return how far each parameter may be moved down and up within its bounds, shape (p, 2)."""
+    known = [definition(name) for name in names]
+    return np.array([(one.lower - values[one.name], one.upper - values[one.name]) for one in known])
 
 
 def inward(name: str, value: float, step: float) -> float:

@@ -18,6 +18,7 @@ from cmr.diagnosis.fitting import (
     moves_of,
     newton_steps,
     one_by_one,
+    room,
     sums_of_squares,
 )
 from cmr.diagnosis.noise import Noise
@@ -237,7 +238,7 @@ class _Course:
         if squares < self.squares:
             self.best, self.squares, self._pace = self.tried, squares, 1.0
             every = np.concatenate([base, slopes], axis=1)
-            self._step = newton_steps(every, rest, DAMPINGS[:1])[0]
+            self._step = newton_steps(every, rest, DAMPINGS[:1], room(self.best, self.free))[0]
             self.promised = squares - float(np.sum((rest + every @ self._step) ** 2))
         else:
             self._pace *= 0.3
