@@ -15,7 +15,7 @@ CELL = 0.1  # m; places are told apart as finely
 RADII = (0.2, 0.3, 0.38, 0.46, 0.55)  # m
 MOST_CELLS = 1500
 FARTHEST = 1 << 31  # cells from the origin, and more than there are
-LARGEST_PART = 0.6  # of all that a place may hold: the rest must be elsewhere
+LARGEST_PART = 0.6  # of all that a place may hold, the rest being elsewhere, if everywhere would explain as much
 NOTHING = 1e-6
 
 
@@ -84,9 +84,11 @@ def _sums(move: Floats, rest: Floats, basis: Floats, cell: np.typing.NDArray[np.
 
 def _drops_within(sums: Floats, near: Floats) -> Floats:
     """Return by how much a move drops the squares in discs about each cell; `near` (cells, discs) is 1 within."""
-    within = sums @ near
-    drops = _drops(within[0], within[1], within[2:].T)
-    return np.where(within[1] > LARGEST_PART * sums[1].sum(), 0.0, drops)
+    within, everywhere = sums @ near, sums.sum(axis=1, keepdims=True)
+    drops, of_all = (_drops(one[0], one[1], one[2:].T) for one in (within, everywhere))
+    size, whole = within[1], everywhere[1]
+    nearly_all = (size > (1.0 - EDGE) * whole) | ((size > LARGEST_PART * whole) & (drops <= of_all))
+    return np.where(nearly_all, 0.0, drops)
 
 
 def _drops(pulls: Floats, sizes: Floats, along: Floats) -> Floats:
