@@ -37,6 +37,7 @@ class Fleet:
         self._wheel_radius: Floats = np.zeros(0)
         self._index: dict[Key, int] = {}
         self._robots = Robots.of([])
+        self._moved = False  # since `_robots` was noted
 
     @cached_property
     def _model(self) -> Any:
@@ -63,11 +64,12 @@ class Fleet:
             added = self._model.add(state, parameters)
             self._index.update(zip(keys, added.tolist(), strict=True))
         robot_ids, origins = map(Numbers, zip(*self._index, strict=True))
-        self._robots = Robots(robot_ids, origins, self._model.states())
+        self._robots, self._moved = Robots(robot_ids, origins, self._model.states()), False
         self._measure()
 
     def set_parameters(self, keys: Sequence[Key], parameters: RobotParameters) -> None:
         """Let robots move by other parameters from now on; their states stay."""
+        self._take_note()
         self._model.set_parameters(self._indices(keys), parameters)
         self._measure()
 
@@ -76,8 +78,9 @@ class Fleet:
 
         Duties are clipped to [-1, 1].
         """
-        chosen = slice(first, first + len(duties))
-        self._model.command(chosen, *np.minimum(np.maximum(np.reshape(duties, (-1, 2)), -1.0), 1.0).T)
+        clipped = np.asarray(duties, dtype=float).clip(-1.0, 1.0)
+        self._take_note()
+        self._model.command(slice(first, first + len(clipped)), clipped[:, 0], clipped[:, 1])
 
     def advance(self, utime: int) -> bool:
         """Let one step pass if it is due by `utime`, or in less than half a step; tell whether it did."""
@@ -89,17 +92,24 @@ class Fleet:
         if self._index:
             self._model.advance()
             self._meet()
-            self._robots = Robots(self._robots.robot_id, self._robots.origin, self._model.states())
+            self._moved = True
         return True
 
     def robots(self) -> Robots:
         """Return all robots as they were after the last step; other commands and parameters show after the next."""
+        self._take_note()
         return self._robots
 
     @property
     def radius(self) -> Floats:
         """How large robots are [m], in the order of `robots`; 0 for twins."""
         return self._radius
+
+    def _take_note(self) -> None:
+        """Keep the states after the last step, unless that is done: they are read only where somebody wants them."""
+        if self._moved:
+            self._robots = Robots(self._robots.robot_id, self._robots.origin, self._model.states())
+            self._moved = False
 
     def _meet(self) -> None:
         """Part robots that have come too near to one another, or to what stands in their way."""

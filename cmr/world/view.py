@@ -16,7 +16,7 @@ REAL: int = robot_state_t.REAL
 VIRTUAL: int = robot_state_t.VIRTUAL
 TWIN: int = robot_state_t.TWIN
 
-SEEN = ("x", "y", "theta", "psi_left", "psi_right")  # what `surroundings` tells of each robot
+SEEN = 5  # fields of a state, x to psi_right, that `surroundings` tells of each robot
 OLDEST = 1_000_000  # us; a robot of which nothing newer was heard is no longer in the world
 FURTHEST = 1e9  # m; whoever is further away is nowhere
 MOST_REMEMBERED = 500  # sets of robots whose numbers are kept as they are
@@ -127,9 +127,7 @@ class WorldView:
     def take(self, utime: int, robots: Robots) -> None:
         """Take the newest states of robots; those of others stay."""
         members = (robots.robot_id, robots.origin)
-        if members not in self._groups:
-            self._regroup(members)
-        group = self._groups[members]
+        group = self._groups.get(members) or self._regroup(members)
         group.utime, group.robots = utime, robots
         self.utime = max(self.utime, utime) if self.utime - utime <= OLDEST else utime  # or a clock was set back
         self._surroundings = None
@@ -157,7 +155,7 @@ class WorldView:
             if self._chosen is None or [group for group, _ in self._chosen] != self._fresh():
                 self._choose()
             states = [_of_each(group.robots.state, index) for group, index in self._chosen or []]
-            state = states[0] if len(states) == 1 else np.hstack([np.zeros((len(SEEN), 0)), *states])
+            state = states[0] if len(states) == 1 else np.hstack([np.zeros((SEEN, 0)), *states])
             members = self._members
             if not np.abs(state).max(initial=0.0) <= FURTHEST:  # or one is no number
                 sound = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
@@ -187,7 +185,7 @@ class WorldView:
         group, index = place
         return Robot(group.utime, robot_id, origin, group.robots.state_of(index))
 
-    def _regroup(self, members: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
+    def _regroup(self, members: tuple[tuple[int, ...], tuple[int, ...]]) -> "_Group":
         """Note that these robots come together from now on; groups that lose a robot to this one have an end."""
         group = _Group()
         left = set()
@@ -199,11 +197,12 @@ class WorldView:
         self._groups[members] = group
         self._all = list({id(other): other for other, _ in self._places.values()}.values())
         self._chosen = None
+        return group
 
 
 def _of_each(state: RobotState, index: Indices | slice) -> Floats:
     """Return pose and wheel speeds of some robots as rows."""
-    columns: Floats = np.array([getattr(state, name) for name in SEEN], dtype=float)
+    columns: Floats = np.array(state[:SEEN], dtype=float)
     return columns[:, index]
 
 

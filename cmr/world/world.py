@@ -237,6 +237,8 @@ class World:
 
     def _bodies_of_real(self) -> Floats:
         """Return x, y and radius [m] of the real robots heard of lately, (3, m)."""
+        if not self._real:
+            return NO_BODIES
         bodies = []
         for robot in self.real():
             parameters = self._real[robot.robot_id].estimator.parameters

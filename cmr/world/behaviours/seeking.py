@@ -21,8 +21,7 @@ LOOK_AHEAD = 0.15  # m along a path to the point that is headed for
 class Team(NamedTuple):
     """The n robots that decide now: their rows in the memory, their places among everybody, poses and parameters.
 
-    `dt` is the time [s] since each decided last, `radius` [m] that of its body, `apart` [m] the least distance between
-    its centre and that of another robot.
+    `radius` [m] is that of each body, `apart` [m] the least distance between its centre and that of another robot.
     """
 
     row: Indices
@@ -30,7 +29,6 @@ class Team(NamedTuple):
     x: Floats
     y: Floats
     theta: Floats
-    dt: Floats
     radius: Floats
     apart: Floats
     parameters: RobotParameters
@@ -73,22 +71,20 @@ class Seeker(TeamBehaviour):
 
     def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
         """Return the duties that take robots where `goals` says."""
-        from cmr.world.behaviours.steering import gather_speed, limit, steer
+        from cmr.world.behaviours.steering import gather_speed, steer
 
         around = world.surroundings()
         row = self.memory.rows(me.robot_id)
         x, y, theta = (np.ascontiguousarray(column, dtype=float) for column in me.state[:3])
-        dt, fastest = np.empty((2, len(row)))
-        remembered = (self.memory["utime"], self.memory["speed"])
-        gather_speed(row, float(utime), LONGEST_TURN, ACCELERATION, *remembered, dt, fastest)
         index, sizes = self._index_of(me.robot_id, around.members), self._sizes_of(parameters)
-        team = Team(row, index, x, y, theta, dt, *sizes, parameters)
+        team = Team(row, index, x, y, theta, *sizes, parameters)
         goals = self.goals(utime, team, me, world)
-        forward = self._keep_clear(team, goals, limit(goals.speed, fastest), around, world)
-        self.memory["speed"][row] = goals.speed
+        decided, speed = self.memory["utime"], self.memory["speed"]
+        highest = gather_speed(row, float(utime), LONGEST_TURN, ACCELERATION, decided, speed, goals.speed)
+        forward = self._keep_clear(team, goals, highest, around, world)
         duties = np.empty((len(row), 2))
         body = (parameters.wheel_radius, parameters.k1, parameters.base_width)
-        steer(x, y, theta, goals.x, goals.y, goals.speed, forward, *body, duties)
+        steer(row, x, y, theta, *goals[:3], forward, *body, speed, duties)
         return duties
 
     def _keep_clear(self, team: Team, goals: Goals, highest: float, around: Surroundings, world: WorldView) -> Floats:

@@ -12,8 +12,12 @@ from cmr.world.behaviours.team import Duties, Floats, Indices
 LARGEST_DUTY = 0.9  # leaves the motors something to turn with
 
 
-@compiled("void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1])")
+@compiled(
+    "void(i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    " f8[:, ::1])"
+)
 def steer(
+    row: Indices,
     x: Floats,
     y: Floats,
     theta: Floats,
@@ -24,14 +28,17 @@ def steer(
     wheel_radius: Floats,
     k1: Floats,
     base_width: Floats,
+    remembered: Floats,
     duties: Duties,
 ) -> None:
     """Write the duties (n, 2) that take robots at poses [m, m, rad] to targets [m] at these speeds [m/s].
 
     Each follows the arc through its target, and turns more sharply where it may go at most `fastest` [m/s] straight
-    on. Where the target lies behind, it turns on the spot. One without speed stands.
+    on. Where the target lies behind, it turns on the spot. One without speed stands. The speeds are `remembered` at
+    `row` (n,).
     """
     for i in range(len(x)):
+        remembered[row[i]] = speed[i]
         dx, dy = target_x[i] - x[i], target_y[i] - y[i]
         distance = math.sqrt(dx * dx + dy * dy)
         if not (speed[i] > 0.0 and distance > 1e-9):
@@ -51,33 +58,26 @@ def steer(
         duties[i, 0], duties[i, 1] = left / excess, right / excess
 
 
-@compiled("void(i8[::1], f8, f8, f8, f8[::1], f8[::1], f8[::1], f8[::1])")
+@compiled("f8(i8[::1], f8, f8, f8, f8[::1], f8[::1], f8[::1])")
 def gather_speed(
     row: Indices,
     utime: float,
     longest: float,
     acceleration: float,
     decided: Floats,
+    remembered: Floats,
     speed: Floats,
-    dt: Floats,
-    fastest: Floats,
-) -> None:
-    """Write how long ago [s], at most `longest`, n robots decided last, and how fast they may go by now [m/s].
+) -> float:
+    """Lower the speeds [m/s] of n robots to what each can have gathered by now; return the highest, at least 0.
 
-    When they decided [us] and how fast they went then is in `decided` and `speed` at `row` (n,); they decide now.
+    When they decided last [us] and how fast they went then is in `decided` and `remembered` at `row` (n,); they decide
+    now. Nobody gathers more than in `longest` [s].
     """
+    highest = 0.0
     for k in range(len(row)):
         r = row[k]
-        dt[k] = min(max((utime - decided[r]) * 1e-6, 0.0), longest)
-        fastest[k] = speed[r] + acceleration * dt[k]
-        decided[r] = utime
-
-
-@compiled("f8(f8[::1], f8[::1])")
-def limit(speed: Floats, fastest: Floats) -> float:
-    """Lower speeds to `fastest` (n,), in place; return the highest of them, at least 0."""
-    highest = 0.0
-    for k in range(len(speed)):
-        speed[k] = min(speed[k], fastest[k])
+        dt = min(max((utime - decided[r]) * 1e-6, 0.0), longest)
+        speed[k] = min(speed[k], remembered[r] + acceleration * dt)
         highest = max(highest, speed[k])
+        decided[r] = utime
     return highest
