@@ -34,6 +34,8 @@ class Crossing:
         self._by_right = by_right
         self._came: dict[int, int] = {}  # robots that wait: since when [us]
         self._turn = (NOBODY, 0)  # whose turn it is, and since when [us]
+        self._index: Indices | None = None
+        self._number: Indices = np.zeros(0, np.int64)
 
     def free_for(self, utime: int, around: Surroundings, index: Indices, inward: NDArray[np.bool_]) -> tuple[int, int]:
         """Return the ids of the robots that may go over the line, and on into the core; NOBODY where none may.
@@ -41,25 +43,28 @@ class Crossing:
         `index` are our robots among everybody, `inward` tells which of them head for the middle; of others it is
         guessed from their headings.
         """
-        from cmr.world.behaviours.crossing_loops import distances  # imports Numba, which takes half a second
+        from cmr.world.behaviours.crossing_loops import near_to  # imports Numba, which takes half a second
 
-        to_x, to_y = self.at_x - around.x, self.at_y - around.y
-        away = np.empty(len(to_x))
-        distances(to_x, to_y, away)
-        near = np.flatnonzero(away < self.zone + BAND)
-        heads = np.cos(around.theta[near]) * to_x[near] + np.sin(around.theta[near]) * to_y[near]
-        heading_in = np.zeros(len(away), bool)
-        heading_in[near] = heads > TOWARDS * away[near]
-        ours = index >= 0
-        heading_in[index[ours]] = inward[ours]
-        robot_id = around.members.robot_id
-        in_core = near[away[near] < self.core]
-        others = near[(away[near] >= self.core) & heading_in[near]]
-        ring, waiting = others[away[others] < self.zone], others[away[others] >= self.zone]
-        taken = bool(len(in_core) or len(ring))
+        near = near_to(self.at_x, self.at_y, self.zone + BAND, around.x, around.y)
+        to_x, to_y, theta = self.at_x - around.x[near], self.at_y - around.y[near], around.theta[near]
+        away = np.sqrt(to_x * to_x + to_y * to_y)
+        heading_in = np.cos(theta) * to_x + np.sin(theta) * to_y > TOWARDS * away
+        number = self._numbers(index, len(around.x))[near]
+        heading_in[number >= 0] = inward[number[number >= 0]]
+        in_core = away < self.core
+        ring, waiting = heading_in & ~in_core & (away < self.zone), heading_in & (away >= self.zone)
+        robot_id, taken = around.members.robot_id[near], bool(in_core.any() or ring.any())
         next_in = self._next(utime, robot_id[waiting], -to_x[waiting], -to_y[waiting], taken)
-        into_core = int(robot_id[ring].min()) if len(ring) and not len(in_core) else NOBODY
+        into_core = int(robot_id[ring].min()) if ring.any() and not in_core.any() else NOBODY
         return NOBODY if taken else next_in, into_core
+
+    def _numbers(self, index: Indices, everybody: int) -> Indices:
+        """Return for everybody which of our robots it is, -1 if none; the answer is kept while `index` is the same."""
+        if index is not self._index:
+            self._index, self._number = index, np.full(everybody, -1)
+            ours = np.flatnonzero(index >= 0)
+            self._number[index[ours]] = ours
+        return self._number
 
     def wait(
         self,

@@ -2,15 +2,22 @@
 
 import math
 
+import numpy as np
+
 from cmr.model.compiled import compiled
 from cmr.world.behaviours.team import Floats, Indices
 
 
-@compiled("void(f8[::1], f8[::1], f8[::1])")
-def distances(x: Floats, y: Floats, away: Floats) -> None:
-    """Write the lengths [m] of n ways."""
-    for k in range(len(x)):
-        away[k] = math.sqrt(x[k] * x[k] + y[k] * y[k])
+@compiled("i8[::1](f8, f8, f8, f8[::1], f8[::1])")
+def near_to(at_x: float, at_y: float, radius: float, x: Floats, y: Floats) -> Indices:
+    """Return which of n robots at (x, y) [m] are less than `radius` [m] from (at_x, at_y) [m]."""
+    near, found = np.empty(len(x), np.int64), 0
+    for i in range(len(x)):
+        dx, dy = at_x - x[i], at_y - y[i]
+        if math.sqrt(dx * dx + dy * dy) < radius:
+            near[found] = i
+            found += 1
+    return near[:found].copy()
 
 
 @compiled("void(f8, f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1])")

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from cmr.world.behaviours.seeking import CLEARANCE, Goals, Seeker, Team, wheel_radius_of
-from cmr.world.behaviours.team import Floats
-from cmr.world.surroundings import MISSING, Surroundings
+from cmr.world.behaviours.team import Floats, Indices
+from cmr.world.surroundings import MISSING, Members, Surroundings
 from cmr.world.view import Robots, WorldView
 
 NO_LEADER = -1
@@ -39,8 +39,12 @@ class Formation(Seeker):
             raise ValueError("spacing must be above 0")
         self.leader, self.shape, self.spacing, self.heading = leader, shape, spacing, heading
         self.members = tuple(int(robot_id) for robot_id in members.split(":")) if members else ()
+        self._members: Members | None = None
+        self._leader_index = MISSING
         self._known = 0
         self._places: Floats = np.zeros((2, 0))
+        self._row: Indices | None = None
+        self._own_places: Floats = np.zeros((2, 0))
 
     def goals(self, _utime: int, team: Team, _me: Robots, world: WorldView) -> Goals:
         """Return where robots head for to get to their places and move on with them."""
@@ -48,8 +52,10 @@ class Formation(Seeker):
 
         around = world.surroundings()
         if len(self.memory) != self._known:
-            self._known, self._places = len(self.memory), self._places_by_row()
-        ahead, left = self._places[:, team.row]
+            self._known, self._places, self._row = len(self.memory), self._places_by_row(), None
+        if team.row is not self._row:  # the same array comes again as long as the same robots are there
+            self._row, self._own_places = team.row, np.ascontiguousarray(self._places[:, team.row])
+        ahead, left = self._own_places
         target_x, target_y, speed, distance = np.empty((4, len(team.row)))
         anchor = self._anchor(around, team)
         keep_places(anchor, ahead, left, team.x, team.y, self.speed, target_x, target_y, speed, distance)
@@ -74,13 +80,15 @@ class Formation(Seeker):
             if not len(index):
                 return np.full(5, math.nan)
             return np.array([np.mean(around.x[index]), np.mean(around.y[index]), self.heading, 0.0, 0.0])
-        [index] = around.members.index_of(np.array([self.leader], np.int64))
-        if index == MISSING or not len(team.row):
+        if around.members is not self._members:
+            self._members, self._leader_index = around.members, int(around.members.index_of(np.array([self.leader]))[0])
+        leader = self._leader_index
+        if leader == MISSING or not len(team.row):
             return np.full(5, math.nan)
-        left, right = around.psi_left[index], around.psi_right[index]
+        left, right = around.psi_left[leader], around.psi_right[leader]
         radius = wheel_radius_of(team)
         yaw_rate = radius * (right - left) / float(team.parameters.base_width[0])
-        pose = (around.x[index], around.y[index], around.theta[index])
+        pose = (around.x[leader], around.y[leader], around.theta[leader])
         return np.array([*pose, radius * (left + right) / 2.0, yaw_rate])
 
 

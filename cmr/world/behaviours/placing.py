@@ -11,7 +11,7 @@ AHEAD = 0.4  # s of driving to the point that is headed for
 NEAREST = 0.15  # m to that point
 
 
-@compiled("void(f8[::1], f8[:], f8[:], f8[::1], f8[::1], f8, f8[::1], f8[::1], f8[::1], f8[::1])")
+@compiled("void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8, f8[::1], f8[::1], f8[::1], f8[::1])")
 def keep_places(
     anchor: Floats,
     ahead: Floats,

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from cmr.world.behaviours.crossing import NOBODY, SMALLEST_ZONE, Crossing
 from cmr.world.behaviours.seeking import ACCELERATION, CLEARANCE, Goals, Team
+from cmr.world.behaviours.team import Indices
 from cmr.world.behaviours.waypoints import Waypoints
 from cmr.world.view import Robots, WorldView
 
@@ -37,6 +38,8 @@ class RightOfWay(Waypoints):
         if not zone > SMALLEST_ZONE:
             raise ValueError(f"zone must be above {SMALLEST_ZONE:g} m")
         self._crossing = Crossing(at_x, at_y, zone, by_right=rule == "right")
+        self._place: Indices | None = None
+        self._robot_id: Indices = np.zeros(0, np.int64)
 
     def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
         """Return points on the paths; speeds of those who have to wait end at the lines where they wait."""
@@ -45,8 +48,10 @@ class RightOfWay(Waypoints):
         inward = self._heads_in(team, goals)
         around = world.surroundings()
         free = self._crossing.free_for(utime, around, team.place, inward)
-        robot_id = np.append(around.members.robot_id, NOBODY)[team.place]  # a robot that is MISSING is nobody
-        self._crossing.wait(robot_id, team.x, team.y, inward, free, ACCELERATION, goals.speed)
+        if team.place is not self._place:
+            self._place = team.place
+            self._robot_id = np.append(around.members.robot_id, NOBODY)[team.place]  # a robot that is MISSING is nobody
+        self._crossing.wait(self._robot_id, team.x, team.y, inward, free, ACCELERATION, goals.speed)
         return goals
 
     def _heads_in(self, team: Team, goals: Goals) -> NDArray[np.bool_]:
