@@ -43,6 +43,22 @@ def test_a_linear_model_is_fitted_as_by_least_squares() -> None:
     assert fit.slopes == pytest.approx(-slopes, abs=1e-9)
 
 
+def test_a_parameter_that_stops_at_its_bound_leaves_the_others_their_best() -> None:
+    """No command acts before it is sent: with the delay at 0, the bias is that of least squares without it."""
+    random = np.random.default_rng(6)
+    bias = random.standard_normal(COUNT)
+    slopes = np.stack([bias, bias + 0.5 * random.standard_normal(COUNT)], axis=1)
+    data = slopes @ [0.3, -0.2]
+    names = ("gyro_bias", "command_delay")
+    start = {"gyro_bias": 0.02, "command_delay": 0.05}
+    fit = answered(
+        fitted(start, names, Noise({}), SCENE), lambda values: data - slopes @ [values[name] for name in names]
+    )
+    assert fit.values["command_delay"] == 0.0
+    # The least damping leaves 1e-9 of the way, some 0.3 long.
+    assert fit.values["gyro_bias"] == pytest.approx(float(bias @ data) / float(bias @ bias), abs=1e-9)
+
+
 def test_a_step_that_goes_too_far_is_shortened() -> None:
     """Where the errors bend, a whole step from the start overshoots; the fit still comes to the lowest point."""
     fit = answered(

@@ -41,6 +41,30 @@ def test_the_place_of_a_patch_is_found() -> None:
     assert found.values["radius"] == pytest.approx(0.4, abs=0.11)
 
 
+def mostly_within(acts_outside: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return moves (n, 1) that are large within 0.4 m of a point, what is to be explained, and where."""
+    random = np.random.default_rng(4)
+    places = random.uniform(-1.5, 1.5, (COUNT, 2))
+    inside = np.hypot(places[:, 0] - 1.0, places[:, 1] + 0.5) < 0.4
+    move = np.where(inside, 6.0, 1.0) * random.standard_normal(COUNT)
+    assert np.sum(move[inside] ** 2) > 0.6 * np.sum(move**2)
+    return move[:, None], -move * np.where(inside, 1.0, acts_outside) + random.standard_normal(COUNT), places
+
+
+def test_a_place_may_hold_most_of_what_an_effect_does() -> None:
+    """A robot that hardly gets away from where friction holds it leaves most of its evidence there."""
+    moves, rest, places = mostly_within(acts_outside=0.0)
+    found = best_place(moves, rest, np.zeros((COUNT, 0)), places)
+    assert (found.values["x"], found.values["y"]) == pytest.approx((1.0, -0.5), abs=0.1)
+
+
+def test_what_acts_everywhere_is_no_place_where_most_of_it_shows() -> None:
+    moves, rest, places = mostly_within(acts_outside=1.0)
+    found = best_place(moves, rest, np.zeros((COUNT, 0)), places)
+    # Discs that hold more than 0.6 of it would have to explain more than everywhere does.
+    assert found.drop < 0.7 * float(moves[:, 0] @ rest) ** 2 / float(moves[:, 0] @ moves[:, 0])
+
+
 def test_what_the_model_can_do_itself_is_no_evidence() -> None:
     """A move along the model's own slopes explains nothing more, wherever it acts throughout."""
     random = np.random.default_rng(3)
