@@ -1,5 +1,6 @@
 """What cmr-view shows, without a browser: from messages to the scene and the panels, and from buttons to messages."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,17 @@ from cmr.bus.streams import (
 from cmr.bus.world_state import WorldState
 from cmr.commands.command_line import CommandError
 from cmr.commands.view import main
-from cmr.msg import estop_t, motor_feedback_t, pose_xyt_t, process_status_t, range_scan_t, robot_state_t, waypoints_t
+from cmr.msg import (
+    estop_t,
+    motor_feedback_t,
+    pose_xyt_t,
+    process_status_t,
+    range_scan_t,
+    robot_state_t,
+    waypoints_t,
+)
 from cmr.view import shapes, words
-from cmr.view.camera import overview
+from cmr.view.camera import TOP, Camera, overview
 from cmr.view.camera_panel import caption
 from cmr.view.charts import distances, estimates
 from cmr.view.intake import Intake
@@ -154,6 +163,28 @@ def test_a_camera_above_has_all_robots_in_its_picture() -> None:
     assert (x, target) == (10.0, (10.0, 3.0, 0.0))
     assert height > 50.0
     assert overview(ViewState().present())[0][2] > 0.0, "also where nobody is"
+
+
+class FakeCamera:
+    """A visitor's camera as viser has it."""
+
+    fov, aspect = 0.75, 1.5
+
+    def __init__(self) -> None:
+        self.position, self.look_at = np.zeros(3), np.zeros(3)
+
+
+@pytest.mark.parametrize("touched", [False, True])
+def test_a_camera_above_keeps_robots_in_its_picture_until_the_visitor_looks_elsewhere(touched: bool) -> None:
+    fake = FakeCamera()
+    camera = Camera(SimpleNamespace(camera=fake))  # type: ignore[arg-type]
+    camera.choose(TOP, showing(three(NOW)).present())
+    put = fake.position = np.array(fake.position) + (0.5 if touched else 0.001)
+    camera.advance(showing(three(NOW, 0.5)).present(), 0)
+    assert fake.position is put, "a robot that goes a little further is still in the picture"
+    camera.advance(showing(three(NOW, 20.0)).present(), 0)
+    assert (fake.position is put) == touched
+    assert touched or fake.position[0] == pytest.approx(10.515)
 
 
 # From the bytes of the bus

@@ -11,6 +11,7 @@ from cmr.msg import calibration_status_t, camera_image_t, estop_t, parameters_t,
 from cmr.recordings.events import Event, EventReader, event_bytes
 from cmr.view.log_index import LogIndex
 from cmr.view.playback import Playback
+from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.showing import LogShowing
 from cmr.view.wishes import JUMP, PAUSE, SPEED, Wish
 from tests.small_log import FIELDS, gyro_readings
@@ -21,14 +22,18 @@ LENGTH = 100  # s
 
 
 def drive() -> list[tuple[int, str, Any]]:
-    """Two robots for 100 s, each told in a part of its own at 20 Hz, under two cameras, and what happens meanwhile."""
+    """100 s of two robots, one with a twin, each in a part of its own at 20 Hz; two cameras; what happens meanwhile."""
     messages: list[tuple[int, str, Any]] = []
     for k in range(20 * LENGTH):
         utime = BEGIN + k * SECOND // 20
-        for robot_id in (1, 2):
-            pose = ([0.01 * k * robot_id], [0.0], [0.0])
-            columns = ([robot_id], [robot_id - 1], *pose, [0.0], [0.0], [0.0], [0.0])
-            messages.append((utime + robot_id, "WORLD_STATE", WorldState(utime, columns)))
+        x, psi = 0.01 * k, 5.0 if 2 <= k / 20 < 38 or 42 <= k / 20 < 80 else 0.0
+        apart = 0.3 if k / 20 < 40 else 0.01
+        still = ([0.0] * 2,) * 2
+        for part in (
+            ([1, 1], [REAL, TWIN], [x, x + apart], [0.0] * 2, [0.0] * 2, [psi] * 2, [psi] * 2, *still),
+            ([2], [VIRTUAL], [2 * x], *([0.0],) * 6),
+        ):
+            messages.append((utime + part[0][0], "WORLD_STATE", WorldState(utime, part)))
     for second in range(LENGTH):
         utime = BEGIN + second * SECOND + 30_000
         for number, process in enumerate(("cmr-sim", "cmr-driver", "cmr-diagnose")):
@@ -103,6 +108,11 @@ def test_after_a_jump_all_is_as_if_it_had_been_played(log: Path, seconds: float)
     jumped.jump(played.position)
     assert seen(jumped) == seen(played)
     assert reach(jumped) == pytest.approx(reach(played), abs=0.3)
+    for before_or_after in (0, 1):
+        paths = [playback.state.drives.of(1)[before_or_after] for playback in (played, jumped)]
+        assert [path is None for path in paths] == [seconds < (10.0, 50.0)[before_or_after]] * 2
+        expected, found = ([path.rmse, *path.real[[0, -1], 0]] if path else [] for path in paths)
+        assert found == pytest.approx(expected, abs=0.15)
     play_until(jumped, seconds + 0.3)
     play_until(played, seconds + 0.3)
     assert jumped.state.present().pose.tolist() == played.state.present().pose.tolist()
@@ -113,9 +123,10 @@ def test_a_jump_reads_little_of_a_long_log(log: Path, monkeypatch: pytest.Monkey
     decoded: list[str] = []
     monkeypatch.setattr(playback.state.__class__, "handle", lambda _self, _utime, channel, _m: decoded.append(channel))
     playback.jump(BEGIN + 90 * SECOND)
-    # Trails of a minute at five points a second of two robots, a second at full rate, all of the calibration.
-    assert decoded.count("WORLD_STATE") <= 2 * 60 * 5 + 2 * 20 + 10
-    assert len(decoded) < 1100
+    # Two parts each: trails of a minute at five points a second, a second at full rate, at two and a half points those
+    # 29 s of the calibration's drive that the minute does not hold. And all of the calibration.
+    assert decoded.count("WORLD_STATE") <= 2 * 60 * 5 + 2 * 20 + 10 + 2 * 29 * 2.5
+    assert len(decoded) < 1250
 
 
 def test_what_happened_has_its_marks(log: Path) -> None:
@@ -128,7 +139,7 @@ def test_a_log_is_shown_before_it_is_read_and_jumps_go_as_far_as_it_is_known(log
     playback = playback_of(log, indexed=False)
     assert playback.index.end - playback.index.begin == pytest.approx(LENGTH * SECOND, abs=SECOND)
     playback.play(1.0)
-    assert len(playback.state.present().robot_id) == 2
+    assert len(playback.state.present().robot_id) == 3
     playback.jump(BEGIN + 50 * SECOND)
     assert playback.position == playback.index.indexed_until
 
@@ -185,4 +196,4 @@ def test_damaged_logs_are_played(log: Path, tmp_path: Path, size: int) -> None:
     playback = playback_of(path)
     playback.jump(playback.index.end)
     playback.play(1.0)
-    assert len(playback.state.present().robot_id) == (2 if size == 100_000 else 0)
+    assert len(playback.state.present().robot_id) == (3 if size == 100_000 else 0)

@@ -3,26 +3,41 @@
 import numpy as np
 import viser
 
-from cmr.view.robots import Robots
+from cmr.view.robots import Floats, Robots
 
 FREE, TOP, FOLLOW = "free", "from above", "follow the robot"
 LEAST_EXTENT = 3.0  # m that are in the picture at least
 MARGIN = 2.0  # m around the outermost robots, half on each side
+EDGE = 0.8  # m that a robot may get beyond the outermost ones before a camera above is put anew
 TILT = 1e-3  # of its height by which a camera above stands south, so that north is up
 USUAL = 0.75  # rad, field of view of a browser that has not told its own yet
 CLOSE = (-1.2, -1.2, 1.2)  # m from a robot that is followed
+TOUCHED = 0.01  # of its height by which a camera above is elsewhere once the visitor has moved it
 
 Point = tuple[float, float, float]
 
 
 def overview(robots: Robots, field_of_view: float = USUAL, aspect: float = 1.0) -> tuple[Point, Point]:
     """Return where a camera above stands that has all robots in its picture, and where it looks [m]."""
-    x, y = robots.pose[:2] if robots.pose.size else np.zeros((2, 1))
-    centre = float(np.min(x) + np.max(x)) / 2, float(np.min(y) + np.max(y)) / 2
-    width, depth = float(np.ptp(x)) + MARGIN, float(np.ptp(y)) + MARGIN
+    low, high = rectangle(robots)
+    x, y = ((low + high) / 2).tolist()
+    width, depth = (high - low + MARGIN).tolist()
     extent = max(width / max(aspect, 0.1), depth, LEAST_EXTENT)
     height = extent / 2 / float(np.tan(field_of_view / 2))
-    return (centre[0], centre[1] - TILT * height, height), (*centre, 0.0)
+    return (x, y - TILT * height, height), (x, y, 0.0)
+
+
+def rectangle(robots: Robots) -> Floats:
+    """Return the lowest and the highest x and y of robots, shape (2, 2) [m]; zeros where nobody is."""
+    if not robots.pose.size:
+        return np.zeros((2, 2))
+    return np.stack([robots.pose[:2].min(axis=1), robots.pose[:2].max(axis=1)])
+
+
+def is_beyond(robots: Robots, known: Floats) -> bool:
+    """Tell whether a robot is so far outside a rectangle that a camera put above it may not show the robot."""
+    low, high = rectangle(robots)
+    return bool((low < known[0] - EDGE).any() or (high > known[1] + EDGE).any())
 
 
 class Camera:
@@ -32,15 +47,20 @@ class Camera:
         self._camera = client.camera
         self._mode = FREE
         self._followed: tuple[int, Point] | None = None
+        self._above: tuple[Point, Floats] | None = None  # where it was put, and the rectangle of robots there
 
     def choose(self, mode: str, robots: Robots) -> None:
         """Change the way in which it moves."""
-        self._mode, self._followed = mode, None
+        self._mode, self._followed, self._above = mode, None, None
         if mode == TOP:
-            self._place(*overview(robots, self._camera.fov, self._camera.aspect))
+            self._rise(robots)
 
     def advance(self, robots: Robots, robot_id: int) -> None:
-        """Go with the robot that is followed, if one is."""
+        """Go with the robot that is followed, if one is; from above, keep all robots in the picture."""
+        if self._mode == TOP and self._above is not None and self._untouched(self._above[0]):
+            if is_beyond(robots, self._above[1]):
+                self._rise(robots)
+            return
         place = robots.place(robot_id) if self._mode == FOLLOW else None
         if place is None:
             return
@@ -51,6 +71,15 @@ class Camera:
             # The visitor may turn and zoom meanwhile: only the robot's own way is added. Where it looks moves along.
             self._camera.position = self._camera.position + np.subtract(point, self._followed[1])
         self._followed = robot_id, point
+
+    def _rise(self, robots: Robots) -> None:
+        position, target = overview(robots, self._camera.fov, self._camera.aspect)
+        self._above = position, rectangle(robots)
+        self._place(position, target)
+
+    def _untouched(self, position: Point) -> bool:
+        """Tell whether the camera is where it was put: the visitor may look elsewhere."""
+        return float(np.linalg.norm(self._camera.position - position)) < TOUCHED * position[2]
 
     def _place(self, position: Point, target: Point) -> None:
         self._camera.position = position

@@ -28,7 +28,7 @@ class Chart:
             tuple(curves),
             bands=(uplot.Band(series=(2, 3), fill=BAND),) if with_interval else None,
             scales={"x": uplot.Scale(time=False)},
-            title=title,
+            title=f"{title} over seconds",
             legend=uplot.Legend(show=False),
             height=HEIGHT,
             visible=False,

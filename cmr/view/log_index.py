@@ -3,7 +3,7 @@
 import os
 import time
 from array import array
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
@@ -49,6 +49,13 @@ class Place(NamedTuple):
     offset: int
 
 
+class Span(NamedTuple):
+    """From when until when [us of the log's own time]."""
+
+    begin: int
+    end: int
+
+
 class LogClock:
     """The log's own time [us]: as logged, but it never goes back, and does not jump where the logger's clock was set.
 
@@ -83,7 +90,8 @@ class LogIndex:
     """What is where in the log of `reader`; `build` reads on.
 
     `begin` and `end` [us of the log's own time] are known at once, from the first and last messages; `end` is
-    corrected while the log is read. `marks` are the events found until now. Raises OSError.
+    corrected while the log is read. `marks` are the events found until now, `drives` those on which robots were
+    calibrated, in the order of their ends. Raises OSError.
     """
 
     def __init__(self, reader: EventReader) -> None:
@@ -96,7 +104,8 @@ class LogIndex:
         self._checkpoints: list[_Checkpoint] = []
         self._due: dict[str, int] = {}  # when a channel's next message is to be remembered
         self._parts_until: dict[str, int] = {}  # until when it may be a part of the last one remembered
-        self._watch = _Watch(self.marks)
+        self.drives: list[Span] = []
+        self._watch = _Watch(self.marks, self.drives)
         self._reading = self._read()
 
     @property
@@ -117,6 +126,15 @@ class LogIndex:
         last = bisect_right(times, utime)
         first = min(bisect_right(times, utime - int(seconds * 1e6)), max(last - 1, 0))
         return [Place(times[k], offsets[k]) for k in range(first, last)]
+
+    def between(self, channel: str, begin: int, end: int, apart: int) -> Iterator[Place]:
+        """Yield remembered messages of a channel in a span of time, `apart` [us] from each other, with all parts."""
+        times, offsets = self.places[channel]
+        latest = begin - apart
+        for k in range(bisect_left(times, begin), bisect_right(times, end)):
+            latest = times[k] if times[k] - latest >= apart else latest
+            if times[k] - latest <= PARTS_WITHIN:
+                yield Place(times[k], offsets[k])
 
     def read(self, utime: int) -> Iterator[tuple[int, Event]]:
         """Yield the events from this moment on with their moments in the log's own time [us]."""
@@ -170,10 +188,12 @@ class LogIndex:
 
 
 class _Watch:
-    """Finds what is worth a mark."""
+    """Finds what is worth a mark, and the drives on which robots were calibrated."""
 
-    def __init__(self, marks: list[Mark]) -> None:
+    def __init__(self, marks: list[Mark], drives: list[Span]) -> None:
         self._marks = marks
+        self._drives = drives
+        self._collecting: dict[str, int] = {}
         self._tell = {
             ESTOP.name: _estop,
             PARAMETERS.name: _parameters,
@@ -198,12 +218,22 @@ class _Watch:
             message = decode(event.channel, event.data).message
         except RejectedMessage:
             return
+        if stream is CALIBRATION_STATUS:
+            self._follow(utime, event.channel, message.state)
         told = self._tell[stream.name](message)
         if told is None or told[1] == self._told.get(event.channel, ""):
             return
         self._told[event.channel] = told[1]
         if told[0]:
             self._marks.append(Mark(utime, *told))
+
+    def _follow(self, utime: int, channel: str, state: int) -> None:
+        if state == calibration_status_t.COLLECTING:
+            self._collecting.setdefault(channel, utime)
+        elif state != calibration_status_t.FITTING:
+            begin = self._collecting.pop(channel, None)
+            if begin is not None and state == calibration_status_t.DONE:
+                self._drives.append(Span(begin, utime))
 
 
 def _estop(message: Any) -> tuple[str, str]:

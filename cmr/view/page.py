@@ -100,6 +100,7 @@ class Page:
             history = state.calibrations[robot_id]
             self._panels["calibration"].content = words.calibration(history[-1].message)
             columns = estimates(history)
+        self._paths.content = "" if robot_id is None else words.drives(state, robot_id)
         for name, chart in self._estimates.items():
             chart.show(columns[name])
 
@@ -131,6 +132,7 @@ class Page:
                     self._panels[name] = gui.add_html("")
                 if name == "calibration":
                     titles = {parameter: f"{parameter} [{unit}]" for parameter, unit in ESTIMATES}
+                    self._paths = gui.add_html("")
                     self._estimates = {key: Chart(gui, title, True) for key, title in titles.items()}
                 if name == "twins":
                     self._divergence = Chart(gui, "distance of robot and twin [cm]", False)

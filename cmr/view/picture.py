@@ -24,13 +24,14 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 YELLOW = rgb(REAL_COLOUR)
-BLUE = (20, 84, 214)
+BLUE = (70, 140, 245)  # on which black digits can be read
 RED = (214, 40, 40)
 COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: YELLOW}
 TRAIL_COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: (150, 126, 48)}
 MOST_LABELLED = 3000  # robots; with more than that only real ones have their ids on them
 LABEL_HEIGHT = shapes.CLEARANCE + shapes.HEIGHT + 0.002  # m
 TRAIL_HEIGHT, WAYPOINT_HEIGHT, RAY_HEIGHT = 0.006, 0.012, 0.05  # m
+RAY_COLOURS = (245, 235, 242), (214, 60, 170)  # at the sensor, where hundreds of rays meet, and where they end
 
 
 class Bodies(NamedTuple):
@@ -125,7 +126,8 @@ def rays(state: ViewState, robot_id: int) -> Lines:
     message, place = state.newest(RANGE_SCAN, robot_id), state.present().place(robot_id)
     if message is None or place is None:
         return _of_one_colour(np.empty((0, 2, 3)), RED)
-    return _of_one_colour(shapes.at_height(_ray_ends(message, place), RAY_HEIGHT), (200, 60, 160))
+    ends = shapes.at_height(_ray_ends(message, place), RAY_HEIGHT)
+    return Lines(ends, np.broadcast_to(np.array(RAY_COLOURS, np.uint8), ends.shape))
 
 
 def _ray_ends(scan: Any, place: tuple[float, float, float]) -> Floats:

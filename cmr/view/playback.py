@@ -6,12 +6,15 @@ from collections.abc import Iterator
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import CALIBRATION_STATUS, CAMERA_IMAGE, PROCESS_STATUS, WORLD_STATE, identify
 from cmr.recordings.events import Event
+from cmr.view.drives import LONGEST
 from cmr.view.intake import Intake
 from cmr.view.log_index import LogIndex, Place
 from cmr.view.state import ViewState
 
 LONGEST_WORK = 0.04  # s of reading in one go
 BETWEEN_FLUSHES = 250_000  # us of the log, so that trails have all their points at high speed
+DRIVE_APART = 400_000  # us between the messages that are read again of a drive long ago
+DRIVE_BEGINS = 1_000_000  # us before cmr-calibrate has told that the robot moves
 RUN_UP = 1_000_000  # us before the moment jumped to that are read whole, for rates
 HISTORY = {
     WORLD_STATE.name: 60.0,
@@ -94,7 +97,17 @@ class Playback:
             found = self.index.last_before(channel, utime, seconds)
             step = 1 if channel == WORLD_STATE.name else -(-len(found) // MOST_OF_HISTORY) or 1
             places += found[::-1][::step]
-        return sorted(places, key=lambda place: place.offset)
+        return sorted({*places, *self._drives(utime)}, key=lambda place: place.offset)
+
+    def _drives(self, utime: int) -> Iterator[Place]:
+        """Yield what tells of the drive of the last calibration before a moment, and of the one after it."""
+        last = next((drive for drive in reversed(self.index.drives) if drive.end <= utime), None)
+        if last is None or WORLD_STATE.name not in self.index.places:
+            return
+        known = utime - int(HISTORY[WORLD_STATE.name] * 1e6)  # what came since is read anyway
+        for begin, end in ((last.begin - DRIVE_BEGINS, last.end), (last.end, last.end + LONGEST)):
+            end = min(end, begin + LONGEST, known)
+            yield from self.index.between(WORLD_STATE.name, begin, end, DRIVE_APART)
 
     def _show(self, moment: int, event: Event) -> None:
         try:

@@ -1,5 +1,6 @@
 """The part of a page that plays a log: where it is, what happened when, speed and pause."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,6 +13,7 @@ from cmr.view.playback import Playback
 from cmr.view.wishes import JUMP, PAUSE, SPEED
 
 SPEEDS = ("0.1", "0.5", "1", "2", "5", "10", "20", "50")
+STEP = 0.1  # s
 HANDS_OFF = 1.0  # s after a visitor moved the slider in which it is left to him
 MARKS_APART = 3.0  # s; with each news of them the slider is made anew
 MOST_ON_SLIDER = 12  # marks; with more than that they would hide one another
@@ -46,11 +48,11 @@ class ReplayPanel:
         """Bring it up to date."""
         playback = self._playback
         self._pause.label = "play" if playback.paused else "pause"
-        end = max(self._seconds(playback.index.end), 0.1)
+        end = self._end()
         if self._slider.max != end:
             self._slider.max = end
         if time.monotonic() - self._touched > HANDS_OFF:
-            write(self._slider, min(self._seconds(playback.position), end))
+            write(self._slider, round(min(self._seconds(playback.position), end), 1))
             write(self._speed, f"{playback.speed:g}")
         if len(playback.index.marks) != self._marks and time.monotonic() >= self._marks_due:
             self._marks_due = time.monotonic() + MARKS_APART
@@ -65,10 +67,10 @@ class ReplayPanel:
         self._events.options = (CHOOSE, *(self._name(number, mark) for number, mark in enumerate(marks)))
 
     def _new_slider(self, gui: viser.GuiApi, marks: Sequence[Mark]) -> viser.GuiSliderHandle[float]:
-        end = max(self._seconds(self._playback.index.end), 0.1)
+        end = self._end()
         words = tuple((self._seconds(mark.utime), mark.word) for mark in marks)
-        now = min(self._seconds(self._playback.position), end)
-        slider = gui.add_slider("time [s]", 0.0, end, 0.1, now, marks=words or None, order=0.0)
+        now = round(min(self._seconds(self._playback.position), end), 1)
+        slider = gui.add_slider("time [s]", 0.0, end, STEP, now, marks=words or None, order=0.0)
         slider.on_update(self._slide)
         return slider
 
@@ -91,6 +93,10 @@ class ReplayPanel:
         number = int(self._events.value.split(".", 1)[0]) - 1
         write(self._events, CHOOSE)
         self._ask(JUMP, self._playback.index.marks[number].utime)
+
+    def _end(self) -> float:
+        """Return where the slider ends [s]: in whole steps, which it shows."""
+        return round(math.ceil(max(self._seconds(self._playback.index.end), STEP) / STEP) * STEP, 1)
 
     def _seconds(self, utime: int) -> float:
         return (utime - self._playback.index.begin) / 1e6

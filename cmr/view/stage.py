@@ -15,8 +15,10 @@ LABEL_COLOUR = (20, 20, 20)
 OBSTACLE_COLOUR = (120, 120, 125)
 OBSTACLE_HEIGHT = 0.12  # m that is drawn; they reach higher
 FENCE_COLOUR = (225, 120, 20)
-TRAIL_WIDTH, WAYPOINT_WIDTH, FENCE_WIDTH = 0.02, 0.02, 0.03  # m
+TRAIL_WIDTH, WAYPOINT_WIDTH, FENCE_WIDTH = 0.02, 0.01, 0.03  # m; trails can be seen under the way they follow
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+# Viser takes the colours of instances and line ends for amounts of light, those of everything else for sRGB.
+LIGHT = np.round(255.0 * (np.arange(256) / 255.0) ** 2.2).astype(np.uint8)
 
 
 class Instances:
@@ -35,7 +37,7 @@ class Instances:
             return
         self._handle.batched_positions = bodies.position.astype(np.float32)
         self._handle.batched_wxyzs = bodies.wxyz.astype(np.float32)
-        self._handle.batched_colors = bodies.colour
+        self._handle.batched_colors = LIGHT[bodies.colour]
 
     def on_click(self, call: Callable[[int, int], None]) -> None:
         """Call with the visitor's id and the number of the thing that was clicked."""
@@ -54,7 +56,7 @@ class Instances:
             faces,
             bodies.wxyz,
             bodies.position,
-            batched_colors=bodies.colour,
+            batched_colors=LIGHT[bodies.colour],
             lod="off",
             cast_shadow=False,
             receive_shadow=False,
@@ -82,7 +84,9 @@ class LineSet:
             return
         self._shown = lines
         if len(lines.ends):
-            self._handle = self._scene.add_line_segments(self._name, lines.ends, lines.colour, thickness=self._width)
+            self._handle = self._scene.add_line_segments(
+                self._name, lines.ends, LIGHT[lines.colour], thickness=self._width
+            )
         elif self._handle is not None:
             self._handle.remove()
             self._handle = None
@@ -136,4 +140,4 @@ def _add_room(scene: viser.SceneApi, obstacles: Obstacles, geofence: Geofence | 
         scene.add_mesh_simple(f"/obstacles/wall_{k}", vertices, faces, color=OBSTACLE_COLOUR, side="double")
     if geofence is not None:
         ends = shapes.at_height(shapes.closed(geofence.outline.T), WAYPOINT_HEIGHT)
-        scene.add_line_segments("/geofence", ends, FENCE_COLOUR, thickness=FENCE_WIDTH)
+        scene.add_line_segments("/geofence", ends, LIGHT[list(FENCE_COLOUR)], thickness=FENCE_WIDTH)

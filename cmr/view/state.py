@@ -8,7 +8,8 @@ import numpy as np
 from cmr.bus import streams
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.streams import identify
-from cmr.msg import process_status_t
+from cmr.msg import calibration_status_t, process_status_t
+from cmr.view.drives import Drives
 from cmr.view.robots import REAL, TWIN, Robots, RobotTable
 from cmr.view.traffic import Traffic
 from cmr.view.trails import Trails
@@ -32,8 +33,8 @@ class ViewState:
     """The world, the processes and the bus as they are `now` [us].
 
     `latest` holds the last message of each robot by the stream's name; `calibrations` and `divergence` what was told
-    and measured over time by robot: CALIBRATION_STATUS_N, and (moment, distance of robot and twin [m]). `cameras` holds
-    the last picture of each by its name.
+    and measured over time by robot: CALIBRATION_STATUS_N, and (moment, distance of robot and twin [m]). `drives` are of
+    robots and twins. `cameras` holds the last picture of each by its name.
     """
 
     def __init__(self) -> None:
@@ -47,6 +48,7 @@ class ViewState:
         self.cameras: dict[str, Heard] = {}
         self.calibrations: dict[int, deque[Heard]] = {}
         self.divergence: dict[int, deque[tuple[int, float]]] = {}
+        self.drives = Drives()
 
     def handle(self, utime: int, channel: str, message: Any) -> None:
         """Take a message that came at `utime` [us]."""
@@ -73,6 +75,8 @@ class ViewState:
     def advance(self, now: int) -> None:
         """Let time pass until `now` [us]."""
         self.now = now
+        if self.drives.due(now):
+            self.drives.sample(now, self.robots.present(now))
         if self.trails.due(now):
             present = self.robots.present(now)
             self.trails.sample(now, present)
@@ -96,6 +100,9 @@ class ViewState:
         history = self.calibrations.setdefault(robot_id, deque(maxlen=MOST_ESTIMATES))
         if history and told.message.progress < history[-1].message.progress and told.message.state == 0:
             history.clear()  # another drive begins
+        done = calibration_status_t.DONE
+        if told.message.state == done and not (history and history[-1].message.state == done):
+            self.drives.calibrated(robot_id)
         history.append(told)
 
     def _measure_divergence(self, now: int, robots: Robots) -> None:

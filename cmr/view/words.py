@@ -7,6 +7,7 @@ from typing import Any
 
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS
 from cmr.msg import calibration_status_t, motor_feedback_t, process_status_t
+from cmr.view.drawing import bar, paths_drawing
 from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.state import ViewState
 
@@ -111,14 +112,23 @@ def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
 def calibration(message: Any) -> str:
     """Return what a calibration_status_t says."""
     rows: list[tuple[object, ...]] = [("state", CALIBRATION_STATES.get(message.state, message.state))]
-    rows.append(("manoeuvre seen", f"{100 * message.progress:.0f} %"))
     for name, unit in ESTIMATES:
         value, std = getattr(message, name), getattr(message, f"{name}_std")
         rows.append((name, f"{_number(value, '.4g')} ± {_number(CONFIDENCE * std, '.2g')} {unit}"))
     before, after = _number(message.path_rmse_before, ".3f"), _number(message.path_rmse_after, ".3f")
     rows.append(("path error", f"{before} m before, {after} m after"))
     title = f"calibration of robot {message.robot_id}"
-    return table((title, ""), rows) + sentence(message.message)
+    seen = sentence(f"manoeuvre seen: {100 * message.progress:.0f} %") + bar(message.progress)
+    return table((title, ""), rows) + seen + sentence(message.message)
+
+
+def drives(state: ViewState, robot_id: int) -> str:
+    """Return a drawing of where robot and twin went on the drive of the calibration, and on the one after it."""
+    before, after = state.drives.of(robot_id)
+    history = state.calibrations.get(robot_id)
+    is_done = history is not None and history[-1].message.state == calibration_status_t.DONE
+    first = "before calibration" if is_done else "this drive"
+    return paths_drawing([(first, before), ("after calibration", after)])
 
 
 def twins(state: ViewState) -> str:

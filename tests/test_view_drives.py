@@ -1,0 +1,79 @@
+"""cmr-view draws where a robot and its twin went before a calibration and after it."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cmr.bus.messages import make
+from cmr.bus.streams import CALIBRATION_STATUS, WORLD_STATE
+from cmr.bus.world_state import WorldState
+from cmr.msg import calibration_status_t
+from cmr.view import words
+from cmr.view.drawing import SIZE, TOP, paths_drawing
+from cmr.view.drives import Paths
+from cmr.view.robots import REAL, TWIN
+from cmr.view.state import ViewState
+from tests.small_log import FIELDS
+
+NOW = 1_700_000_000_000_000  # us
+SECOND = 1_000_000  # us
+
+
+def drive(state: ViewState, begin: int, apart: float, way: float = 3.0) -> int:
+    """Let robot 0 rest, drive for 10 s, `apart` [m] from its twin, and rest again; return the moment."""
+    for k in range(140):
+        x = way * min(max(k / 10 - 2.0, 0.0) / 10.0, 1.0)
+        psi = np.array([5.0 if 0.0 < x < way else 0.0] * 2)
+        columns = (np.zeros(2, int), np.array([REAL, TWIN]), np.array([x, x]), np.array([0.0, apart]), *[np.zeros(2)])
+        utime = begin + k * SECOND // 10
+        state.handle(utime, WORLD_STATE.name, WorldState(utime, (*columns, psi, psi, psi, psi)))
+        state.advance(utime)
+    return utime + SECOND // 10
+
+
+def calibration_status(utime: int, state: int) -> Any:
+    fields = {**FIELDS["CALIBRATION_STATUS"], "state": state}
+    return make(CALIBRATION_STATUS.message_type, utime=utime, robot_id=0, **fields)
+
+
+def test_paths_before_and_after_are_of_the_calibrations_drive_and_the_first_one_after_it() -> None:
+    state = ViewState()
+    now = drive(state, NOW, 9.0)
+    now = drive(state, now, 0.5)
+    assert "this drive" in words.drives(state, 0)
+    for _ in range(3):
+        state.handle(now, "CALIBRATION_STATUS_0", calibration_status(now, calibration_status_t.DONE))
+    now = drive(state, now, 0.02)
+    drive(state, now, 9.0)
+    before, after = state.drives.of(0)
+    assert before is not None
+    assert after is not None
+    assert (before.rmse, after.rmse) == pytest.approx((0.5, 0.02))
+    assert (before.real[0, 0], before.real[-1, 0]) == pytest.approx((0.0, 3.0), abs=0.05)
+    drawn = words.drives(state, 0)
+    assert drawn.count("<polyline") == 4
+    assert "50.0 cm apart" in drawn
+    assert "2.0 cm apart" in drawn
+
+
+def test_a_robot_that_did_not_drive_has_no_paths() -> None:
+    state = ViewState()
+    drive(state, NOW, 0.5, way=0.4)
+    assert state.drives.of(0) == (None, None)
+    assert words.drives(state, 0) == words.drives(state, 99) == ""
+
+
+def test_drawings_of_paths_keep_within_their_squares_and_tell_the_scale() -> None:
+    way = np.array([[0.0, 0.0], [4.0, -20.0], [8.0, 1.0]])
+    drawn = paths_drawing([("a", Paths(way, way + 1.0)), ("b", None)])
+    points = np.array(
+        [point.split(",") for curve in re.findall(r'points="([^"]*)"', drawn) for point in curve.split()], float
+    )
+    assert points[:, 0].min() >= 0.0
+    assert points[:, 0].max() <= SIZE
+    assert points[:, 1].min() >= TOP
+    assert points[:, 1].max() <= TOP + SIZE
+    assert "10 m" in drawn
+    assert "not driven yet" in drawn
