@@ -249,16 +249,6 @@ def test_ticks_that_were_not_recorded_are_the_integral_of_the_speeds_within_segm
     assert feedback[0].psi_left == pytest.approx(2 * math.pi)
 
 
-def test_recorded_speeds_become_means_since_the_row_before_as_their_ticks_do(tmp_path: Path) -> None:
-    speed = {f"psi_{side}": {"column": f"v_{side}", "unit": "rpm"} for side in ("left", "right")}
-    mapping = CSV_HEAD | {"motor_feedback": speed | {"ticks_per_turn": 1200}}
-    recording = write_csv(tmp_path, "t,v_left,v_right\n0,0,60\n0.5,60,60\n1,60,0\n")
-    feedback = run(tmp_path, mapping, recording)["MOTOR_FEEDBACK_0"]
-    assert [message.ticks_left for message in feedback] == [0, 300, 900]
-    assert [message.psi_left / (2 * math.pi) for message in feedback] == pytest.approx([0.0, 0.5, 1.0])
-    assert [message.psi_right / (2 * math.pi) for message in feedback] == pytest.approx([1.0, 1.0, 0.5])
-
-
 def test_ticks_of_each_row_are_added_up_from_the_second_on(tmp_path: Path) -> None:
     ticks = {f"ticks_{side}": {"column": side, "unit": "ticks/row"} for side in ("left", "right")}
     mapping = CSV_HEAD | {"motor_feedback": ticks | {"ticks_per_turn": 100}}
