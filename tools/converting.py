@@ -162,13 +162,10 @@ class _Converter:
             if ticks in values:
                 values[ticks] = _counted(feedback.signals[ticks], values[ticks], raw[ticks])
             if psi not in values:
-                turned = values[ticks] * TURN / feedback.ticks_per_turn
-                values[psi] = _mean_speed(table, turned, np.full(len(turned), np.nan))
+                values[psi] = _wheel_speed(table, values[ticks], feedback.ticks_per_turn)
                 keep &= np.isfinite(values[psi])
             if ticks not in values:
-                turned = _turned(table, values[psi])
-                values[ticks] = np.rint(turned / TURN * feedback.ticks_per_turn)
-                values[psi] = _mean_speed(table, turned, values[psi])
+                values[ticks] = np.rint(_turned(table, values[psi]) / TURN * feedback.ticks_per_turn)
         self._skip(MOTOR_FEEDBACK, "row that only starts the count, or is no later than the one before it", keep)
         unknown = np.full(len(table.utime), np.nan)
         names = [f"{name}_{side}" for name in FEEDBACK_PAIRS for side in SIDES] + list(FEEDBACK_SINGLES)
@@ -249,12 +246,12 @@ def _counted(signal: Signal, ours: Floats, raw: NDArray[Any]) -> Floats:
     return ticks
 
 
-def _mean_speed(table: Table, turned: Floats, unknown: Floats) -> Floats:
-    """Return the mean speed since the row before [rad/s]; what is `unknown` where there is none at an earlier time."""
+def _wheel_speed(table: Table, ticks: Floats, ticks_per_turn: float) -> Floats:
+    """Return the mean speed since the row before [rad/s], NaN where there is none, or none at an earlier time."""
     seconds = np.diff(table.utime) / MICROSECONDS
     within = (np.diff(table.segment) == 0) & (seconds > 0)
-    speed = unknown.copy()
-    speed[1:][within] = np.diff(turned)[within] / seconds[within]
+    speed = np.full(len(ticks), np.nan)
+    speed[1:][within] = np.diff(ticks)[within] / seconds[within] * TURN / ticks_per_turn
     return speed
 
 
