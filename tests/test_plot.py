@@ -13,7 +13,7 @@ from cmr.msg import motor_feedback_t, pose_xyt_t, waypoints_t
 from cmr.recordings.events import EventReader
 from cmr.tools import plot
 from cmr.tools.plot_fields import FieldName, Gathered, Values, against, near_names, parse_field, unit_of
-from cmr.tools.plot_figure import Curve, Panel, broken_at_gaps, figure_of
+from cmr.tools.plot_figure import Curve, Panel, broken_at_gaps, figure_of, thinned
 
 BEGIN = 1_700_000_000_000_000  # us
 LATE = 20_000  # us from measurement to logging
@@ -185,3 +185,17 @@ def test_what_is_missing_or_of_no_known_kind_is_wrong_usage(arguments: list[str]
 def test_a_log_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(CommandError, match=r"none\.lcm: No such file"):
         plot.main([str(tmp_path / "none.lcm"), "POSE_0.x", "--out", str(tmp_path / "a.png")])
+
+
+def test_a_picture_of_a_long_log_has_few_points_and_loses_no_peak_and_no_gap() -> None:
+    seconds = np.arange(100_000) / 100.0
+    values = np.sin(seconds)
+    values[41_234], values[70_001] = 9.0, -9.0
+    values[50_000:50_500] = np.nan
+    kept_seconds, kept = thinned(seconds, values)
+    assert len(kept) < 7000
+    assert (kept[0], np.nanmax(kept), np.nanmin(kept)) == (0.0, 9.0, -9.0)
+    assert kept_seconds[np.isnan(kept)][[0, -1]].tolist() == [500.0, 504.99]
+    assert (np.diff(kept_seconds) > 0.0).all()
+    assert (kept_seconds[0], kept_seconds[-1]) == (0.0, 999.99)
+    assert thinned(seconds[:9000], values[:9000])[1].tolist() == values[:9000].tolist()

@@ -19,6 +19,7 @@ FEW = 60  # values, each of which is marked
 LONGEST_Y_LABEL = 34  # characters that fit beside a panel in one line
 GAP = 10.0  # times the usual time between values: a line across it would tell of values that were not there
 SHORTEST_GAP = 0.5  # s
+PIECES = 3000  # of a curve over time, of which a picture shows the lowest and the highest value: more than its pixels
 
 
 class Curve(NamedTuple):
@@ -47,12 +48,15 @@ def figure_of(panels: Sequence[Panel], title: str, logs: int) -> "Figure":
 
     heights = [PANEL_HEIGHT if panel.over_time else PATH_HEIGHT for panel in panels]
     figure = Figure(figsize=(WIDTH, sum(heights) + 0.8), dpi=110, layout="constrained")
-    draw(figure, panels, title, logs)
+    draw(figure, panels, title, logs, is_still=True)
     return figure
 
 
-def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int) -> None:
-    """Draw the panels into a figure. With several logs colours tell the logs apart, else the fields."""
+def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int, *, is_still: bool = False) -> None:
+    """Draw the panels into a figure. With several logs colours tell the logs apart, else the fields.
+
+    A still picture gets no more points than it can show; in others one can look more closely.
+    """
     heights = [PANEL_HEIGHT if panel.over_time else PATH_HEIGHT for panel in panels]
     grid = figure.add_gridspec(len(panels), 1, height_ratios=heights)
     first: Axes | None = None
@@ -60,14 +64,16 @@ def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int) -> No
         axes = figure.add_subplot(grid[place], sharex=first if panel.over_time else None)
         if panel.over_time:
             first = first or axes
-        _draw(axes, panel, logs)
+        _draw(axes, panel, logs, is_still)
     figure.suptitle(title, fontsize=11)
 
 
-def _draw(axes: "Axes", panel: Panel, logs: int) -> None:
+def _draw(axes: "Axes", panel: Panel, logs: int, is_still: bool) -> None:
     for curve in panel.curves:
         colour, style = (curve.log, curve.field) if logs > 1 else (curve.field, 0)
         x, y = broken_at_gaps(curve.x, curve.y) if panel.over_time else (curve.x, curve.y)
+        if panel.over_time and is_still:
+            x, y = thinned(x, y)
         axes.plot(
             x,
             y,
@@ -97,3 +103,22 @@ def broken_at_gaps(
     steps = np.diff(seconds)
     gaps = np.flatnonzero(steps > max(GAP * float(np.median(steps)), SHORTEST_GAP)) + 1
     return np.insert(seconds, gaps, np.nan), np.insert(values, gaps, np.nan)
+
+
+def thinned(
+    seconds: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a curve that looks the same: the lowest and highest value of many pieces, and where it breaks off."""
+    size = len(values) // PIECES
+    if size < 4:
+        return seconds, values
+    is_nan = np.isnan(values)
+    whole = len(values) // size * size
+    pieces = (len(values) // size, size)
+    lowest = np.where(is_nan, np.inf, values)[:whole].reshape(pieces).argmin(axis=1)
+    highest = np.where(is_nan, -np.inf, values)[:whole].reshape(pieces).argmax(axis=1)
+    starts = np.arange(0, whole, size)
+    breaks = np.flatnonzero(is_nan[1:] != is_nan[:-1])
+    rest = np.arange(whole, len(values))
+    kept = np.unique(np.concatenate([[0], starts + lowest, starts + highest, breaks, breaks + 1, rest]))
+    return seconds[kept], values[kept]
