@@ -34,12 +34,15 @@ class Surroundings:
     """The real and virtual robots of the world at one moment: positions [m], headings [rad], wheel speeds [rad/s].
 
     Robots whose state is no number are left out. All arrays have the order of `members.robot_id`, and are contiguous,
-    as compiled functions take them; `members` stays the same object as long as the same robots are there.
+    as compiled functions take them. Nobody may change them. `members` stays the same object as long as the same robots
+    are there.
     """
 
-    def __init__(self, members: Members, state: Floats) -> None:
+    def __init__(
+        self, members: Members, x: Floats, y: Floats, theta: Floats, psi_left: Floats, psi_right: Floats
+    ) -> None:
         self.members = members
-        self.x, self.y, self.theta, self.psi_left, self.psi_right = np.ascontiguousarray(state)
+        self.x, self.y, self.theta, self.psi_left, self.psi_right = x, y, theta, psi_left, psi_right
         self._neighbours: dict[float, Neighbours] = {}
         self._velocities: tuple[float, Floats, Floats] | None = None
 

@@ -114,7 +114,8 @@ class WorldView:
         self._groups: dict[tuple[tuple[int, ...], tuple[int, ...]], _Group] = {}
         self._places: dict[tuple[int, int], tuple[_Group, int]] = {}
         self._all: list[_Group] = []  # all that hold a robot
-        self._chosen: list[tuple[_Group, Indices | slice]] | None = None  # whom `surroundings` shows
+        self._chosen: list[tuple[_Group, Indices | slice]] = []  # whom `surroundings` shows
+        self._chosen_from: list[_Group] | None = None
         self._members = Members(np.zeros(0, np.int64))
         self._surroundings: Surroundings | None = None
         self.obstacles = Obstacles.none()
@@ -152,30 +153,34 @@ class WorldView:
     def surroundings(self) -> Surroundings:
         """Return all real and virtual robots that are in the world now, as arrays."""
         if self._surroundings is None:
-            if self._chosen is None or [group for group, _ in self._chosen] != self._fresh():
-                self._choose()
-            states = [_of_each(group.robots.state, index) for group, index in self._chosen or []]
-            state = states[0] if len(states) == 1 else np.hstack([np.zeros((SEEN, 0)), *states])
+            from cmr.world.interaction.sound import all_sound  # imports Numba, which takes half a second
+
+            fresh = self._fresh()
+            if fresh != self._chosen_from:
+                self._choose(fresh)
+            parts = [_columns(group.robots.state, index) for group, index in self._chosen]
+            columns = parts[0] if len(parts) == 1 else [*np.hstack([np.zeros((SEEN, 0)), *map(np.array, parts)])]
             members = self._members
-            if not np.abs(state).max(initial=0.0) <= FURTHEST:  # or one is no number
+            if not all_sound(FURTHEST, *columns):
+                state = np.array(columns)
                 sound = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
-                members, state = Members(members.robot_id[sound]), state[:, sound]
-            self._surroundings = Surroundings(members, state)
+                members, columns = Members(members.robot_id[sound]), [*np.ascontiguousarray(state[:, sound])]
+            self._surroundings = Surroundings(members, *columns)
         return self._surroundings
 
     def _fresh(self) -> "list[_Group]":
         """Return the groups of which something was heard lately."""
         return [group for group in self._all if self.utime - group.utime <= OLDEST]
 
-    def _choose(self) -> None:
+    def _choose(self, fresh: "list[_Group]") -> None:
         """Note whom `surroundings` shows: those robots of fresh groups that are no twins and are in no newer group."""
-        fresh = self._fresh()
         chosen: dict[int, list[tuple[int, int]]] = {id(group): [] for group in fresh}
         for (robot_id, origin), (group, index) in self._places.items():
             if origin != TWIN and id(group) in chosen:
                 chosen[id(group)].append((index, robot_id))
         pairs = [np.array(chosen[id(group)], np.int64).reshape(-1, 2) for group in fresh]
         self._chosen = [(group, _all_or(pair[:, 0], group)) for group, pair in zip(fresh, pairs, strict=True)]
+        self._chosen_from = fresh
         self._members = Members(np.concatenate([pair[:, 1] for pair in pairs] or [np.zeros(0, np.int64)]))
 
     def _robot(self, robot_id: int, origin: int) -> Robot | None:
@@ -196,14 +201,13 @@ class WorldView:
         self._groups = {known: other for known, other in self._groups.items() if id(other) not in left}
         self._groups[members] = group
         self._all = list({id(other): other for other, _ in self._places.values()}.values())
-        self._chosen = None
+        self._chosen_from = None
         return group
 
 
-def _of_each(state: RobotState, index: Indices | slice) -> Floats:
-    """Return pose and wheel speeds of some robots as rows."""
-    columns: Floats = np.array(state[:SEEN], dtype=float)
-    return columns[:, index]
+def _columns(state: RobotState, index: Indices | slice) -> list[Floats]:
+    """Return pose and wheel speeds of some robots as compiled functions take them, without copies where that goes."""
+    return [np.ascontiguousarray(np.asarray(column, dtype=float)[index]) for column in state[:SEEN]]
 
 
 def _all_or(index: Indices, group: "_Group") -> Indices | slice:
