@@ -11,7 +11,8 @@ from cmr.view.words import CONFIDENCE, ESTIMATES
 
 BAND = "rgba(53, 116, 226, 0.25)"
 LINE, EDGE = "#3574e2", "rgba(53, 116, 226, 0.4)"
-HEIGHT = 130  # pixels
+HEIGHT = 150  # pixels
+MARGIN = 0.08  # of the values' range above and below them, in which a tick's label has room
 NOTHING = np.array([0.0, 1.0])
 
 
@@ -27,7 +28,7 @@ class Chart:
             (NOTHING,) * self._columns,
             tuple(curves),
             bands=(uplot.Band(series=(2, 3), fill=BAND),) if with_interval else None,
-            scales={"x": uplot.Scale(time=False)},
+            scales=_scales(NOTHING),
             title=f"{title} over seconds",
             legend=uplot.Legend(show=False),
             height=HEIGHT,
@@ -39,7 +40,14 @@ class Chart:
         columns = columns[:, np.isfinite(columns).all(axis=0)]
         self._chart.visible = columns.shape[1] > 1
         if columns.shape[1] > 1:
+            self._chart.scales = _scales(columns[1:])
             self._chart.data = tuple(np.ascontiguousarray(column) for column in columns)
+
+
+def _scales(values: Floats) -> dict[str, uplot.Scale]:
+    low, high = float(values.min()), float(values.max())
+    margin = MARGIN * (high - low) or 1e-3 * abs(high) or 1.0
+    return {"x": uplot.Scale(time=False), "y": uplot.Scale(range=(low - margin, high + margin))}
 
 
 def estimates(history: Any) -> dict[str, Floats]:

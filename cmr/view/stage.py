@@ -17,7 +17,7 @@ OBSTACLE_HEIGHT = 0.12  # m that is drawn; they reach higher
 FENCE_COLOUR = (225, 120, 20)
 TRAIL_WIDTH, WAYPOINT_WIDTH, FENCE_WIDTH = 0.02, 0.01, 0.03  # m; trails can be seen under the way they follow
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-# Viser takes the colours of instances and line ends for amounts of light, those of everything else for sRGB.
+# Viser takes colours of instances and of single lines for amounts of light, those of everything else for sRGB.
 LIGHT = np.round(255.0 * (np.arange(256) / 255.0) ** 2.2).astype(np.uint8)
 
 
@@ -140,4 +140,4 @@ def _add_room(scene: viser.SceneApi, obstacles: Obstacles, geofence: Geofence | 
         scene.add_mesh_simple(f"/obstacles/wall_{k}", vertices, faces, color=OBSTACLE_COLOUR, side="double")
     if geofence is not None:
         ends = shapes.at_height(shapes.closed(geofence.outline.T), WAYPOINT_HEIGHT)
-        scene.add_line_segments("/geofence", ends, LIGHT[list(FENCE_COLOUR)], thickness=FENCE_WIDTH)
+        scene.add_line_segments("/geofence", ends, FENCE_COLOUR, thickness=FENCE_WIDTH)
