@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cmr.world.interaction.cells import ALL_PAIRS
-from cmr.world.interaction.neighbours import Neighbours, pairs_within, range_and_bearing
+from cmr.world.interaction import neighbours as module
+from cmr.world.interaction.cells import ALL_PAIRS, close_pairs
+from cmr.world.interaction.neighbours import NearList, Neighbours, pairs_within, range_and_bearing
 
 Floats = NDArray[np.float64]
 
@@ -91,3 +92,27 @@ def test_time_grows_with_the_number_of_robots_not_with_its_square() -> None:
         side = np.arange(200.0) * spread
         x, y = (grid.ravel() for grid in np.meshgrid(side, side))
         assert len(pairs_within(x, y, 0.9).index) == 0  # with all pairs in a few bins, 40,000 robots take minutes
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 60, 300])
+def test_neighbours_of_robots_that_move_are_found_from_lists_and_are_those_of_all_pairs(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks = []
+
+    def counted(x: Floats, y: Floats, reach: float) -> object:
+        looks.append(reach)
+        return close_pairs(x, y, reach)
+
+    monkeypatch.setattr(module, "close_pairs", counted)
+    random = np.random.default_rng(number)
+    x, y = random.uniform(-5.0, 5.0, (2, number))
+    near, members = NearList(1.0), object()
+    for step in range(300):
+        if step == 100 and number:
+            x[0], y[0] = x[-1], y[-1]  # somebody is carried away
+        if step == 200:
+            members, x, y = object(), x[::-1].copy(), y[::-1].copy()  # others come
+        assert listed(near.neighbours(members, x, y)) == by_all_pairs(x, y, 1.0)
+        x, y = (places + random.uniform(-0.005, 0.005, number) for places in (x, y))
+    assert bool(number) <= len(looks) <= 30

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from cmr.world.interaction.neighbours import Neighbours
+    from cmr.world.interaction.neighbours import NearList, Neighbours
 
 Floats: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 
+MOST_RADII = 20  # within which neighbours are looked for again and again
 MISSING = -1  # index of a robot that is not there
 
 
@@ -35,13 +36,21 @@ class Surroundings:
 
     Robots whose state is no number are left out. All arrays have the order of `members.robot_id`, and are contiguous,
     as compiled functions take them. Nobody may change them. `members` stays the same object as long as the same robots
-    are there.
+    are there. `near` keeps from moment to moment what finding neighbours takes.
     """
 
     def __init__(
-        self, members: Members, x: Floats, y: Floats, theta: Floats, psi_left: Floats, psi_right: Floats
+        self,
+        members: Members,
+        near: "dict[float, NearList]",
+        x: Floats,
+        y: Floats,
+        theta: Floats,
+        psi_left: Floats,
+        psi_right: Floats,
     ) -> None:
         self.members = members
+        self._near = near
         self.x, self.y, self.theta, self.psi_left, self.psi_right = x, y, theta, psi_left, psi_right
         self._neighbours: dict[float, Neighbours] = {}
         self._velocities: tuple[float, Floats, Floats] | None = None
@@ -49,9 +58,13 @@ class Surroundings:
     def neighbours(self, radius: float) -> "Neighbours":
         """Return for each robot those at most `radius` [m] away; found once for all who ask."""
         if radius not in self._neighbours:
-            from cmr.world.interaction.neighbours import neighbours_of  # imports Numba, which takes half a second
+            from cmr.world.interaction.neighbours import NearList  # imports Numba, which takes half a second
 
-            self._neighbours[radius] = neighbours_of(self.x, self.y, radius)
+            if radius not in self._near:
+                if len(self._near) >= MOST_RADII:
+                    self._near.clear()
+                self._near[radius] = NearList(radius)
+            self._neighbours[radius] = self._near[radius].neighbours(self.members, self.x, self.y)
         return self._neighbours[radius]
 
     def velocities(self, wheel_radius: float) -> tuple[Floats, Floats]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from cmr.model.motion import RobotState
 from cmr.msg import robot_state_t
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.surroundings import Floats, Indices, Members, Surroundings
+
+if TYPE_CHECKING:
+    from cmr.world.interaction.neighbours import NearList
 
 REAL: int = robot_state_t.REAL
 VIRTUAL: int = robot_state_t.VIRTUAL
@@ -118,6 +121,7 @@ class WorldView:
         self._chosen_from: list[_Group] | None = None
         self._members = Members(np.zeros(0, np.int64))
         self._surroundings: Surroundings | None = None
+        self._near: dict[float, NearList] = {}
         self.obstacles = Obstacles.none()
         self.geofence: Geofence | None = None
 
@@ -165,7 +169,7 @@ class WorldView:
                 state = np.array(columns)
                 sound = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
                 members, columns = Members(members.robot_id[sound]), [*np.ascontiguousarray(state[:, sound])]
-            self._surroundings = Surroundings(members, *columns)
+            self._surroundings = Surroundings(members, self._near, *columns)
         return self._surroundings
 
     def _fresh(self) -> "list[_Group]":

@@ -27,6 +27,7 @@ ROBOTS = 1_000
 AREA_OF_ONE = 4.0  # m^2 for each robot
 LONGEST = 100e-9  # s for each robot and step
 STEP = 10_000  # us
+LEG = 2_000_000  # us after which robots turn back
 ONE_BY_ONE = 200  # robots, each with a behaviour of its own written in Python
 SPACING = 0.7  # m between them
 
@@ -50,7 +51,10 @@ class Chase(Behaviour):
 
 
 class Moment:
-    """A world of robots at random places in which everybody is asked again and again, each time a step later."""
+    """A world of robots at random places in which everybody is asked again and again, each time a step later.
+
+    They drive to and fro, as fast as their wheels turn: who stands would cost less.
+    """
 
     def __init__(self, team: TeamBehaviour) -> None:
         random = np.random.default_rng(0)
@@ -62,12 +66,17 @@ class Moment:
         self._team, self._world, self._utime = team, WorldView(), 1_800_000_000_000_000
         self._robots = Robots(Numbers(range(ROBOTS)), Numbers([VIRTUAL] * ROBOTS), state)
         self._parameters = together([TRUTH] * ROBOTS)
+        ahead = 0.5 * TRUTH.wheel_radius * (psi_left + psi_right) * STEP * 1e-6
+        self._dx, self._dy = ahead * np.cos(theta), ahead * np.sin(theta)
         for robot_id in range(ROBOTS):
             team.take_waypoints(robot_id, *random.uniform(-side, side, (2, 10)).tolist())
 
     def decide(self) -> None:
-        """Decide for everybody; neighbours are looked up anew, as after each step."""
+        """Let everybody move on, and decide for everybody."""
         self._utime += STEP
+        there = self._utime // LEG % 2 == 0
+        for place, way in ((self._robots.state.x, self._dx), (self._robots.state.y, self._dy)):
+            (np.add if there else np.subtract)(place, way, out=place)
         self._world.take(self._utime, self._robots)
         duties_of(self._team, self._utime, self._robots, self._world, self._parameters)
 

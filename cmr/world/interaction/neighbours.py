@@ -12,6 +12,8 @@ from cmr.world.interaction.cells import close_pairs
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
+SKIN = 0.25  # m; who is so much further away than the radius is listed
+LISTS_HOLD = 0.49 * SKIN  # m; until somebody has moved further, with something left for rounding
 FURTHEST = 1e12  # m; positions further from the origin, and larger radii, are mistakes
 
 
@@ -40,14 +42,40 @@ def pairs_within(x: Any, y: Any, radius: float) -> Neighbours:
     x, y = checked_positions(x, y)
     if not 0.0 <= radius <= FURTHEST:
         raise ValueError(f"the radius must be a number from 0 to {FURTHEST:g} m, not {radius}")
-    return neighbours_of(x, y, float(radius))
-
-
-def neighbours_of(x: Floats, y: Floats, radius: float) -> Neighbours:
-    """Return the same for positions and a radius that are known to be sound."""
     if len(x) == 0:
         return Neighbours(np.zeros(1, np.int64), np.zeros(0, np.int32))
-    return Neighbours(*_neighbours(x, y, radius))
+    return Neighbours(*_neighbours(x, y, float(radius)))
+
+
+class NearList:
+    """Neighbours within a radius, step after step: those who are a little further away are listed, too.
+
+    So a list holds until somebody has moved far enough.
+    """
+
+    def __init__(self, radius: float) -> None:
+        self._radius = radius
+        self._members: object = None
+        self._places: Floats = np.zeros((2, 0))
+        self._pairs: tuple[Indices, Indices] = (np.zeros(0, np.int32), np.zeros(0, np.int32))
+
+    def neighbours(self, members: object, x: Floats, y: Floats) -> Neighbours:
+        """Return for each robot at (x, y) [m] those within the radius; positions are known to be sound.
+
+        `members` is the same object as long as the robots and their order are the same.
+        """
+        if members is not self._members:
+            self._look_around(members, x, y)
+        holds, start, index = _still_near(x, y, self._radius, self._places, *self._pairs)
+        if not holds:
+            self._look_around(members, x, y)
+            _, start, index = _still_near(x, y, self._radius, self._places, *self._pairs)
+        return Neighbours(start, index)
+
+    def _look_around(self, members: object, x: Floats, y: Floats) -> None:
+        self._members, self._places = members, np.array([x, y])
+        if len(x):
+            self._pairs = close_pairs(x, y, self._radius + SKIN)
 
 
 def range_and_bearing(x: Any, y: Any, theta: Any, neighbours: Neighbours) -> tuple[Floats, Floats]:
@@ -83,6 +111,27 @@ def _neighbours(x: Floats, y: Floats, radius: float) -> Any:
     """Return `start` and `index` of Neighbours."""
     first, second = close_pairs(x, y, radius)
     return _listed(first, second, len(x))
+
+
+@compiled("Tuple((b1, i8[::1], i4[::1]))(f8[::1], f8[::1], f8, f8[:, ::1], i4[::1], i4[::1])")
+def _still_near(x: Floats, y: Floats, radius: float, places: Floats, first: Indices, second: Indices) -> Any:
+    """Tell whether pairs listed when all were at `places` (2, n) [m] hold, and return those of them that are near now.
+
+    These as `start` and `index` of Neighbours; nobody where the list does not hold.
+    """
+    furthest = 0.0
+    for i in range(len(x)):
+        dx, dy = x[i] - places[0, i], y[i] - places[1, i]
+        furthest = max(furthest, dx * dx + dy * dy)
+    holds = furthest <= LISTS_HOLD * LISTS_HOLD
+    near, found = np.empty((2, len(first)), np.int32), 0
+    for k in range(len(first) if holds else 0):
+        i, j = first[k], second[k]
+        dx, dy = x[j] - x[i], y[j] - y[i]
+        near[0, found], near[1, found] = i, j
+        found += dx * dx + dy * dy <= radius * radius
+    start, index = _listed(near[0, :found], near[1, :found], len(x))
+    return holds, start, index
 
 
 @compiled("Tuple((i8[::1], i4[::1]))(i4[::1], i4[::1], i8)")
