@@ -67,7 +67,7 @@ def test_a_robot_that_did_not_drive_has_no_paths() -> None:
 
 def test_drawings_of_paths_keep_within_their_squares_and_tell_the_scale() -> None:
     way = np.array([[0.0, 0.0], [4.0, -20.0], [8.0, 1.0]])
-    drawn = paths_drawing([("a", Paths(way, way + 1.0)), ("b", None)])
+    drawn = paths_drawing([("a", Paths(np.arange(3.0), way, way + 1.0)), ("b", None)])
     points = np.array(
         [point.split(",") for curve in re.findall(r'points="([^"]*)"', drawn) for point in curve.split()], float
     )

@@ -18,19 +18,22 @@ SHORTEST = 1.0  # m that a robot has driven before its path is shown
 
 
 class Paths(NamedTuple):
-    """Where a robot and its twin were at the same times [m], each of shape (n, 2)."""
+    """Where a robot and its twin were [m], each of shape (n, 2), at times [s] of shape (n,)."""
 
+    seconds: Floats
     real: Floats
     twin: Floats
 
     @property
     def rmse(self) -> float:
-        """Root mean square distance between the two [m]."""
-        return float(np.sqrt(np.mean(np.sum((self.real - self.twin) ** 2, axis=1))))
+        """Root mean square distance between the two over time [m], however unevenly that was looked at."""
+        squares = np.sum((self.real - self.twin) ** 2, axis=1)
+        steps = np.diff(self.seconds)
+        return float(np.sqrt(np.sum(steps * (squares[1:] + squares[:-1]) / 2) / steps.sum()))
 
 
 class _Course:
-    """The drives of one robot; a point is (x, y) of the robot and (x, y) of its twin [m]."""
+    """The drives of one robot; a point is the time [us], (x, y) of the robot and (x, y) of its twin [m]."""
 
     def __init__(self) -> None:
         self.current: list[tuple[float, ...]] = []
@@ -47,7 +50,7 @@ class _Course:
                 self.after = self.current
         self._moved = now
         if now - self._began <= LONGEST:
-            self.current.append(point)
+            self.current.append((now, *point))
 
     def calibrate(self) -> None:
         # What is driven on, without a rest, is of neither drive.
@@ -88,6 +91,7 @@ class Drives:
 
 
 def _paths(points: Iterable[tuple[float, ...]]) -> Paths | None:
-    columns = np.array(list(points)).reshape(-1, 4)
-    way = np.hypot(*np.diff(columns[:, :2], axis=0).T).sum()
-    return Paths(columns[:, :2], columns[:, 2:]) if way >= SHORTEST else None
+    columns = np.array(list(points)).reshape(-1, 5)
+    paths = Paths((columns[:, 0] - columns[:1, 0]) / 1e6, columns[:, 1:3], columns[:, 3:])
+    way = np.hypot(*np.diff(paths.real, axis=0).T).sum()
+    return paths if way >= SHORTEST else None
