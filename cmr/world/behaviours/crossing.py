@@ -6,7 +6,8 @@ second old), the lower id goes on into the core and the other waits for it to ha
 look, so nobody runs into anybody, and somebody can always go.
 """
 
-from typing import Any
+import math
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ RIGHT = 0.5  # cosine of the angle about the right-hand side from which one has 
 TURN = 5_000_000  # us; who does not use its turn for so long comes last
 PATIENCE = 15_000_000  # us; who waits for longer goes before those on its right
 NOBODY = -1
+
+Waiting: TypeAlias = tuple[int, float, float]  # id of a robot that waits, and where it is from the middle [m]
 
 
 class Crossing:
@@ -46,17 +49,22 @@ class Crossing:
         from cmr.world.behaviours.crossing_loops import near_to  # imports Numba, which takes half a second
 
         near = near_to(self.at_x, self.at_y, self.zone + BAND, around.x, around.y)
-        to_x, to_y, theta = self.at_x - around.x[near], self.at_y - around.y[near], around.theta[near]
-        away = np.sqrt(to_x * to_x + to_y * to_y)
-        heading_in = np.cos(theta) * to_x + np.sin(theta) * to_y > TOWARDS * away
-        number = self._numbers(index, len(around.x))[near]
-        heading_in[number >= 0] = inward[number[number >= 0]]
-        in_core = away < self.core
-        ring, waiting = heading_in & ~in_core & (away < self.zone), heading_in & (away >= self.zone)
-        robot_id, taken = around.members.robot_id[near], bool(in_core.any() or ring.any())
-        next_in = self._next(utime, robot_id[waiting], -to_x[waiting], -to_y[waiting], taken)
-        into_core = int(robot_id[ring].min()) if ring.any() and not in_core.any() else NOBODY
-        return NOBODY if taken else next_in, into_core
+        number = self._numbers(index, len(around.x))
+        core, ring, waiting = 0, [], []
+        of_all = (around.members.robot_id, around.x, around.y, around.theta, number)
+        for robot_id, x, y, theta, ours in zip(*(column[near].tolist() for column in of_all), strict=True):
+            away = math.hypot(x - self.at_x, y - self.at_y)
+            towards = math.cos(theta) * (self.at_x - x) + math.sin(theta) * (self.at_y - y)
+            if away < self.core:
+                core += 1
+            elif inward[ours] if ours >= 0 else towards > TOWARDS * away:
+                if away < self.zone:
+                    ring.append(robot_id)
+                else:
+                    waiting.append((robot_id, x - self.at_x, y - self.at_y))
+        next_in = self._next(utime, waiting, taken=bool(core or ring))
+        into_core = min(ring) if ring and not core else NOBODY
+        return NOBODY if core or ring else next_in, into_core
 
     def _numbers(self, index: Indices, everybody: int) -> Indices:
         """Return for everybody which of our robots it is, -1 if none; the answer is kept while `index` is the same."""
@@ -82,32 +90,32 @@ class Crossing:
         here = (self.at_x, self.at_y, self.zone, self.core)
         wait_before(*here, *free, STOP_SHORT, REACTION, braking, robot_id, x, y, inward, speed)
 
-    def _next(self, utime: int, robot_ids: Indices, x: Floats, y: Floats, taken: bool) -> int:
-        """Return whose turn it is of those who wait at (x, y) [m] from the middle; while it is taken, no turn ends."""
-        waiting = robot_ids.tolist()
-        self._came = {robot_id: min(self._came.get(robot_id, utime), utime) for robot_id in waiting}
+    def _next(self, utime: int, waiting: list[Waiting], *, taken: bool) -> int:
+        """Return whose turn it is of those who wait; while the crossing is taken, no turn ends."""
+        self._came = {robot_id: min(self._came.get(robot_id, utime), utime) for robot_id, _, _ in waiting}
         if not waiting:
             return NOBODY
-        chosen = self._in_order(utime, waiting, x, y)
+        chosen = self._in_order(utime, waiting)
         if taken or chosen != self._turn[0]:
             self._turn = (chosen, utime)
         elif abs(utime - self._turn[1]) > TURN:
             self._came[chosen] = utime
-            others = [k for k, robot_id in enumerate(waiting) if robot_id != chosen]
+            others = [one for one in waiting if one[0] != chosen]
             if others:
-                chosen = self._in_order(utime, [waiting[k] for k in others], x[others], y[others])
+                chosen = self._in_order(utime, others)
             self._turn = (chosen, utime)
         return chosen
 
-    def _in_order(self, utime: int, waiting: list[int], x: Floats, y: Floats) -> int:
+    def _in_order(self, utime: int, waiting: list[Waiting]) -> int:
         """Return who goes first by the rule."""
-        first = min(waiting, key=lambda robot_id: (self._came[robot_id], robot_id))
+        robot_ids = [robot_id for robot_id, _, _ in waiting]
+        first = min(robot_ids, key=lambda robot_id: (self._came[robot_id], robot_id))
         if not self._by_right or utime - self._came[first] > PATIENCE:
             return first
         # The right of who comes from (x, y) is (-y, x): turned by a quarter, as the heading is (-x, -y).
+        _, x, y = np.array(waiting).T
         away = np.hypot(x, y)
         from_right: Any = np.greater(np.outer(-y, x) + np.outer(x, y), RIGHT * np.outer(away, away))
-        free = [
-            robot_id for robot_id, blocked in zip(waiting, from_right.any(axis=1).tolist(), strict=True) if not blocked
-        ]
-        return min(free or waiting, key=lambda robot_id: (self._came[robot_id], robot_id) if free else (0, robot_id))
+        blocked = from_right.any(axis=1).tolist()
+        free = [robot_id for robot_id, waits in zip(robot_ids, blocked, strict=True) if not waits]
+        return min(free or robot_ids, key=lambda robot_id: (self._came[robot_id], robot_id) if free else (0, robot_id))
