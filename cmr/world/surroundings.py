@@ -5,12 +5,16 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.world.late import Late
+
 if TYPE_CHECKING:
     from cmr.world.interaction.neighbours import NearList, Neighbours
 
 Floats: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 
+neighbours = Late("cmr.world.interaction.neighbours")
+velocities = Late("cmr.world.interaction.velocities")
 MOST_RADII = 20  # within which neighbours are looked for again and again
 MISSING = -1  # index of a robot that is not there
 
@@ -58,21 +62,17 @@ class Surroundings:
     def neighbours(self, radius: float) -> "Neighbours":
         """Return for each robot those at most `radius` [m] away; found once for all who ask."""
         if radius not in self._neighbours:
-            from cmr.world.interaction.neighbours import NearList  # imports Numba, which takes half a second
-
             if radius not in self._near:
                 if len(self._near) >= MOST_RADII:
                     self._near.clear()
-                self._near[radius] = NearList(radius)
+                self._near[radius] = neighbours.NearList(radius)
             self._neighbours[radius] = self._near[radius].neighbours(self.members, self.x, self.y)
         return self._neighbours[radius]
 
     def velocities(self, wheel_radius: float) -> tuple[Floats, Floats]:
         """Return how everybody moves [m/s; world frame], taking all wheels to have this radius [m]."""
         if self._velocities is None or self._velocities[0] != wheel_radius:
-            from cmr.world.interaction.velocities import velocities_of  # the same
-
             speeds = np.empty((2, len(self.x)))
-            velocities_of(self.theta, self.psi_left, self.psi_right, wheel_radius, speeds)
+            velocities.velocities_of(self.theta, self.psi_left, self.psi_right, wheel_radius, speeds)
             self._velocities = (wheel_radius, speeds[0], speeds[1])
         return self._velocities[1:]

@@ -10,11 +10,13 @@ from cmr.bus.world_state import BYTES_PER_ROBOT, HEAD, WorldState
 from cmr.model.motion import RobotState
 from cmr.msg import robot_state_t
 from cmr.world.interaction.obstacles import Geofence, Obstacles
+from cmr.world.late import Late
 from cmr.world.surroundings import Floats, Indices, Members, Surroundings
 
 if TYPE_CHECKING:
     from cmr.world.interaction.neighbours import NearList
 
+sound = Late("cmr.world.interaction.sound")
 REAL: int = robot_state_t.REAL
 VIRTUAL: int = robot_state_t.VIRTUAL
 TWIN: int = robot_state_t.TWIN
@@ -157,18 +159,16 @@ class WorldView:
     def surroundings(self) -> Surroundings:
         """Return all real and virtual robots that are in the world now, as arrays."""
         if self._surroundings is None:
-            from cmr.world.interaction.sound import all_sound  # imports Numba, which takes half a second
-
             fresh = self._fresh()
             if fresh != self._chosen_from:
                 self._choose(fresh)
             parts = [_columns(group.robots.state, index) for group, index in self._chosen]
             columns = parts[0] if len(parts) == 1 else [*np.hstack([np.zeros((SEEN, 0)), *map(np.array, parts)])]
             members = self._members
-            if not all_sound(FURTHEST, *columns):
+            if not sound.all_sound(FURTHEST, *columns):
                 state = np.array(columns)
-                sound = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
-                members, columns = Members(members.robot_id[sound]), [*np.ascontiguousarray(state[:, sound])]
+                there = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
+                members, columns = Members(members.robot_id[there]), [*np.ascontiguousarray(state[:, there])]
             self._surroundings = Surroundings(members, self._near, *columns)
         return self._surroundings
 

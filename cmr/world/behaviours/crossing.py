@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.world.behaviours.team import Floats, Indices
+from cmr.world.late import Late
 from cmr.world.surroundings import Surroundings
 
+crossing_loops = Late("cmr.world.behaviours.crossing_loops")
 RING = 0.3  # m; a robot is in it for so long that all have seen it before it gets into the core
 SMALLEST_ZONE = 0.5  # m
 BAND = 0.25  # m before the line: there is room for one robot of each direction, and it is the next to go
@@ -46,9 +48,7 @@ class Crossing:
         `index` are our robots among everybody, `inward` tells which of them head for the middle; of others it is
         guessed from their headings.
         """
-        from cmr.world.behaviours.crossing_loops import near_to  # imports Numba, which takes half a second
-
-        near = near_to(self.at_x, self.at_y, self.zone + BAND, around.x, around.y)
+        near = crossing_loops.near_to(self.at_x, self.at_y, self.zone + BAND, around.x, around.y)
         number = self._numbers(index, len(around.x))
         core, ring, waiting = 0, [], []
         of_all = (around.members.robot_id, around.x, around.y, around.theta, number)
@@ -85,10 +85,8 @@ class Crossing:
         speed: Floats,
     ) -> None:
         """Lower the speeds [m/s] of robots at (x, y) [m] so that they can stop before what they may not enter."""
-        from cmr.world.behaviours.crossing_loops import wait_before  # the same
-
         here = (self.at_x, self.at_y, self.zone, self.core)
-        wait_before(*here, *free, STOP_SHORT, REACTION, braking, robot_id, x, y, inward, speed)
+        crossing_loops.wait_before(*here, *free, STOP_SHORT, REACTION, braking, robot_id, x, y, inward, speed)
 
     def _next(self, utime: int, waiting: list[Waiting], *, taken: bool) -> int:
         """Return whose turn it is of those who wait; while the crossing is taken, no turn ends."""

@@ -6,7 +6,10 @@ Source: Reynolds, Flocks, herds and schools: a distributed behavioral model, SIG
 import numpy as np
 
 from cmr.world.behaviours.seeking import CLEARANCE, Goals, Seeker, Team, corners_of, wheel_radius_of
+from cmr.world.late import Late
 from cmr.world.view import Robots, WorldView
+
+flock_rules = Late("cmr.world.behaviours.flock_rules")
 
 
 class Flock(Seeker):
@@ -37,14 +40,12 @@ class Flock(Seeker):
 
     def goals(self, _utime: int, team: Team, _me: Robots, world: WorldView) -> Goals:
         """Return points in the direction that the flock's three rules and the border give."""
-        from cmr.world.behaviours.flock_rules import flock
-
         around = world.surroundings()
         near = around.neighbours(self.radius)
         target_x, target_y, speed = np.empty((3, len(team.row)))
         speed_x, speed_y = around.velocities(wheel_radius_of(team))
         settings = np.array([self.speed, self.distance, self.border])
-        flock(
+        flock_rules.flock(
             *(team.place, near.start, near.index, around.x, around.y, speed_x, speed_y, team.theta),
             *(corners_of(world), self.weights, settings, target_x, target_y, speed),
         )

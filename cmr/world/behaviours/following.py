@@ -7,9 +7,11 @@ import numpy as np
 from cmr.world.behaviours.paths import Paths
 from cmr.world.behaviours.seeking import CLEARANCE, LOOK_AHEAD, Goals, Seeker, Team
 from cmr.world.behaviours.team import Floats, Indices
+from cmr.world.late import Late
 from cmr.world.surroundings import Members
 from cmr.world.view import Robots, WorldView
 
+path_following = Late("cmr.world.behaviours.path_following")
 SPEED_PER_DISTANCE = 1.5  # 1/s: speed for each metre too far behind
 DEAD_ZONE = 0.02  # m; nearer than this to its place, the robot rests
 MOST_POINTS = 4096  # of a trail: 160 m; a leader further ahead is followed by a shorter way
@@ -40,24 +42,22 @@ class Follow(Seeker):
 
     def goals(self, _utime: int, team: Team, _me: Robots, world: WorldView) -> Goals:
         """Return points on the trails, and speeds that keep the gaps."""
-        from cmr.world.behaviours.path_following import keep_gaps
-
         length, target_x, target_y, remaining = self._pursue(team, world)
         progress, gap, speed = self.memory["progress"], self.memory["gap"], np.empty(len(length))
-        keep_gaps(team.row, length, remaining, progress, gap, SPEED_PER_DISTANCE, DEAD_ZONE, self.speed, speed)
+        path_following.keep_gaps(
+            team.row, length, remaining, progress, gap, SPEED_PER_DISTANCE, DEAD_ZONE, self.speed, speed
+        )
         return Goals(target_x, target_y, speed, np.zeros(len(speed), bool))
 
     def _pursue(self, team: Team, world: WorldView) -> tuple[Floats, Floats, Floats, Floats]:
         """Let trails and progress grow; return the lengths of the trails, targets and what remains of the paths."""
-        from cmr.world.behaviours.path_following import pursue, trail
-
         around, memory, trails = world.surroundings(), self.memory, self._trails
         leader = self._leaders_of(team.row, around.members)
         trails.make_room(len(memory), 0)
         path, place = (trails.points, trails.count), (memory["progress"], memory["piece"])
         length, target_x, target_y, remaining = np.empty((4, len(team.x)))
-        most = trail(team.row, leader, *path, around.x, around.y, team.x, team.y, *place, length)
-        pursue(team.row, *path, team.x, team.y, LOOK_AHEAD, *place, target_x, target_y, remaining)
+        most = path_following.trail(team.row, leader, *path, around.x, around.y, team.x, team.y, *place, length)
+        path_following.pursue(team.row, *path, team.x, team.y, LOOK_AHEAD, *place, target_x, target_y, remaining)
         if trails.room < min(2 * most, MOST_POINTS):
             trails.make_room(0, 2 * most)
         return length, target_x, target_y, remaining

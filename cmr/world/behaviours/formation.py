@@ -6,9 +6,11 @@ import numpy as np
 
 from cmr.world.behaviours.seeking import CLEARANCE, Goals, Seeker, Team, wheel_radius_of
 from cmr.world.behaviours.team import Floats, Indices
+from cmr.world.late import Late
 from cmr.world.surroundings import MISSING, Members, Surroundings
 from cmr.world.view import Robots, WorldView
 
+placing = Late("cmr.world.behaviours.placing")
 NO_LEADER = -1
 SHAPES = ("line", "column", "wedge", "circle")
 
@@ -48,8 +50,6 @@ class Formation(Seeker):
 
     def goals(self, _utime: int, team: Team, _me: Robots, world: WorldView) -> Goals:
         """Return where robots head for to get to their places and move on with them."""
-        from cmr.world.behaviours.placing import keep_places
-
         around = world.surroundings()
         if len(self.memory) != self._known:
             self._known, self._places, self._row = len(self.memory), self._places_by_row(), None
@@ -58,7 +58,7 @@ class Formation(Seeker):
         ahead, left = self._own_places
         target_x, target_y, speed, distance = np.empty((4, len(team.row)))
         anchor = self._anchor(around, team)
-        keep_places(anchor, ahead, left, team.x, team.y, self.speed, target_x, target_y, speed, distance)
+        placing.keep_places(anchor, ahead, left, team.x, team.y, self.speed, target_x, target_y, speed, distance)
         return Goals(target_x, target_y, speed, distance > 2.0 * team.apart)
 
     def _team(self) -> list[int]:

@@ -3,7 +3,9 @@
 import numpy as np
 
 from cmr.world.behaviours.team import Floats, Indices
+from cmr.world.late import Late
 
+path_following = Late("cmr.world.behaviours.path_following")
 SHORTEST = 0.04  # m between points; nearer ones are left out
 ROOM = 32  # points of a path for which there is room at first; it doubles whenever it is used up
 X, Y, ALONG, ALONE = range(4)  # what is known of each point
@@ -38,13 +40,11 @@ class Paths:
 
     def put(self, row: int, x: list[float], y: list[float]) -> None:
         """Replace one path; points nearer than SHORTEST to the one before are left out, except for the last."""
-        from cmr.world.behaviours.path_following import look_around, thin  # imports Numba, which takes half a second
-
         points = np.array([x, y], dtype=float)
-        count = thin(points, SHORTEST)
+        count = path_following.thin(points, SHORTEST)
         self.make_room(row + 1, count)
         self.count[row] = count
         kept = points[:, :count]
         self.points[row, :count, :ALONG] = kept.T
         self.points[row, :count, ALONG] = np.cumsum(np.append(0.0, np.hypot(*np.diff(kept))))[:count]
-        look_around(self.points, row, 0, count - 1)
+        path_following.look_around(self.points, row, 0, count - 1)

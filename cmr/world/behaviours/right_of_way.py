@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.world.behaviours.crossing import NOBODY, SMALLEST_ZONE, Crossing
+from cmr.world.behaviours.crossing import NOBODY, SMALLEST_ZONE, Crossing, crossing_loops
 from cmr.world.behaviours.seeking import ACCELERATION, CLEARANCE, Goals, Team
 from cmr.world.behaviours.team import Indices
 from cmr.world.behaviours.waypoints import Waypoints
@@ -56,9 +56,7 @@ class RightOfWay(Waypoints):
 
     def _heads_in(self, team: Team, goals: Goals) -> NDArray[np.bool_]:
         """Tell who heads for the middle; those who rest do not."""
-        from cmr.world.behaviours.crossing_loops import head_in  # imports Numba, which takes half a second
-
         inward = np.empty(len(team.x), bool)
         at = self._crossing.at_x, self._crossing.at_y
-        head_in(*at, team.x, team.y, goals.x, goals.y, goals.speed, inward)
+        crossing_loops.head_in(*at, team.x, team.y, goals.x, goals.y, goals.speed, inward)
         return inward

@@ -9,9 +9,14 @@ from numpy.typing import NDArray
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours.team import Duties, Floats, Indices, Memory, TeamBehaviour
+from cmr.world.interaction.body import body_radius
+from cmr.world.late import Late
 from cmr.world.surroundings import Members, Surroundings
 from cmr.world.view import VIRTUAL, Robot, Robots, WorldView
 
+border = Late("cmr.world.behaviours.border")
+clearance = Late("cmr.world.behaviours.clearance")
+steering = Late("cmr.world.behaviours.steering")
 ACCELERATION = 0.5  # m/s^2
 LONGEST_TURN = 0.1  # s; who decided longer ago gathers no more speed than in this time
 CLEARANCE = 0.05  # m between the bodies of robots
@@ -71,8 +76,6 @@ class Seeker(TeamBehaviour):
 
     def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
         """Return the duties that take robots where `goals` says."""
-        from cmr.world.behaviours.steering import gather_speed, steer
-
         around = world.surroundings()
         row = self.memory.rows(me.robot_id)
         x, y, theta = (np.ascontiguousarray(column, dtype=float) for column in me.state[:3])
@@ -80,11 +83,11 @@ class Seeker(TeamBehaviour):
         team = Team(row, index, x, y, theta, *sizes, parameters)
         goals = self.goals(utime, team, me, world)
         decided, speed = self.memory["utime"], self.memory["speed"]
-        highest = gather_speed(row, float(utime), LONGEST_TURN, ACCELERATION, decided, speed, goals.speed)
+        highest = steering.gather_speed(row, float(utime), LONGEST_TURN, ACCELERATION, decided, speed, goals.speed)
         forward = self._keep_clear(team, goals, highest, around, world)
         duties = np.empty((len(row), 2))
         body = (parameters.wheel_radius, parameters.k1, parameters.base_width)
-        steer(row, x, y, theta, *goals[:3], forward, *body, speed, duties)
+        steering.steer(row, x, y, theta, *goals[:3], forward, *body, speed, duties)
         return duties
 
     def _keep_clear(self, team: Team, goals: Goals, highest: float, around: Surroundings, world: WorldView) -> Floats:
@@ -92,25 +95,21 @@ class Seeker(TeamBehaviour):
 
         Returns how fast robots may go straight on [m/s].
         """
-        from cmr.world.behaviours.border import stop_before
-        from cmr.world.behaviours.clearance import REACTION, keep_clear, view_needed
-
         forward = np.empty(len(team.row))
-        near = around.neighbours(view_needed(self._widest, highest, REACTION))
+        near = around.neighbours(clearance.view_needed(self._widest, highest, clearance.REACTION))
         speed_x, speed_y = around.velocities(wheel_radius_of(team))
-        keep_clear(
+        clearance.keep_clear(
             *(team.place, team.theta, near.start, near.index, around.x, around.y, speed_x, speed_y),
-            *(world.obstacles.discs, goals.round_it, team.radius, self.clearance, REACTION),
+            *(world.obstacles.discs, goals.round_it, team.radius, self.clearance, clearance.REACTION),
             *(goals.x, goals.y, goals.speed, forward),
         )
         if world.geofence:
-            stop_before(team.x, team.y, team.theta, world.geofence.outline, self.clearance, REACTION, forward)
+            how = (self.clearance, clearance.REACTION)
+            border.stop_before(team.x, team.y, team.theta, world.geofence.outline, *how, forward)
         return forward
 
     def _sizes_of(self, parameters: RobotParameters) -> tuple[Floats, Floats]:
         """Return the radius of each robot, and how far from it others stay [m]; for the same ones, the same arrays."""
-        from cmr.world.interaction.body import body_radius
-
         if self._sizes is None or self._sizes[0] is not parameters:
             radius = body_radius(parameters.base_width)
             self._sizes = (parameters, radius, 2.0 * radius + self.clearance)

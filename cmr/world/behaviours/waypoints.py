@@ -7,8 +7,10 @@ import numpy as np
 from cmr.world.behaviours.paths import Paths
 from cmr.world.behaviours.seeking import ACCELERATION, CLEARANCE, LOOK_AHEAD, Goals, Seeker, Team
 from cmr.world.behaviours.team import Floats
+from cmr.world.late import Late
 from cmr.world.view import Robots, WorldView
 
+path_following = Late("cmr.world.behaviours.path_following")
 ARRIVED = 0.02  # m before the end of the path
 MOST_POINTS = 100_000
 
@@ -40,12 +42,10 @@ class Waypoints(Seeker):
 
     def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
         """Return points a little further on the paths, and speeds at which robots can stop at the end."""
-        from cmr.world.behaviours.path_following import stop_at_end
-
         target_x, target_y, remaining = self._pursue(utime, team, me, world)
         speed, round_it = np.empty(len(remaining)), np.empty(len(remaining), bool)
         settings = (ARRIVED, ACCELERATION, self.speed)
-        stop_at_end(team.row, self._paths.count, remaining, team.apart, *settings, speed, round_it)
+        path_following.stop_at_end(team.row, self._paths.count, remaining, team.apart, *settings, speed, round_it)
         return Goals(target_x, target_y, speed, round_it)
 
     def begins(self, _utime: int, _row: int, _x: float, _y: float, _theta: float) -> Path | None:
@@ -54,13 +54,11 @@ class Waypoints(Seeker):
 
     def _pursue(self, utime: int, team: Team, _me: Robots, _world: WorldView) -> tuple[Floats, Floats, Floats]:
         """Let progress grow; return targets and what remains of the paths, -1 where there is none."""
-        from cmr.world.behaviours.path_following import pursue
-
         self._paths.make_room(len(self.memory), 0)
         self._lay(utime, team)
         paths, memory = self._paths, self.memory
         target_x, target_y, remaining = np.empty((3, len(team.x)))
-        pursue(
+        path_following.pursue(
             *(team.row, paths.points, paths.count, team.x, team.y, LOOK_AHEAD),
             *(memory["progress"], memory["piece"], target_x, target_y, remaining),
         )
