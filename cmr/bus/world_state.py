@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,6 +13,8 @@ HEAD = struct.Struct(">8sqi")  # the type's fingerprint, utime and n
 FINGERPRINT = world_state_t._get_packed_fingerprint()
 FLOATS_PER_ROBOT = 7  # x to domega_right
 BYTES_PER_ROBOT = 4 + 1 + 4 * FLOATS_PER_ROBOT
+Kind: TypeAlias = np.dtype[Any]
+ID, ORIGIN, FLOAT = np.dtype(">i4"), np.dtype("i1"), np.dtype(">f4")
 MOST_REMEMBERED = 100  # sets of ids or origins that are kept as bytes
 
 
@@ -31,10 +33,10 @@ class WorldState(world_state_t):
         """Return the bytes of the message."""
         head = HEAD.pack(FINGERPRINT, self.utime, self.n)
         pose, speeds = (self.x, self.y, self.theta), (self.psi_left, self.psi_right)
-        floats = np.empty(FLOATS_PER_ROBOT * self.n, ">f4")
+        floats = np.empty(FLOATS_PER_ROBOT * self.n, FLOAT)
         columns = (*pose, *speeds, self.domega_left, self.domega_right)
         np.concatenate(columns, out=floats, casting="same_kind")
-        return b"".join((head, _bytes_of(self.robot_id, ">i4"), _bytes_of(self.origin, "i1"), floats.data))
+        return b"".join((head, _bytes_of(self.robot_id, ID), _bytes_of(self.origin, ORIGIN), floats.data))
 
     @staticmethod
     def decode(data: bytes) -> "WorldState":
@@ -46,17 +48,17 @@ class WorldState(world_state_t):
         if not 0 <= n <= (len(data) - HEAD.size) // BYTES_PER_ROBOT:
             raise ValueError(f"{n} robots do not fit into {len(data)} bytes")
         origins, floats = HEAD.size + 4 * n, HEAD.size + 5 * n
-        ids = np.frombuffer(data, ">i4", n, HEAD.size).astype(np.int64)
-        kinds = np.frombuffer(data, "i1", n, origins).astype(np.int64)
-        columns = np.frombuffer(data, ">f4", FLOATS_PER_ROBOT * n, floats).astype(np.float64)
-        return WorldState(utime, (ids, kinds, *columns.reshape(FLOATS_PER_ROBOT, n)))
+        ids = np.ndarray(n, ID, data, HEAD.size).astype(np.int64)
+        kinds = np.ndarray(n, ORIGIN, data, origins).astype(np.int64)
+        columns = np.ndarray((FLOATS_PER_ROBOT, n), FLOAT, data, floats).astype(np.float64)
+        return WorldState(utime, (ids, kinds, *columns))
 
 
-def _bytes_of(numbers: Any, kind: str) -> bytes:
+def _bytes_of(numbers: Any, kind: Kind) -> bytes:
     """Return ids or origins as they lie in a message; a tuple, which comes again at each step, is converted once."""
     return _bytes_of_tuple(numbers, kind) if isinstance(numbers, tuple) else np.asarray(numbers).astype(kind).tobytes()
 
 
 @lru_cache(MOST_REMEMBERED)
-def _bytes_of_tuple(numbers: tuple[int, ...], kind: str) -> bytes:
+def _bytes_of_tuple(numbers: tuple[int, ...], kind: Kind) -> bytes:
     return np.array(numbers, kind).tobytes()
