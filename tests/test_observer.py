@@ -105,6 +105,19 @@ def test_where_encoders_draw_the_wheels_the_robot_goes_with_them() -> None:
     assert np.max(np.abs(theta - rolled)) < 1e-9
 
 
+@pytest.mark.parametrize("share", [-0.05, 0.02])
+def test_larger_wheels_and_encoders_that_count_less_are_the_same_mathematics(share: float) -> None:
+    """The errors are the same, also where the observer corrects a robot that is not as believed."""
+    what = heard(turn_slip=0.05)
+    seen = {**ROBOT, "k2_over_k3": ROBOT["k2_over_k3"] * (1.0 + share), "k1": ROBOT["k1"] / (1.0 + share)}
+    counted = observe(what, {**ROBOT, "encoder_scale": share}, FOLLOWING)
+    rolled = observe(what, {**seen, "wheel_radius_scale": 1.0 / (1.0 + share) - 1.0}, FOLLOWING)
+    assert np.max(np.abs(counted.gyro)) > 1e-3
+    for one, other in zip(counted[:3], rolled[:3], strict=True):
+        # Nothing but rounding, of headings of some radians.
+        assert np.max(np.abs(one - other)) < 1e-9
+
+
 def test_a_restart_forgets_where_the_robot_was_believed_to_be() -> None:
     """After a pose that restarts it, the observer foretells the jumped path as well as the path before."""
     what = heard()

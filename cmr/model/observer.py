@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from cmr.model import observer_loops
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.compose import CHANGED, LANES
+from cmr.model.evaluating import mean_radii
 from cmr.model.extended import Candidates, ExtendedModel, composed_module, model_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.statements import SIDES, Statements
@@ -114,8 +115,8 @@ class Observer:
         self._lanes = lanes
         neutral = {name: np.full(self._count, DEFINITIONS[name].neutral or 0.0) for name in _sensor_parameters()}
         self._sensor = np.stack([(neutral | self._values)[name][lanes] for name in neutral])
-        scales = _encoder_scales(self._values, self._count)
-        self._gains = np.stack([self._each(row)[lanes] for row in (*gains, *scales)])
+        of_sides = (*_encoder_scales(self._values, self._count), *mean_radii(self._values))
+        self._gains = np.stack([self._each(row)[lanes] for row in (*gains, *of_sides)])
 
     def observe(self, heard: Heard, *, seed: int = 0, luck: NDArray[np.int64] | None = None) -> Innovations:
         """Observe a drive; see `observe`."""
@@ -187,7 +188,6 @@ def _source(model: ExtendedModel, history: int) -> str:
     constants = {
         "HISTORY": history,
         "CHANGED_FIELDS": len(MOTION) - 1,
-        "WHEEL_RADIUS_NUMBER": _sensor_parameters().index("wheel_radius"),
         "BASE_WIDTH_NUMBER": _sensor_parameters().index("base_width"),
     }
     return "\n".join(

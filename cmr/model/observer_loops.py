@@ -46,7 +46,7 @@ def observe(
         numbers = sensor[:, block * LANES : (block + 1) * LANES]
         gain = gains[:, block * LANES : (block + 1) * LANES]
         gain_angle, gain_psi, gain_position, gain_theta = gain[0], gain[1], gain[2], gain[3]
-        scale_left, scale_right = gain[4], gain[5]
+        scale_left, scale_right, radius_left, radius_right = gain[4], gain[5], gain[6], gain[7]
         index = luck[block * LANES : (block + 1) * LANES]
         lanes = min(LANES, robots - block * LANES)
         prepare(here, stride, dt)
@@ -70,7 +70,7 @@ def observe(
                     duty[0], duty[1] = left[border - 1], right[border - 1]
                     send(here, stride, duty, index, seed, border - 1, packets, ring, border - 1, dt)
                 for i in range(LANES):
-                    before_difference[i] = here[PSI_RIGHT + i] - here[PSI_LEFT + i]
+                    before_difference[i] = radius_right[i] * here[PSI_RIGHT + i] - radius_left[i] * here[PSI_LEFT + i]
                 advance(here, work, varying, dt)
                 newest = past[border % HISTORY]
                 for i in range(LANES):
@@ -81,10 +81,11 @@ def observe(
                     # What corrections add fades as a wheel's speed does; without it the past is smooth.
                     offset_left[i] *= here[KEPT_END + i]
                     offset_right[i] *= here[KEPT_END + i]
-                    per_difference = numbers[WHEEL_RADIUS_NUMBER, i] / numbers[BASE_WIDTH_NUMBER, i]
-                    offset_yaw_rate[i] = (offset_right[i] - offset_left[i]) * per_difference
+                    width = numbers[BASE_WIDTH_NUMBER, i]
+                    offset_yaw_rate[i] = (radius_right[i] * offset_right[i] - radius_left[i] * offset_left[i]) / width
+                    difference = radius_right[i] * here[PSI_RIGHT + i] - radius_left[i] * here[PSI_LEFT + i]
                     newest[3, i] = turning - offset_yaw_rate[i]
-                    newest[4, i] = (here[PSI_RIGHT + i] - here[PSI_LEFT + i] - before_difference[i]) * per_difference
+                    newest[4, i] = (difference - before_difference[i]) / width
             else:
                 for i in range(LANES):
                     before_left[i], before_right[i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
@@ -138,9 +139,9 @@ def observe(
                     offset_left[i] += gain_psi[i] * error_left
                     offset_right[i] += gain_psi[i] * error_right
                     # Wheels that are elsewhere have carried the robot there.
-                    radius = numbers[WHEEL_RADIUS_NUMBER, i]
-                    ahead = 0.5 * radius * (rolled_left + rolled_right)
-                    turned = (rolled_right - rolled_left) * radius / numbers[BASE_WIDTH_NUMBER, i]
+                    rolled_left, rolled_right = radius_left[i] * rolled_left, radius_right[i] * rolled_right
+                    ahead = 0.5 * (rolled_left + rolled_right)
+                    turned = (rolled_right - rolled_left) / numbers[BASE_WIDTH_NUMBER, i]
                     move_x, move_y = ahead * cos(here[THETA + i]), ahead * sin(here[THETA + i])
                     offset_x[i] += move_x
                     offset_y[i] += move_y

@@ -4,16 +4,16 @@ The true motion comes as a trajectory; encoders, gyro and an external pose read 
 stamps. Noise is not part of the model.
 """
 
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.catalogue import CATALOGUE
+from cmr.model.evaluating import Evaluated, evaluated
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
-from cmr.model.statements import SIDES, Statements
+from cmr.model.statements import SIDES
 
 
 class Readings(NamedTuple):
@@ -83,22 +83,5 @@ def _neutral() -> dict[str, Any]:
     }
 
 
-@cache
-def _stage(stage: str, side: str | None = None) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
-    """Return a function from the variables of a stage, by name, to their values after all effects."""
-    statements = Statements(tuple(effect for effect in CATALOGUE.values() if effect.is_sensor), DEFINITIONS)
-    lines = statements.of(stage) if side is None else statements.of_side(stage, side)
-    code = compile("\n".join(lines), f"<stage {stage}>", "exec")
-    functions = {
-        name: getattr(np, name) for name in ("exp", "cos", "sin", "sqrt", "floor", "where", "sign", "inf", "pi")
-    }
-
-    def run(variables: Mapping[str, Any]) -> dict[str, Any]:
-        suffix = f"_{side}" if side else ""
-        of_side = {"reading"} if side else set()
-        scope = {f"{name}{suffix}" if name in of_side else name: value for name, value in variables.items()}
-        with np.errstate(divide="ignore", invalid="ignore"):
-            exec(code, dict(functions, min=np.minimum, max=np.maximum), scope)
-        return {name: scope[f"{name}{suffix}" if name in of_side else name] for name in variables}
-
-    return run
+def _stage(stage: str, side: str | None = None) -> Evaluated:
+    return evaluated(tuple(name for name, effect in CATALOGUE.items() if effect.is_sensor), stage, side)

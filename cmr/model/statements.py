@@ -67,6 +67,18 @@ def _parsed(effect: Effect, stage: str) -> ast.Module:
         raise ValueError(f"effect {effect.name}, stage {stage}: {error}") from None
 
 
+def changed_by(effect: Effect, stage: str) -> set[str]:
+    """Return the variables of a stage that an effect changes."""
+    if stage not in effect.equations:
+        return set()
+    return _stored(effect, stage) & {*STAGES[stage].changes}
+
+
+def _stored(effect: Effect, stage: str) -> set[str]:
+    nodes = ast.walk(_parsed(effect, stage))
+    return {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+
+
 def _own_names(effect: Effect) -> dict[str, bool]:
     """Return the names that belong to an effect, memory and what it assigns, each with whether every side has one."""
     own = {}
@@ -75,9 +87,8 @@ def _own_names(effect: Effect) -> dict[str, bool]:
         if memory.per_side:
             own.update(dict.fromkeys(_for_sides(memory.name, True), False))
     for stage in effect.equations:
-        for node in ast.walk(_parsed(effect, stage)):
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id not in STAGES[stage].changes:
-                own.setdefault(node.id, STAGES[stage].per_side)
+        for name in sorted(_stored(effect, stage) - {*STAGES[stage].changes}):
+            own.setdefault(name, STAGES[stage].per_side)
     return own
 
 

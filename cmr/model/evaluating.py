@@ -1,0 +1,52 @@
+"""The statements of a stage as a function of arrays: for sensors, and for what is known before any step is made."""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.statements import OF_A_SIDE, SIDES, Statements, changed_by
+
+Evaluated = Callable[[Mapping[str, Any]], dict[str, Any]]
+FUNCTIONS = {name: getattr(np, name) for name in ("exp", "cos", "sin", "sqrt", "floor", "where", "sign", "inf", "pi")}
+
+
+@cache
+def evaluated(effects: tuple[str, ...], stage: str, side: str | None = None) -> Evaluated:
+    """Return a function from the variables of a stage, by name, to their values after these effects."""
+    statements = Statements(tuple(CATALOGUE[name] for name in effects), DEFINITIONS)
+    lines = statements.of(stage) if side is None else statements.of_side(stage, side)
+    code = compile("\n".join(lines), f"<stage {stage}>", "exec")
+
+    def run(variables: Mapping[str, Any]) -> dict[str, Any]:
+        names = {name: f"{name}_{side}" if side and name in OF_A_SIDE else name for name in variables}
+        scope = {names[name]: value for name, value in variables.items()}
+        with np.errstate(divide="ignore", invalid="ignore"):
+            exec(code, dict(FUNCTIONS, min=np.minimum, max=np.maximum), scope)
+        return {name: scope[names[name]] for name in variables}
+
+    return run
+
+
+def mean_radii(values: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the radius of each side's wheels [m] with all effects, on average over a turn: shape (2, C), left, right.
+
+    `values` of parameters, by name, are arrays (C,); those that are missing are neutral.
+    """
+    turn = np.array([0.0, np.pi])[:, None]  # opposite angles make up for each other where a wheel is out of round
+    begin = {**_neutral_radii(), **values, "angle": turn, "radius": values["wheel_radius"] + 0.0 * turn}
+    sides = [evaluated(_of_radii(), "ground", side)(begin) for side in SIDES]
+    return np.stack([one["radius"].mean(axis=0) for one in sides])
+
+
+@cache
+def _of_radii() -> tuple[str, ...]:
+    return tuple(name for name, effect in CATALOGUE.items() if "radius" in changed_by(effect, "ground"))
+
+
+@cache
+def _neutral_radii() -> dict[str, Any]:
+    return {known.name: known.neutral for name in _of_radii() for known in CATALOGUE[name].parameters}
