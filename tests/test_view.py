@@ -34,8 +34,9 @@ from cmr.view.camera_panel import caption
 from cmr.view.charts import distances, estimates
 from cmr.view.intake import Intake
 from cmr.view.orders import RELEASES, Orders
-from cmr.view.picture import BLUE, YELLOW, picture_of, rays, trails
+from cmr.view.picture import BLUE, YELLOW, Bodies, picture_of, rays, trails
 from cmr.view.robots import REAL, TWIN, VIRTUAL
+from cmr.view.stage import MANY, Instances
 from cmr.view.state import ViewState
 from cmr.view.wishes import Permission
 from tests.small_log import FIELDS, small_log
@@ -155,6 +156,16 @@ def test_shapes_are_closed_and_point_ahead() -> None:
     corners = np.unique(vertices.round(9), axis=0, return_inverse=True)[1].reshape(-1)[faces]
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]).tolist()
     assert all([b, a] in edges for a, b in edges), "every edge has a face on both sides"
+
+
+def test_thousands_of_robots_are_drawn_plainly() -> None:
+    made: list[Any] = []
+    scene: Any = SimpleNamespace(add_batched_meshes_simple=lambda *mesh, **_look: made.append(mesh))
+    for count in (3, MANY + 1):
+        x, colours = np.zeros((count, 3)), np.zeros((count, 3), np.uint8)
+        Instances(scene, "/robots", shapes.robot(), shapes.plain_robot()).show(Bodies(x, np.zeros((count, 4)), colours))
+    few, many = (len(faces) for _name, _vertices, faces, *_ in made)
+    assert many < few / 10
 
 
 def test_a_camera_above_has_all_robots_in_its_picture() -> None:

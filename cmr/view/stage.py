@@ -10,6 +10,7 @@ from cmr.view import shapes
 from cmr.view.picture import WAYPOINT_HEIGHT, Bodies, Lines, Picture
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 
+MANY = 2000  # things of a kind; more of them are drawn plainly
 GHOST_OPACITY = 0.35
 LABEL_COLOUR = (20, 20, 20)
 OBSTACLE_COLOUR = (120, 120, 125)
@@ -22,10 +23,16 @@ LIGHT = np.round(255.0 * (np.arange(256) / 255.0) ** 2.2).astype(np.uint8)
 
 
 class Instances:
-    """Many things of one shape; made anew when their number changes, moved otherwise."""
+    """Many things of one shape; made anew when their number changes, moved otherwise.
 
-    def __init__(self, scene: viser.SceneApi, name: str, mesh: shapes.Mesh, **look: Any) -> None:
-        self._scene, self._name, self._mesh, self._look = scene, name, mesh, look
+    Where there are very many, they have the `plain` shape, if one is given.
+    """
+
+    def __init__(
+        self, scene: viser.SceneApi, name: str, mesh: shapes.Mesh, plain: shapes.Mesh | None = None, **look: Any
+    ) -> None:
+        self._scene, self._name, self._look = scene, name, look
+        self._mesh, self._plain = mesh, plain or mesh
         self._handle: viser.BatchedMeshHandle | None = None
         self._on_click: Callable[[int, int], None] | None = None
 
@@ -49,7 +56,7 @@ class Instances:
             self._handle = None
         if not len(bodies.position):
             return
-        vertices, faces = self._mesh
+        vertices, faces = self._plain if len(bodies.position) > MANY else self._mesh
         self._handle = self._scene.add_batched_meshes_simple(
             self._name,
             vertices,
@@ -103,8 +110,9 @@ class Stage:
             "/floor", infinite_grid=True, cell_size=0.5, section_size=1.0, cell_color=(228, 228, 228),
             section_color=(200, 200, 200), fade_distance=60.0,
         )  # fmt: skip
-        self.robots = Instances(scene, "/robots", shapes.robot(), flat_shading=True)
-        self._ghosts = Instances(scene, "/twins", shapes.robot(), flat_shading=True, opacity=GHOST_OPACITY)
+        robot, plain = shapes.robot(), shapes.plain_robot()
+        self.robots = Instances(scene, "/robots", robot, plain, flat_shading=True)
+        self._ghosts = Instances(scene, "/twins", robot, plain, flat_shading=True, opacity=GHOST_OPACITY)
         self._digits = [Instances(scene, f"/ids/{value}", shapes.digit(value)) for value in range(10)]
         self._waypoints = LineSet(scene, "/waypoints", WAYPOINT_WIDTH)
         _add_room(scene, obstacles, geofence)

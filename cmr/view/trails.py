@@ -11,7 +11,7 @@ PERIOD = 250_000  # us between the points of a trail
 LONGEST = 60_000_000  # us that are kept
 LEAST_STEP = 0.002  # m; who stands still draws nothing
 LARGEST_STEP = 1.0  # m; who goes further in a period was put somewhere else
-MOST_PIECES = 12_000  # shown; with more than that the oldest go first
+MOST_PIECES = 4000  # shown; with more the oldest go first, as browsers draw thick lines slowly
 
 
 class Trail(NamedTuple):
