@@ -73,7 +73,7 @@ def _first_in_way(things, count, along_x, along_y, reaction, fastest):  # type: 
     """
     slowest, blocking = fastest, -1
     for n in range(count):
-        dx, dy, speed_x, speed_y, apart = things[n]
+        dx, dy, speed_x, speed_y, apart = things[n, 0], things[n, 1], things[n, 2], things[n, 3], things[n, 4]
         allowed = speed_before(dx, dy, along_x, along_y, speed_x, speed_y, apart, reaction, fastest)
         if allowed < slowest:
             slowest, blocking = allowed, n
@@ -127,9 +127,12 @@ def keep_clear(  # type: ignore[no-untyped-def]
             continue
         for n in range(robots):
             j = near[start[i] + n]
-            things[n] = x[j] - x[i], y[j] - y[i], speed_x[j], speed_y[j], 2.0 * radius[k] + clearance
+            things[n, 0], things[n, 1], things[n, 2], things[n, 3] = x[j] - x[i], y[j] - y[i], speed_x[j], speed_y[j]
+            things[n, 4] = 2.0 * radius[k] + clearance
         for n in range(discs.shape[1]):
-            things[robots + n] = discs[0, n] - x[i], discs[1, n] - y[i], 0.0, 0.0, discs[2, n] + radius[k] + clearance
+            m = robots + n
+            things[m, 0], things[m, 1], things[m, 2], things[m, 3] = discs[0, n] - x[i], discs[1, n] - y[i], 0.0, 0.0
+            things[m, 4] = discs[2, n] + radius[k] + clearance
         sine, cosine = sincos(theta[k])
         speed[k], blocking = _first_in_way(things, count, dx / distance, dy / distance, reaction, wanted)
         if blocking >= 0 and round_it[k]:

@@ -189,7 +189,8 @@ def trail(
         if last + 1 == room:
             behind = piece[r]
             for i in range(behind, room):
-                points[r, i - behind] = points[r, i]
+                for what in range(points.shape[2]):  # a slice would take seconds to compile
+                    points[r, i - behind, what] = points[r, i, what]
             last, piece[r] = last - behind, 0
         if last + 1 < room:
             points[r, last + 1, X], points[r, last + 1, Y], points[r, last + 1, ALONG] = all_x[j], all_y[j], length[k]

@@ -94,8 +94,10 @@ def _binned(x: Floats, y: Floats, reach: float) -> Any:
     point's own, and how many bins follow one another from each of those on.
     """
     n = len(x)
-    left, bottom = np.min(x), np.min(y)
-    width, height = np.max(x) - left, np.max(y) - bottom
+    left, right, bottom, top = x[0], x[0], y[0], y[0]
+    for i in range(n):
+        left, right, bottom, top = min(left, x[i]), max(right, x[i]), min(bottom, y[i]), max(top, y[i])
+    width, height = right - left, top - bottom
     per_side = 1.0 / max(reach * SLACK, width / MOST_COLUMNS, height / MOST_COLUMNS, SMALLEST)
     columns, rows = np.floor(width * per_side) + 3.0, np.floor(height * per_side) + 3.0
     hashed = columns * rows > MOST_CELLS * n

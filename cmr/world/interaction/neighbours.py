@@ -145,14 +145,17 @@ def _listed(first: Indices, second: Indices, n: int) -> Any:
         start[i + 1] += start[i]
     mixed = np.empty(2 * len(first), np.int32)
     index = np.empty(2 * len(first), np.int32)
-    filled = start[:-1].copy()
+    filled = np.empty(n, np.int64)  # by loops, as slices take seconds to compile
+    for i in range(n):
+        filled[i] = start[i]
     for k in range(len(first)):
         i, j = first[k], second[k]
         mixed[filled[i]], mixed[filled[j]] = j, i
         filled[i] += 1
         filled[j] += 1
     # Who is i's neighbour has i for a neighbour: going through all i in order, each list is filled in order.
-    filled[:] = start[:-1]
+    for i in range(n):
+        filled[i] = start[i]
     for i in range(n):
         for k in range(start[i], start[i + 1]):
             j = mixed[k]
