@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.view.robots import REAL, TWIN, Floats, Robots
+from cmr.view.robots import Floats, Robots
 
 MOVING = 0.2  # rad/s of both wheels together
 REST = 1_000_000  # us at rest, or unseen, that end a drive
@@ -68,14 +68,12 @@ class Drives:
         """Tell whether it is time for another point, `now` [us]."""
         return not 0 <= now - self._sampled < PERIOD
 
-    def sample(self, now: int, robots: Robots) -> None:
-        """Note where robots and twins are, `now` [us]."""
+    def sample(self, now: int, real: Robots, twins: Robots) -> None:
+        """Note where robots and, in the same order, their twins are, `now` [us]."""
         self._sampled = now
-        real, twins = robots.of(REAL), robots.of(TWIN)
-        both, first, second = np.intersect1d(real.robot_id, twins.robot_id, return_indices=True)
-        points = np.concatenate([real.pose[:2, first], twins.pose[:2, second]]).T.tolist()
-        moving = np.abs(real.wheels[:, first]).sum(axis=0) > MOVING
-        for robot_id, point, is_moving in zip(both.tolist(), points, moving.tolist(), strict=True):
+        points = np.concatenate([real.pose[:2], twins.pose[:2]]).T.tolist()
+        moving = np.abs(real.wheels).sum(axis=0) > MOVING
+        for robot_id, point, is_moving in zip(real.robot_id.tolist(), points, moving.tolist(), strict=True):
             self._courses.setdefault(robot_id, _Course()).take(now, tuple(point), is_moving)
 
     def calibrated(self, robot_id: int) -> None:

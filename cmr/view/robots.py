@@ -29,7 +29,16 @@ class Robots(NamedTuple):
 
     def of(self, origin: int) -> "Robots":
         """Return only those of this origin."""
-        chosen = self.origin == origin
+        return self._chosen(self.origin == origin)
+
+    def with_twins(self) -> tuple["Robots", "Robots"]:
+        """Return the real robots that have twins, and their twins, both in the order of their ids."""
+        real, twins = np.flatnonzero(self.origin == REAL), np.flatnonzero(self.origin == TWIN)
+        ids = self.robot_id[real], self.robot_id[twins]
+        _, first, second = np.intersect1d(*ids, assume_unique=True, return_indices=True)
+        return self._chosen(real[first]), self._chosen(twins[second])
+
+    def _chosen(self, chosen: "NDArray[np.bool_] | Integers") -> "Robots":
         return Robots(self.robot_id[chosen], self.origin[chosen], self.pose[:, chosen], self.wheels[:, chosen])
 
     def place(self, robot_id: int) -> tuple[float, float, float] | None:

@@ -10,7 +10,7 @@ from cmr.bus.estop import EmergencyStop
 from cmr.bus.streams import identify
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.view.drives import Drives
-from cmr.view.robots import REAL, TWIN, Robots, RobotTable
+from cmr.view.robots import Robots, RobotTable
 from cmr.view.traffic import Traffic
 from cmr.view.trails import Trails
 
@@ -75,12 +75,16 @@ class ViewState:
     def advance(self, now: int) -> None:
         """Let time pass until `now` [us]."""
         self.now = now
-        if self.drives.due(now):
-            self.drives.sample(now, self.robots.present(now))
-        if self.trails.due(now):
-            present = self.robots.present(now)
+        drives_are_due, trails_are_due = self.drives.due(now), self.trails.due(now)
+        if not (drives_are_due or trails_are_due):
+            return
+        present = self.robots.present(now)
+        real, twins = present.with_twins()
+        if drives_are_due:
+            self.drives.sample(now, real, twins)
+        if trails_are_due:
             self.trails.sample(now, present)
-            self._measure_divergence(now, present)
+            self._measure_divergence(now, real, twins)
             self._forget_silent(now)
 
     def present(self) -> Robots:
@@ -105,11 +109,9 @@ class ViewState:
             self.drives.calibrated(robot_id)
         history.append(told)
 
-    def _measure_divergence(self, now: int, robots: Robots) -> None:
-        real, twins = robots.of(REAL), robots.of(TWIN)
-        both, first, second = np.intersect1d(real.robot_id, twins.robot_id, return_indices=True)
-        distances = np.hypot(*(real.pose[:2, first] - twins.pose[:2, second]))
-        for robot_id, distance in zip(both.tolist(), distances.tolist(), strict=True):
+    def _measure_divergence(self, now: int, real: Robots, twins: Robots) -> None:
+        distances = np.hypot(*(real.pose[:2] - twins.pose[:2]))
+        for robot_id, distance in zip(real.robot_id.tolist(), distances.tolist(), strict=True):
             self.divergence.setdefault(robot_id, deque(maxlen=MOST_DISTANCES)).append((now, distance))
 
     def _forget_silent(self, now: int) -> None:
