@@ -122,8 +122,21 @@ def test_durations_are_as_the_help_says() -> None:
 def test_only_steps_jump_and_they_take_a_twentieth_of_a_second(name: str) -> None:
     duties = MANOEUVRES[name].duties()
     steepest = max(np.abs(np.diff(side) / np.diff(duties.time)).max() for side in (duties.left, duties.right))
-    fastest = {"steps": 36.0, "one_sided_steps": 32.0, "rich_drive": 36.0, "multisine": 20.0}  # duty/s
+    fastest = {"steps": 36.0, "one_sided_steps": 32.0, "rich_drive": 36.0, "multisine": 20.0, "chirp": 16.0}  # duty/s
     assert steepest <= fastest.get(name, 6.0) * (1.0 + 1e-9)
+
+
+def test_a_chirp_has_all_frequencies_of_its_words_one_after_the_other() -> None:
+    duties = MANOEUVRES["chirp"].duties()
+    first = (duties.time > 1.0) & (duties.time < 11.0)  # the first of four, after the rest at the beginning
+    assert np.array_equal(duties.left[first], duties.right[first])
+    wave = duties.left[first]
+    crossings = np.append(1.0, duties.time[first][1:][np.diff(np.sign(wave)) != 0.0])
+    halves = np.diff(crossings[crossings < 10.9])  # s; at the end the wave fades out
+    assert np.all(np.diff(halves) < 0.011)  # ever shorter, but for knots of 5 ms
+    assert 0.5 / halves[[0, -1]] == pytest.approx([0.31, 3.8], rel=0.1)
+    last = duties.time > duties.duration - 12.0
+    assert np.array_equal(duties.left[last], -duties.right[last])
 
 
 def test_straight_runs_go_both_ways_at_three_speeds_and_never_turn() -> None:

@@ -12,6 +12,7 @@ from cmr.manoeuvres.pieces import (
     BRISK,
     Piece,
     backwards,
+    chirp,
     circle,
     forth_and_back,
     hold,
@@ -49,6 +50,11 @@ def ramps(_turn_time: float) -> list[Piece]:
 def multisines(_turn_time: float) -> list[Piece]:
     """Drive many frequencies at once: both sides together, then against each other."""
     return [multisine(0.8, 0.8), rest(), multisine(-0.5, 0.5)]
+
+
+def chirps(_turn_time: float) -> list[Piece]:
+    """Drive rising frequencies, and the opposite, which leads back: both sides together, then against each other."""
+    return _flat([piece, backwards(piece), rest()] for piece in (chirp(0.6, 0.6), chirp(-0.4, 0.4)))
 
 
 def circles(turn_time: float) -> list[Piece]:

@@ -19,10 +19,11 @@ GENTLE = 0.3  # s to go from one duty to another
 BRISK = 0.05  # s; still a step for a motor whose time constant is 0.16 s, and no blow to its gears
 PAUSE = 0.8  # s at zero duty, after which such a motor stands still
 SOFT = 0.5  # s in which a multisine sets in, and fades out
-KNOTS = 200.0  # Hz, of a multisine
+KNOTS = 200.0  # Hz, of a multisine and a chirp
 # Multiples of 0.1 Hz, so that all are periodic in 10 s and the robot is then where it began.
 FREQUENCIES = np.array([0.2, 0.3, 0.6, 1.0, 1.6, 2.7, 4.5, 7.5])  # Hz
 PERIOD = 10.0  # s
+LOWEST, HIGHEST = 0.25, 4.0  # Hz, of a chirp
 
 
 @dataclass(frozen=True)
@@ -87,13 +88,36 @@ def ramp(left: float, right: float, seconds: float) -> Piece:
 
 def multisine(left: float, right: float) -> Piece:
     """Return PERIOD seconds of sines of all FREQUENCIES at once; `left` and `right` are the peaks, with sign."""
-    time = np.arange(1, round(PERIOD * KNOTS) + 1) / KNOTS
+    time = _knots()
     count = len(FREQUENCIES)
     phases = math.pi * np.arange(count) ** 2 / count  # Schroeder's: peaks hardly higher than those of one sine
     wave = np.sin(2.0 * math.pi * FREQUENCIES * time[:, None] + phases).sum(axis=1)
-    wave *= np.sin(0.5 * math.pi * np.clip(np.minimum(time, PERIOD - time) / SOFT, 0.0, 1.0)) ** 2
+    wave *= _soft_ends(time)
     wave /= np.abs(wave).max()
     return np.column_stack([time, left * wave, right * wave])
+
+
+def chirp(left: float, right: float) -> Piece:
+    """Return PERIOD seconds of a sine whose frequency rises from LOWEST to HIGHEST, by the same factor each second.
+
+    `left` and `right` are the peaks, with sign.
+    """
+    time = _knots()
+    octaves = math.log(HIGHEST / LOWEST)
+    turns = LOWEST * PERIOD / octaves * np.expm1(octaves * time / PERIOD)
+    wave = np.sin(2.0 * math.pi * turns) * _soft_ends(time)
+    return np.column_stack([time, left * wave, right * wave])
+
+
+def _knots() -> Floats:
+    """Return the times [s] of the knots of PERIOD seconds."""
+    return np.arange(1, round(PERIOD * KNOTS) + 1) / KNOTS
+
+
+def _soft_ends(time: Floats) -> Floats:
+    """Return factors that rise from 0 to 1 in SOFT seconds, and fall again before PERIOD is over."""
+    share = np.clip(np.minimum(time, PERIOD - time) / SOFT, 0.0, 1.0)
+    return np.asarray(np.sin(0.5 * math.pi * share) ** 2)
 
 
 def circle(radius: float, outer: float, turn_time: float, side: float) -> list[Piece]:

@@ -86,6 +86,14 @@ PARTS = (  # of which the rich drive has something
 )
 WHOLE = (
     Manoeuvre(
+        name="chirp",
+        what="rising frequencies from 0.25 to 4 Hz",
+        good_for="seeing how late, and how far, a robot follows",
+        space=0.6,
+        gives=frozenset({"chirp"}),
+        pieces=drives.chirps,
+    ),
+    Manoeuvre(
         name="repeat_loop",
         what="the same loop for minutes with pauses",
         good_for="what changes in the course of time",
