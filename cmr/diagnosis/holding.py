@@ -139,8 +139,14 @@ def why_not_of_moments(found: Elsewhere, significant: float) -> str:
 
 def contradicted(values: Mapping[str, float], scene: Scene) -> bool:
     """Tell whether an effect limits the turns to less than the robot was seen to turn."""
-    return any(
-        value < SEEN * scene.fastest
-        for name, value in values.items()
-        if definition(name).unit == "rad/s" and is_limit(definition(name))
-    )
+    return as_seen(values, scene) != values
+
+
+def as_seen(values: Mapping[str, float], scene: Scene) -> dict[str, float]:
+    """Return the values; a limit of the turns that the robot was seen to exceed becomes what it was seen to turn."""
+    exceeded = {name for name in values if _limits_turns(name) and values[name] < SEEN * scene.fastest}
+    return {name: scene.fastest if name in exceeded else value for name, value in values.items()}
+
+
+def _limits_turns(name: str) -> bool:
+    return definition(name).unit == "rad/s" and is_limit(definition(name))

@@ -7,11 +7,11 @@ from itertools import compress
 import numpy as np
 
 from cmr.calibration.result import Estimate
-from cmr.diagnosis.candidates import worth_naming
+from cmr.diagnosis.candidates import Scene, worth_naming
 from cmr.diagnosis.finishing import finished, pruned
 from cmr.diagnosis.fitting import Fit
 from cmr.diagnosis.gains import COARSE
-from cmr.diagnosis.holding import alternatives, elsewhere, why_not_elsewhere
+from cmr.diagnosis.holding import alternatives, as_seen, contradicted, elsewhere, why_not_elsewhere
 from cmr.diagnosis.inflation import Inflation
 from cmr.diagnosis.judging import THRESHOLD, TOO_SMALL, Named, Tried, held_out_gain, needed, why_not
 from cmr.diagnosis.packets import (
@@ -319,7 +319,9 @@ def _fitted(
         Tried(effect, current.squares - squares, values)
         for effect, (values, squares) in zip(effects, quick, strict=True)
     ]
-    tried = _with_everything(study, current, tried, [_stuck(*pair) for pair in zip(tried, promising, strict=True)])
+    stuck = [_stuck(one, score, study.scene) for one, score in zip(tried, promising, strict=True)]
+    possible = [replace(one, values=as_seen(one.values, study.scene)) for one in tried]
+    tried = _with_everything(study, current, possible, stuck)
     tried = sorted([*known, *tried], key=lambda one: -one.evidence)
     least = max(CLOSE * tried[0].drop, LEAST_DROP)
     final = [one.fit is None and one.drop > least for one in tried[:FINALISTS]]
@@ -327,9 +329,12 @@ def _fitted(
     return sorted([*finalists, *tried[FINALISTS:]], key=lambda one: -one.evidence)
 
 
-def _stuck(tried: Tried, score: Score) -> bool:
-    """Tell whether a quick fit made things worse although the score, made near this size, foretold better ones."""
-    return tried.drop < 0.0 and TRUSTED_SHARE < abs(score.share) < 1.0 / TRUSTED_SHARE
+def _stuck(tried: Tried, score: Score, scene: Scene) -> bool:
+    """Tell whether a quick fit led astray: made things worse although the score, made near this size, foretold better
+    ones, or came to what the robot was seen to exceed.
+    """
+    foretold_better = TRUSTED_SHARE < abs(score.share) < 1.0 / TRUSTED_SHARE
+    return contradicted(tried.values, scene) or (tried.drop < 0.0 and foretold_better)
 
 
 def start_of(score: Score) -> dict[str, float]:
