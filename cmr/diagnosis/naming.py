@@ -96,7 +96,7 @@ def search(study: Study, base: Fit, say: Callable[[str], None]) -> Search:
         found = replace(again, base=base, named=[by_chance, *again.named])
     coarse = _coarse(study, found)
     named = [*(_perhaps_jitter(one, found, None) for one in found.named), coarse] if coarse else found.named
-    return replace(found, named=sorted(named, key=lambda one: -one.tried.drop))
+    return replace(found, named=sorted(_with_shadows_of_jitter(named), key=lambda one: -one.tried.drop))
 
 
 def _search(study: Study, base: Fit, say: Callable[[str], None], least_of_wheels: float = 1.0) -> Search:
@@ -165,6 +165,16 @@ def _perhaps_jitter(one: Named, found: Search, jitter: Spread | None) -> Named:
     mean = sum(found.final.values[parameter.name] for parameter in one.tried.effect.parameters)
     excluded = jitter is not None and jitter.drop_at(2.0 * mean) < -ALIKE * found.inflation
     return one if excluded else replace(one, rivals=(*one.rivals, JITTER))
+
+
+def _with_shadows_of_jitter(named: Sequence[Named]) -> list[Named]:
+    """Return the effects named; where jitter is or may be there, those as which it shows may be a part of it."""
+    there = any(JITTER in (one.tried.effect.name, *one.rivals) for one in named)
+    shadows = [there and one.tried.effect.name in LATE and JITTER not in one.rivals for one in named]
+    return [
+        replace(one, rivals=(*one.rivals, JITTER)) if shadow else one
+        for one, shadow in zip(named, shadows, strict=True)
+    ]
 
 
 def _of_chance(found: Search, late: list[Named], spread: Spread) -> tuple[Named, Study] | None:
