@@ -264,6 +264,18 @@ def test_a_real_robot_that_fell_silent_leaves_the_world(file: Path) -> None:
     assert (0, REAL) not in robots(world)
 
 
+@pytest.mark.parametrize(("seconds", "told", "shown"), [(0.3, False, False), (0.3, True, True), (1.0, False, True)])
+def test_a_robot_is_not_shown_at_the_origin_while_its_pose_may_still_come(
+    file: Path, seconds: float, told: bool, shown: bool
+) -> None:
+    world = world_of(file)
+    for channel, message in messages(DEFAULT, seconds=seconds):
+        if told or not channel.startswith("POSE"):
+            world.handle(message.utime, channel, message)
+    world.advance(message.utime)
+    assert ((0, REAL) in robots(world)) == shown
+
+
 def test_a_virtual_robot_follows_a_real_one_behind_its_twin(file: Path) -> None:
     """Compiled, as users run it: the follower sees states of a fleet and of a real robot together."""
     world = world_of(file, VirtualRobot(11, Follow(leader=0, gap=0.4), parameters_of=0, x=-0.5))

@@ -23,6 +23,7 @@ REST_STD = 1e-4  # m or rad per square root of second: keeps the filter willing 
 GYRO_LIFETIME = 100_000  # us; after this long without a reading the wheels tell the turns
 LONGEST_STEP = 0.2  # s; over a longer gap in the feedback nothing is assumed about the motion
 CLOCK_STEP = 1.0  # s; stamps further back than this are no late message but another clock
+PATIENCE = 500_000  # us for which a robot's first pose is waited for; one without any begins at the origin
 HISTORY = 1_000_000  # us within which late poses still find where the robot was
 ACCELERATION_SMOOTHING = 0.05  # s; time constant of the smoothed wheel acceleration
 
@@ -30,8 +31,8 @@ ACCELERATION_SMOOTHING = 0.05  # s; time constant of the smoothed wheel accelera
 class Estimator:
     """The estimate of one real robot; feed it messages by `handle`, read `utime` and `state`.
 
-    `parameters` may change at any time; the pose does not jump. `located` tells whether a pose has been seen: until
-    then the world's origin is where the robot started.
+    `parameters` may change at any time; the pose does not jump. `located` tells whether a pose has been seen: without
+    one the world's origin is where the robot started.
     """
 
     def __init__(self, robot_id: int) -> None:
@@ -39,6 +40,7 @@ class Estimator:
         self.parameters: RobotParameters | None = None
         self.utime = 0
         self.located = False
+        self._first_utime: int | None = None
         self._pose: Floats = np.zeros(3)
         self._covariance: Floats = np.zeros((3, 3))
         self._psi = (0.0, 0.0)
@@ -54,6 +56,11 @@ class Estimator:
         x, y, theta = self._pose.tolist()
         return RobotState(x, y, theta, *self._psi, *self._domega)
 
+    @property
+    def known(self) -> bool:
+        """Whether the estimate may be shown: a pose has been seen, or waited for long enough."""
+        return self.located or (self._first_utime is not None and self.utime - self._first_utime >= PATIENCE)
+
     def handle(self, _utime: int, channel: str, message: Any) -> None:
         """Take MOTOR_FEEDBACK_N, GYRO_N or POSE_N of this robot."""
         stream, robot_id = identify(channel) or (None, None)
@@ -68,6 +75,7 @@ class Estimator:
 
     def _roll(self, message: Any) -> None:
         """Carry the estimate on by what the wheels have done since the last feedback."""
+        self._first_utime = min(message.utime, self._first_utime or message.utime)
         dt = (message.utime - self._feedback_utime) * 1e-6
         if dt < -CLOCK_STEP:
             # The robot's clock was set back, or one stamp was wrong: go on from here.

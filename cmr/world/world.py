@@ -228,11 +228,11 @@ class World:
         return [*self.real(), *chain.from_iterable(robots.each(self._fleet.utime) for robots in simulated)]
 
     def real(self) -> list[Robot]:
-        """Return the real robots heard of lately; one whose clock is off by more is as good as not heard."""
+        """Return the real robots heard of lately and known; one whose clock is off by more is as good as not heard."""
         return [
             Robot(robot.estimator.utime, robot_id, REAL, robot.estimator.state)
             for robot_id, robot in self._real.items()
-            if abs(self._fleet.utime - robot.estimator.utime) <= LOST
+            if robot.estimator.known and abs(self._fleet.utime - robot.estimator.utime) <= LOST
         ]
 
     def _bodies_of_real(self) -> Floats:
