@@ -49,6 +49,7 @@ LEFT_BY_CHANCE = 0.05  # of what chance explains may be left, because the times 
 SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
 PERHAPS = 2.0  # standard deviations by which the share counted may be too small: that commands are lost is sure
 LESS = "It explains less than the effect named."
+SMALLER_SHOWN = 0.5  # of the typical size: a drive in which less would not show leaves an effect unseen
 MOST_SMALL = 3  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
 COURSE_INFLATION = 1.5  # for how many samples errors of courses count that last is known roughly
@@ -145,14 +146,14 @@ def _next(
 
 
 def _unseen(study: Study, screening: Screening, named: Collection[str]) -> tuple[str, ...]:
-    """Return effects whose typical size these drives would not show, and those that cannot be tried on them."""
+    """Return effects that these drives would not show at half their typical size, and those that cannot be tried."""
     tried = {effect.name for effect in study.effects}
-    return tuple(
+    shown = {
         name
         for name, effect in CATALOGUE.items()
-        if name not in named
-        and (name not in tried or screening.traces.get(name, np.inf) < needed(effect) * screening.inflation.of(name))
-    )
+        if SMALLER_SHOWN**2 * screening.traces.get(name, np.inf) >= needed(effect) * screening.inflation.of(name)
+    }
+    return tuple(name for name in CATALOGUE if name not in named and not (name in tried and name in shown))
 
 
 def _perhaps_jitter(one: Named, found: Search, jitter: Spread | None) -> Named:
