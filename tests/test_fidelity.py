@@ -202,10 +202,19 @@ def test_the_command_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest
 
 
 def children_of(pid: int) -> list[int]:
-    """The processes that a process has started, without that which tidies up semaphores."""
+    """The processes that a process has started and told what to do, without that which tidies up semaphores."""
     tasks = Path(f"/proc/{pid}/task").glob("*/children")
     children = [int(child) for path in tasks for child in path.read_text().split()]
-    return [child for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+    return [child for child in children if b"spawn_main" in of_process(child, "cmdline") and knows_its_work(child)]
+
+
+def knows_its_work(pid: int) -> bool:
+    """Whether a process has begun to load what its work needs: before, it has not been told what that is."""
+    return b"numpy" in of_process(pid, "maps")
+
+
+def of_process(pid: int, name: str) -> bytes:
+    return Path(f"/proc/{pid}/{name}").read_bytes()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
