@@ -19,7 +19,7 @@ from cmr.commands.command_line import CommandError
 from cmr.tools.mapping import load
 from cmr.tools.ros_source import read_bag
 from cmr.tools.sources import Source, SourceError
-from tests.test_import_ros import DELAY, GYRO, START, STEP, filled, header, mapping_of, run, typestore
+from tests.ros_bags import DELAY, GYRO, START, STEP, filled, header, mapping_of, run, typestore
 
 COUNT = 400
 MAPPING = mapping_of({"/imu": "header"}, gyro=GYRO)

@@ -13,7 +13,7 @@ from cmr.bus.messages import decode, make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, POSE
 from cmr.commands.command_line import CommandError
 from cmr.tools import import_log, log_main
-from tests.test_import_ros import mapping_of, run
+from tests.ros_bags import mapping_of, run
 
 START = 1_700_000_000_000_000  # us
 
