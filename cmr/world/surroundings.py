@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.world.late import Late
+from cmr.world.lazy_module import LazyModule
 
 if TYPE_CHECKING:
     from cmr.world.interaction.neighbours import NearList, Neighbours
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 Floats: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 
-neighbours = Late("cmr.world.interaction.neighbours")
-velocities = Late("cmr.world.interaction.velocities")
+neighbours = LazyModule("cmr.world.interaction.neighbours")
+velocities = LazyModule("cmr.world.interaction.velocities")
 MOST_RADII = 20  # within which neighbours are looked for again and again
 MISSING = -1  # index of a robot that is not there
 

@@ -10,13 +10,13 @@ from cmr.bus.world_state import BYTES_PER_ROBOT, HEAD, WorldState
 from cmr.model.motion import RobotState
 from cmr.msg import robot_state_t
 from cmr.world.interaction.obstacles import Geofence, Obstacles
-from cmr.world.late import Late
+from cmr.world.lazy_module import LazyModule
 from cmr.world.surroundings import Floats, Indices, Members, Surroundings
 
 if TYPE_CHECKING:
     from cmr.world.interaction.neighbours import NearList
 
-sound = Late("cmr.world.interaction.sound")
+sound = LazyModule("cmr.world.interaction.sound")
 REAL: int = robot_state_t.REAL
 VIRTUAL: int = robot_state_t.VIRTUAL
 TWIN: int = robot_state_t.TWIN

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.world.behaviours.team import Floats, Indices
-from cmr.world.late import Late
+from cmr.world.lazy_module import LazyModule
 from cmr.world.surroundings import Surroundings
 
-crossing_loops = Late("cmr.world.behaviours.crossing_loops")
+crossing_loops = LazyModule("cmr.world.behaviours.crossing_loops")
 RING = 0.3  # m; a robot is in it for so long that all have seen it before it gets into the core
 SMALLEST_ZONE = 0.5  # m
 BAND = 0.25  # m before the line: there is room for one robot of each direction, and it is the next to go

@@ -6,10 +6,10 @@ Source: Reynolds, Flocks, herds and schools: a distributed behavioral model, SIG
 import numpy as np
 
 from cmr.world.behaviours.seeking import CLEARANCE, Goals, Seeker, Team, corners_of, wheel_radius_of
-from cmr.world.late import Late
+from cmr.world.lazy_module import LazyModule
 from cmr.world.view import Robots, WorldView
 
-flock_rules = Late("cmr.world.behaviours.flock_rules")
+flock_rules = LazyModule("cmr.world.behaviours.flock_rules")
 
 
 class Flock(Seeker):

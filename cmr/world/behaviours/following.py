@@ -7,11 +7,11 @@ import numpy as np
 from cmr.world.behaviours.paths import Paths
 from cmr.world.behaviours.seeking import CLEARANCE, LOOK_AHEAD, Goals, Seeker, Team
 from cmr.world.behaviours.team import Floats, Indices
-from cmr.world.late import Late
+from cmr.world.lazy_module import LazyModule
 from cmr.world.surroundings import Members
 from cmr.world.view import Robots, WorldView
 
-path_following = Late("cmr.world.behaviours.path_following")
+path_following = LazyModule("cmr.world.behaviours.path_following")
 SPEED_PER_DISTANCE = 1.5  # 1/s: speed for each metre too far behind
 DEAD_ZONE = 0.02  # m; nearer than this to its place, the robot rests
 MOST_POINTS = 4096  # of a trail: 160 m; a leader further ahead is followed by a shorter way

@@ -6,11 +6,11 @@ import numpy as np
 
 from cmr.world.behaviours.seeking import CLEARANCE, Goals, Seeker, Team, wheel_radius_of
 from cmr.world.behaviours.team import Floats, Indices
-from cmr.world.late import Late
+from cmr.world.lazy_module import LazyModule
 from cmr.world.surroundings import MISSING, Members, Surroundings
 from cmr.world.view import Robots, WorldView
 
-placing = Late("cmr.world.behaviours.placing")
+placing = LazyModule("cmr.world.behaviours.placing")
 NO_LEADER = -1
 SHAPES = ("line", "column", "wedge", "circle")
 

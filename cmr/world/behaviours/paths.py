@@ -3,9 +3,9 @@
 import numpy as np
 
 from cmr.world.behaviours.team import Floats, Indices
-from cmr.world.late import Late
+from cmr.world.lazy_module import LazyModule
 
-path_following = Late("cmr.world.behaviours.path_following")
+path_following = LazyModule("cmr.world.behaviours.path_following")
 SHORTEST = 0.04  # m between points; nearer ones are left out
 ROOM = 32  # points of a path for which there is room at first; it doubles whenever it is used up
 X, Y, ALONG, ALONE = range(4)  # what is known of each point

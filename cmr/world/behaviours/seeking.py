@@ -10,13 +10,13 @@ from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours.team import Duties, Floats, Indices, Memory, TeamBehaviour
 from cmr.world.interaction.body import body_radius
-from cmr.world.late import Late
+from cmr.world.lazy_module import LazyModule
 from cmr.world.surroundings import Members, Surroundings
 from cmr.world.view import VIRTUAL, Robot, Robots, WorldView
 
-border = Late("cmr.world.behaviours.border")
-clearance = Late("cmr.world.behaviours.clearance")
-steering = Late("cmr.world.behaviours.steering")
+border = LazyModule("cmr.world.behaviours.border")
+clearance = LazyModule("cmr.world.behaviours.clearance")
+steering = LazyModule("cmr.world.behaviours.steering")
 ACCELERATION = 0.5  # m/s^2
 LONGEST_TURN = 0.1  # s; who decided longer ago gathers no more speed than in this time
 CLEARANCE = 0.05  # m between the bodies of robots

@@ -7,10 +7,10 @@ import numpy as np
 from cmr.world.behaviours.paths import Paths
 from cmr.world.behaviours.seeking import ACCELERATION, CLEARANCE, LOOK_AHEAD, Goals, Seeker, Team
 from cmr.world.behaviours.team import Floats
-from cmr.world.late import Late
+from cmr.world.lazy_module import LazyModule
 from cmr.world.view import Robots, WorldView
 
-path_following = Late("cmr.world.behaviours.path_following")
+path_following = LazyModule("cmr.world.behaviours.path_following")
 ARRIVED = 0.02  # m before the end of the path
 MOST_POINTS = 100_000
 

@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import Any
 
 
-class Late:
+class LazyModule:
     """What a module has, by the module's full name. An import where it is used would cost its time at every step."""
 
     def __init__(self, module: str) -> None:
