@@ -21,7 +21,7 @@ Linear = tuple[Floats, Floats]  # white errors (n,) and their slopes (n, p)
 MOST_STEPS = 7
 SETTLED = 0.1  # of the sum of squares: a step that promises less is not taken
 KEPT = 0.5  # of what a step promises must come
-WORTH_A_DETOUR = 2.0  # of the sum of squares: where less is promised and does not come, the ground is only rough
+WORTH_A_DETOUR = 5.0  # of the sum of squares: where less is promised and does not come, the ground is only rough
 DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tried at once
 LONG_STRIDE = 6.0
 

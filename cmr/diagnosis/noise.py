@@ -236,7 +236,10 @@ def whiten(errors, shares, ends, weights, result):  # type: ignore[no-untyped-de
     """Subtract shares of the sums of all errors up to so many before each, and weigh what remains."""
     count, candidates = errors.shape
     longest = np.max(ends)
-    kept = longest + 1
+    kept = 1
+    while kept <= longest:  # a power of two: its remainders are the last bits
+        kept *= 2
+    last_bits = kept - 1
     sums = np.zeros((kept, candidates))  # in turn: that up to `row`, itself not included, stands at its remainder
     for row in range(count):
         weight = weights[row] if row >= longest else 0.0
@@ -246,10 +249,10 @@ def whiten(errors, shares, ends, weights, result):  # type: ignore[no-untyped-de
             for index in range(0, len(ends), 4):
                 one, two = weight * shares[index], weight * shares[index + 1]
                 three, four = weight * shares[index + 2], weight * shares[index + 3]
-                first, second = sums[(row - ends[index]) % kept], sums[(row - ends[index + 1]) % kept]
-                third, fourth = sums[(row - ends[index + 2]) % kept], sums[(row - ends[index + 3]) % kept]
+                first, second = sums[(row - ends[index]) & last_bits], sums[(row - ends[index + 1]) & last_bits]
+                third, fourth = sums[(row - ends[index + 2]) & last_bits], sums[(row - ends[index + 3]) & last_bits]
                 for i in range(candidates):
                     result[row, i] -= one * first[i] + two * second[i] + three * third[i] + four * fourth[i]
-        last, newest = sums[row % kept], sums[(row + 1) % kept]
+        last, newest = sums[row & last_bits], sums[(row + 1) & last_bits]
         for column in range(candidates):
             newest[column] = last[column] + errors[row, column]

@@ -22,6 +22,7 @@ from cmr.model.parameters import ParameterDefinition
 from cmr.model.statements import SIDES, Statements, memories
 
 LANES = 16  # robots side by side; the distance between rows is known to the compiler, so it sees that none overlap
+ABREAST = 8  # robots that a processor's widest registers take at once
 CHANGED = (
     *("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"),
     *("domega_left", "domega_right", "time"),
@@ -69,7 +70,11 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
     for place, lines, depth in (("STEP", body, 8), ("START", start, 8), ("PACKET", packet, 12)):
         functions = functions.replace(f"    {place}\n", _indented(lines, depth))
     return "\n".join(
-        [IMPORTS, f"LANES = {LANES}", *(f"{name} = {value}" for name, value in constants.items()), functions]
+        [
+            *(IMPORTS, f"LANES, ABREAST = {LANES}, {ABREAST}"),
+            *(f"{name} = {value}" for name, value in constants.items()),
+            functions,
+        ]
     )
 
 

@@ -20,9 +20,9 @@ second_BY_FIRST, second_BY_SECOND = 0.5386751345948129, 0.25
 
 LOOPS = '''
 
-@compiled("void(f8[::1], f8[::1], i8[::1], f8)")
-def advance(rows, work, varying, dt):
-    """Let a step of dt [s] pass for all robots.
+@compiled("void(f8[::1], f8[::1], i8[::1], f8, i8)")
+def advance(rows, work, varying, dt, lanes):
+    """Let a step of dt [s] pass for the first `lanes` robots of each block: all, or as many as ABREAST goes into.
 
     The rows of a block of LANES robots are the first ones, up to OWN, and then those of `varying`, by their place in
     `work`, where a block is computed. It holds the other parameters, which all robots share.
@@ -150,7 +150,7 @@ def drive(rows, work, varying, robots, left, right, dt, ring, seed, at, recorded
                 if ring > 0:
                     duty[0], duty[1] = left[border], right[border]
                     send(here, stride, duty, index, seed, border, packets, ring, border, prepared)
-                advance(here, work, varying, prepared)
+                advance(here, work, varying, prepared, LANES)
                 border += 1
             for i in range(lanes):
                 for field in range(7):

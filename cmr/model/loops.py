@@ -11,7 +11,7 @@ from collections.abc import Collection, Sequence
 def loops(parts: Sequence[Sequence[str]], rows: Collection[str], kept: Collection[str]) -> tuple[list[str], list[str]]:
     """Return one loop for each part, and the names that need rows besides `rows`.
 
-    Loops run over `i` below LANES, on rows of an array `work`. `kept` are the rows that must hold their last value.
+    Loops run over `i` below `lanes`, on rows of an array `work`. `kept` are the rows that must hold their last value.
     """
     reads, writes = zip(*(_names("\n".join(part)) for part in parts), strict=True)
     extra: list[str] = []
@@ -26,7 +26,7 @@ def loops(parts: Sequence[Sequence[str]], rows: Collection[str], kept: Collectio
             *part,
             *(f"work[{name.upper()} + i] = {name}" for name in stored),
         ]
-        lines += ["for i in range(LANES):", *("    " + line for line in body)]
+        lines += ["for i in range(lanes):", *("    " + line for line in body)]
     return lines, extra
 
 

@@ -32,7 +32,18 @@ FOLLOWED = 1
 # What the compiled observer takes from the compiled model.
 OF_MODEL = (
     *("X", "Y", "THETA", "PSI_LEFT", "PSI_RIGHT", "ANGLE_LEFT", "ANGLE_RIGHT", "COMMAND_LEFT", "COMMAND_RIGHT"),
-    *("KEPT_END", "advance", "prepare", "send", "LANES", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND"),
+    *("KEPT_END", "advance", "prepare", "send", "LANES", "ABREAST", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND"),
+)
+# What the compiled observer keeps of each candidate beside the model's rows: what changes, and then what is given. They
+# are rows of one array, as the model's are: only so does the compiler see that none overlap, and vectorises.
+CHANGING = (
+    *("offset_x", "offset_y", "offset_theta", "offset_left", "offset_right", "offset_yaw_rate"),
+    *("before_left", "before_right", "before_difference", "error_left", "error_right"),
+    *("at_x", "at_y", "at_theta", "error_x", "error_y", "error_theta"),
+)
+GIVEN = (
+    *("gain_angle", "gain_psi", "gain_position", "gain_theta"),
+    *("scale_left", "scale_right", "radius_left", "radius_right"),
 )
 DEAD_MOTOR = {"k2_over_k3": 1e-2, "k1": 1e-5}  # neither drives nor slows down: wheel speeds are given
 
@@ -113,10 +124,10 @@ class Observer:
         self._model = model_of(values)
         lanes = np.minimum(np.arange(-(-self._count // LANES) * LANES), self._count - 1)  # leftovers repeat the last
         self._lanes = lanes
-        neutral = {name: np.full(self._count, DEFINITIONS[name].neutral or 0.0) for name in _sensor_parameters()}
-        self._sensor = np.stack([(neutral | self._values)[name][lanes] for name in neutral])
-        of_sides = (*_encoder_scales(self._values, self._count), *mean_radii(self._values))
-        self._gains = np.stack([self._each(row)[lanes] for row in (*gains, *of_sides)])
+        neutral = {name: DEFINITIONS[name].neutral or 0.0 for name in _sensor_parameters()}
+        sensors = (self._values.get(name, usual) for name, usual in neutral.items())
+        given = (*gains, *_encoder_scales(self._values, self._count), *mean_radii(self._values), *sensors)
+        self._numbers = np.stack([self._each(row)[lanes] for row in given])
 
     def observe(self, heard: Heard, *, seed: int = 0, luck: NDArray[np.int64] | None = None) -> Innovations:
         """Observe a drive; see `observe`."""
@@ -133,7 +144,7 @@ class Observer:
         )
         _module(self._model, heard.dt).observe(
             *blocks.arguments, count, heard.left, heard.right, heard.dt, ring, seed, chosen, heard.given,
-            self._sensor, self._gains, heard.time, heard.wheel_time, heard.wheel, heard.wheel_use,
+            self._numbers, heard.time, heard.wheel_time, heard.wheel, heard.wheel_use,
             heard.gyro_time, heard.gyro, heard.pose_time, heard.pose, heard.pose_use, *result,
         )  # fmt: skip
         return result
@@ -185,10 +196,12 @@ def _source(model: ExtendedModel, history: int) -> str:
     loops = observer_loops.LOOPS
     for place, lines in _sensor_lines().items():
         loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 20}{line}\n" for line in lines))
+    rows = (*CHANGING, *GIVEN, *_sensor_parameters())
     constants = {
         "HISTORY": history,
         "CHANGED_FIELDS": len(MOTION) - 1,
-        "BASE_WIDTH_NUMBER": _sensor_parameters().index("base_width"),
+        **{name.upper(): LANES * i for i, name in enumerate(rows)},
+        "OWN_ROWS": len(rows),
     }
     return "\n".join(
         [
@@ -211,11 +224,12 @@ def _sensor_lines() -> dict[str, Sequence[str]]:
         "POSE_TIME": statements.of("pose_time"),
         "POSE": statements.of("pose"),
     }
-    row = {name: f"numbers[{index}, i]" for index, name in enumerate(_sensor_parameters())}
+    row = {name: f"own[{name.upper()} + i]" for name in _sensor_parameters()}
     reads = {
         "GYRO_NUMBERS": (*stages["GYRO_TIME"], *stages["GYRO"]),
         "ENCODER_NUMBERS": stages["ENCODER"],
-        "POSE_NUMBERS": (*stages["POSE_TIME"], *stages["POSE"]),
+        "POSE_TIME_NUMBERS": stages["POSE_TIME"],
+        "POSE_NUMBERS": stages["POSE"],
     }
     for place, lines in reads.items():
         text = "\n".join(lines)
