@@ -12,8 +12,8 @@ from cmr.bus.world_state import WorldState
 from cmr.msg import calibration_status_t
 from cmr.view import words
 from cmr.view.drawing import SIZE, TOP, paths_drawing
-from cmr.view.drives import Paths
-from cmr.view.robots import REAL, TWIN
+from cmr.view.drives import Calibrations, Course, Drives, Paths
+from cmr.view.robots import REAL, TWIN, Robots
 from cmr.view.state import ViewState
 from tests.small_log import FIELDS
 
@@ -56,6 +56,40 @@ def test_paths_before_and_after_are_of_the_calibrations_drive_and_the_first_one_
     assert drawn.count("<polyline") == 4
     assert "50.0 cm apart" in drawn
     assert "2.0 cm apart" in drawn
+
+
+CALIBRATED = {0: (150, 240, 430), 1: (150, 310, 330)}  # at which steps of `follow`; some while the robot drives on
+
+
+def follow(drives: Drives, step: int) -> dict[int, Course]:
+    """Let two robots drive for 0.2 s, one with long pauses, one with short ones; return what calibrations began."""
+    now = NOW + step * SECOND // 5
+    psi = [5.0 if step % 100 not in range(60, 60 + rest) else 0.0 for rest in (30, 7)]
+    pose = np.array([[0.1 * step, 0.1 * step], [0.0, 1.0], [0.0, 0.0]])
+    real = Robots(np.arange(2), np.full(2, REAL), pose, np.array([psi, psi]))
+    drives.sample(now, real, real._replace(pose=pose + 0.01))
+    return {robot_id: drives.calibrated(robot_id) for robot_id, steps in CALIBRATED.items() if step in steps}
+
+
+def paths_around(drives: Drives, step: int) -> list[list[float]]:
+    """Where the robots drove before and after the last calibration that they had until a step. [m along x]"""
+    paths = [drives.of(robot_id) for robot_id, steps in CALIBRATED.items() if steps[0] <= step]
+    return [[] if path is None else path.real[:, 0].tolist() for pair in paths for path in pair]
+
+
+def test_whoever_comes_in_between_sees_the_drives_that_were_followed_from_the_beginning() -> None:
+    followed, calibrations, expected = Drives(), Calibrations(), []
+    for step in range(600):
+        for robot_id, course in follow(followed, step).items():
+            calibrations.add(NOW + step * SECOND // 5, robot_id, course)
+        expected.append(paths_around(followed, step))
+    assert all(expected[-1])
+    for first in range(0, 600, 13):
+        drives = calibrations.drives(NOW + first * SECOND // 5)
+        assert paths_around(drives, first) == expected[first]
+        for step in range(first + 1, min(first + 100, 600)):
+            follow(drives, step)
+            assert paths_around(drives, step) == expected[step], (first, step)
 
 
 def test_a_robot_that_did_not_drive_has_no_paths() -> None:

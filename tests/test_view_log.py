@@ -123,10 +123,25 @@ def test_a_jump_reads_little_of_a_long_log(log: Path, monkeypatch: pytest.Monkey
     decoded: list[str] = []
     monkeypatch.setattr(playback.state.__class__, "handle", lambda _self, _utime, channel, _m: decoded.append(channel))
     playback.jump(BEGIN + 90 * SECOND)
-    # Two parts each: trails of a minute at five points a second, a second at full rate, at two and a half points those
-    # 29 s of the calibration's drive that the minute does not hold. And all of the calibration.
-    assert decoded.count("WORLD_STATE") <= 2 * 60 * 5 + 2 * 20 + 10 + 2 * 29 * 2.5
-    assert len(decoded) < 1250
+    # Two parts each: of the minute for trails five in two seconds; a second at full rate. And all of the calibration.
+    assert decoded.count("WORLD_STATE") <= 2 * 60 * 2.5 + 2 * 20 + 10
+    assert len(decoded) < 650
+
+
+def test_the_calibrations_of_many_robots_are_read_again_in_part(tmp_path: Path) -> None:
+    path = tmp_path / "many.lcm"
+    with path.open("wb") as stream:
+        for k in range(400 * 30):
+            status = make(
+                calibration_status_t, utime=BEGIN, robot_id=k % 30, **{**FIELDS["CALIBRATION_STATUS"], "progress": k}
+            )
+            event = Event(k, BEGIN + k * 10_000, f"CALIBRATION_STATUS_{k % 30}", status.encode())
+            stream.write(event_bytes(event))
+    playback = playback_of(path)
+    playback.jump(playback.index.end)
+    told = [[heard.message.progress for heard in history] for history in playback.state.calibrations.values()]
+    assert all(35 <= len(progress) <= 50 and progress == sorted(progress) for progress in told)
+    assert sorted(progress[-1] for progress in told) == list(range(400 * 30 - 30, 400 * 30))
 
 
 def test_what_happened_has_its_marks(log: Path) -> None:
@@ -135,13 +150,36 @@ def test_what_happened_has_its_marks(log: Path) -> None:
     assert marks == [*expected, (70, "diagnosis")]
 
 
-def test_a_log_is_shown_before_it_is_read_and_jumps_go_as_far_as_it_is_known(log: Path) -> None:
-    playback = playback_of(log, indexed=False)
+def test_a_log_can_be_jumped_in_before_it_is_read_and_shows_all_once_it_is(log: Path) -> None:
+    playback, played = playback_of(log, indexed=False), playback_of(log)
     assert playback.index.end - playback.index.begin == pytest.approx(LENGTH * SECOND, abs=SECOND)
     playback.play(1.0)
     assert len(playback.state.present().robot_id) == 3
-    playback.jump(BEGIN + 50 * SECOND)
-    assert playback.position == playback.index.indexed_until
+    play_until(played, 50.0)
+    playback.jump(played.position)
+    assert playback.index.indexed_until < BEGIN + 40 * SECOND
+    assert playback.position == played.position
+    assert playback.state.present().pose.tolist() == played.state.present().pose.tolist()
+    playback.play(1.0)
+    assert playback.state.latest["WAYPOINTS"] == {}, "which were logged long before"
+    while not playback.index.build(1.0):
+        pass
+    playback.paused = True
+    playback.play(1.0)
+    play_until(played, 51.0)
+    assert playback.position == played.position
+    assert seen(playback) == seen(played)
+
+
+def test_a_jump_into_what_has_not_been_read_reads_little(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cmr.view.log_index.CHUNK", 20_000)
+    playback = playback_of(log, indexed=False)
+    for seconds in (99.5, 33.3, 0.0, 66.6):
+        moments = [
+            moment for moment, _ in zip(playback.index.read(BEGIN + int(seconds * SECOND)), range(3), strict=False)
+        ]
+        assert all(0 <= moment[0] - BEGIN - seconds * SECOND < SECOND // 2 for moment in moments)
+        assert len(moments) == 3
 
 
 def test_speed_and_pause(log: Path) -> None:

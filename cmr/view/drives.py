@@ -3,8 +3,9 @@
 A twin starts each drive where its robot is and is commanded as it is, so their paths tell how good its parameters are.
 """
 
-from collections.abc import Iterable
-from typing import NamedTuple
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -15,6 +16,7 @@ REST = 1_000_000  # us at rest, or unseen, that end a drive
 PERIOD = 100_000  # us between the points of a path, at least
 LONGEST = 120_000_000  # us of a drive that are kept
 SHORTEST = 1.0  # m that a robot has driven before its path is shown
+Point: TypeAlias = tuple[float, ...]
 
 
 class Paths(NamedTuple):
@@ -32,16 +34,21 @@ class Paths(NamedTuple):
         return float(np.sqrt(np.sum(steps * (squares[1:] + squares[:-1]) / 2) / steps.sum()))
 
 
-class _Course:
-    """The drives of one robot; a point is the time [us], (x, y) of the robot and (x, y) of its twin [m]."""
+class Course:
+    """The drives of one robot; a point is the time [us], (x, y) of the robot and (x, y) of its twin [m].
 
-    def __init__(self) -> None:
-        self.current: list[tuple[float, ...]] = []
-        self.before: list[tuple[float, ...]] = []
-        self.after: list[tuple[float, ...]] | None = None
-        self._began = self._moved = 0
+    `before` is the drive of its last calibration, `after` the first one that began since, `current` the last.
+    """
+
+    def __init__(self, before: Sequence[Point] = (), moved: int = 0) -> None:
+        self.current: list[Point] = []
+        self.before = list(before)
+        self.after: list[Point] | None = None
+        self._began, self._moved = moved, moved
+        self._calibrated_on_until = self._driven_on_until = moved  # without a rest; and since the calibration
 
     def take(self, now: int, point: tuple[float, ...], is_moving: bool) -> None:
+        """Note where robot and twin are, `now` [us]."""
         if not is_moving:
             return
         if now - self._moved > REST:
@@ -49,19 +56,41 @@ class _Course:
             if self.before and self.after is None:
                 self.after = self.current
         self._moved = now
+        if self.after is None:
+            self._driven_on_until = now
         if now - self._began <= LONGEST:
             self.current.append((now, *point))
 
-    def calibrate(self) -> None:
+    def calibrated(self) -> "Course":
+        """Return what begins with a calibration that is done now."""
         # What is driven on, without a rest, is of neither drive.
-        self.before, self.after, self.current = self.current, None, []
+        return Course(self.current, self._moved)
+
+    def until(self, utime: int) -> "Course":
+        """Return it as it was at a moment since its calibration."""
+        result = Course(self.before, min(utime, self._driven_on_until))
+        after = _until(self.after or (), utime)
+        if after:
+            result.after = after
+            result.go_on(after, int(after[-1][0]))
+        return result
+
+    def drive_until(self, utime: int) -> tuple[list[Point], int]:
+        """Return the calibration's drive as far as it was at an earlier moment, and when the robot last moved [us]."""
+        return _until(self.before, utime), min(utime, self._calibrated_on_until)
+
+    def go_on(self, drive: list[Point], moved: int) -> None:
+        """Take a drive for the one that lasts; the robot last moved at `moved` [us]."""
+        if self.after and self.after[0] == drive[0]:
+            drive = self.after
+        self.current, self._began, self._moved = drive, int(drive[0][0]), moved
 
 
 class Drives:
     """Follows the drives of all robots with twins."""
 
-    def __init__(self) -> None:
-        self._courses: dict[int, _Course] = {}
+    def __init__(self, courses: dict[int, Course] | None = None) -> None:
+        self._courses = courses or {}
         self._sampled = 0
 
     def due(self, now: int) -> bool:
@@ -74,11 +103,12 @@ class Drives:
         points = np.concatenate([real.pose[:2], twins.pose[:2]]).T.tolist()
         moving = np.abs(real.wheels).sum(axis=0) > MOVING
         for robot_id, point, is_moving in zip(real.robot_id.tolist(), points, moving.tolist(), strict=True):
-            self._courses.setdefault(robot_id, _Course()).take(now, tuple(point), is_moving)
+            self._courses.setdefault(robot_id, Course()).take(now, tuple(point), is_moving)
 
-    def calibrated(self, robot_id: int) -> None:
-        """Note that a robot has just been calibrated on its last drive."""
-        self._courses.setdefault(robot_id, _Course()).calibrate()
+    def calibrated(self, robot_id: int) -> Course:
+        """Note that a robot has just been calibrated on its last drive; return what begins with it."""
+        course = self._courses[robot_id] = self._courses.get(robot_id, Course()).calibrated()
+        return course
 
     def of(self, robot_id: int) -> tuple[Paths | None, Paths | None]:
         """Return the paths before and after the robot's last calibration; before the first one, those of now."""
@@ -86,6 +116,35 @@ class Drives:
         if course is None:
             return None, None
         return _paths(course.before or course.current), _paths(course.after or ())
+
+
+class Calibrations:
+    """What robots drove around their calibrations, in the order in which these were done."""
+
+    def __init__(self) -> None:
+        self._done: list[tuple[int, int, Course]] = []  # when [us], of which robot, what began with it
+
+    def add(self, utime: int, robot_id: int, course: Course) -> None:
+        """Note a calibration that was done, `utime` [us]; its course goes on."""
+        self._done.append((utime, robot_id, course))
+
+    def drives(self, utime: int) -> Drives:
+        """Return the drives of all robots as if they had been followed until a moment [us]."""
+        courses: dict[int, Course] = {}
+        to_come: set[int] = set()
+        for done, robot_id, course in self._done:
+            if done <= utime:
+                courses[robot_id] = course.until(utime)
+            elif robot_id not in to_come:
+                to_come.add(robot_id)
+                lasting, moved = course.drive_until(utime)
+                if lasting:
+                    courses.setdefault(robot_id, Course()).go_on(lasting, moved)
+        return Drives(courses)
+
+
+def _until(points: Sequence[Point], utime: int) -> list[Point]:
+    return list(points[: bisect_right(points, float(utime), key=lambda point: point[0])])
 
 
 def _paths(points: Iterable[tuple[float, ...]]) -> Paths | None:

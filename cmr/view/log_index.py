@@ -20,12 +20,13 @@ from cmr.bus.streams import (
     identify,
 )
 from cmr.msg import calibration_status_t
-from cmr.recordings.events import HEADER, Event, EventReader
+from cmr.recordings.events import CHUNK, HEADER, Event, EventReader
+from cmr.view.drives import Calibrations
+from cmr.view.log_drives import PARTS_WITHIN, DriveWatch
 from cmr.view.state import DIAGNOSIS
 
 PLACES_APART = 200_000  # us between the messages of a channel that are remembered
 ALL_REMEMBERED = {stream.name for stream in (PROCESS_STATUS, ESTOP, CALIBRATION_STATUS, PARAMETERS, WAYPOINTS)}
-PARTS_WITHIN = 10_000  # us in which the parts of one WORLD_STATE are logged
 CHECKPOINTS_APART = 1_000_000  # us
 LARGEST_DISORDER = 1_000_000  # us; what was logged with an earlier time than that before it: its clock was set back
 LONGEST_SILENCE = 86_400_000_000  # us; a day: after a longer one the clock was set
@@ -47,13 +48,6 @@ class Place(NamedTuple):
 
     utime: int
     offset: int
-
-
-class Span(NamedTuple):
-    """From when until when [us of the log's own time]."""
-
-    begin: int
-    end: int
 
 
 class LogClock:
@@ -90,8 +84,7 @@ class LogIndex:
     """What is where in the log of `reader`; `build` reads on.
 
     `begin` and `end` [us of the log's own time] are known at once, from the first and last messages; `end` is
-    corrected while the log is read. `marks` are the events found until now, `drives` those on which robots were
-    calibrated, in the order of their ends. Raises OSError.
+    corrected while the log is read. `marks` are the events found until now. Raises OSError.
     """
 
     def __init__(self, reader: EventReader) -> None:
@@ -104,9 +97,14 @@ class LogIndex:
         self._checkpoints: list[_Checkpoint] = []
         self._due: dict[str, int] = {}  # when a channel's next message is to be remembered
         self._parts_until: dict[str, int] = {}  # until when it may be a part of the last one remembered
-        self.drives: list[Span] = []
-        self._watch = _Watch(self.marks, self.drives)
+        self._watch = _Watch(self.marks)
+        self._drive_watch = DriveWatch()
         self._reading = self._read()
+
+    @property
+    def calibrations(self) -> Calibrations:
+        """What robots drove around the calibrations found until now."""
+        return self._drive_watch.calibrations
 
     @property
     def progress(self) -> float:
@@ -137,14 +135,32 @@ class LogIndex:
                 yield Place(times[k], offsets[k])
 
     def read(self, utime: int) -> Iterator[tuple[int, Event]]:
-        """Yield the events from this moment on with their moments in the log's own time [us]."""
-        known = bisect_right(self._checkpoints, utime, key=lambda checkpoint: checkpoint.utime or 0)
-        start = self._checkpoints[max(known - 1, 0)] if self._checkpoints else None
-        clock = LogClock(start.utime, start.latest) if start else LogClock()
-        for event in EventReader(self.reader.path).read(start.offset if start else 0):
+        """Yield the events from this moment on with their moments in the log's own time [us].
+
+        Where the log has not been read yet, its time stamps are taken for its own time.
+        """
+        start = self._checkpoint_before(utime)
+        clock = LogClock(start.utime, start.latest)
+        for event in EventReader(self.reader.path).read(start.offset):
             moment = clock.tell(event.utime)
             if moment >= utime:
                 yield moment, event
+
+    def _checkpoint_before(self, utime: int) -> _Checkpoint:
+        if utime > self.indexed_until and not self.complete:
+            return _Checkpoint(None, None, self._seek(utime))
+        known = bisect_right(self._checkpoints, utime, key=lambda checkpoint: checkpoint.utime or 0)
+        return self._checkpoints[max(known - 1, 0)] if self._checkpoints else _Checkpoint(None, None, 0)
+
+    def _seek(self, utime: int) -> int:
+        """Return a place in the file, not far before this moment, by halving what has not been read yet."""
+        reader = EventReader(self.reader.path)
+        low, high = self._checkpoints[-1].offset if self._checkpoints else 0, self.reader.size
+        while high - low > CHUNK:
+            middle = (low + high) // 2
+            event = next(reader.read(middle), None)
+            low, high = (low, middle) if event is None or event.utime > utime else (middle, high)
+        return low
 
     def events_at(self, places: Iterable[Place]) -> Iterator[tuple[int, Event]]:
         """Yield the events at places that the index remembers, with their moments."""
@@ -185,15 +201,14 @@ class LogIndex:
         times.append(utime)
         offsets.append(offset)
         self._watch.take(utime, event)
+        self._drive_watch.take(utime, event)
 
 
 class _Watch:
-    """Finds what is worth a mark, and the drives on which robots were calibrated."""
+    """Finds what is worth a mark."""
 
-    def __init__(self, marks: list[Mark], drives: list[Span]) -> None:
+    def __init__(self, marks: list[Mark]) -> None:
         self._marks = marks
-        self._drives = drives
-        self._collecting: dict[str, int] = {}
         self._tell = {
             ESTOP.name: _estop,
             PARAMETERS.name: _parameters,
@@ -218,22 +233,12 @@ class _Watch:
             message = decode(event.channel, event.data).message
         except RejectedMessage:
             return
-        if stream is CALIBRATION_STATUS:
-            self._follow(utime, event.channel, message.state)
         told = self._tell[stream.name](message)
         if told is None or told[1] == self._told.get(event.channel, ""):
             return
         self._told[event.channel] = told[1]
         if told[0]:
             self._marks.append(Mark(utime, *told))
-
-    def _follow(self, utime: int, channel: str, state: int) -> None:
-        if state == calibration_status_t.COLLECTING:
-            self._collecting.setdefault(channel, utime)
-        elif state != calibration_status_t.FITTING:
-            begin = self._collecting.pop(channel, None)
-            if begin is not None and state == calibration_status_t.DONE:
-                self._drives.append(Span(begin, utime))
 
 
 def _estop(message: Any) -> tuple[str, str]:

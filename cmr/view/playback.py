@@ -1,28 +1,27 @@
 """Plays a log: the state at any moment of it, forward at any speed, and jumps."""
 
 import time
+from bisect import bisect_left
+from collections import Counter
 from collections.abc import Iterator
 
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import CALIBRATION_STATUS, CAMERA_IMAGE, PROCESS_STATUS, WORLD_STATE, identify
 from cmr.recordings.events import Event
-from cmr.view.drives import LONGEST
 from cmr.view.intake import Intake
+from cmr.view.log_drives import PARTS_WITHIN
 from cmr.view.log_index import LogIndex, Place
 from cmr.view.state import ViewState
 
 LONGEST_WORK = 0.04  # s of reading in one go
 BETWEEN_FLUSHES = 250_000  # us of the log, so that trails have all their points at high speed
-DRIVE_APART = 400_000  # us between the messages that are read again of a drive long ago
-DRIVE_BEGINS = 1_000_000  # us before cmr-calibrate has told that the robot moves
 RUN_UP = 1_000_000  # us before the moment jumped to that are read whole, for rates
-HISTORY = {
-    WORLD_STATE.name: 60.0,
-    PROCESS_STATUS.name: 3.0,
-    CAMERA_IMAGE.name: 2.0,
-    CALIBRATION_STATUS.name: 3600.0,
-}  # s
-MOST_OF_HISTORY = 400  # messages of a channel that are read again
+LONG_RUN_UP = 3_000_000  # us; where nothing is known of what came before, so that what is said each second is seen
+WORLDS_KEPT = 60_000_000  # us before that, of which trails, paths and distances are drawn
+WORLDS_APART = 400_000  # us between the WORLD_STATEs that are read of them
+HISTORY = {PROCESS_STATUS.name: 3.0, CAMERA_IMAGE.name: 2.0, CALIBRATION_STATUS.name: 3600.0}  # s
+MOST_OF_HISTORY = 400  # messages of a stream that are read again, all its channels together; but ...
+LEAST_OF_HISTORY = 40  # ... of each channel
 EVENTS_BETWEEN_LOOKS = 200  # at the clock
 
 
@@ -35,6 +34,8 @@ class Playback:
         self.position = index.begin
         self.speed = 1.0
         self.paused = False
+        self._is_guess = False  # whether what happened before is still unknown
+        self._world_begun = 0  # when the first part of the last WORLD_STATE that was remembered came [us]
         self._intake = Intake(self.state)
         self._events: Iterator[tuple[int, Event]] = index.read(index.begin)
         self._next: tuple[int, Event] | None = None
@@ -46,17 +47,21 @@ class Playback:
 
     def play(self, seconds: float) -> None:
         """Let that much time pass; more than can be read at once is left for later."""
+        if self._is_guess and (self.index.complete or self.index.indexed_until >= self.position):
+            self.jump(self.position)  # now with all that happened before
         if not self.paused:
             self._read_until(self.position + int(seconds * self.speed * 1e6), time.monotonic() + LONGEST_WORK)
 
     def jump(self, utime: int) -> None:
-        """Show this moment; of what the index does not know yet, its latest."""
-        utime = max(min(utime, self.index.indexed_until), self.index.begin)
-        run_up = max(utime - RUN_UP, self.index.begin)
+        """Show this moment; where the log has not been read yet, without what happened long before it."""
+        utime = max(min(utime, max(self.index.end, self.index.indexed_until)), self.index.begin)
+        self._is_guess = utime > self.index.indexed_until
+        run_up = max(utime - (LONG_RUN_UP if self._is_guess else RUN_UP), self.index.begin)
         self.state = ViewState()
+        self._world_begun = 0
+        if not self._is_guess:
+            self._remember(run_up)
         self._intake = Intake(self.state)
-        for moment, event in self.index.events_at(self._history(run_up)):
-            self._show(moment, event)
         self.position = run_up
         self._events = self.index.read(run_up)
         self._next = None
@@ -88,32 +93,43 @@ class Playback:
             self._next = next(self._events, None)
         return self._next
 
-    def _history(self, utime: int) -> list[Place]:
+    def _remember(self, utime: int) -> None:
+        """Bring the state to what it was at a moment, from what is remembered of the time before."""
+        since = utime - WORLDS_KEPT
+        places = self._history(since, utime)
+        first = bisect_left(places, since, key=lambda place: place.utime)
+        for moment, event in self.index.events_at(places[:first]):
+            self._show(moment, event)
+        self.state.drives = self.index.calibrations.drives(since)
+        for moment, event in self.index.events_at(places[first:]):
+            self._show(moment, event)
+        self._end_world()
+
+    def _history(self, since: int, utime: int) -> list[Place]:
         """Return what of the past is still to be seen at a moment, oldest first."""
         places: list[Place] = []
-        for channel in self.index.places:
-            identity = identify(channel)
-            seconds = HISTORY.get(identity[0].name, 0.0) if identity else 0.0
-            found = self.index.last_before(channel, utime, seconds)
-            step = 1 if channel == WORLD_STATE.name else -(-len(found) // MOST_OF_HISTORY) or 1
-            places += found[::-1][::step]
-        return sorted({*places, *self._drives(utime)}, key=lambda place: place.offset)
-
-    def _drives(self, utime: int) -> Iterator[Place]:
-        """Yield what tells of the drive of the last calibration before a moment, and of the one after it."""
-        last = next((drive for drive in reversed(self.index.drives) if drive.end <= utime), None)
-        if last is None or WORLD_STATE.name not in self.index.places:
-            return
-        known = utime - int(HISTORY[WORLD_STATE.name] * 1e6)  # what came since is read anyway
-        for begin, end in ((last.begin - DRIVE_BEGINS, last.end), (last.end, last.end + LONGEST)):
-            end = min(end, begin + LONGEST, known)
-            yield from self.index.between(WORLD_STATE.name, begin, end, DRIVE_APART)
+        streams = {channel: (identify(channel) or (None,))[0] for channel in self.index.places}
+        channels_of = Counter(streams.values())
+        for channel, stream in streams.items():
+            if stream is WORLD_STATE:
+                places += self.index.between(channel, since, utime, WORLDS_APART)
+            else:
+                found = self.index.last_before(channel, utime, HISTORY.get(stream.name, 0.0) if stream else 0.0)
+                most = max(MOST_OF_HISTORY // channels_of[stream], LEAST_OF_HISTORY)
+                places += found[:: -max(-(-len(found) // most), 1)]
+        return sorted(places, key=lambda place: place.offset)
 
     def _show(self, moment: int, event: Event) -> None:
         try:
             message = decode(event.channel, event.data).message
         except RejectedMessage:
             return
+        if event.channel == WORLD_STATE.name and moment - self._world_begun > PARTS_WITHIN:
+            self._end_world()
+            self._world_begun = moment
         self.state.handle(moment, event.channel, message)
-        if event.channel == WORLD_STATE.name:
-            self.state.advance(moment)
+
+    def _end_world(self) -> None:
+        """Let time pass until the last WORLD_STATE, all parts of which are there."""
+        if self._world_begun:
+            self.state.advance(self._world_begun)

@@ -1,0 +1,49 @@
+"""The drives around the calibrations of a log, found while it is read, so that no jump has to read them again."""
+
+from typing import Any
+
+from cmr.bus.messages import RejectedMessage, decode
+from cmr.bus.streams import CALIBRATION_STATUS, WORLD_STATE
+from cmr.msg import calibration_status_t
+from cmr.recordings.events import Event
+from cmr.view.drives import Calibrations, Drives
+from cmr.view.robots import RobotTable
+
+PARTS_WITHIN = 10_000  # us in which the parts of one WORLD_STATE are logged
+
+
+class DriveWatch:
+    """Follows robots and twins through a log; `calibrations` are those that were done until now."""
+
+    def __init__(self) -> None:
+        self.calibrations = Calibrations()
+        self._table = RobotTable()
+        self._drives = Drives()
+        self._begun = 0  # when the first part of the last WORLD_STATE was logged [us]
+        self._states: dict[int, int] = {}
+
+    def take(self, utime: int, event: Event) -> None:
+        """Look at one event, `utime` [us of the log's own time]."""
+        if event.channel != WORLD_STATE.name and not event.channel.startswith(CALIBRATION_STATUS.name):
+            return
+        try:
+            received = decode(event.channel, event.data)
+        except RejectedMessage:
+            return
+        if received.stream is WORLD_STATE:
+            self._take_world(utime, received.message)
+        elif received.robot_id is not None:
+            self._take_calibration(utime, received.robot_id, received.message.state)
+
+    def _take_world(self, utime: int, message: Any) -> None:
+        if utime - self._begun > PARTS_WITHIN:  # all parts of the one before are there
+            if self._drives.due(self._begun):
+                self._drives.sample(self._begun, *self._table.present(self._begun).with_twins())
+            self._begun = utime
+        self._table.take_world(utime, message)
+
+    def _take_calibration(self, utime: int, robot_id: int, state: int) -> None:
+        done = calibration_status_t.DONE
+        if state == done != self._states.get(robot_id):
+            self.calibrations.add(utime, robot_id, self._drives.calibrated(robot_id))
+        self._states[robot_id] = state
