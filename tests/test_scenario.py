@@ -135,8 +135,7 @@ ROOM = {
     "obstacles: {walls: [[3, 3, 3, 3]]}": "obstacles: wall 0 begins and ends at",
     "geofence: [[0, 0], [2, 2], [2, 0], [0, 2]]": "geofence: sides 0 and 2 of the geofence meet",
     "ends_when: waypoints_reached": "ends_when: no robot has waypoints",
-    "ends_when: {metric: minimum_separation}": "a metric and a bound go together",
-    "ends_when: {metric: path_spread, below: 1}": "one of minimum_separation, distance_driven",
+    "ends_when: {metric: minimum_separation}": "line 1: ends_when: a metric and a bound go together",
     "population: [nobody.yaml]": r"population\[0\]: there is no file nobody.yaml",
     f"population: [{PARAMETERS}]": "population: .*no standard deviations",
     "lcm_url: 'udpm://10.0.0.1:7667'": "lcm_url: .*not a multicast address",
@@ -189,7 +188,9 @@ WORDS = st.sampled_from(
     ["virtual", "emulated", "real", "line", "grid", "circle", "follow", "follow,leader=10", "figure_eight", "previous"]
 )
 SCALARS = st.one_of(st.none(), st.booleans(), NUMBERS, WORDS, st.text(max_size=8))
-KEYS_OF_ALL = st.sampled_from([*KEYS, *ROBOT_KEYS, "rule", "spacing", "x", "y", "name", "discs", "port", "metric"])
+KEYS_OF_ALL = st.sampled_from(
+    [*KEYS, *ROBOT_KEYS, "rule", "spacing", "x", "y", "name", "discs", "port", "metric", "above"]
+)
 VALUES = st.recursive(
     SCALARS, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(KEYS_OF_ALL, inner, max_size=4), max_leaves=12
 )

@@ -9,6 +9,7 @@ import pytest
 
 from cmr.model.motion import RobotState
 from cmr.scenario import Scenario, load
+from cmr.scenario.measuring import measure
 from cmr.scenario.plan import BehaviourPlan, RobotPlan
 from cmr.scenario.report import metrics_in_words, metrics_of
 from cmr.scenario.shipping import shipped
@@ -102,6 +103,6 @@ def test_a_run_that_never_began_has_nothing_to_measure() -> None:
     assert metrics_of(live(team(), 0)).keys() <= {"distance_driven"}
 
 
-def test_a_long_run_is_measured_at_a_bounded_number_of_moments(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cmr.scenario.report.MOST_MOMENTS", 10)
-    assert metrics_of(live(team()))["time_to_goal"] == pytest.approx(2.5, abs=0.8)
+def test_a_long_run_is_measured_at_a_bounded_number_of_moments() -> None:
+    found = measure(team(), watched(team(), 100, range(0)), ["time_to_goal"], most_moments=10)
+    assert found["time_to_goal"] == pytest.approx(2.5, abs=0.8)

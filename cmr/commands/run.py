@@ -17,6 +17,7 @@ from cmr.scenario.preparing import prepare
 from cmr.scenario.report import metrics_in_words, write_report
 from cmr.scenario.shipping import SHIPPED, path_of, shipped
 from cmr.scenario.terminal import Terminal
+from cmr.team.metrics import UNITS
 
 
 def main(arguments: list[str]) -> int:
@@ -52,7 +53,10 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "cmr-run",
         "Run a team experiment: start what its scenario names (drivers or emulators, cmr-sim, pilots, calibrator), "
         "start again what dies, record the log, show how it goes, and write a report. "
-        "Processes are stopped in order, those that command motors first.",
+        "Processes are stopped in order, those that command motors first.\n\n"
+        "A run ends when its duration is over, or before by ends_when in the scenario: waypoints_reached, or "
+        "{metric: formation_error, above: 0.5}, also with below. With after: 10 the metric counts from 10 s on; with "
+        f"over: 5 the formation error is that of the last 5 s, not of the whole run. Metrics: {_metrics()}.",
         "cmr-run line\n  cmr-run my_scenario.yaml --out results\n  cmr-run --list",
     )
     options.add_argument("scenario", nargs="?", help="YAML file, or the name of a shipped scenario")
@@ -62,6 +66,10 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     if result.scenario is None and not result.list:
         options.error("name a scenario; --list shows the shipped ones")
     return result
+
+
+def _metrics() -> str:
+    return ", ".join(f"{name} [{unit}]" for name, unit in UNITS.items())
 
 
 def _list_shipped() -> int:

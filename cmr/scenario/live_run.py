@@ -12,6 +12,7 @@ from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.msg import process_status_t
 from cmr.scenario.children import Children
 from cmr.scenario.jobs import PILOT, SIM, Job
+from cmr.scenario.measuring import EndingMetric
 from cmr.scenario.preparing import write_sim_scenario
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.supervisor import Supervisor
@@ -54,6 +55,7 @@ class LiveRun:
     ) -> None:
         self.scenario = scenario
         self.watch = TeamWatch(scenario)
+        self._ending_metric = EndingMetric(scenario, self.watch)
         self.supervisor = Supervisor(jobs, children, self.watch.is_degraded, self._prepare)
         self.events: list[tuple[float, str]] = []
         self._folder = folder
@@ -195,11 +197,8 @@ class LiveRun:
         ending, watch = self.scenario.ends_when, self.watch
         if self._seconds >= self.scenario.duration:
             return "its time is over"
-        if ending.metric is not None:
-            value = watch.measure(ending.metric)
-            low = ending.below is not None and value < ending.below
-            if low or (ending.above is not None and value > ending.above):
-                return f"{ending.metric} is {value:.3g}"
+        if reason := self._ending_metric.reason(self._seconds):
+            return reason
         if not (ending.waypoints_reached and watch.waypoints_reached):
             return ""
         if self._over_since is None:

@@ -7,7 +7,6 @@ from typing import Literal, NamedTuple
 
 Kind = Literal["real", "emulated", "virtual"]
 KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
-ENDING_METRICS = ("minimum_separation", "distance_driven")  # those known while robots drive
 
 
 class Pose(NamedTuple):
@@ -109,12 +108,18 @@ class RobotPlan:
 
 @dataclass(frozen=True)
 class Ending:
-    """What ends a run before its duration is over: all waypoints reached, or a metric beyond a bound."""
+    """What ends a run before its duration is over: all waypoints reached, or a metric beyond a bound.
+
+    Bounds are in the unit of the metric in `cmr.team.metrics`. The metric is looked at from `after` [s] in service on,
+    and is that of the last `over` [s]; None: of the whole run so far.
+    """
 
     waypoints_reached: bool = False
     metric: str | None = None
     below: float | None = None
     above: float | None = None
+    after: float = 0.0
+    over: float | None = None
 
 
 def arguments_of(plan: DriverPlan | EmulatorPlan) -> list[str]:

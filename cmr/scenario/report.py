@@ -10,16 +10,14 @@ import numpy as np
 
 from cmr.files import write_atomically
 from cmr.scenario.live_run import LiveRun, Outcome
+from cmr.scenario.measuring import measure
 from cmr.scenario.page import page_of
-from cmr.scenario.plan import ENDING_METRICS
 from cmr.scenario.watch import Floats, TeamWatch
 from cmr.team.metrics import UNITS
-from cmr.team.scoring import scores
 
 SCHEMA = 1
 MOST_POINTS = 200_000  # of all paths together
 FEWEST_POINTS = 20  # of a path
-MOST_MOMENTS = 1500  # that metrics are measured at; some look at each moment together with each other one
 
 
 def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> dict[str, Any]:
@@ -67,21 +65,9 @@ def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
 
 
 def metrics_of(run: LiveRun) -> dict[str, float]:
-    """Return the metrics that the scenario asks for, in the units of `UNITS`, without those that mean nothing here.
-
-    They are measured since all robots were in service, at moments at which all were there.
-    """
-    watch, chosen = run.watch, run.scenario.metrics
-    measured = {name: watch.measure(name) for name in ENDING_METRICS}
-    utimes = np.array(watch.sample_utime, dtype=np.int64)
-    places: Floats = np.array(watch.samples, dtype=float).reshape(-1, 2, len(watch.ids))
-    there = np.flatnonzero((utimes >= watch.first_utime) & np.isfinite(places).all(axis=(1, 2)))
-    there = there[:: math.ceil(len(there) / MOST_MOMENTS) or 1]
-    others = [name for name in chosen if name not in measured]
-    if watch.first_utime and len(there) > 1:
-        seconds = np.asarray(utimes[there] - watch.first_utime, dtype=np.float64) * 1e-6
-        x, y = places[there].transpose(1, 0, 2)
-        measured |= scores(run.scenario, watch.ids.tolist(), seconds, x, y, others)
+    """Return the metrics that the scenario asks for, in the units of `UNITS`, without those that mean nothing here."""
+    chosen = run.scenario.metrics
+    measured = measure(run.scenario, run.watch, chosen)
     return {name: number for name in chosen if (number := _number(measured.get(name, math.nan))) is not None}
 
 

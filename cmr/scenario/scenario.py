@@ -5,8 +5,9 @@ from pathlib import Path
 
 from cmr.bus.preflight import BusError, parse_udpm
 from cmr.scenario.checks import check_room, check_team, with_sources_of_parameters
-from cmr.scenario.document import Item, Place, ScenarioError, Section, read
-from cmr.scenario.plan import ENDING_METRICS, Disc, Ending, Point, RobotPlan, Wall
+from cmr.scenario.document import Item, ScenarioError, Section, read
+from cmr.scenario.ending import check_ending, read_ending
+from cmr.scenario.plan import Disc, Ending, Point, RobotPlan, Wall
 from cmr.scenario.robots import read_path, read_points, read_robots
 from cmr.team.metrics import UNITS
 from cmr.team.population import PopulationError, drawn_from
@@ -105,7 +106,7 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
         walls=walls,
         geofence=corners,
         metrics=_metrics(root.get("metrics")),
-        ends_when=_ending(root.get("ends_when")),
+        ends_when=read_ending(root.get("ends_when")),
         population=_population(root.get("population"), folder),
         process_noise=bool((noise := root.get("process_noise")) and noise.flag()),
         reaction=reaction.number(0.0, LONGEST_REACTION) if (reaction := root.get("reaction")) else 0.0,
@@ -116,7 +117,7 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
     check_team(placed)
     if starts_checked:
         check_room(placed, scenario.robot_radius, discs, walls, border)
-    _check_ending(scenario, root.place)
+    check_ending(scenario, root.get("ends_when"))
     return scenario
 
 
@@ -174,28 +175,3 @@ def _population(item: Item | None, folder: Path) -> tuple[Path, ...]:
         except PopulationError as error:
             raise item.place.error(str(error)) from error
     return tuple(paths)
-
-
-def _ending(item: Item | None) -> Ending:
-    """Return what ends a run early: `waypoints_reached`, or a metric with `below` or `above`."""
-    if item is None:
-        return Ending()
-    if not item.is_mapping:
-        item.word(("waypoints_reached",))
-        return Ending(waypoints_reached=True)
-    section = item.section(("waypoints_reached", "metric", "below", "above"))
-    reached, metric = section.get("waypoints_reached"), section.get("metric")
-    below, above = section.get("below"), section.get("above")
-    if (metric is None) != (below is None and above is None):
-        raise section.place.error("a metric and a bound go together: {metric: minimum_separation, below: 0.1}")
-    return Ending(
-        waypoints_reached=bool(reached and reached.flag()),
-        metric=metric.word(ENDING_METRICS) if metric else None,
-        below=below.number() if below else None,
-        above=above.number() if above else None,
-    )
-
-
-def _check_ending(scenario: Scenario, place: Place) -> None:
-    if scenario.ends_when.waypoints_reached and not any(robot.waypoints for robot in scenario.robots):
-        raise place._replace(key="ends_when").error("no robot has waypoints that could be reached")

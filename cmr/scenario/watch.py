@@ -5,7 +5,7 @@ It knows no bus: messages go in by `handle`.
 
 import math
 from collections import deque
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -37,6 +37,8 @@ class TeamWatch:
 
     Arrays have one element for each robot, in the order of `ids`. `x`, `y` [m] are NaN before a robot is seen.
     """
+
+    MEASURED: ClassVar = ("minimum_separation", "distance_driven")  # metrics that are kept up to date
 
     def __init__(self, scenario: Scenario) -> None:
         self.ids = np.array(sorted(robot.robot_id for robot in scenario.robots), dtype=np.int64)
@@ -91,7 +93,7 @@ class TeamWatch:
         return all(self._next[robot_id] == len(goals) for robot_id, goals in self._goals.items())
 
     def measure(self, metric: str) -> float:
-        """Return one of ENDING_METRICS as it stands [m]: the least distance between any two, the average driven."""
+        """Return one of MEASURED as it stands [m]: the least distance between any two, the average driven."""
         return {"minimum_separation": self.nearest.distance, "distance_driven": float(self.distance.mean())}[metric]
 
     def rate(self) -> float:
