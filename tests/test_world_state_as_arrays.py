@@ -10,6 +10,7 @@ from cmr.bus.streams import WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.msg import world_state_t
 from cmr.world.behaviours.path_following import SEARCH_AHEAD, look_around, pursue
+from cmr.world.behaviours.paths import TARGET, Paths
 from cmr.world.view import VIRTUAL, Numbers, Robot, Robots, numbers_of, world_messages
 
 EPOCH = 1_700_000_000_000_000  # us
@@ -65,7 +66,8 @@ def test_the_search_along_a_path_finds_the_nearest_point_though_it_leaves_pieces
     path = np.column_stack([*points, lengths, np.zeros(30)])[np.newaxis]
     look_around(path, 0, 0, 29)
     pursue(
-        *(np.zeros(1, np.int64), path, np.array([30]), place[:1].copy(), place[1:].copy()),
+        *(np.zeros(1, np.int64), path, np.array([30]), lengths[-1:].copy(), np.zeros((1, TARGET + 2, 4))),
+        *(place[:1].copy(), place[1:].copy()),
         *(0.15, progress, piece, *target),
     )
     nearest = np.inf
@@ -76,3 +78,22 @@ def test_the_search_along_a_path_finds_the_nearest_point_though_it_leaves_pieces
             nearest = min(nearest, float(np.hypot(*(line - place[:, np.newaxis])).min()))
     reached = [np.interp(progress[0], lengths, row) for row in points]
     assert np.hypot(*(np.array(reached) - place)) <= nearest + 1e-9
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_what_is_kept_of_a_path_around_its_robot_tells_the_same_as_the_path(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    x, y = np.cumsum(random.uniform(-0.1, 0.12, (2, 60)), axis=1).tolist()
+    paths = [Paths(), Paths()]
+    for one in paths:
+        one.put(0, x, y)
+    found = [(np.zeros(1), np.zeros(1, np.int64), *np.empty((3, 1))) for _ in paths]
+    place = np.array([[x[0]], [y[0]]])
+    for _ in range(100):
+        paths[1].around[:] = 0.0  # so it has to look at the path each time
+        for one, (progress, piece, target_x, target_y, remaining) in zip(paths, found, strict=True):
+            where = (place[0], place[1], 0.15, progress, piece, target_x, target_y, remaining)
+            pursue(np.zeros(1, np.int64), *one.arrays, *where)
+        assert np.array_equal(found[0], found[1])
+        toward = np.array(found[0][2:4]) - place
+        place += 0.02 * toward / np.hypot(*toward) + random.normal(0.0, 0.002, (2, 1))

@@ -54,7 +54,7 @@ class Follow(Seeker):
         around, memory, trails = world.surroundings(), self.memory, self._trails
         leader = self._leaders_of(team.row, around.members)
         trails.make_room(len(memory), 0)
-        path, place = (trails.points, trails.count), (memory["progress"], memory["piece"])
+        path, place = trails.arrays, (memory["progress"], memory["piece"])
         length, target_x, target_y, remaining = np.empty((4, len(team.x)))
         most = path_following.trail(team.row, leader, *path, around.x, around.y, team.x, team.y, *place, length)
         path_following.pursue(team.row, *path, team.x, team.y, LOOK_AHEAD, *place, target_x, target_y, remaining)

@@ -7,18 +7,23 @@ that the robot is on.
 import math
 
 from cmr.model.compiled import compiled, inlined
-from cmr.world.behaviours.paths import ALONE, ALONG, SHORTEST, X, Y
+from cmr.world.behaviours.paths import ALONE, ALONG, SHORTEST, TARGET, X, Y
 from cmr.world.behaviours.team import Floats, Indices
 
 ROUNDING = 1e-6  # m
 SEARCH_AHEAD = 0.5  # m of path looked at for the point nearest to the robot
 
 
-@compiled("void(i8[::1], f8[:, :, ::1], i8[::1], f8[::1], f8[::1], f8, f8[::1], i8[::1], f8[::1], f8[::1], f8[::1])")
+@compiled(
+    "void(i8[::1], f8[:, :, ::1], i8[::1], f8[::1], f8[:, :, ::1],"
+    "f8[::1], f8[::1], f8, f8[::1], i8[::1], f8[::1], f8[::1], f8[::1])"
+)
 def pursue(
     row: Indices,
     points: Floats,
     count: Indices,
+    length: Floats,
+    around: Floats,
     x: Floats,
     y: Floats,
     look_ahead: float,
@@ -39,19 +44,49 @@ def pursue(
         if count[r] == 0:
             remaining[k] = -1.0
             continue
-        last = count[r] - 1
-        best, reached = _nearest(points, r, last, x[k], y[k], progress[r], piece[r])
-        progress[r], piece[r] = reached, best
-        remaining[k] = points[r, last, ALONG] - reached
-        ahead = reached + look_ahead
-        while best < last and points[r, best + 1, ALONG] < ahead:
-            best += 1
-        target_x[k], target_y[k] = points[r, best, X], points[r, best, Y]
-        if best < last:
-            begin = points[r, best, ALONG]
-            share = (ahead - begin) / (points[r, best + 1, ALONG] - begin)
-            target_x[k] += share * (points[r, best + 1, X] - target_x[k])
-            target_y[k] += share * (points[r, best + 1, Y] - target_y[k])
+        reached, away = _nearest_of(around, r, 0, x[k], y[k], progress[r])
+        _, away_from_next = _nearest_of(around, r, 1, x[k], y[k], progress[r])
+        stays = away <= away_from_next and away < around[r, 0, ALONE] ** 2
+        if stays and reached + look_ahead <= around[r, TARGET + 1, ALONG]:
+            target_x[k], target_y[k] = _point_at(around, r, TARGET, reached + look_ahead)
+        else:
+            last = count[r] - 1
+            best, reached = _nearest(points, r, last, x[k], y[k], progress[r], piece[r])
+            piece[r] = best
+            ahead = best
+            while ahead < last and points[r, ahead + 1, ALONG] < reached + look_ahead:
+                ahead += 1
+            if ahead < last:
+                target_x[k], target_y[k] = _point_at(points, r, ahead, reached + look_ahead)
+            else:
+                target_x[k], target_y[k] = points[r, last, X], points[r, last, Y]
+            _remember(points, r, last, best, ahead, around)
+        progress[r] = reached
+        remaining[k] = length[r] - reached
+
+
+@inlined
+def _nearest_of(points, r, i, x, y, progress):  # type: ignore[no-untyped-def]
+    """Return the length [m] up to the point of one piece, from the progress on, nearest to (x, y), and how far away.
+
+    That is the square of the distance [m^2].
+    """
+    begin = points[r, i, ALONG]
+    dx, dy = points[r, i + 1, X] - points[r, i, X], points[r, i + 1, Y] - points[r, i, Y]
+    span = points[r, i + 1, ALONG] - begin
+    share = ((x - points[r, i, X]) * dx + (y - points[r, i, Y]) * dy) / (span * span)
+    share = min(max(share, 0.0, (progress - begin) / span), 1.0)
+    ex, ey = points[r, i, X] + share * dx - x, points[r, i, Y] + share * dy - y
+    return begin + share * span, ex * ex + ey * ey
+
+
+@inlined
+def _point_at(points, r, i, along):  # type: ignore[no-untyped-def]
+    """Return the point (x, y) [m] of piece `i` up to which the path is so long [m]."""
+    begin = points[r, i, ALONG]
+    share = (along - begin) / (points[r, i + 1, ALONG] - begin)
+    x, y = points[r, i, X], points[r, i, Y]
+    return x + share * (points[r, i + 1, X] - x), y + share * (points[r, i + 1, Y] - y)
 
 
 @inlined
@@ -60,23 +95,33 @@ def _nearest(points, r, last, x, y, progress, piece):  # type: ignore[no-untyped
     nearest, best, reached = math.inf, piece, progress
     i = piece
     while i < last and points[r, i, ALONG] <= progress + SEARCH_AHEAD:
-        begin = points[r, i, ALONG]
-        dx, dy = points[r, i + 1, X] - points[r, i, X], points[r, i + 1, Y] - points[r, i, Y]
-        span = points[r, i + 1, ALONG] - begin
-        share = ((x - points[r, i, X]) * dx + (y - points[r, i, Y]) * dy) / (span * span)
-        share = min(max(share, 0.0, (progress - begin) / span), 1.0)
-        ex, ey = points[r, i, X] + share * dx - x, points[r, i, Y] + share * dy - y
-        away = ex * ex + ey * ey
+        there, away = _nearest_of(points, r, i, x, y, progress)
         if away < nearest:
-            nearest, best, reached = away, i, begin + share * span
+            nearest, best, reached = away, i, there
         elif nearest < points[r, best, ALONE] ** 2:
             break
         else:  # pieces that end before the path can have come as near again need no look
-            near_again = begin + share * span + math.sqrt(away) - math.sqrt(nearest) - ROUNDING
+            near_again = there + math.sqrt(away) - math.sqrt(nearest) - ROUNDING
             while i + 2 < last and points[r, i + 2, ALONG] < near_again:
                 i += 1
         i += 1
     return best, reached
+
+
+@inlined
+def _remember(points, r, last, piece, ahead, around):  # type: ignore[no-untyped-def]
+    """Keep the points of a robot's own and next piece of path, and of the one it heads for, together.
+
+    Most of the time it needs no others, and the paths of many robots are far apart in memory.
+    """
+    if piece + 2 > last or ahead >= last:
+        around[r, 0, ALONE] = 0.0
+        return
+    for what in range(points.shape[2]):
+        for i in range(3):
+            around[r, i, what] = points[r, piece + i, what]
+        for i in range(2):
+            around[r, TARGET + i, what] = points[r, ahead + i, what]
 
 
 @compiled("void(f8[:, :, ::1], i8, i8, i8)")
@@ -150,19 +195,24 @@ def thin(points: Floats, shortest: float) -> int:
     return kept
 
 
-@compiled("i8(i8[::1], i8[::1], f8[:, :, ::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1])")
+@compiled(
+    "i8(i8[::1], i8[::1], f8[:, :, ::1], i8[::1], f8[::1], f8[:, :, ::1],"
+    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1])"
+)
 def trail(
     row: Indices,
     leader: Indices,
     points: Floats,
     count: Indices,
+    length: Floats,
+    around: Floats,
     all_x: Floats,
     all_y: Floats,
     x: Floats,
     y: Floats,
     progress: Floats,
     piece: Indices,
-    length: Floats,
+    up_to_leader: Floats,
 ) -> int:
     """Let the trails of n followers at (x, y) [m] grow to where their leaders are; return the most points of any.
 
@@ -175,15 +225,15 @@ def trail(
         r, j = row[k], leader[k]
         if j < 0:
             count[r] = 0
-            length[k] = 0.0
+            up_to_leader[k] = 0.0
             continue
         if count[r] == 0:
             points[r, 0, X], points[r, 0, Y], points[r, 0, ALONG] = x[k], y[k], 0.0
-            count[r], piece[r], progress[r] = 1, 0, 0.0
+            count[r], piece[r], progress[r], length[r], around[r, 0, ALONE] = 1, 0, 0.0, 0.0, 0.0
         last = count[r] - 1
         dx, dy = all_x[j] - points[r, last, X], all_y[j] - points[r, last, Y]
         step = math.sqrt(dx * dx + dy * dy)
-        length[k] = points[r, last, ALONG] + step
+        up_to_leader[k] = length[r] + step
         if step < SHORTEST:
             continue
         if last + 1 == room:
@@ -193,9 +243,11 @@ def trail(
                     points[r, i - behind, what] = points[r, i, what]
             last, piece[r] = last - behind, 0
         if last + 1 < room:
-            points[r, last + 1, X], points[r, last + 1, Y], points[r, last + 1, ALONG] = all_x[j], all_y[j], length[k]
-            look_around(points, r, last, last + 1)
-            last += 1
+            new = last + 1
+            points[r, new, X], points[r, new, Y], points[r, new, ALONG] = all_x[j], all_y[j], up_to_leader[k]
+            look_around(points, r, last, new)
+            around[r, 0, ALONE] = min(around[r, 0, ALONE], points[r, piece[r], ALONE])
+            last, length[r] = new, up_to_leader[k]
         count[r] = last + 1
         most = max(most, last + 1 - piece[r])
     return most

@@ -9,6 +9,7 @@ path_following = LazyModule("cmr.world.behaviours.path_following")
 SHORTEST = 0.04  # m between points; nearer ones are left out
 ROOM = 32  # points of a path for which there is room at first; it doubles whenever it is used up
 X, Y, ALONG, ALONE = range(4)  # what is known of each point
+TARGET = 3  # of the points around a robot, the first of the piece that it heads for; before are those it is between
 
 
 class Paths:
@@ -16,11 +17,20 @@ class Paths:
 
     `points` (rows, room, 4) are x, y and the length [m] of the path up to each point, and in ALONE how near [m] a robot
     must be to the piece that begins there so that none of the pieces a little ahead, but the next, can be as near.
+    `length` (rows,) [m] are the lengths of the whole paths. `around` (rows, 5, 4) are copies of the points around each
+    robot, as `pursue` keeps them; ALONE of the first is 0 where there are none.
     """
 
     def __init__(self) -> None:
         self.points: Floats = np.zeros((0, ROOM, 4))
         self.count: Indices = np.zeros(0, np.int64)
+        self.length: Floats = np.zeros(0)
+        self.around: Floats = np.zeros((0, TARGET + 2, 4))
+
+    @property
+    def arrays(self) -> tuple[Floats, Indices, Floats, Floats]:
+        """What the compiled functions take: points, count, length, around."""
+        return self.points, self.count, self.length, self.around
 
     @property
     def room(self) -> int:
@@ -36,7 +46,8 @@ class Paths:
         # An odd number, so that the same points of many rows do not fight for the same few places of a cache.
         more_points = (max(2 * old_points, points) | 1) - old_points if points > old_points else 0
         self.points = np.pad(self.points, ((0, more_rows), (0, more_points), (0, 0)))
-        self.count = np.pad(self.count, (0, more_rows))
+        self.count, self.length = np.pad(self.count, (0, more_rows)), np.pad(self.length, (0, more_rows))
+        self.around = np.pad(self.around, ((0, more_rows), (0, 0), (0, 0)))
 
     def put(self, row: int, x: list[float], y: list[float]) -> None:
         """Replace one path; points nearer than SHORTEST to the one before are left out, except for the last."""
@@ -47,4 +58,6 @@ class Paths:
         kept = points[:, :count]
         self.points[row, :count, :ALONG] = kept.T
         self.points[row, :count, ALONG] = np.cumsum(np.append(0.0, np.hypot(*np.diff(kept))))[:count]
+        self.length[row] = self.points[row, count - 1, ALONG] if count else 0.0
+        self.around[row] = 0.0
         path_following.look_around(self.points, row, 0, count - 1)

@@ -59,7 +59,7 @@ class Waypoints(Seeker):
         paths, memory = self._paths, self.memory
         target_x, target_y, remaining = np.empty((3, len(team.x)))
         path_following.pursue(
-            *(team.row, paths.points, paths.count, team.x, team.y, LOOK_AHEAD),
+            *(team.row, *paths.arrays, team.x, team.y, LOOK_AHEAD),
             *(memory["progress"], memory["piece"], target_x, target_y, remaining),
         )
         return target_x, target_y, remaining
