@@ -88,12 +88,12 @@ def test_what_is_kept_of_a_path_around_its_robot_tells_the_same_as_the_path(seed
     for one in paths:
         one.put(0, x, y)
     found = [(np.zeros(1), np.zeros(1, np.int64), *np.empty((3, 1))) for _ in paths]
-    place = np.array([[x[0]], [y[0]]])
+    place, row = np.array([[x[0]], [y[0]]]), np.zeros(1, np.int64)
     for _ in range(100):
         paths[1].around[:] = 0.0  # so it has to look at the path each time
         for one, (progress, piece, target_x, target_y, remaining) in zip(paths, found, strict=True):
-            where = (place[0], place[1], 0.15, progress, piece, target_x, target_y, remaining)
-            pursue(np.zeros(1, np.int64), *one.arrays, *where)
+            place_and_reach = (place[0], place[1], 0.15)
+            pursue(row, *one.arrays, *place_and_reach, progress, piece, target_x, target_y, remaining)
         assert np.array_equal(found[0], found[1])
         toward = np.array(found[0][2:4]) - place
         place += 0.02 * toward / np.hypot(*toward) + random.normal(0.0, 0.002, (2, 1))
