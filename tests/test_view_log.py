@@ -161,6 +161,7 @@ def test_a_log_can_be_jumped_in_before_it_is_read_and_shows_all_once_it_is(log: 
     assert playback.position == played.position
     assert playback.state.present().pose.tolist() == played.state.present().pose.tolist()
     playback.play(1.0)
+    assert playback.is_guess
     assert playback.state.latest["WAYPOINTS"] == {}, "which were logged long before"
     while not playback.index.build(1.0):
         pass
@@ -168,6 +169,7 @@ def test_a_log_can_be_jumped_in_before_it_is_read_and_shows_all_once_it_is(log: 
     playback.play(1.0)
     play_until(played, 51.0)
     assert playback.position == played.position
+    assert not playback.is_guess
     assert seen(playback) == seen(played)
 
 

@@ -26,7 +26,10 @@ EVENTS_BETWEEN_LOOKS = 200  # at the clock
 
 
 class Playback:
-    """The log of an index as `state`, at `position` [us of the log's own time], `speed` times as fast as it was."""
+    """The log of an index as `state`, at `position` [us of the log's own time], `speed` times as fast as it was.
+
+    `is_guess` says that the log has not been read that far yet, so that what happened long before is not shown.
+    """
 
     def __init__(self, index: LogIndex) -> None:
         self.index = index
@@ -34,7 +37,7 @@ class Playback:
         self.position = index.begin
         self.speed = 1.0
         self.paused = False
-        self._is_guess = False  # whether what happened before is still unknown
+        self.is_guess = False
         self._world_begun = 0  # when the first part of the last WORLD_STATE that was remembered came [us]
         self._intake = Intake(self.state)
         self._events: Iterator[tuple[int, Event]] = index.read(index.begin)
@@ -47,7 +50,7 @@ class Playback:
 
     def play(self, seconds: float) -> None:
         """Let that much time pass; more than can be read at once is left for later."""
-        if self._is_guess and (self.index.complete or self.index.indexed_until >= self.position):
+        if self.is_guess and (self.index.complete or self.index.indexed_until >= self.position):
             self.jump(self.position)  # now with all that happened before
         if not self.paused:
             self._read_until(self.position + int(seconds * self.speed * 1e6), time.monotonic() + LONGEST_WORK)
@@ -55,11 +58,11 @@ class Playback:
     def jump(self, utime: int) -> None:
         """Show this moment; where the log has not been read yet, without what happened long before it."""
         utime = max(min(utime, max(self.index.end, self.index.indexed_until)), self.index.begin)
-        self._is_guess = utime > self.index.indexed_until
-        run_up = max(utime - (LONG_RUN_UP if self._is_guess else RUN_UP), self.index.begin)
+        self.is_guess = utime > self.index.indexed_until
+        run_up = max(utime - (LONG_RUN_UP if self.is_guess else RUN_UP), self.index.begin)
         self.state = ViewState()
         self._world_begun = 0
-        if not self._is_guess:
+        if not self.is_guess:
             self._remember(run_up)
         self._intake = Intake(self.state)
         self.position = run_up

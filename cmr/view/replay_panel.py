@@ -51,9 +51,10 @@ class ReplayPanel:
         end = self._end()
         if self._slider.max != end:
             self._slider.max = end
-        if time.monotonic() - self._touched > HANDS_OFF:
-            write(self._slider, round(min(self._seconds(playback.position), end), 1))
-            write(self._speed, f"{playback.speed:g}")
+        if time.monotonic() - self._touched <= HANDS_OFF:
+            return
+        write(self._slider, round(min(self._seconds(playback.position), end), 1))
+        write(self._speed, f"{playback.speed:g}")
         if len(playback.index.marks) != self._marks and time.monotonic() >= self._marks_due:
             self._marks_due = time.monotonic() + MARKS_APART
             self._show_marks(playback.index.marks)

@@ -74,6 +74,8 @@ class PageServer:
             try:
                 wish = self.wishes.get_nowait()
             except Empty:
+                if result:  # what comes of it is to be seen at once
+                    self._trails_due = self._panels_due = 0.0
                 return result
             if wish.what == COME:
                 self._welcome(wish)

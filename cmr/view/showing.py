@@ -113,6 +113,7 @@ class LogShowing:
         """Return where the log is and who is there."""
         playback = self._playback
         known = "" if playback.index.complete else f" · {100 * playback.index.progress:.0f} % read"
+        known += ", not yet what happened before this" if playback.is_guess else ""
         seconds = (playback.position - playback.index.begin) / 1e6
         in_log = f"In the log, the emergency stop is engaged by {self.state.estop.reason}."
         line = words.sentence(f"LOG {self._path.name} · {seconds:.1f} s{known} · {crowd(self.state)}")
