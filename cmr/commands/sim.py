@@ -22,7 +22,10 @@ from cmr.bus.streams import (
 )
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
+from cmr.model.parameters import RobotParameters
 from cmr.msg import process_status_t, robot_state_t
+from cmr.parameters.file import ParameterFileError
+from cmr.parameters.file import load as load_parameters
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours.help_text import help_text
 from cmr.world.interaction.obstacles import ObstacleError, Obstacles
@@ -30,7 +33,7 @@ from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
 from cmr.world.process_noise import ProcessNoise
 from cmr.world.view import REAL, VIRTUAL, world_messages
-from cmr.world.world import World
+from cmr.world.world import VirtualRobot, World
 
 if TYPE_CHECKING:
     from cmr.scenario.virtual import Cast
@@ -78,8 +81,11 @@ def main(arguments: list[str]) -> int:
 
 def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loader]:
     """Return the world that the command line and the scenario describe, and what loads its models."""
-    files = cast.files if cast else {}
-    virtual = [*virtual_robots(options.virtual, options.parameters_of), *(cast.robots if cast else ())]
+    files = dict(cast.files) if cast else {}
+    population = _population(options)
+    virtual = virtual_robots(options.virtual, _whose_parameters(options, population, files))
+    virtual += cast.robots if cast else ()
+    drawn = _drawn(population, virtual, options.seed or 0)
     seeds = [seed for seed in (options.process_noise, cast.noise_seed if cast else None) if seed is not None]
     noise = ProcessNoise(seeds[0]) if seeds else None
     loader = Loader(robot.behaviour for robot in virtual)
@@ -90,7 +96,7 @@ def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loa
         ),
         loader.ready,
         options.real,
-        cast.own_parameters if cast else {},
+        drawn or (cast.own_parameters if cast else {}),
         _obstacles(options, cast.obstacles if cast else Obstacles.none()),
         noise,
         cast.reaction if cast else 0.0,
@@ -102,23 +108,62 @@ def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loa
     return world, loader
 
 
+def _population(options: argparse.Namespace) -> list[Path]:
+    """Return the parameter files of --population; a number is that of a robot whose file is in --parameters."""
+    names = [name.strip() for text in options.population for name in text.split(",")]
+    return [options.parameters / f"robot_{name}.yaml" if name.isdecimal() else Path(name) for name in names]
+
+
+def _whose_parameters(options: argparse.Namespace, population: list[Path], files: dict[int, Path]) -> int:
+    """Return whose parameters virtual robots go by: as was asked for, otherwise the first of a population, otherwise 0.
+
+    The file of that first one is added to `files`.
+    """
+    if options.parameters_of is not None or not population:
+        return options.parameters_of or 0
+    try:
+        first = load_parameters(population[0]).robot_id
+    except ParameterFileError as error:
+        raise CommandError(f"--population: {error}") from error
+    files.setdefault(first, population[0])
+    return first
+
+
+def _drawn(population: list[Path], virtual: list[VirtualRobot], seed: int) -> dict[int, RobotParameters]:
+    """Return the parameters of each virtual robot, drawn from a population; none where there is none."""
+    if not population:
+        return {}
+    from cmr.team.population import PopulationError, drawn_from
+
+    try:
+        return drawn_from(population, [robot.robot_id for robot in virtual], seed)
+    except PopulationError as error:
+        raise CommandError(f"--population: {error}") from error
+
+
 def _options(arguments: list[str]) -> argparse.Namespace:
     options = parser(
         "cmr-sim",
         "Keep the state of the whole world: estimate real robots from their sensors, simulate virtual robots and a "
         "twin of each real robot, and publish all on WORLD_STATE. Real robots are found by their messages.",
         "cmr-sim --virtual 10=figure_eight,x=0.5 --virtual 11=follow,leader=10,x=0.2 --parameters .\n"
-        "  cmr-sim --virtual 10=figure_eight --obstacle 1,0.5,0.2 --wall=-2,2,2,2\n\n"
+        "  cmr-sim --virtual 10=figure_eight --obstacle 1,0.5,0.2 --wall=-2,2,2,2\n"
+        "  cmr-sim --virtual 10=figure_eight 11=follow,leader=10,x=-1 --population 0,1,2 --seed 7\n\n"
         "x, y, theta set where a virtual robot starts.\n\n" + help_text(),
     )
     _add_robots(options)
     _add_room(options)
     _add_range_sensors(options)
-    options.add_argument("--rate", type=_rate, default=50.0, metavar="HZ", help="of WORLD_STATE, 20 to 100")
+    options.add_argument(
+        "--rate", type=_rate, default=50.0, metavar="HZ", help="how often WORLD_STATE is sent, 20 to 100"
+    )
     options.add_argument(
         "--split", action="store_true", help=f"split WORLD_STATE into messages of at most {PACKET} bytes"
     )
-    return options.parse_args(arguments)
+    result = options.parse_args(arguments)
+    if result.seed is not None and not result.population:
+        options.error("--seed is that of --population, which is not given; process noise has its own")
+    return result
 
 
 def _add_robots(options: argparse.ArgumentParser) -> None:
@@ -129,10 +174,10 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
         action="extend",
         default=[],
         metavar="ID=BEHAVIOUR,...",
-        help="virtual robots",
+        help="virtual robots to simulate, each by its number, what it does, and settings of that; see below",
     )
     options.add_argument(
-        "--scenario", type=Path, metavar="FILE", help="whose virtual robots to simulate, as cmr-run has it"
+        "--scenario", type=Path, metavar="FILE", help="simulate the virtual robots of this cmr-run scenario, too"
     )
     options.add_argument(
         "--parameters", type=Path, default=Path(), metavar="DIR", help="folder with the files robot_<id>.yaml"
@@ -140,10 +185,20 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--parameters-of",
         type=parse_robot_id,
-        default=0,
         metavar="N",
-        help="whose parameters virtual robots move by",
+        help="virtual robots move by the parameters of this robot, robot_<N>.yaml (default: the first of --population, "
+        "otherwise 0)",
     )
+    options.add_argument(
+        "--population",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="ID,...|FILE",
+        help="draw each virtual robot's parameters as those of several calibrated robots are spread, 0,1,2 or "
+        "robot_*.yaml; or of one, by the standard deviations in its file",
+    )
+    options.add_argument("--seed", type=_seed, metavar="N", help="of --population: another draws others (default: 0)")
     options.add_argument(
         "--real",
         type=_real,
@@ -155,7 +210,8 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
         "--process-noise",
         type=_seed,
         metavar="SEED",
-        help="virtual robots stray from their model by as much as the real one did that cmr-diagnose diagnosed",
+        help="virtual robots stray from their model at random, by as much as the real one did that cmr-diagnose "
+        "diagnosed; another SEED, a whole number, strays otherwise",
     )
 
 
@@ -182,10 +238,9 @@ def _add_range_sensors(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--range-sensor",
         type=_with_sensor,
-        default=((), ()),
         metavar="ID,...|virtual|all",
         help="robots that get a planar range sensor, told on RANGE_SCAN_N at 10 Hz; of a real robot what its own laser "
-        "cannot see: virtual robots and obstacles",
+        "cannot see: virtual robots and obstacles (default: no robot)",
     )
     options.add_argument(
         "--range-sensor-rays",
@@ -246,7 +301,7 @@ def _obstacles(options: argparse.Namespace, others: Obstacles) -> Obstacles:
 
 def _scanner(options: argparse.Namespace, cast: "Cast | None") -> "Scanner | None":
     """Return the range sensors of those that the command line and the scenario give one, None where nobody has one."""
-    ids, origins = options.range_sensor
+    ids, origins = options.range_sensor or ((), ())
     if not (ids or origins or (cast and cast.range_sensors)):
         return None
     from cmr.world.scanning import Scanner  # imports Numba, which takes half a second

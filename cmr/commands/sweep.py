@@ -137,15 +137,25 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         action="append",
         default=[],
         metavar="KEY=A,B,C",
-        help="vary a key of the scenario, by its dotted path; robots by id. May be given several times",
+        help="run the scenario with each of these values of a key, named by its dotted path, robots by their ids; "
+        "several --set: every combination of their values",
     )
-    options.add_argument("--out", type=Path, default=None, metavar="DIR", help="otherwise SCENARIO_sweep")
+    options.add_argument(
+        "--out", type=Path, default=None, metavar="DIR", help="folder for the results; otherwise SCENARIO_sweep"
+    )
     where = options.add_mutually_exclusive_group()
     where.add_argument(
-        "--scheduler", default=None, metavar="tcp://HOST:8786", help="a Dask scheduler; otherwise processes here"
+        "--scheduler",
+        default=None,
+        metavar="tcp://HOST:8786",
+        help="let the workers of this Dask scheduler do the runs, on other computers; otherwise processes here",
     )
     where.add_argument(
-        "--workers", type=_number(MOST_WORKERS), default=None, metavar="N", help="processes here; otherwise one a core"
+        "--workers",
+        type=_number(MOST_WORKERS),
+        default=None,
+        metavar="N",
+        help="how many processes here; otherwise one a core",
     )
     return options.parse_args(arguments)
 

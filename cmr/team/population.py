@@ -68,6 +68,8 @@ def population_of(files: Sequence[ParameterFile]) -> Population:
     signs = np.where(logarithmic & (values[0] < 0.0), -1.0, 1.0)
     transformed = np.where(logarithmic, np.log(np.abs(np.where(logarithmic, values, 1.0))), values)
     spread = _spread_of_one(files[0], names, values[0], logarithmic) if len(files) == 1 else _spread(transformed)
+    if not spread.any():
+        raise PopulationError("The robots of the population are all the same. Give files of different robots.")
     return Population(names, transformed.mean(axis=0), spread, logarithmic, signs)
 
 
