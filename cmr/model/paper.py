@@ -109,7 +109,8 @@ def read(state: Array, duty: Array, parameters: Array, states: Array) -> None:
     """
     n = states.shape[1]
     for row in range(5):
-        states[row, :n] = state[row, :n]
+        for i in range(n):  # slices would take seconds to compile
+            states[row, i] = state[row, i]
     for side in range(2):
         domega, duties, psi = states[5 + side], duty[side], states[3 + side]
         for i in range(n):

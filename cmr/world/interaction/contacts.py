@@ -86,15 +86,15 @@ class Contacts:
 def _near(places, radius, fixed, skin):  # type: ignore[no-untyped-def]
     """Return pairs of robots, and of robot and obstacle, that are less than `skin` [m] from touching."""
     taking_part = np.empty(len(radius), np.int32)
+    x, y = np.empty(len(radius)), np.empty(len(radius))
     n = 0
     largest = 0.0
     for i in range(len(radius)):
         if radius[i] > 0.0 and abs(places[0, i]) <= FURTHEST and abs(places[1, i]) <= FURTHEST:
-            taking_part[n] = i
+            taking_part[n], x[n], y[n] = i, places[0, i], places[1, i]
             n += 1
             largest = max(largest, radius[i])
-    taking_part = taking_part[:n]
-    x, y = places[0][taking_part], places[1][taking_part]
+    taking_part, x, y = taking_part[:n], x[:n], y[:n]
     first, second = close_pairs(x, y, 2.0 * largest + skin)
     pairs = np.empty((2, len(first)), np.int32)
     for k in range(len(first)):
@@ -148,7 +148,8 @@ def _part(state, radius, wheel_radius, fixed, places, fixed_places, pairs, obsta
     largest_push = LARGEST_PUSH * skin
     if _moved(state, places) + _moved(fixed, fixed_places) > 0.5 * skin - largest_push:
         return -1
-    touched[:] = 0
+    for i in range(len(radius)):
+        touched[i] = 0
     loss = np.zeros(len(radius))
     if not _slowed(state, radius, wheel_radius, fixed, pairs, obstacles, loss, touched):
         return 0
@@ -156,7 +157,9 @@ def _part(state, radius, wheel_radius, fixed, places, fixed_places, pairs, obsta
         lost = 0.5 * loss[i] * (state[3, i] + state[4, i])
         state[3, i] -= lost
         state[4, i] -= lost
-    before = state[:2].copy()
+    before = np.empty((2, len(radius)))
+    for i in range(len(radius)):
+        before[0, i], before[1, i] = state[0, i], state[1, i]
     push = np.zeros((2, len(radius)))
     number = np.zeros(len(radius), np.int32)
     overlapping = np.empty(pairs.shape[1], np.int32)
