@@ -13,7 +13,8 @@ from cmr.msg import motor_feedback_t, pose_xyt_t, waypoints_t
 from cmr.recordings.events import EventReader
 from cmr.tools import plot
 from cmr.tools.plot_fields import FieldName, Gathered, Values, against, near_names, parse_field, unit_of
-from cmr.tools.plot_figure import Curve, Panel, broken_at_gaps, figure_of, thinned
+from cmr.tools.plot_figure import Curve, Panel, broken_at_gaps, figure_of
+from cmr.tools.thinning import Rows, thinned, thinned_path
 
 BEGIN = 1_700_000_000_000_000  # us
 LATE = 20_000  # us from measurement to logging
@@ -112,7 +113,7 @@ def test_one_field_against_another_of_other_times_is_interpolated_and_never_extr
 def test_a_silence_breaks_the_line() -> None:
     seconds, values = broken_at_gaps(np.array([0.0, 0.1, 0.2, 5.0, 5.1]), np.arange(5.0))
     assert values == pytest.approx([0.0, 1.0, 2.0, np.nan, 3.0, 4.0], nan_ok=True)
-    assert np.isnan(seconds[3])
+    assert seconds.tolist() == [0.0, 0.1, 0.2, 5.0, 5.0, 5.1]
 
 
 # The figure
@@ -199,3 +200,67 @@ def test_a_picture_of_a_long_log_has_few_points_and_loses_no_peak_and_no_gap() -
     assert (np.diff(kept_seconds) > 0.0).all()
     assert (kept_seconds[0], kept_seconds[-1]) == (0.0, 999.99)
     assert thinned(seconds[:9000], values[:9000])[1].tolist() == values[:9000].tolist()
+
+
+def spiky(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """A sine at 100 Hz with one sample that is far off."""
+    seconds = np.arange(count) / 100.0
+    values = np.sin(seconds)
+    values[count * 2 // 3] = 9.0
+    return seconds, values
+
+
+def test_one_value_that_is_far_off_survives_however_many_there_are() -> None:
+    rows = Rows(3, most=1000)
+    count = 120_000
+    _, values = spiky(count)
+    for k in range(count):
+        rows.add(BEGIN + 10_000 * k, (values[k], -values[count - 1 - k], np.nan if k % 2 else 1.0))
+    times, kept = rows.all()
+    assert 200 < len(times) <= 1000
+    assert np.isnan(kept[:, 2]).any()
+    assert (np.diff(times) > 0).all()
+    assert np.diff(times).max() < 2 * 10_000 * count / 100, "evenly thinned"
+    for column, extreme, place in ((0, 9.0, count * 2 // 3), (1, -9.0, count - 1 - count * 2 // 3)):
+        [row] = np.flatnonzero(kept[:, column] == extreme)
+        assert times[row] == BEGIN + 10_000 * place
+    assert np.abs(np.sin((times - BEGIN) / 1e6) - kept[:, 0])[kept[:, 0] != 9.0].max() < 1e-6, "rows stay together"
+
+
+def test_few_rows_are_all_kept() -> None:
+    rows = Rows(2, most=1000)
+    for k in range(1000):
+        rows.add(k, (float(k), -float(k)))
+    times, values = rows.all()
+    assert times.tolist() == values[:, 0].tolist() == (-values[:, 1]).tolist() == list(range(1000))
+    assert Rows(2, most=9).all()[1].shape == (0, 2)
+
+
+def test_who_looks_closely_sees_every_value_and_who_looks_from_afar_still_sees_the_peak() -> None:
+    seconds, values = spiky(300_000)
+    figure = figure_of([Panel("t", "y", [Curve("a", seconds, values, 0, 0)], over_time=True)], "title", 1)
+    [axes] = figure.axes
+    [line] = axes.get_lines()
+    whole_view, limits = axes.get_xlim(), axes.get_ylim()
+    assert len(np.asarray(line.get_xdata())) < 7000
+    assert np.max(np.asarray(line.get_ydata())) == 9.0
+    axes.set_xlim(100.0, 110.0)
+    assert np.asarray(line.get_ydata()).tolist() == values[9999:11_002].tolist()
+    assert axes.get_ylim() == limits
+    axes.set_xlim(*whole_view)
+    assert np.max(np.asarray(line.get_ydata())) == 9.0
+    axes.set_xlim(-9.0, -8.0)
+    assert len(np.asarray(line.get_xdata())) <= 1
+
+
+def test_a_path_that_stays_in_place_has_few_points_and_keeps_its_excursions() -> None:
+    x, y = np.zeros(100_000), np.zeros(100_000)
+    x[50_000:50_600] = np.linspace(0.0, 1.0, 600)
+    x[50_600:] = 1.0
+    x[70_000], y[70_000], y[80_000] = 1.0, 3.0, np.nan
+    kept_x, kept_y = thinned_path(x, y)
+    assert len(kept_x) < 610
+    assert (kept_x[0], kept_y[0], kept_x[-1], kept_y[-1]) == (0.0, 0.0, 1.0, 0.0)
+    assert np.nanmax(kept_y) == 3.0
+    assert np.isnan(kept_y).sum() == 1
+    assert len(thinned_path(x[:0], y[:0])[0]) == 0

@@ -1,8 +1,7 @@
 """Fields of messages over time: what a person asks for, and their values from a log."""
 
 import re
-from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any, NamedTuple
 
@@ -14,10 +13,13 @@ from cmr.bus.streams import identify
 from cmr.commands.command_line import CommandError
 from cmr.recordings.events import Event
 from cmr.tools.log_fields import BYTES, Field, fields_of
+from cmr.tools.thinning import Rows
 
 MICROSECONDS = 1e6
 WRITTEN = re.compile(r"([^.:]+)\.(\w+)(?:\[(\d+)\])?")
 MOST_NEAR_NAMES = 5
+MOST_ROWS = 500_000  # messages of a channel whose values are kept: more than an hour at 100 Hz
+MOST_VALUES = 4_000_000  # of all fields
 
 
 class FieldName(NamedTuple):
@@ -85,39 +87,42 @@ def near_names(asked: str, channels: Iterable[str]) -> list[str]:
 
 
 class Gathered:
-    """The values of some fields in the events of one log; it has `channels`, and `rejected` messages were damaged."""
+    """The values of some fields in the events of one log; it has `channels`, and `rejected` messages were damaged.
+
+    Of very many messages those are kept that hold the lowest and highest values of each few.
+    """
 
     def __init__(self, names: Iterable[FieldName], events: Iterable[Event]) -> None:
         self.channels: set[str] = set()
         self.rejected = 0
-        self._rows = {name: (array("q"), array("d")) for name in names}  # times [us] and values
         self._begin: int | None = None
-        wanted: dict[str, list[FieldName]] = {}
-        for name in self._rows:
-            wanted.setdefault(name.channel, []).append(name)
+        self._wanted: dict[str, list[FieldName]] = {}
+        for name in names:
+            self._wanted.setdefault(name.channel, []).append(name)
+        most = min(MOST_VALUES // max(sum(map(len, self._wanted.values())), 1), MOST_ROWS)
+        self._rows = {channel: Rows(len(fields), most) for channel, fields in self._wanted.items()}
         for event in events:
             if self._begin is None:
                 self._begin = event.utime
             self.channels.add(event.channel)
-            if event.channel in wanted:
-                self._take(event, wanted[event.channel])
+            if event.channel in self._wanted:
+                self._take(event)
 
     def values(self, name: FieldName) -> Values:
         """Return what was gathered of a field, in the order of its times."""
-        utime, values = (np.array(column) for column in self._rows[name])
+        utime, values = self._rows[name.channel].all()
         order = np.argsort(utime, kind="stable")
-        return Values((utime[order] - (self._begin or 0)) / MICROSECONDS, values[order])
+        column = values[:, self._wanted[name.channel].index(name)]
+        return Values((utime[order] - (self._begin or 0)) / MICROSECONDS, column[order])
 
-    def _take(self, event: Event, names: Sequence[FieldName]) -> None:
+    def _take(self, event: Event) -> None:
         try:
             message = decode(event.channel, event.data).message
         except RejectedMessage:
             self.rejected += 1
             return
-        for name in names:
-            times, values = self._rows[name]
-            times.append(message.utime)
-            values.append(_number(message, name))
+        row = [_number(message, name) for name in self._wanted[event.channel]]
+        self._rows[event.channel].add(message.utime, row)
 
 
 def against(horizontal: Values, vertical: Values) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,11 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.tools.thinning import thinned, thinned_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
+Floats = NDArray[np.float64]
 COLOURS = (REAL_COLOUR, TWIN_COLOUR, "#c0392b", "#2e8b57", "#7b4fb5", "#555555")
 STYLES = ("-", "--", ":", "-.")
 WIDTH, PANEL_HEIGHT, PATH_HEIGHT = 9.0, 2.8, 6.5  # inches
@@ -19,15 +22,14 @@ FEW = 60  # values, each of which is marked
 LONGEST_Y_LABEL = 34  # characters that fit beside a panel in one line
 GAP = 10.0  # times the usual time between values: a line across it would tell of values that were not there
 SHORTEST_GAP = 0.5  # s
-PIECES = 3000  # of a curve over time, of which a picture shows the lowest and the highest value: more than its pixels
 
 
 class Curve(NamedTuple):
     """A line: what it is, its points, and the numbers of its log and of its field, which tell them apart."""
 
     label: str
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: Floats
+    y: Floats
     log: int
     field: int
 
@@ -48,14 +50,14 @@ def figure_of(panels: Sequence[Panel], title: str, logs: int) -> "Figure":
 
     heights = [PANEL_HEIGHT if panel.over_time else PATH_HEIGHT for panel in panels]
     figure = Figure(figsize=(WIDTH, sum(heights) + 0.8), dpi=110, layout="constrained")
-    draw(figure, panels, title, logs, is_still=True)
+    draw(figure, panels, title, logs)
     return figure
 
 
-def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int, *, is_still: bool = False) -> None:
+def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int) -> None:
     """Draw the panels into a figure. With several logs colours tell the logs apart, else the fields.
 
-    A still picture gets no more points than it can show; in others one can look more closely.
+    No more points are drawn than can be seen; who looks more closely at a part of the time sees all of it.
     """
     heights = [PANEL_HEIGHT if panel.over_time else PATH_HEIGHT for panel in panels]
     grid = figure.add_gridspec(len(panels), 1, height_ratios=heights)
@@ -64,25 +66,26 @@ def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int, *, is
         axes = figure.add_subplot(grid[place], sharex=first if panel.over_time else None)
         if panel.over_time:
             first = first or axes
-        _draw(axes, panel, logs, is_still)
+        _draw(axes, panel, logs)
     figure.suptitle(title, fontsize=11)
 
 
-def _draw(axes: "Axes", panel: Panel, logs: int, is_still: bool) -> None:
+def _draw(axes: "Axes", panel: Panel, logs: int) -> None:
+    whole = []
     for curve in panel.curves:
         colour, style = (curve.log, curve.field) if logs > 1 else (curve.field, 0)
         x, y = broken_at_gaps(curve.x, curve.y) if panel.over_time else (curve.x, curve.y)
-        if panel.over_time and is_still:
-            x, y = thinned(x, y)
-        axes.plot(
-            x,
-            y,
+        [line] = axes.plot(
+            *(thinned(x, y) if panel.over_time else thinned_path(x, y)),
             color=COLOURS[colour % len(COLOURS)],
             linestyle=STYLES[style % len(STYLES)],
             linewidth=1.3,
             marker="." if len(curve.x) <= FEW else "",
             label=curve.label,
         )
+        whole.append((line, x, y))
+    if panel.over_time:
+        axes.callbacks.connect("xlim_changed", lambda _axes: _look_closely(axes, whole))
     axes.set_xlabel(panel.x_label)
     fits = len(panel.y_label) <= LONGEST_Y_LABEL
     axes.set_ylabel(panel.y_label if fits else panel.y_label.replace(".", "\n", 1))
@@ -94,31 +97,20 @@ def _draw(axes: "Axes", panel: Panel, logs: int, is_still: bool) -> None:
         axes.legend(loc="best", fontsize=8, framealpha=0.8)
 
 
-def broken_at_gaps(
-    seconds: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a curve with a NaN put into each silence."""
+def _look_closely(axes: "Axes", whole: "Sequence[tuple[Line2D, Floats, Floats]]") -> None:
+    """Draw the part of the time that is seen as finely as it can be seen."""
+    begin, end = sorted(axes.get_xlim())
+    for line, seconds, values in whole:
+        # One more on each side, so that lines go on to the edge.
+        first = max(int(np.searchsorted(seconds, begin)) - 1, 0)
+        part = slice(first, int(np.searchsorted(seconds, end, side="right")) + 1)
+        line.set_data(*thinned(seconds[part], values[part]))
+
+
+def broken_at_gaps(seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return a curve with a NaN put into each silence, at its end."""
     if len(seconds) < 3:
         return seconds, values
     steps = np.diff(seconds)
     gaps = np.flatnonzero(steps > max(GAP * float(np.median(steps)), SHORTEST_GAP)) + 1
-    return np.insert(seconds, gaps, np.nan), np.insert(values, gaps, np.nan)
-
-
-def thinned(
-    seconds: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a curve that looks the same: the lowest and highest value of many pieces, and where it breaks off."""
-    size = len(values) // PIECES
-    if size < 4:
-        return seconds, values
-    is_nan = np.isnan(values)
-    whole = len(values) // size * size
-    pieces = (len(values) // size, size)
-    lowest = np.where(is_nan, np.inf, values)[:whole].reshape(pieces).argmin(axis=1)
-    highest = np.where(is_nan, -np.inf, values)[:whole].reshape(pieces).argmax(axis=1)
-    starts = np.arange(0, whole, size)
-    breaks = np.flatnonzero(is_nan[1:] != is_nan[:-1])
-    rest = np.arange(whole, len(values))
-    kept = np.unique(np.concatenate([[0], starts + lowest, starts + highest, breaks, breaks + 1, rest]))
-    return seconds[kept], values[kept]
+    return np.insert(seconds, gaps, seconds[gaps]), np.insert(values, gaps, np.nan)
