@@ -25,6 +25,7 @@ SPANS = {
 LARGEST_PAST = 1.0 / 6.0  # of the usual piece: what is foretold from the past begins after so much of it
 RIDGE = 1e-6  # of the variance: keeps the model of a signal that never errs solvable
 LEAST_SIZE = 1e-9
+RARE = 0.01  # of errors: too few to tell of what size such ones are
 ROUNDS = 3
 FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose before foretell those of the pose
 PSI_LEFT, PSI_RIGHT = MOTION.index("psi_left"), MOTION.index("psi_right")
@@ -189,10 +190,15 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
 
 
 def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
-    """Return what a signal's noise may grow with, shape (n, 3): 1, doubt [rad] squared, wheel speeds squared."""
+    """Return what a signal's noise may grow with, shape (n, 3): 1, doubt [rad] squared, wheel speeds squared.
+
+    Doubts that are rarely as small count as larger: on a steady drive nearly all are the same, and nothing tells how
+    much of the noise is theirs. The few errors of a wheel that rolls to a stop would then count far too much.
+    """
     motion = predictor.motion_at(errors.motion, name)
     speed = motion[:, PSI_LEFT] ** 2 + motion[:, PSI_RIGHT] ** 2
-    return np.stack([np.ones(len(speed)), predictor.doubt[name] ** 2, speed], axis=1)
+    doubt = predictor.doubt[name]
+    return np.stack([np.ones(len(speed)), np.maximum(doubt, np.quantile(doubt, RARE)) ** 2, speed], axis=1)
 
 
 def _foreign(predictor: Predictor, errors: Errors) -> list[Floats]:
