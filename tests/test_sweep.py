@@ -257,7 +257,7 @@ def test_a_scheduler_that_ends_is_told_with_what_to_do() -> None:
 
 def test_a_run_is_done_by_no_other_version_of_cmr_than_that_which_planned_it(scenario: Path) -> None:
     (run,) = plan(scenario, [], seeds=1)
-    with pytest.raises(experiment.ExperimentError, match="has another CMR installed"):
+    with pytest.raises(ImportError, match="has another CMR installed"):
         experiment.perform(replace(run.experiment, sources="of last year"), run.seed)
 
 

@@ -69,7 +69,7 @@ def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedR
 def _perform(runs: "list[PlannedRun]", journal: "Journal", options: argparse.Namespace) -> list[str]:
     """Do the runs that are not in the journal yet; return a sentence for each that failed."""
     from cmr.scenario.terminal import Terminal
-    from cmr.sweep.cluster import perform, workers
+    from cmr.sweep.cluster import perform, worker_command, workers
     from cmr.sweep.experiment import perform as work
 
     missing = {run.key: run for run in runs if run.key not in journal.results}
@@ -80,8 +80,11 @@ def _perform(runs: "list[PlannedRun]", journal: "Journal", options: argparse.Nam
         return []
     failed = []
     with workers(options.scheduler, options.workers) as client:
-        if not client.nthreads():
-            terminal.say(f"{options.scheduler} has no workers yet. To start some: dask worker {options.scheduler}")
+        threads = client.nthreads().values()
+        if not threads:
+            terminal.say(f"{options.scheduler} has no workers yet. To start some: {worker_command(options.scheduler)}")
+        if any(count > 1 for count in threads):
+            terminal.say(f"Workers with threads do one run at a time. To use all: {worker_command(options.scheduler)}")
         began = time.monotonic()
         jobs = {run.key: (run.experiment, run.seed) for run in missing.values()}
         for done, (key, result) in enumerate(perform(client, work, jobs), start=1):

@@ -5,6 +5,7 @@ Each worker is one process with one thread. Who dies is replaced, and what it wa
 
 import logging
 import os
+import pickle
 import signal
 from asyncio import CancelledError
 from collections.abc import Callable, Iterator, Mapping
@@ -68,8 +69,13 @@ def _client_of(scheduler: str) -> Client:
     except (OSError, ValueError) as error:
         raise ClusterError(
             f"No Dask scheduler answers at {scheduler!r}. To start one: dask scheduler; then, on each computer: "
-            "dask worker tcp://HOST:8786 --nthreads 1 --nworkers -1"
+            f"{worker_command('tcp://HOST:8786')}"
         ) from error
+
+
+def worker_command(scheduler: str) -> str:
+    """Return what starts workers, one a core, on a computer; threads of one process would wait for one another."""
+    return f"dask worker {scheduler} --nthreads 1 --nworkers -1"
 
 
 def _processes(count: int, loop: IOLoop) -> LocalCluster:
@@ -93,7 +99,7 @@ def perform(client: Client, work: Callable[..., Any], jobs: Mapping[str, tuple[A
 
     A job whose worker died is done again elsewhere. One that outlived four workers is given up: the result is then
     Dask's KilledWorker (distributed.scheduler.allowed-failures).
-    Raises ClusterError when the scheduler ends.
+    Raises ClusterError when the scheduler ends, or a worker cannot do any job: it would go through all of them.
     """
     try:
         yield from _performed(client, work, jobs)
@@ -109,13 +115,14 @@ def _performed(
     waiting = iter(jobs.items())
     running = as_completed(with_results=True, raise_errors=False)
     names: dict[Any, str] = {}
+    unpacked = _unpacked_there()
     while True:
         if client.scheduler is None:
             raise CancelledError
         ahead = AHEAD * max(sum(client.nthreads().values()), 1)  # workers come and go
         while len(names) < ahead and (job := next(waiting, None)) is not None:
             key, arguments = job
-            future = client.submit(work, *arguments, key=f"run-{key}", pure=False)
+            future = client.submit(unpacked, pickle.dumps((work, arguments)), key=f"run-{key}", pure=False)
             names[future.key] = key
             running.add(future)
         if not names:
@@ -123,8 +130,34 @@ def _performed(
         future, result = next(running)
         if isinstance(result, CancelledError):
             raise result
-        yield names.pop(future.key), _without_trace(result)
+        result = _without_trace(result)
+        if isinstance(result, ImportError):
+            raise ClusterError(
+                f"{str(result).rstrip('.')}. Install the same CMR on all computers, give PYTHONPATH to workers that "
+                "need modules of yours, and start them anew. What is done is kept; the same command goes on from here."
+            )
+        yield names.pop(future.key), result
         future.release()
+
+
+def _unpacked_there() -> Callable[[bytes], Any]:
+    """Return a function that needs nothing of ours where it is called.
+
+    A worker that cannot even read what it is told to do, as it lacks a module, would end without a word. This function
+    is read anywhere, as Dask sends those inside others as they are, and says what is lacking, and on which computer.
+    """
+
+    def unpacked(packed: bytes) -> Any:
+        import pickle
+        from socket import gethostname
+
+        try:
+            work, arguments = pickle.loads(packed)
+        except Exception as error:  # of whatever kind: another version may lack anything
+            raise ImportError(f"A worker on {gethostname()} cannot do the runs: {error}") from error
+        return work(*arguments)
+
+    return unpacked
 
 
 def _without_trace(result: Any) -> Any:

@@ -9,15 +9,19 @@ from importlib.metadata import version
 from inspect import getfile
 from pathlib import Path
 from socket import gethostname
+from threading import Lock
 from typing import Any
 
+import robot_driver
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.scenario.scenario import Scenario
 from cmr.team.casting import Cast
 from cmr.team.experiment import TeamRun, run
 from cmr.team.hidden import Laboratory
 from cmr.team.population import Population, PopulationError, population_of
-from cmr.world.behaviours import make_behaviour
+from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviour
+
+ONE_AT_A_TIME = Lock()  # a worker of several threads would compile the same code in two of them, which fails
 
 
 class ExperimentError(Exception):
@@ -66,6 +70,10 @@ def _check(scenario: Scenario) -> None:
                     f"{scenario.name}: robot {robot.robot_id} has no {what}; a sweep has nobody else to ask. "
                     f"Give it one: {what}, or --set robots.{robot.robot_id}.{what}=..."
                 )
+    if not scenario.of_flesh:
+        raise ExperimentError(
+            f"{scenario.name}: all robots are virtual; a sweep needs a real or emulated one at least, kind: emulated."
+        )
     if scenario.ends_when.metric is not None:
         raise ExperimentError(
             f"{scenario.name}: a sweep ends a run by its duration or by waypoints_reached, not by "
@@ -77,18 +85,22 @@ def perform(experiment: Experiment, seed: int) -> dict[str, Any]:
     """Return the metrics of one run [SI units], how long it took in its own time, and a digest of all paths.
 
     Real and emulated robots are moved by a plant that differs from robot to robot and from seed to seed.
-    Raises ExperimentError where this is not the CMR that planned the run: results of two versions are not mixed.
+    Raises ImportError, naming the computer, where a behaviour is not to be found that was there when the run was
+    planned, or this is not the CMR that planned it: results of two versions are not mixed.
     """
     if experiment.sources != sources_digest():
-        raise ExperimentError(
-            f"{gethostname()} has another CMR installed. Install the same on all computers, and start its workers anew."
-        )
+        raise ImportError(f"A worker on {gethostname()} has another CMR installed")
+    try:
+        _behaviours_of(experiment.scenario)
+    except BehaviourError as error:
+        raise ImportError(f"A worker on {gethostname()} cannot do the runs: {error}") from error
     scenario, believed = experiment.scenario, experiment.believed
     laboratory = Laboratory(believed.robot_parameters.values, seed=seed)
     drawn = experiment.population
     moves_by = {robot.robot_id: drawn.draw(seed, robot.robot_id) for robot in scenario.virtual} if drawn else {}
     real = [robot.robot_id for robot in scenario.of_flesh]
-    result = run(scenario, Cast(believed=believed, real=real, laboratory=laboratory, moves_by=moves_by), seed)
+    with ONE_AT_A_TIME:
+        result = run(scenario, Cast(believed=believed, real=real, laboratory=laboratory, moves_by=moves_by), seed)
     metrics = {name: float(result.metrics[name]) for name in scenario.metrics if name in result.metrics}
     return {**metrics, "simulated_time": float(result.time[-1]), "paths_sha256": _digest(result)}
 
@@ -104,16 +116,25 @@ def key_of(document: str, files: Iterable[Path], seed: int) -> str:
 @cache
 def sources_digest() -> str:
     """Return a digest of CMR's source files: results of a checkout that has changed since are not mixed."""
-    folder = Path(__file__).parents[1]
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.rglob("*.py")))).hexdigest()
+    folders = (Path(__file__).parents[1], Path(robot_driver.__file__).parent)  # whose ramps are in the runs, too
+    paths = (path for folder in folders for path in sorted(folder.rglob("*.py")))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
 
 
 def files_of(scenario: Scenario) -> set[Path]:
     """Return the files that a scenario's runs depend on, those of its behaviours included."""
     parameters = {robot.parameters for robot in scenario.robots if robot.parameters is not None}
+    sources = {Path(getfile(type(behaviour))) for behaviour in _behaviours_of(scenario)}
+    return parameters | set(scenario.population) | sources
+
+
+def _behaviours_of(scenario: Scenario) -> list[AnyBehaviour]:
+    """Return one of each of the behaviours of a scenario.
+
+    Raises BehaviourError for one that is not there.
+    """
     behaviours = {(plan.name, tuple(plan.settings.items())) for robot in scenario.robots if (plan := robot.behaviour)}
-    made = [make_behaviour(name, dict(settings)) for name, settings in behaviours]
-    return parameters | set(scenario.population) | {Path(getfile(type(behaviour))) for behaviour in made}
+    return [make_behaviour(name, dict(settings)) for name, settings in behaviours]
 
 
 def _digest(result: TeamRun) -> str:
