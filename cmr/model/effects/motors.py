@@ -122,8 +122,10 @@ MOTOR_HEATING = Effect(
 MOTOR_COUPLING = Effect(
     name="motor_coupling",
     group=GROUP,
-    cause="Accelerating one side pushes back the other by {motor_coupling:.1%}: the robot is hard to turn.",
-    # Both sides at once: domega_L = f_L - c domega_R and domega_R = f_R - c domega_L.
+    cause="Accelerating one side {motor_coupling:pushes back/takes along} the other by {motor_coupling:.1%}: "
+    "the robot is {motor_coupling:quicker/slower} to turn than to set off.",
+    # Both sides at once: domega_L = f_L - c domega_R and domega_R = f_R - c domega_L. For a body of mass m and yaw
+    # inertia J on wheels b apart, c = (m b^2 - 4 J) / (m b^2 + 4 J).
     equations={
         "coupling": """
             coupling = motor_coupling * free_left * free_right
