@@ -87,6 +87,10 @@ def test_steps_in_the_valley_widen_the_interval() -> None:
     assert 0.0 < small < large
 
 
+def test_nothing_is_known_of_the_lowest_point_where_the_model_holds_nowhere() -> None:
+    assert parabola(np.linspace(-1.0, 1.0, 41), np.full(41, np.inf)) == (1.0, np.inf)
+
+
 def test_large_errors_are_tempered_and_small_ones_kept() -> None:
     """Below the limit errors stay as they are; above, their squares grow in proportion to the error."""
     errors = np.array([0.5, -LARGE, 10.0 * LARGE, -100.0 * LARGE])

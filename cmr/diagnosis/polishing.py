@@ -93,7 +93,10 @@ def along(fit: Fit, name: str, offset: float) -> dict[str, float]:
 def parabola(offsets: Floats, squares: Floats) -> tuple[float, float]:
     """Return the standard deviation of where a parabola through the sums of squares is lowest, and their scatter."""
     unit = float(np.max(np.abs(offsets)))
-    higher = squares - np.min(squares)
+    lowest = np.min(squares)
+    if not np.isfinite(lowest):  # the model holds nowhere along the way
+        return unit, np.inf
+    higher = squares - lowest
     holds = higher <= BEYOND * np.quantile(higher, 0.25)
     if np.count_nonzero(holds) < FEWEST_POINTS:
         return unit, np.inf
