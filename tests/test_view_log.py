@@ -11,6 +11,7 @@ from cmr.msg import calibration_status_t, camera_image_t, estop_t, parameters_t,
 from cmr.recordings.events import Event, EventReader, event_bytes
 from cmr.view.log_index import LogIndex
 from cmr.view.playback import Playback
+from cmr.view.replay_panel import labelled
 from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.showing import LogShowing
 from cmr.view.wishes import JUMP, PAUSE, SPEED, Wish
@@ -123,9 +124,15 @@ def test_a_jump_reads_little_of_a_long_log(log: Path, monkeypatch: pytest.Monkey
     decoded: list[str] = []
     monkeypatch.setattr(playback.state.__class__, "handle", lambda _self, _utime, channel, _m: decoded.append(channel))
     playback.jump(BEGIN + 90 * SECOND)
-    # Two parts each: of the minute for trails five in two seconds; a second at full rate. And all of the calibration.
-    assert decoded.count("WORLD_STATE") <= 2 * 60 * 2.5 + 2 * 20 + 10
-    assert len(decoded) < 650
+    # Two parts each: of the minute before, four in a second lately, two before; three seconds at full rate for rates.
+    assert decoded.count("WORLD_STATE") <= 2 * (12 * 4 + 48 * 2) + 2 * 3 * 20 + 10
+    assert len(decoded) < 700
+
+
+def test_slider_labels_do_not_lie_over_one_another_and_the_most_important_is_read() -> None:
+    marks = [(1.0, "parameters"), (58.0, "parameters"), (59.0, "calibrated"), (60.0, "parameters"), (99.0, "stop")]
+    assert labelled(marks, 100.0) == ((1.0, "parameters"), 58.0, (59.0, "calibrated"), 60.0, (99.0, "stop"))
+    assert labelled([], 100.0) == ()
 
 
 def test_the_calibrations_of_many_robots_are_read_again_in_part(tmp_path: Path) -> None:

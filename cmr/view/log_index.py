@@ -25,7 +25,7 @@ from cmr.view.drives import Calibrations
 from cmr.view.log_drives import PARTS_WITHIN, DriveWatch
 from cmr.view.state import DIAGNOSIS
 
-PLACES_APART = 200_000  # us between the messages of a channel that are remembered
+PLACES_APART = 250_000  # us between the messages of a channel that are remembered
 ALL_REMEMBERED = {stream.name for stream in (PROCESS_STATUS, ESTOP, CALIBRATION_STATUS, PARAMETERS, WAYPOINTS)}
 CHECKPOINTS_APART = 1_000_000  # us
 LARGEST_DISORDER = 1_000_000  # us; what was logged with an earlier time than that before it: its clock was set back

@@ -12,13 +12,14 @@ from cmr.view.intake import Intake
 from cmr.view.log_drives import PARTS_WITHIN
 from cmr.view.log_index import LogIndex, Place
 from cmr.view.state import ViewState
+from cmr.view.traffic import WINDOW
 
 LONGEST_WORK = 0.04  # s of reading in one go
 BETWEEN_FLUSHES = 250_000  # us of the log, so that trails have all their points at high speed
-RUN_UP = 1_000_000  # us before the moment jumped to that are read whole, for rates
-LONG_RUN_UP = 3_000_000  # us; where nothing is known of what came before, so that what is said each second is seen
-WORLDS_KEPT = 60_000_000  # us before that, of which trails, paths and distances are drawn
-WORLDS_APART = 400_000  # us between the WORLD_STATEs that are read of them
+RUN_UP = WINDOW  # us before the moment jumped to that are read whole, for rates
+WORLDS_KEPT = 60_000_000  # us before that, of which trails, paths and distances are drawn ...
+WORLDS_APART = 400_000  # ... from WORLD_STATEs that are so far apart [us], at least ...
+RECENT = 12_000_000  # us; ... and from all that are remembered of this time, so that trails are smooth
 HISTORY = {PROCESS_STATUS.name: 3.0, CAMERA_IMAGE.name: 2.0, CALIBRATION_STATUS.name: 3600.0}  # s
 MOST_OF_HISTORY = 400  # messages of a stream that are read again, all its channels together; but ...
 LEAST_OF_HISTORY = 40  # ... of each channel
@@ -59,7 +60,7 @@ class Playback:
         """Show this moment; where the log has not been read yet, without what happened long before it."""
         utime = max(min(utime, max(self.index.end, self.index.indexed_until)), self.index.begin)
         self.is_guess = utime > self.index.indexed_until
-        run_up = max(utime - (LONG_RUN_UP if self.is_guess else RUN_UP), self.index.begin)
+        run_up = max(utime - RUN_UP, self.index.begin)
         self.state = ViewState()
         self._world_begun = 0
         if not self.is_guess:
@@ -115,7 +116,9 @@ class Playback:
         channels_of = Counter(streams.values())
         for channel, stream in streams.items():
             if stream is WORLD_STATE:
-                places += self.index.between(channel, since, utime, WORLDS_APART)
+                recent = utime - RECENT
+                places += self.index.between(channel, since, recent - 1, WORLDS_APART)
+                places += self.index.between(channel, recent, utime, 0)
             else:
                 found = self.index.last_before(channel, utime, HISTORY.get(stream.name, 0.0) if stream else 0.0)
                 most = max(MOST_OF_HISTORY // channels_of[stream], LEAST_OF_HISTORY)

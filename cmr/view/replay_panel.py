@@ -17,6 +17,8 @@ STEP = 0.1  # s
 HANDS_OFF = 1.0  # s after a visitor moved the slider in which it is left to him
 MARKS_APART = 3.0  # s; with each news of them the slider is made anew
 MOST_ON_SLIDER = 12  # marks; with more than that they would hide one another
+LABELS_APART = 0.3  # of the slider's length; the labels of nearer marks would lie over one another
+WORTH = ("stop", "calibrated", "failed", "diagnosis", "released", "parameters")  # labelling, first to last
 CHOOSE = "jump to an event ..."
 
 Asking = Callable[..., None]
@@ -69,7 +71,7 @@ class ReplayPanel:
 
     def _new_slider(self, gui: viser.GuiApi, marks: Sequence[Mark]) -> viser.GuiSliderHandle[float]:
         end = self._end()
-        words = tuple((self._seconds(mark.utime), mark.word) for mark in marks)
+        words = labelled([(self._seconds(mark.utime), mark.word) for mark in marks], end)
         now = round(min(self._seconds(self._playback.position), end), 1)
         slider = gui.add_slider("time [s]", 0.0, end, STEP, now, marks=words or None, order=0.0)
         slider.on_update(self._slide)
@@ -101,3 +103,12 @@ class ReplayPanel:
 
     def _seconds(self, utime: int) -> float:
         return (utime - self._playback.index.begin) / 1e6
+
+
+def labelled(marks: Sequence[tuple[float, str]], length: float) -> tuple[float | tuple[float, str], ...]:
+    """Return marks on a slider of this length, with those words that have room, the more important ones first."""
+    chosen: list[tuple[float, str]] = []
+    for mark in sorted(marks, key=lambda mark: WORTH.index(mark[1])):
+        if all(abs(mark[0] - other) >= LABELS_APART * length for other, _ in chosen):
+            chosen.append(mark)
+    return tuple(mark if mark in chosen else mark[0] for mark in marks)

@@ -10,7 +10,7 @@ from cmr.view.robots import Floats, Integers, Robots
 PERIOD = 250_000  # us between the points of a trail
 LONGEST = 60_000_000  # us that are kept
 LEAST_STEP = 0.002  # m; who stands still draws nothing
-LARGEST_STEP = 1.0  # m; who goes further in a period was put somewhere else
+LARGEST_STEP = 1.0  # m in a period; who goes further was put somewhere else
 MOST_PIECES = 4000  # shown; with more the oldest go first, as browsers draw thick lines slowly
 
 
@@ -37,7 +37,8 @@ class Trails:
         keys = robots.robot_id * 4 + robots.origin
         places = robots.pose[:2].T
         if self._last is not None:
-            self._pieces.append((now, _pieces(self._last[1], self._last[2], keys, places)))
+            largest = LARGEST_STEP * max((now - self._last[0]) / PERIOD, 1.0)
+            self._pieces.append((now, _pieces(self._last[1], self._last[2], keys, places, largest)))
         self._last = (now, keys, places.copy())
         while self._pieces and self._pieces[0][0] < now - LONGEST:
             self._pieces.popleft()
@@ -56,11 +57,11 @@ class Trails:
         return Trail(np.concatenate([trail.ends for trail in chosen]), np.concatenate([t.origin for t in chosen]))
 
 
-def _pieces(keys: Integers, places: Floats, new_keys: Integers, new_places: Floats) -> Trail:
+def _pieces(keys: Integers, places: Floats, new_keys: Integers, new_places: Floats, largest: float) -> Trail:
     """Return the pieces of path from one moment to the next, of those who were there at both and moved."""
     if not np.array_equal(keys, new_keys):
         keys, first, second = np.intersect1d(keys, new_keys, return_indices=True)
         places, new_places = places[first], new_places[second]
     steps = np.hypot(*(new_places - places).T)
-    moved = (steps > LEAST_STEP) & (steps < LARGEST_STEP)
+    moved = (steps > LEAST_STEP) & (steps < largest)
     return Trail(np.stack([places[moved], new_places[moved]], axis=1), keys[moved] % 4)
