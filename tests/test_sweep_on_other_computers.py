@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from distributed.protocol import pickle
 
 from cmr.scenario.plan import BehaviourPlan
 from cmr.sweep import experiment
-from cmr.sweep.cluster import ClusterError, _unpacked_there, perform, worker_command
+from cmr.sweep.cluster import ClusterError, _unpacked_there, lookout, perform, worker_command
 from cmr.sweep.planning import plan
 from tests.test_sweep import scenario  # noqa: F401 - a fixture
 
@@ -65,6 +65,24 @@ def test_a_worker_that_lacks_a_module_ends_the_sweep_and_lives(
         list(perform(client, work, {f"lacks-{work.__name__}": (argument,)}))
     key = f"sound-after-{work.__name__}"
     assert list(perform(client, double, {key: (4,)})) == [(key, 8)]
+
+
+def test_that_no_worker_is_left_is_told_once_and_that_the_scheduler_ended_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("cmr.sweep.cluster.LOOK", 0.02)
+    told: list[int] = []
+    answers = iter([{"a": 1}, {"a": 1}, {}, {}, {"b": 1}, {}, {}])
+    client = SimpleNamespace(nthreads=lambda: next(answers, None) if len(told) < 2 else ended())
+
+    def ended() -> None:
+        raise OSError("closed")
+
+    with lookout(cast(Client, client), lambda: told.append(1)):
+        until = time.monotonic() + 20.0
+        while len(told) < 2 and time.monotonic() < until:
+            time.sleep(0.01)
+    assert len(told) == 2
 
 
 def test_what_a_worker_is_told_is_read_where_there_is_no_cmr() -> None:

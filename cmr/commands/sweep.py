@@ -3,6 +3,7 @@
 import argparse
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,7 +70,7 @@ def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedR
 def _perform(runs: "list[PlannedRun]", journal: "Journal", options: argparse.Namespace) -> list[str]:
     """Do the runs that are not in the journal yet; return a sentence for each that failed."""
     from cmr.scenario.terminal import Terminal
-    from cmr.sweep.cluster import perform, worker_command, workers
+    from cmr.sweep.cluster import lookout, perform, worker_command, workers
     from cmr.sweep.experiment import perform as work
 
     missing = {run.key: run for run in runs if run.key not in journal.results}
@@ -79,12 +80,15 @@ def _perform(runs: "list[PlannedRun]", journal: "Journal", options: argparse.Nam
     if not missing:
         return []
     failed = []
-    with workers(options.scheduler, options.workers) as client:
-        threads = client.nthreads().values()
-        if not threads:
-            terminal.say(f"{options.scheduler} has no workers yet. To start some: {worker_command(options.scheduler)}")
-        if any(count > 1 for count in threads):
-            terminal.say(f"Workers with threads do one run at a time. To use all: {worker_command(options.scheduler)}")
+    hint = f"To start some: {worker_command(options.scheduler)}"
+    with (
+        workers(options.scheduler, options.workers) as client,
+        lookout(client, lambda: terminal.say(f"Waiting for workers: there are none. {hint}"))
+        if options.scheduler
+        else nullcontext(),
+    ):
+        if any(count > 1 for count in client.nthreads().values()):
+            terminal.say(f"Workers with threads do one run at a time. {hint}")
         began = time.monotonic()
         jobs = {run.key: (run.experiment, run.seed) for run in missing.values()}
         for done, (key, result) in enumerate(perform(client, work, jobs), start=1):

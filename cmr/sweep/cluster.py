@@ -9,7 +9,8 @@ import pickle
 import signal
 from asyncio import CancelledError
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from threading import Event, Thread
 from typing import Any
 
 import dask
@@ -18,6 +19,7 @@ from distributed.utils import LoopRunner
 from tornado.ioloop import IOLoop
 
 PATIENCE = 10.0  # s to reach a scheduler
+LOOK = 5.0  # s between two looks at whether somebody works
 AHEAD = 3  # runs handed out for each thread; the others wait here
 
 
@@ -92,6 +94,30 @@ def _processes(count: int, loop: IOLoop) -> LocalCluster:
         )
     except (OSError, RuntimeError) as error:
         raise ClusterError(f"{count} processes cannot be started here ({error}). Fewer may: --workers 1.") from error
+
+
+@contextmanager
+def lookout(client: Client, say: Callable[[], None]) -> Iterator[None]:
+    """Call `say` whenever no worker is left, or none is there to begin with: runs wait then, for however long."""
+    over = Event()
+    thread = Thread(target=_look, args=(client, say, over), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def _look(client: Client, say: Callable[[], None], over: Event) -> None:
+    there = True
+    with suppress(OSError, CancelledError, RuntimeError):  # the scheduler has ended, which `perform` tells
+        while True:
+            was_there, there = there, bool(client.nthreads())
+            if was_there and not there:
+                say()
+            if over.wait(LOOK):
+                return
 
 
 def perform(client: Client, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]) -> Iterator[tuple[str, Any]]:
