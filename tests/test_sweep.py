@@ -334,7 +334,9 @@ def test_a_sweep_that_is_interrupted_ends_at_once_and_quietly_with_all_its_proce
         wait_until_more_are_done(interrupted, tmp_path / "out", than=0)
         began = time.monotonic()
         os.killpg(interrupted.pid, signal.SIGINT)  # as Ctrl-C does
-        said = interrupted.communicate(timeout=PATIENCE)  # all that wrote to these have ended
+        said = interrupted.communicate(timeout=PATIENCE)  # all that wrote to these have closed them
+    while living(interrupted.pid) and time.monotonic() - began < LONGEST_END:
+        time.sleep(0.01)  # until the system has taken them away
     assert time.monotonic() - began < LONGEST_END
     assert interrupted.returncode == 130
     assert said[0] == ""
