@@ -263,3 +263,11 @@ def test_a_shipped_scenario_is_known_by_its_name_and_a_file_by_its_path(tmp_path
     assert path_of(str(tmp_path)) == tmp_path
     with pytest.raises(ScenarioError, match=r"neither a file nor a shipped scenario 'lin\.yaml'.*formation, line"):
         path_of("lin.yaml")
+
+
+def test_a_folder_of_a_scenarios_name_does_not_hide_the_shipped_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "swarm").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert path_of("swarm").is_file()

@@ -19,8 +19,8 @@ def path_of(name: str) -> Path:
     Raises ScenarioError where there is neither.
     """
     path = Path(name)
+    if name in shipped() and not path.is_file():  # a folder of results may have the scenario's name
+        return shipped()[name]
     if path.exists():
         return path
-    if name in shipped():
-        return shipped()[name]
     raise ScenarioError(f"There is neither a file nor a shipped scenario {name!r}. Shipped: {', '.join(shipped())}.")

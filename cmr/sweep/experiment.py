@@ -70,10 +70,6 @@ def _check(scenario: Scenario) -> None:
                     f"{scenario.name}: robot {robot.robot_id} has no {what}; a sweep has nobody else to ask. "
                     f"Give it one: {what}, or --set robots.{robot.robot_id}.{what}=..."
                 )
-    if not scenario.of_flesh:
-        raise ExperimentError(
-            f"{scenario.name}: all robots are virtual; a sweep needs a real or emulated one at least, kind: emulated."
-        )
     if scenario.ends_when.metric is not None:
         raise ExperimentError(
             f"{scenario.name}: a sweep ends a run by its duration or by waypoints_reached, not by "

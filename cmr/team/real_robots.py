@@ -63,6 +63,8 @@ class RealRobots:
 
     def advance(self, utime: int) -> Iterator[Message]:
         """Let a period pass until `utime` [us]; yield what drivers, gyros and cameras say then."""
+        if not self._pilots:
+            return
         self._plant.advance(PERIOD // 1000)
         self._periods += 1
         duties = [self._serve(column, utime) for column in range(len(self._pilots))]
