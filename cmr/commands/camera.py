@@ -86,7 +86,7 @@ def _add_source(options: argparse.ArgumentParser) -> None:
         metavar="SOURCE",
         help="number of a USB camera, address of a stream, video file, or folder of pictures",
     )
-    options.add_argument("--size", type=_size, default=(1280, 720), metavar="WxH", help="of a USB camera's pictures")
+    options.add_argument("--size", type=_size, default="1280x720", metavar="WxH", help="of a USB camera's pictures")
     options.add_argument("--rate", type=_rate, default=30.0, metavar="HZ", help="of a USB camera, or of a folder")
 
 
