@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmr.commands.command_line import CommandError
 from cmr.commands.fidelity import JOURNAL, main
 from cmr.fidelity.distances import CLOSES, NO_GAP, NOT_SHOWN, WIDENS, Closing, closing, distance
 from cmr.fidelity.findings import Finding, failures, findings_of, sentences, table
@@ -215,6 +216,15 @@ def knows_its_work(pid: int) -> bool:
 
 def of_process(pid: int, name: str) -> bytes:
     return Path(f"/proc/{pid}/{name}").read_bytes()
+
+
+def test_a_team_that_only_the_live_command_can_end_is_refused(tmp_path: Path) -> None:
+    line_of_three(tmp_path)
+    text = LINE.format(duration=1.0)
+    ending = "ends_when: {metric: minimum_separation, below: 0.1}"
+    (tmp_path / "team.yaml").write_text(text.replace("ends_when: waypoints_reached", ending))
+    with pytest.raises(CommandError, match="only cmr-run ends a run by minimum_separation"):
+        main([str(tmp_path / "team.yaml"), "--out", str(tmp_path / "out")])
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])

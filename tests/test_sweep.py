@@ -268,7 +268,7 @@ def test_a_run_is_done_by_no_other_version_of_cmr_than_that_which_planned_it(sce
         (
             "duration: 1",
             "duration: 1\nends_when: {metric: minimum_separation, below: 0.1}",
-            "not by minimum_separation",
+            "only cmr-run ends a run by minimum_separation",
         ),
     ],
 )

@@ -11,6 +11,7 @@ from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, Task, gathered, perform_all, tasks_of
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.scenario.document import ScenarioError
+from cmr.scenario.ending import why_only_live
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.scenario import load as load_scenario
 from cmr.scenario.shipping import path_of
@@ -135,6 +136,9 @@ def _study(options: argparse.Namespace) -> tuple[Scenario, Study]:
         believed = _believed(scenario, real, options.parameters)
     except (ScenarioError, ParameterFileError) as error:
         raise CommandError(str(error)) from error
+    only_live = why_only_live(scenario.ends_when)
+    if only_live:
+        raise CommandError(f"{scenario.name}: {only_live}.")
     return scenario, Study(scenario=scenario, believed=believed, real=real, size=options.imperfections)
 
 

@@ -50,6 +50,13 @@ def read_ending(item: Item | None) -> Ending:
     )
 
 
+def why_only_live(ending: Ending) -> str:
+    """Return why a run without the bus, faster than real time, cannot end so; empty if it can."""
+    if ending.metric is None:
+        return ""
+    return f"only cmr-run ends a run by {ending.metric}. Here ends_when is waypoints_reached, or left out"
+
+
 def _check_bounds(section: Section, metric: str | None) -> None:
     """Raise ScenarioError for a key that has no meaning with this metric, None where there is none."""
     for key in ("after", "over"):

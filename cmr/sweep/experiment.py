@@ -14,6 +14,7 @@ from typing import Any
 
 import robot_driver
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
+from cmr.scenario.ending import why_only_live
 from cmr.scenario.scenario import Scenario
 from cmr.team.casting import Cast
 from cmr.team.experiment import TeamRun, run
@@ -70,11 +71,9 @@ def _check(scenario: Scenario) -> None:
                     f"{scenario.name}: robot {robot.robot_id} has no {what}; a sweep has nobody else to ask. "
                     f"Give it one: {what}, or --set robots.{robot.robot_id}.{what}=..."
                 )
-    if scenario.ends_when.metric is not None:
-        raise ExperimentError(
-            f"{scenario.name}: a sweep ends a run by its duration or by waypoints_reached, not by "
-            f"{scenario.ends_when.metric}. Use one of those in ends_when."
-        )
+    only_live = why_only_live(scenario.ends_when)
+    if only_live:
+        raise ExperimentError(f"{scenario.name}: {only_live}.")
 
 
 def perform(experiment: Experiment, seed: int) -> dict[str, Any]:
