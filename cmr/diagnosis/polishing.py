@@ -87,7 +87,8 @@ def along(fit: Fit, name: str, offset: float) -> dict[str, float]:
     """Return the values when one parameter is moved and the others follow, to first order."""
     covariance = fit.covariance
     index = fit.names.index(name)
-    return moved(fit.values, fit.names, covariance[:, index] / covariance[index, index] * offset)
+    with np.errstate(invalid="ignore"):  # what the data say nothing of has no way: no model holds along it
+        return moved(fit.values, fit.names, covariance[:, index] / covariance[index, index] * offset)
 
 
 def parabola(offsets: Floats, squares: Floats) -> tuple[float, float]:
