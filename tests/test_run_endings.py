@@ -97,6 +97,8 @@ WRONG = {
             "ends_when.over",
             "is for formation_error; path_spread counts",
         ),
+        "metric: path_spread\n  above: 1": (5, "ends_when.above", "at the start nobody stands .* say by after: 10"),
+        "metric: path_spread\n  above: 1\n  after: 0": (5, "ends_when.above", "at the start nobody stands"),
         "metric: formation_error\n  over: 0\n  below: 1": (5, "ends_when.over", "a number from 0.2"),
         "waypoints_reached: yes\n  after: 5": (5, "ends_when.after", "goes with a metric and its bound"),
         "metric: formation_error\n  over_: 3": (

@@ -15,7 +15,7 @@ from cmr.scenario.report import metrics_in_words, metrics_of
 from cmr.scenario.shipping import shipped
 from cmr.scenario.watch import TeamWatch
 from cmr.team.metrics import UNITS, Bond
-from cmr.team.scoring import bonds_of, goals_of, scores
+from cmr.team.scoring import bonds_of, scores, ways_of
 from cmr.world.view import VIRTUAL, Robot, world_messages
 
 EPOCH = 1_700_000_000_000_000
@@ -53,7 +53,7 @@ def test_only_what_is_asked_for_is_measured_and_what_means_nothing_is_no_number(
     assert list(found) == ["path_spread", "time_to_goal"]
     assert math.isnan(found["path_spread"])
     assert found["time_to_goal"] == 1.0
-    assert goals_of(scenario, columns_of(scenario))[0] == (2.8, -0.25)
+    assert ways_of(scenario, columns_of(scenario))[0] == ((2.8, -0.25),)
 
 
 def watched(scenario: Scenario, moments: int, away: range) -> TeamWatch:
@@ -104,5 +104,17 @@ def test_a_run_that_never_began_has_nothing_to_measure() -> None:
 
 
 def test_a_long_run_is_measured_at_a_bounded_number_of_moments() -> None:
+    found = measure(team(), watched(team(), 100, range(0)), ["formation_error"], most_moments=10)
+    assert found["formation_error"] == pytest.approx(0.2)
+
+
+def test_a_goal_counts_from_when_the_robot_was_there_in_a_live_run_of_any_length(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("cmr.scenario.watch.MOST_SAMPLES", 4)  # as after an hour: places are kept seconds apart
     found = measure(team(), watched(team(), 100, range(0)), ["time_to_goal"], most_moments=10)
-    assert found["time_to_goal"] == pytest.approx(2.5, abs=0.8)
+    assert found["time_to_goal"] == pytest.approx(1.9)
+
+
+def test_a_goal_that_is_not_reached_yet_takes_the_time_until_now() -> None:
+    assert measure(team(), watched(team(), 16, range(0)), ["time_to_goal"])["time_to_goal"] == pytest.approx(1.5)

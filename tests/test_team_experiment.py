@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cmr.model.parameters import RobotParameters
+from cmr.scenario.scenario import parse
 from cmr.team.casting import Cast
 from cmr.team.experiment import ExperimentError, TeamRun, run
 from cmr.team.hidden import HiddenRobot, Laboratory
@@ -93,3 +94,13 @@ def test_a_robot_that_nobody_commands_is_named(tmp_path: Path) -> None:
     lost = dataclasses.replace(scenario.robots[0], start=None)
     with pytest.raises(ExperimentError, match="Robot 0 has no start"):
         run(dataclasses.replace(scenario, robots=(lost,)), Cast(BELIEVED, (0,), EXACT), 1)
+
+
+def test_a_way_that_ends_where_it_began_is_not_at_its_end_before_it_was_driven(tmp_path: Path) -> None:
+    BELIEVED.save(tmp_path / "robot_0.yaml")
+    robot = "{id: 0, kind: virtual, behaviour: waypoints, waypoints: [[0, 0], [0.6, 0], [0.6, 0.4], [0, 0]]}"
+    text = f"duration: 30\nparameters: robot_0.yaml\nends_when: waypoints_reached\nrobots:\n  - {robot}\n"
+    result = run(parse(text, folder=tmp_path), Cast(BELIEVED, (), EXACT), 1)
+    assert 5.0 < result.time[-1] < 15.0  # 1.7 m at 0.3 m/s
+    assert result.metrics["time_to_goal"] == pytest.approx(result.time[-1])
+    assert result.metrics["distance_driven"] > 1.4

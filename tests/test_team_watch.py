@@ -65,7 +65,7 @@ def test_waypoints_count_in_their_order_only() -> None:
         see(watched, 10 * k, (0, VIRTUAL, x, 0.0), (1, VIRTUAL, 9.0, 0.0))
     assert watched.remaining_waypoints() == {0: ((2.0, 0.0),)}
     assert not watched.waypoints_reached
-    see(watched, 50, (0, VIRTUAL, 1.9, 0.0), (1, VIRTUAL, 9.0, 0.0))
+    see(watched, 50, (0, VIRTUAL, 1.95, 0.0), (1, VIRTUAL, 9.0, 0.0))
     assert watched.waypoints_reached
     assert watched.reached_utime == {0: EPOCH + 50 * STEP}
 
@@ -96,6 +96,19 @@ def test_a_long_run_keeps_a_bounded_number_of_places(monkeypatch: pytest.MonkeyP
     spacing = np.diff(watched.sample_utime)
     assert spacing.max() == spacing[1:].min()
     assert watched.sample_utime[-1] > EPOCH + 0.95 * 15 * most * STEP
+
+
+def test_what_robots_did_before_all_were_in_service_does_not_count() -> None:
+    watched = watch((9.0, 0.0))
+    for k in range(50):
+        see(watched, 5 * k, (0, VIRTUAL, 0.1 * k, 0.0), (1, VIRTUAL, 0.5, 1.0))
+    assert watched.nearest.distance == pytest.approx(1.0)
+    watched.begin()
+    assert watched.measure("distance_driven") == 0.0
+    for k in range(50, 60):
+        see(watched, 5 * k, (0, VIRTUAL, 0.1 * k, 0.0), (1, VIRTUAL, 0.5, 1.0))
+    assert watched.distance == pytest.approx([1.0, 0.0])
+    assert watched.nearest.distance > 4.0
 
 
 def status(pid: int, state: int, overruns: float) -> Any:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from cmr.scenario.document import Item, Section
 from cmr.scenario.plan import Ending
 from cmr.team.metrics import UNITS
-from cmr.team.scoring import bonds_of, goals_of
+from cmr.team.scoring import bonds_of, ways_of
 
 if TYPE_CHECKING:
     from cmr.scenario.scenario import Scenario
@@ -15,6 +15,8 @@ LONGEST_WAIT = 604_800.0  # s; a week
 # Since the start these only fall, or only grow: the other bound would end a run at once, or never.
 ONLY_BOUND = {"minimum_separation": "below", "distance_driven": "above", "time_to_goal": "above"}
 OF_A_MOMENT = ("formation_error",)  # says something of a few seconds without those before
+# Beyond any bound at the start of a run, and why.
+OFF_AT_FIRST = {"path_spread": "at the start nobody stands on the path of a leader that has not driven yet"}
 NEEDED = {
     "formation_error": "a robot that keeps a distance to a leader",
     "time_to_goal": "a robot with waypoints",
@@ -40,12 +42,15 @@ def read_ending(item: Item | None) -> Ending:
     if (name is None) != (below is None and above is None):
         raise section.place.error(f"a metric and a bound go together: {EXAMPLE}. Metrics are {', '.join(UNITS)}")
     _check_bounds(section, name)
+    wait = after.number(0.0, LONGEST_WAIT) if after else 0.0
+    if above is not None and not wait and name in OFF_AT_FIRST:
+        raise above.place.error(f"{OFF_AT_FIRST[name]}: say by after: 10 (s) from when on it counts")
     return Ending(
         waypoints_reached=bool(reached and reached.flag()),
         metric=name,
         below=below.number() if below else None,
         above=above.number() if above else None,
-        after=after.number(0.0, LONGEST_WAIT) if after else 0.0,
+        after=wait,
         over=over.number(0.2, LONGEST_WAIT) if over else None,
     )
 
@@ -90,7 +95,7 @@ def _is_measured(scenario: "Scenario", metric: str) -> bool:
     """Tell whether a metric means something for this team."""
     columns = {robot.robot_id: column for column, robot in enumerate(scenario.robots)}
     if metric == "time_to_goal":
-        return bool(goals_of(scenario, columns))
+        return bool(ways_of(scenario, columns))
     if metric in ("formation_error", "path_spread"):
         return any(bond.follows or metric == "formation_error" for bond in bonds_of(scenario, columns))
     return metric == "distance_driven" or len(columns) > 1

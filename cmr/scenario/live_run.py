@@ -79,7 +79,8 @@ class LiveRun:
             missing = self._missing()
             doubt = "" if missing else self._doubt()
             lacking = missing or doubt
-            self._terminal.progress(f"Waiting for {lacking}")
+            if lacking:
+                self._terminal.progress(f"Waiting for {lacking}")
             self._there_since = None if missing else (self._there_since or time.monotonic())
             if self._there_since is not None and time.monotonic() - self._there_since > (GRACE if doubt else 0.0):
                 return self._drive(doubt)

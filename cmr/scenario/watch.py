@@ -13,14 +13,14 @@ from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.msg import process_status_t
 from cmr.scenario.plan import Point, Pose
 from cmr.scenario.scenario import Scenario
+from cmr.team.metrics import passed
 from cmr.world.view import OLDEST, TWIN
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
-SAMPLE_PERIOD = 100_000  # us between the places that are kept
+LOOK_PERIOD = 100_000  # us between two looks at where robots are, and at first between the places that are kept
 MOST_SAMPLES = 6_000  # then every second one is dropped, and half as many are kept from then on
 JITTER = 0.02  # m; a robot that moves less stands, and its estimate trembles
-REACHED = 0.15  # m from a waypoint, which robots that look ahead cut
 STANDING = 0.2  # rad/s; a slower wheel rests
 
 
@@ -38,7 +38,7 @@ class TeamWatch:
     Arrays have one element for each robot, in the order of `ids`. `x`, `y` [m] are NaN before a robot is seen.
     """
 
-    MEASURED: ClassVar = ("minimum_separation", "distance_driven")  # metrics that are kept up to date
+    MEASURED: ClassVar = ("minimum_separation", "distance_driven", "time_to_goal")  # metrics that are kept up to date
 
     def __init__(self, scenario: Scenario) -> None:
         self.ids = np.array(sorted(robot.robot_id for robot in scenario.robots), dtype=np.int64)
@@ -53,7 +53,8 @@ class TeamWatch:
         self.worlds = 0  # how many states of the world were received, since all were in service if they are
         self._late_before: dict[int, int] = {}  # late turns of each process until then, by pid
         self._world_utimes: deque[int] = deque(maxlen=100)
-        self._period = SAMPLE_PERIOD
+        self._looked = 0  # us; when it looked last at where robots are
+        self._period = LOOK_PERIOD
         self.sample_utime: list[int] = []
         self.samples: list[Floats] = []  # (2, robots): x and y [m] at each of these moments
         self.statuses: dict[int, Any] = {}  # the last process_status_t of each process, by pid
@@ -93,8 +94,20 @@ class TeamWatch:
         return all(self._next[robot_id] == len(goals) for robot_id, goals in self._goals.items())
 
     def measure(self, metric: str) -> float:
-        """Return one of MEASURED as it stands [m]: the least distance between any two, the average driven."""
+        """Return one of MEASURED as it stands, in its unit of `cmr.team.metrics`."""
+        if metric == "time_to_goal":
+            return self._time_to_goal()
         return {"minimum_separation": self.nearest.distance, "distance_driven": float(self.distance.mean())}[metric]
+
+    def _time_to_goal(self) -> float:
+        """Return after how many seconds in service the last robot had passed its waypoints; if it has not, until now.
+
+        NaN where no robot has any, or not all were in service yet.
+        """
+        if not (self.first_utime and self._goals):
+            return math.nan
+        last = max(self.reached_utime.values()) if self.waypoints_reached else self._looked
+        return max(last - self.first_utime, 0) * 1e-6
 
     def rate(self) -> float:
         """Return how often the world was published lately [Hz]."""
@@ -102,8 +115,10 @@ class TeamWatch:
         return (len(self._world_utimes) - 1) / (span * 1e-6) if span > 0 else 0.0
 
     def begin(self) -> None:
-        """From now on all are in service: late turns and states of the world before only tell of starting up."""
+        """From now on all are in service: what was before only tells of starting up, and of robots that wait."""
         self.first_utime, self.worlds = self.utime, 0
+        self.distance[:] = 0.0
+        self.nearest = Nearest()
         self._late_before = {pid: int(status.loop_overruns) for pid, status in self.statuses.items()}
 
     def late_turns(self, pid: int) -> int | None:
@@ -135,19 +150,25 @@ class TeamWatch:
             self.utime = utime
             self.worlds += 1
             self._world_utimes.append(utime)
-        if not self.sample_utime or utime - self.sample_utime[-1] >= self._period:
-            self._sample(utime)
+        if utime - self._looked >= LOOK_PERIOD:
+            self._look(utime)
 
-    def _sample(self, utime: int) -> None:
+    def _look(self, utime: int) -> None:
+        """Note what robots did since the last look."""
+        self._looked = utime
         present = (self.seen > 0) & (utime - self.seen <= OLDEST)
         places = np.where(present, [self.x, self.y], np.nan)
+        if not self.sample_utime or utime - self.sample_utime[-1] >= self._period:
+            self._keep(utime, places)
+        self._add_distances(places)
+        self._note_nearest(places, np.flatnonzero(present), utime)
+        self._note_goals(places, utime)
+
+    def _keep(self, utime: int, places: Floats) -> None:
         self.sample_utime.append(utime)
         self.samples.append(places)
         if len(self.samples) > MOST_SAMPLES:
             self.samples, self.sample_utime, self._period = self.samples[::2], self.sample_utime[::2], 2 * self._period
-        self._add_distances(places)
-        self._note_nearest(places, np.flatnonzero(present), utime)
-        self._note_goals(places, utime)
 
     def _add_distances(self, places: Floats) -> None:
         step = np.hypot(*(places - self._anchor))
@@ -169,9 +190,8 @@ class TeamWatch:
 
     def _note_goals(self, places: Floats, utime: int) -> None:
         for robot_id, goals in self._goals.items():
-            place = places[:, int(np.searchsorted(self.ids, robot_id))]
-            following = self._next[robot_id]
-            if following < len(goals) and math.dist(place, goals[following]) < REACHED:
-                self._next[robot_id] = following + 1
-                if following + 1 == len(goals):
-                    self.reached_utime[robot_id] = utime
+            x, y = places[:, int(np.searchsorted(self.ids, robot_id))].tolist()
+            count = passed(x, y, goals, self._next[robot_id])
+            if count == len(goals):
+                self.reached_utime.setdefault(robot_id, utime)
+            self._next[robot_id] = count

@@ -17,9 +17,9 @@ from cmr.msg import waypoints_t
 from cmr.parameters.file import ParameterFile
 from cmr.parameters.following import ParameterFollower
 from cmr.team.casting import Cast, RobotLike, ScenarioLike
-from cmr.team.metrics import has_arrived
+from cmr.team.metrics import Way, passed
 from cmr.team.real_robots import PERIOD, Message, RealRobots
-from cmr.team.scoring import goals_of, scores
+from cmr.team.scoring import scores, ways_of
 from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviours
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.pilot import Pilot
@@ -70,17 +70,14 @@ def run(
         world.handle(EPOCH, *message)
         real.hear(EPOCH, [message])
     places: list[Floats] = []
-    goals = goals_of(scenario, {robot.robot_id: column for column, robot in enumerate(scenario.robots)})
+    ways = ways_of(scenario, {robot.robot_id: column for column, robot in enumerate(scenario.robots)})
+    counts = dict.fromkeys(ways, 0)  # waypoints passed
     for period in range(round(scenario.duration * 1e6) // PERIOD + 1):
         utime = EPOCH + period * PERIOD
         if period % RECORD_EVERY == 0:
             places.append(_places(scenario, world, real))
-            goals = {
-                column: goal
-                for column, goal in goals.items()
-                if not has_arrived(places[-1][0, column], places[-1][1, column], goal)
-            }
-            if scenario.ends_when.waypoints_reached and not goals:
+            all_passed = _count_waypoints(counts, ways, places[-1])
+            if scenario.ends_when.waypoints_reached and all_passed:
                 break
         _take_turns(utime, world, real, listen)
     return _run_of(scenario, np.array(places))
@@ -96,6 +93,13 @@ def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[in
     for message in real.decide(utime):
         world.handle(utime, *message)
         listen(utime, message)
+
+
+def _count_waypoints(counts: dict[int, int], ways: Mapping[int, Way], places: Floats) -> bool:
+    """Count on, by column, the waypoints that robots at these places, (3, n), have passed; tell if those are all."""
+    for column, way in ways.items():
+        counts[column] = passed(float(places[0, column]), float(places[1, column]), way, counts[column])
+    return all(counts[column] == len(way) for column, way in ways.items())
 
 
 def _behaviours(robots: Iterable[RobotLike]) -> dict[int, AnyBehaviour]:

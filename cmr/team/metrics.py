@@ -4,6 +4,7 @@
 (t,), counts from the start of the experiment. A metric that means nothing for a team is NaN.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -18,7 +19,10 @@ UNITS = {
     "path_spread": "m",
     "distance_driven": "m",
 }
-ARRIVED = 0.1  # m; a robot this near to its goal is there
+ARRIVED = 0.1  # m; a robot this near to its goal, the last of its waypoints, is there
+PASSED = 0.15  # m; one this near to a waypoint before has passed it: robots that look ahead cut corners
+
+Way = Sequence[tuple[float, float]]  # waypoints [m]
 
 
 class Bond(NamedTuple):
@@ -41,23 +45,37 @@ def formation_error(x: Floats, y: Floats, bonds: Sequence[Bond]) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
-def has_arrived(x: Any, y: Any, goal: tuple[float, float]) -> Any:
-    """Tell whether a robot at x, y [m], numbers or arrays, is at its goal."""
-    return np.hypot(x - goal[0], y - goal[1]) <= ARRIVED
+def passed(x: float, y: float, way: Way, before: int) -> int:
+    """Return how many waypoints a robot has passed that is at x, y [m] now and had passed `before` of them.
 
-
-def time_to_goal(time: Floats, x: Floats, y: Floats, goals: Mapping[int, tuple[float, float]]) -> float:
-    """Return when the last robot was for the first time within 0.1 m of its goal [s]; the whole time if one never was.
-
-    `goals` are points [m] by the column of the robot.
+    They are passed in their order, so that a way may end where it began. All are passed: the robot is at its goal.
     """
-    if not goals:
+    while before < len(way):
+        near = PASSED if before < len(way) - 1 else ARRIVED
+        if not math.dist((x, y), way[before]) <= near:  # as for a robot that is not seen, whose place is NaN
+            break
+        before += 1
+    return before
+
+
+def time_to_goal(time: Floats, x: Floats, y: Floats, ways: Mapping[int, Way]) -> float:
+    """Return when the last robot had passed all its waypoints [s]; the whole time if one never had.
+
+    `ways` are waypoints by the column of the robot.
+    """
+    if not ways:
         return float("nan")
-    arrivals = []
-    for column, goal in goals.items():
-        there = has_arrived(x[:, column], y[:, column], goal)
-        arrivals.append(time[np.argmax(there)] if there.any() else time[-1])
-    return float(max(arrivals))
+    return float(max(time[_arrival(x[:, column], y[:, column], way)] for column, way in ways.items()))
+
+
+def _arrival(x: Floats, y: Floats, way: Way) -> int:
+    """Return the row at which a robot has passed all its waypoints; the last row if it never has."""
+    count = 0
+    for row, place in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
+        count = passed(*place, way, count)
+        if count == len(way):
+            return row
+    return len(x) - 1
 
 
 def minimum_separation(x: Floats, y: Floats) -> float:

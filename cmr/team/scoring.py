@@ -8,7 +8,7 @@ import numpy as np
 
 from cmr.team import metrics
 from cmr.team.casting import BehaviourLike, RobotLike, ScenarioLike
-from cmr.team.metrics import UNITS, Bond, Floats
+from cmr.team.metrics import UNITS, Bond, Floats, Way
 from cmr.world.behaviours import make_behaviour
 from cmr.world.behaviours.formation import NO_LEADER, Formation, places_of
 
@@ -29,7 +29,7 @@ def scores(
     bonds = bonds_of(scenario, columns)
     measures: dict[str, Callable[[], float]] = {
         "formation_error": lambda: metrics.formation_error(x, y, bonds),
-        "time_to_goal": lambda: metrics.time_to_goal(time, x, y, goals_of(scenario, columns)),
+        "time_to_goal": lambda: metrics.time_to_goal(time, x, y, ways_of(scenario, columns)),
         "minimum_separation": lambda: metrics.minimum_separation(x, y),
         "path_spread": lambda: metrics.path_spread(x, y, [bond for bond in bonds if bond.follows]),
         "distance_driven": lambda: metrics.distance_driven(x, y),
@@ -37,9 +37,9 @@ def scores(
     return {name: measures[name]() for name in chosen}
 
 
-def goals_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> dict[int, tuple[float, float]]:
-    """Return the last waypoint [m] of each robot that has some, by its column."""
-    return {columns[robot.robot_id]: robot.waypoints[-1] for robot in scenario.robots if robot.waypoints}
+def ways_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> dict[int, Way]:
+    """Return the waypoints [m] of each robot that has some, by its column."""
+    return {columns[robot.robot_id]: robot.waypoints for robot in scenario.robots if robot.waypoints}
 
 
 def bonds_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> list[Bond]:

@@ -10,7 +10,7 @@ from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
 from cmr.world.behaviours.team import Duties, Indices, duties_of, stacked
-from cmr.world.view import TWIN, Numbers, Robot, Robots, WorldView
+from cmr.world.view import TWIN, Robot, Robots, WorldView, numbers_of
 
 LARGEST_TURN = 2_000  # robots, each with a behaviour of its own, that decide in one step
 
@@ -94,7 +94,7 @@ def _some(group: _Group, robots: Robots) -> Robots:
 def _group(
     behaviour: TeamBehaviour, index: list[int], robots: Robots, parameters: Callable[[int], RobotParameters]
 ) -> _Group:
-    robot_id = Numbers(robots.robot_id[i] for i in index)
-    origin = Numbers(robots.origin[i] for i in index)
+    robot_id = numbers_of([robots.robot_id[i] for i in index])
+    origin = numbers_of([robots.origin[i] for i in index])
     which: Indices | slice = slice(None) if robot_id == robots.robot_id else np.array(index)  # all, or some
     return _Group(behaviour, which, robot_id, origin, stacked([parameters(each) for each in robot_id]))

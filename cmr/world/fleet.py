@@ -9,9 +9,10 @@ import numpy as np
 
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
+from cmr.world.bounding import bounded
 from cmr.world.interaction.body import body_radius
 from cmr.world.interaction.obstacles import Floats, Obstacles
-from cmr.world.view import TWIN, Numbers, Robots
+from cmr.world.view import TWIN, Robots, numbers_of
 
 STEP = 10_000  # us; one step of the simulation
 EARLY = STEP // 2  # us; turns come a little sooner or later, and each is to make its one step
@@ -63,7 +64,7 @@ class Fleet:
         else:
             added = self._model.add(state, parameters)
             self._index.update(zip(keys, added.tolist(), strict=True))
-        robot_ids, origins = map(Numbers, zip(*self._index, strict=True))
+        robot_ids, origins = map(numbers_of, zip(*self._index, strict=True))
         self._robots, self._moved = Robots(robot_ids, origins, self._model.states()), False
         self._measure()
 
@@ -76,11 +77,11 @@ class Fleet:
     def command(self, first: int, duties: Any) -> None:
         """Drive robots with these duties (n, 2) from now on: those from index `first` on in the order of `robots`.
 
-        Duties are clipped to [-1, 1].
+        Duties are clipped to [-1, 1]; a robot of which one is no number stands.
         """
-        clipped = np.asarray(duties, dtype=float).clip(-1.0, 1.0)
+        within = bounded(duties)
         self._take_note()
-        self._model.command(slice(first, first + len(clipped)), clipped[:, 0], clipped[:, 1])
+        self._model.command(slice(first, first + len(within)), within[:, 0], within[:, 1])
 
     def advance(self, utime: int) -> bool:
         """Let one step pass if it is due by `utime`, or in less than half a step; tell whether it did."""

@@ -52,6 +52,7 @@ class Loader:
                 self._prepare_behaviours()
                 fleet = Fleet()
                 fleet.place([(0, VIRTUAL)], RobotState.at_rest(np.zeros(1)), parameters)
+                fleet.command(0, [(0.0, 0.0)])
                 fleet.advance(STEP)
         except Exception as error:  # of whatever kind: an effect that a package adds is anybody's code
             self._failure = f"Robots cannot be simulated by the newest parameters: {error}"

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from cmr.model.motion import RobotState
-from cmr.world.view import Numbers, Robots, numbers_of
+from cmr.world.view import Robots, numbers_of
 
 Members: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # robot ids, and their origins
 Times: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
@@ -123,7 +123,7 @@ class Others:
     def _members(self, rows: Times) -> Members:
         """Return the ids and the origins of robots."""
         keys = [self._keys[row] for row in rows.tolist()]
-        return Numbers(robot_id for robot_id, _ in keys), Numbers(origin for _, origin in keys)
+        return numbers_of([robot_id for robot_id, _ in keys]), numbers_of([origin for _, origin in keys])
 
 
 class _Group(NamedTuple):

@@ -59,7 +59,7 @@ class Pilot:
     def prepare(self) -> None:
         """Load what deciding takes, which may take seconds: called where no robot waits for a command."""
         if isinstance(self.behaviour, Alone):
-            self.behaviour.team.prepare()
+            self.behaviour.prepare()
         if self._keep_clear:
             load()
 

@@ -28,7 +28,10 @@ MOST_REMEMBERED = 500  # sets of robots whose numbers are kept as they are
 
 
 class Numbers(tuple[int, ...]):
-    """Ids or origins of robots. The same ones come again at each step, so hash and array are made only once."""
+    """Ids or origins of robots. The same ones come again at each step, so hash and array are made only once.
+
+    Get them by `numbers_of`: what is the same object need not be compared.
+    """
 
     def __hash__(self) -> int:
         return self._hash
@@ -84,7 +87,8 @@ class Robots(NamedTuple):
         """Return these robots, their states as arrays."""
         robots = list(robots)
         columns = np.array([robot.state for robot in robots], dtype=float).reshape(-1, len(RobotState._fields)).T
-        return cls(tuple(r.robot_id for r in robots), tuple(r.origin for r in robots), RobotState(*columns))
+        robot_ids, origins = numbers_of([r.robot_id for r in robots]), numbers_of([r.origin for r in robots])
+        return cls(robot_ids, origins, RobotState(*columns))
 
     def with_others(self, others: "Robots") -> "Robots":
         """Return these and others together."""

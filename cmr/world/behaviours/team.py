@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours.behaviour import Behaviour
+from cmr.world.bounding import bounded
 from cmr.world.view import Robot, Robots, WorldView
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -104,6 +105,11 @@ class Alone(Behaviour):
         self.finished, self.problem = self.team.finished, self.team.problem
         return left, right
 
+    def prepare(self) -> None:
+        """Load what deciding takes."""
+        bounded(np.zeros((1, 2)))
+        self.team.prepare()
+
     def take_waypoints(self, x: list[float], y: list[float]) -> None:
         """Hand the waypoints on."""
         self.team.take_waypoints(self._robot_id, x, y)
@@ -132,8 +138,4 @@ def duties_of(
             f"{name}.commands must return an array of shape ({len(me.robot_id)}, 2), left and right of each robot; "
             f"it returned one of shape {duties.shape}."
         )
-    if np.abs(duties).max(initial=0.0) <= 1.0:
-        return duties
-    duties = np.minimum(np.maximum(duties, -1.0), 1.0)
-    duties[~np.isfinite(duties).all(axis=1)] = 0.0
-    return np.asarray(duties)
+    return bounded(duties)

@@ -1,4 +1,4 @@
-"""Whether what is said of robots can be."""
+"""Whether what is said of robots can be, and what is done where it cannot."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,3 +16,13 @@ def all_sound(largest: float, x: Floats, y: Floats, theta: Floats, psi_left: Flo
         for i in range(len(column)):
             sound &= abs(column[i]) <= largest
     return sound
+
+
+@compiled("void(f8[:, :], f8[:, ::1])")
+def bound(duties: Floats, bounded: Floats) -> None:
+    """Write duties (n, 2) clipped to [-1, 1]; a robot of which one is no number stands."""
+    for i in range(len(duties)):
+        left, right = duties[i, 0], duties[i, 1]
+        known = not (np.isnan(left) or np.isnan(right))
+        bounded[i, 0] = min(max(left, -1.0), 1.0) if known else 0.0
+        bounded[i, 1] = min(max(right, -1.0), 1.0) if known else 0.0
