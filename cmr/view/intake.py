@@ -24,7 +24,7 @@ class Intake:
         """Take a message that came at `utime` [us]."""
         if channel in SELF_TESTS:
             return
-        self.state.traffic.take(utime, channel, len(data))
+        self.state.traffic.take(utime, channel, data)
         if channel in self._every:
             self._every[channel].append((utime, data))
         else:
