@@ -21,6 +21,7 @@ from cmr.commands.command_line import CommandError
 from cmr.commands.view import main
 from cmr.msg import (
     estop_t,
+    gyro_t,
     motor_feedback_t,
     pose_xyt_t,
     process_status_t,
@@ -29,7 +30,7 @@ from cmr.msg import (
     waypoints_t,
 )
 from cmr.view import shapes, words
-from cmr.view.camera import TOP, Camera, overview
+from cmr.view.camera import INITIAL, TOP, Camera, overview
 from cmr.view.camera_panel import caption
 from cmr.view.charts import distances, estimates
 from cmr.view.intake import Intake
@@ -198,6 +199,15 @@ def test_a_camera_above_keeps_robots_in_its_picture_until_the_visitor_looks_else
     assert touched or fake.position[0] == pytest.approx(10.515)
 
 
+def test_a_browser_too_slow_to_hear_where_its_camera_was_put_is_told_again() -> None:
+    fake = FakeCamera()
+    camera = Camera(SimpleNamespace(camera=fake))  # type: ignore[arg-type]
+    camera.choose(TOP, showing(three(NOW, 20.0)).present())
+    fake.position = np.array(INITIAL)
+    camera.advance(showing(three(NOW, 20.0)).present(), 0)
+    assert fake.position[0] == pytest.approx(10.515)
+
+
 # From the bytes of the bus
 
 
@@ -216,16 +226,31 @@ def test_of_each_robot_the_last_message_counts_and_every_process() -> None:
     assert (rejected["POSE_3"], rejected["SOMETHING_ELSE"], rejected["GYRO_3"]) == (1, 1, 0)
 
 
-def test_rates_age_and_gaps_of_a_channel() -> None:
+@pytest.mark.parametrize("turn", [1, 50_000])
+def test_rates_age_and_gaps_of_a_channel_that_is_listened_to_now_and_then(turn: int) -> None:
     state = ViewState()
     moments = [NOW + 10_000 * k for k in range(300) if k not in (150, 151, 152)]
     for moment in moments:
-        state.traffic.take(moment, "GYRO_0", 50)
+        reading = make(gyro_t, utime=moment, robot_id=0, **FIELDS["GYRO"]).encode()
+        state.traffic.take(moment // turn * turn, "GYRO_0", reading)
     [line] = state.traffic.lines(moments[-1] + SECOND // 2)
     assert line.gaps == 1
-    assert line.age == pytest.approx(0.5)
+    assert line.age == pytest.approx(0.5, abs=0.06)
     assert line.rate == pytest.approx(297 / 3.5, rel=0.1)
-    assert line.bytes_per_second == pytest.approx(50 * line.rate)
+    assert line.bytes_per_second == pytest.approx(len(reading) * line.rate)
+
+
+def test_parts_of_a_world_are_no_gaps_and_what_comes_at_no_certain_times_has_none() -> None:
+    state = ViewState()
+    for k in range(100):
+        for _part in range(5):
+            utime = NOW + 20_000 * k
+            state.traffic.take(utime, "WORLD_STATE", three(utime).encode())
+        state.traffic.take(NOW + 1000 * k**2, "PROCESS_STATUS", status("cmr-sim", "").encode())
+        state.traffic.take(NOW + 1000 * k**2, "STRANGE", b"")
+    assert {line.channel: line.gaps for line in state.traffic.lines(NOW)} == {
+        **{"WORLD_STATE": 0, "PROCESS_STATUS": None, "STRANGE": None}
+    }
 
 
 def camera_image(utime: int, camera: str) -> Any:
@@ -257,7 +282,7 @@ def test_status_bits_are_told_in_words() -> None:
 def test_what_a_stranger_says_is_no_html() -> None:
     state = showing(three(NOW))
     state.handle(NOW, PROCESS_STATUS.name, status("<script>alert(1)</script>", "<img src=x onerror=alert(2)>"))
-    state.traffic.take(NOW, "<b>", 1)
+    state.traffic.take(NOW, "<b>", b" ")
     for panel in (words.processes(state), words.bus(state), words.sentence("<b>")):
         assert not any(tag in panel for tag in ("<script", "<img", "<b>"))
 
@@ -278,6 +303,9 @@ def test_a_robot_is_told_with_what_its_driver_says() -> None:
     panel = words.robot(state, 0)
     assert all(told in panel for told in ("12.1 V", "? °C", "not armed", "twin"))
     assert "not in the world" in words.robot(state, 99)
+    assert "ago" not in panel
+    state.advance(NOW + 12 * SECOND)
+    assert "says nothing any more; this was 12 s ago" in words.robot(state, 0)
 
 
 def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis() -> None:
@@ -290,7 +318,12 @@ def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis(
     assert seconds.tolist() == [0.0, 1.0]
     assert (high - value).tolist() == pytest.approx([7.84, 1.96])
     assert (value - low).tolist() == pytest.approx([7.84, 1.96])
-    assert "118 ± 2 rad/s²" in words.calibration(state.calibrations[0][-1].message)
+    told = words.calibration(state.calibrations[0][-1].message)
+    assert "118 ± 2 rad/s² (95 %)" in told
+    assert "off by 50.0 cm with the old parameters, not known with these" in told
+    nothing = dict.fromkeys(("k1", "k1_std", "base_width", "base_width_std"), np.nan)
+    unknown = make(CALIBRATION_STATUS.message_type, utime=NOW, robot_id=0, **{**values, **nothing})
+    assert words.calibration(unknown).count("not known yet") == 2
     state.handle(NOW, PROCESS_STATUS.name, status("cmr-diagnose", "Robot 0: its left motor is weaker."))
     assert "its left motor is weaker" in words.twins(state)
     assert "3.0 cm" in words.twins(state)

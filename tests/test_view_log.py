@@ -1,6 +1,8 @@
 """cmr-view plays logs: any moment of one is shown as if all before had been played, and reading it takes no memory."""
 
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,7 +13,7 @@ from cmr.msg import calibration_status_t, camera_image_t, estop_t, parameters_t,
 from cmr.recordings.events import Event, EventReader, event_bytes
 from cmr.view.log_index import LogIndex
 from cmr.view.playback import Playback
-from cmr.view.replay_panel import labelled
+from cmr.view.replay_panel import ReplayPanel, labelled, seconds_of
 from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.showing import LogShowing
 from cmr.view.wishes import JUMP, PAUSE, SPEED, Wish
@@ -133,6 +135,50 @@ def test_slider_labels_do_not_lie_over_one_another_and_the_most_important_is_rea
     marks = [(1.0, "parameters"), (58.0, "parameters"), (59.0, "calibrated"), (60.0, "parameters"), (99.0, "stop")]
     assert labelled(marks, 100.0) == ((1.0, "parameters"), 58.0, (59.0, "calibrated"), 60.0, (99.0, "stop"))
     assert labelled([], 100.0) == ()
+
+
+class FakeGui:
+    """Keeps the inputs that are added to a page, by their label, and by whom they tell of it when typed into."""
+
+    def __init__(self) -> None:
+        self.made: dict[str, SimpleNamespace] = {}
+
+    def add_folder(self, _label: str) -> Any:
+        return nullcontext()
+
+    def _add(self, label: str, *_values: Any, **_look: Any) -> SimpleNamespace:
+        made = self.made[label] = SimpleNamespace(value="", max=0.0, label=label, options=(), remove=lambda: None)
+        made.on_update = made.on_click = lambda call: setattr(made, "typed", call)
+        return made
+
+    add_slider = add_text = add_button = add_dropdown = _add
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("90", 90.0), (" 1:30.5 ", 90.5), ("1:00:02", 3602.0), ("", None), ("1:", None), ("-3", None)]
+)
+def test_a_time_is_typed_in_seconds_or_minutes(text: str, seconds: float | None) -> None:
+    assert seconds_of(text) == seconds
+
+
+def test_a_time_is_gone_to_once_it_has_been_typed_and_nothing_is_written_over_it(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    playback = playback_of(log)
+    clock = SimpleNamespace(now=100.0)
+    monkeypatch.setattr("cmr.view.replay_panel.time.monotonic", lambda: clock.now)
+    gui, asked = FakeGui(), []
+    panel = ReplayPanel(playback)
+    panel.add(gui, lambda *wish: asked.append(wish))  # type: ignore[arg-type]
+    box = gui.made["go to"]
+    for clock.now, box.value in ((100.0, "4"), (100.5, "45"), (100.6, "45.")):
+        box.typed(SimpleNamespace(client_id=1))
+        panel.show()
+    assert asked == []
+    clock.now = 102.0
+    panel.show()
+    panel.show()
+    assert (asked, box.value) == ([(JUMP, playback.index.begin + 45 * SECOND)], "45.")
 
 
 def test_the_calibrations_of_many_robots_are_read_again_in_part(tmp_path: Path) -> None:

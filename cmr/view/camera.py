@@ -14,6 +14,8 @@ USUAL = 0.75  # rad, field of view of a browser that has not told its own yet
 CLOSE = (-1.2, -1.2, 1.2)  # m from a robot that is followed
 TOUCHED = 0.01  # of its height by which a camera above is elsewhere once the visitor has moved it
 
+INITIAL = (0.0, -0.01, 6.0)  # m; where a browser has it that has not heard of another place yet
+
 Point = tuple[float, float, float]
 
 
@@ -58,7 +60,7 @@ class Camera:
     def advance(self, robots: Robots, robot_id: int) -> None:
         """Go with the robot that is followed, if one is; from above, keep all robots in the picture."""
         if self._mode == TOP and self._above is not None and self._untouched(self._above[0]):
-            if is_beyond(robots, self._above[1]):
+            if is_beyond(robots, self._above[1]) or not self._is_at(self._above[0]):
                 self._rise(robots)
             return
         place = robots.place(robot_id) if self._mode == FOLLOW else None
@@ -78,7 +80,10 @@ class Camera:
         self._place(position, target)
 
     def _untouched(self, position: Point) -> bool:
-        """Tell whether the camera is where it was put: the visitor may look elsewhere."""
+        """Tell whether the camera is where it was put, or where a browser began that was too slow to hear of that."""
+        return self._is_at(position) or self._is_at(INITIAL)
+
+    def _is_at(self, position: Point) -> bool:
         return float(np.linalg.norm(self._camera.position - position)) < TOUCHED * position[2]
 
     def _place(self, position: Point, target: Point) -> None:

@@ -12,14 +12,19 @@ from cmr.view.words import CONFIDENCE, ESTIMATES
 BAND = "rgba(53, 116, 226, 0.25)"
 LINE, EDGE = "#3574e2", "rgba(53, 116, 226, 0.4)"
 HEIGHT = 150  # pixels
+LABELS = 62  # pixels in which the numbers at the left have room, such as 117.125
 MARGIN = 0.08  # of the values' range above and below them, in which a tick's label has room
 NOTHING = np.array([0.0, 1.0])
 
 
 class Chart:
-    """A curve with or without an interval around it, hidden while there is nothing to draw."""
+    """A curve with or without an interval around it, hidden while there is nothing to draw.
 
-    def __init__(self, gui: viser.GuiApi, title: str, with_interval: bool) -> None:
+    `from_zero` begins the vertical axis there, else it holds the values only.
+    """
+
+    def __init__(self, gui: viser.GuiApi, title: str, with_interval: bool, from_zero: bool = False) -> None:
+        self._from_zero = from_zero
         curves = [uplot.Series(label="s"), uplot.Series(label=title, stroke=LINE, width=2)]
         if with_interval:
             curves += [uplot.Series(label=label, stroke=EDGE, width=1) for label in ("high", "low")]
@@ -29,6 +34,7 @@ class Chart:
             tuple(curves),
             bands=(uplot.Band(series=(2, 3), fill=BAND),) if with_interval else None,
             scales=_scales(NOTHING),
+            axes=(uplot.Axis(), uplot.Axis(size=LABELS)),
             title=f"{title} over seconds",
             legend=uplot.Legend(show=False),
             height=HEIGHT,
@@ -40,7 +46,7 @@ class Chart:
         columns = columns[:, np.isfinite(columns).all(axis=0)]
         self._chart.visible = columns.shape[1] > 1
         if columns.shape[1] > 1:
-            self._chart.scales = _scales(columns[1:])
+            self._chart.scales = _scales(np.append(columns[1:], 0.0) if self._from_zero else columns[1:])
             self._chart.data = tuple(np.ascontiguousarray(column) for column in columns)
 
 

@@ -37,10 +37,15 @@ def bar(share: float) -> str:
     )
 
 
+def distance(metres: float) -> str:
+    """Return a distance [m] as one says it."""
+    return f"{100 * metres:.1f} cm" if metres < 1.0 else f"{metres:.2f} m"
+
+
 def _square(place: int, title: str, paths: Paths | None, scale: float) -> str:
     left = place * (SIZE + GAP)
     frame = f'<rect x="{left}" y="{TOP}" width="{SIZE}" height="{SIZE}" rx="4" stroke="{GREY}" stroke-width="0.5"/>'
-    told = "not driven yet" if paths is None else f"{100 * paths.rmse:.1f} cm apart (rms)"
+    told = "not driven yet" if paths is None else f"{distance(paths.rmse)} apart (rms)"
     lines = _text(left, 11, title, "bold") + _text(left, 25, told)
     if paths is None:
         return frame + lines

@@ -23,6 +23,7 @@ from cmr.view.words import ESTIMATES
 SETTLED = 1.0  # s after which a new page takes to where its camera is put
 RAY_WIDTH, RING_WIDTH = 0.006, 0.015  # m
 REFUSED = "Not done: type the token first that cmr-view printed when it started."
+WRONG = "Not done: the token is not the one that cmr-view printed when it started."
 TAB_NAMES = ("view", "robot", "processes", "bus", "calibration", "twins")
 
 
@@ -62,7 +63,8 @@ class Page:
         if self.permission.asks():
             self._wishes.put(Wish(what, self.client.client_id, value))
         else:
-            self.client.add_notification("Refused", REFUSED, color="red", auto_close_seconds=5.0)
+            why = WRONG if self._token.value.strip() else REFUSED
+            self.client.add_notification("Refused", why, color="red", auto_close_seconds=5.0)
 
     def show_scene(self, state: ViewState, with_trails: bool) -> None:
         """Draw what is this visitor's own."""
@@ -135,7 +137,7 @@ class Page:
                     self._paths = gui.add_html("")
                     self._estimates = {key: Chart(gui, title, True) for key, title in titles.items()}
                 if name == "twins":
-                    self._divergence = Chart(gui, "distance of robot and twin [cm]", False)
+                    self._divergence = Chart(gui, "distance of robot and twin [cm]", False, from_zero=True)
 
     def _add_view(self, gui: viser.GuiApi) -> None:
         self._robot = gui.add_number("robot", 0, min=0, step=1, hint="or click on it")

@@ -1,6 +1,7 @@
 """The part of a page that plays a log: where it is, what happened when, speed and pause."""
 
 import math
+import re
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -15,10 +16,12 @@ from cmr.view.wishes import JUMP, PAUSE, SPEED
 SPEEDS = ("0.1", "0.5", "1", "2", "5", "10", "20", "50")
 STEP = 0.1  # s
 HANDS_OFF = 1.0  # s after a visitor moved the slider in which it is left to him
+TYPED = 0.7  # s after the last letter of a time; then it is complete
 MARKS_APART = 3.0  # s; with each news of them the slider is made anew
 MOST_ON_SLIDER = 12  # marks; with more than that they would hide one another
 LABELS_APART = 0.3  # of the slider's length; the labels of nearer marks would lie over one another
 WORTH = ("stop", "calibrated", "failed", "diagnosis", "released", "parameters")  # labelling, first to last
+TIME_PART = re.compile(r"[0-9]{1,9}(\.[0-9]*)?")
 CHOOSE = "jump to an event ..."
 
 Asking = Callable[..., None]
@@ -31,7 +34,8 @@ class ReplayPanel:
         self._playback = playback
         self._marks = 0
         self._marks_due = 0.0
-        self._touched = 0.0
+        self._touched = self._typed = 0.0
+        self._wanted: float | None = None  # s; the time that is being typed
 
     def add(self, gui: viser.GuiApi, ask: Asking) -> None:
         """Add it to a page; `ask(what, value)` passes on wishes."""
@@ -39,9 +43,12 @@ class ReplayPanel:
         self._folder = gui.add_folder("replay")
         with self._folder:
             self._slider = self._new_slider(gui, ())
+            # Nothing is ever written into this box, unlike into the one at the slider, which shows where the log is.
+            self._time = gui.add_text("go to", "", hint="a time: seconds, or minutes:seconds")
             self._pause = gui.add_button("pause")
             self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
             self._events = gui.add_dropdown("events", (CHOOSE,), initial_value=CHOOSE)
+        self._time.on_update(self._type)
         self._pause.on_click(lambda _event: ask(PAUSE))
         self._speed.on_update(self._change_speed)
         self._events.on_update(self._choose_event)
@@ -49,6 +56,9 @@ class ReplayPanel:
     def show(self) -> None:
         """Bring it up to date."""
         playback = self._playback
+        if self._wanted is not None and time.monotonic() - self._typed >= TYPED:
+            self._ask(JUMP, playback.index.begin + int(self._wanted * 1e6))
+            self._wanted = None
         self._pause.label = "play" if playback.paused else "pause"
         end = self._end()
         if self._slider.max != end:
@@ -86,6 +96,10 @@ class ReplayPanel:
             self._touched = time.monotonic()
             self._ask(JUMP, self._playback.index.begin + int(self._slider.value * 1e6))
 
+    def _type(self, event: Any) -> None:
+        if event.client_id is not None:
+            self._typed, self._wanted = time.monotonic(), seconds_of(self._time.value)
+
     def _change_speed(self, event: Any) -> None:
         if event.client_id is not None:
             self._ask(SPEED, float(self._speed.value))
@@ -103,6 +117,16 @@ class ReplayPanel:
 
     def _seconds(self, utime: int) -> float:
         return (utime - self._playback.index.begin) / 1e6
+
+
+def seconds_of(text: str) -> float | None:
+    """Return what a time says [s]: 90, 1:30 or 0:01:30.5; None where it is none."""
+    seconds = 0.0
+    for part in text.strip().split(":"):
+        if TIME_PART.fullmatch(part) is None:
+            return None
+        seconds = 60.0 * seconds + float(part)
+    return seconds
 
 
 def labelled(marks: Sequence[tuple[float, str]], length: float) -> tuple[float | tuple[float, str], ...]:

@@ -9,6 +9,7 @@ from queue import Empty
 
 import viser
 
+from cmr.view.camera import INITIAL
 from cmr.view.page import Page
 from cmr.view.picture import picture_of
 from cmr.view.replay_panel import ReplayPanel
@@ -61,7 +62,7 @@ class PageServer:
             control_layout="fixed", control_width="large", show_logo=False, show_share_button=False
         )
         self._server.initial_camera.up = (0.0, 0.0, 1.0)
-        self._server.initial_camera.position = (0.0, -0.01, 6.0)
+        self._server.initial_camera.position = INITIAL
         self._stage = Stage(self._server.scene, obstacles, geofence)
         self._stage.robots.on_click(lambda visitor, place: self.wishes.put(Wish(CLICK, visitor, place)))
         self._server.on_client_connect(lambda client: self.wishes.put(Wish(COME, client.client_id, client)))

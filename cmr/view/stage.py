@@ -122,9 +122,7 @@ class Stage:
         self.robots.show(picture.solid)
         self._ghosts.show(picture.ghosts)
         for digit, places in zip(self._digits, picture.digits, strict=True):
-            digit.show(
-                Bodies(places, np.tile(UPRIGHT, (len(places), 1)), np.full((len(places), 3), LABEL_COLOUR, np.uint8))
-            )
+            digit.show(_upright(places, LABEL_COLOUR))
         self._waypoints.show(picture.waypoints)
 
 

@@ -5,15 +5,17 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, Stream
+from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, motor_feedback_t, process_status_t
-from cmr.view.drawing import bar, paths_drawing
+from cmr.view.drawing import bar, distance, paths_drawing
 from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.state import ViewState
 
 SILENT = 3.0  # s without a report after which a process is told to be silent
 CONFIDENCE = 1.96  # standard deviations to each side that hold the truth in 95 of 100 cases
 STYLE = "font-size:11px;line-height:1.3;padding:2px 12px;overflow-x:auto"
+KEEP = "white-space:nowrap"
 CELL = "padding:1px 5px 1px 0;vertical-align:top;text-align:left"
 PROCESS_STATES = {
     process_status_t.STARTING: "starting",
@@ -67,10 +69,13 @@ def processes(state: ViewState) -> str:
 def bus(state: ViewState) -> str:
     """Return the table of channels."""
     rows = [
-        (line.channel, f"{line.rate:.1f}", _size(line.bytes_per_second), f"{line.age:.1f}", line.gaps, line.rejected)
+        (
+            *(line.channel, f"{line.rate:.1f}", _size(line.bytes_per_second), f"{line.age:.1f} s"),
+            *("-" if line.gaps is None else line.gaps, line.rejected),
+        )
         for line in state.traffic.lines(state.now)
     ]
-    return table(("channel", "Hz", "B/s", "age s", "gaps", "not taken"), rows)
+    return table(("channel", "Hz", "B/s", "age", "gaps", "not taken"), rows)
 
 
 def robot(state: ViewState, robot_id: int) -> str:
@@ -93,9 +98,13 @@ def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
     """Yield what a robot's own channels say."""
     command = state.newest(MOTOR_COMMAND, robot_id)
     if command is not None:
-        yield "command", f"left {command.left:+.2f}, right {command.right:+.2f} duty"
+        given = f"left {command.left:+.2f}, right {command.right:+.2f} duty"
+        yield "command", given + _ago(state, MOTOR_COMMAND, robot_id)
     feedback = state.newest(MOTOR_FEEDBACK, robot_id)
     if feedback is not None:
+        silence = _ago(state, MOTOR_FEEDBACK, robot_id)
+        if silence:
+            yield "driver", f"says nothing any more; this was{silence}:"
         yield "applied", f"left {feedback.applied_left:+.2f}, right {feedback.applied_right:+.2f} duty"
         yield "battery", f"{_number(feedback.battery_voltage, '.1f')} V"
         yield "temperature", f"{_number(feedback.temperature, '.0f')} °C"
@@ -103,10 +112,17 @@ def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
         yield "driver", status_words(feedback.status)
     gyro = state.newest(GYRO, robot_id)
     if gyro is not None:
-        yield "gyro", f"{gyro.yaw_rate:+.3f} rad/s" if gyro.valid else "reports a fault"
+        rate = f"{gyro.yaw_rate:+.3f} rad/s" if gyro.valid else "reports a fault"
+        yield "gyro", rate + _ago(state, GYRO, robot_id)
     parameters = state.newest(PARAMETERS, robot_id)
     if parameters is not None:
         yield "parameters", parameters.sha256[:12]
+
+
+def _ago(state: ViewState, stream: Stream, robot_id: int) -> str:
+    """Return how old what a robot said last on a stream is, in words; empty where it is fresh."""
+    age = (state.now - state.latest[stream.name][robot_id].utime) / 1e6
+    return f" {age:.0f} s ago" if age > SILENT else ""
 
 
 def calibration(message: Any) -> str:
@@ -114,9 +130,12 @@ def calibration(message: Any) -> str:
     rows: list[tuple[object, ...]] = [("state", CALIBRATION_STATES.get(message.state, message.state))]
     for name, unit in ESTIMATES:
         value, std = getattr(message, name), getattr(message, f"{name}_std")
-        rows.append((name, f"{_number(value, '.4g')} ± {_number(CONFIDENCE * std, '.2g')} {unit}"))
-    before, after = _number(message.path_rmse_before, ".3f"), _number(message.path_rmse_after, ".3f")
-    rows.append(("path error", f"{before} m before, {after} m after"))
+        interval = f"{value:.4g} ± {_number(CONFIDENCE * std, '.2g')} {unit} (95 %)"
+        rows.append((name, interval if math.isfinite(value) else "not known yet"))
+        rows.append((("", DEFINITIONS[name].meaning),))
+    errors = message.path_rmse_before, message.path_rmse_after
+    before, after = (distance(error) if math.isfinite(error) else "not known" for error in errors)
+    rows.append(("simulated path", f"off by {before} with the old parameters, {after} with these"))
     title = f"calibration of robot {message.robot_id}"
     seen = sentence(f"manoeuvre seen: {100 * message.progress:.0f} %") + bar(message.progress)
     return table((title, ""), rows) + seen + sentence(message.message)
@@ -137,19 +156,21 @@ def twins(state: ViewState) -> str:
     for robot_id, distances in sorted(state.divergence.items()):
         last = distances[-1][1]
         largest = max(distance for _, distance in distances)
-        rows.append((f"robot {robot_id}", f"{100 * last:.1f} cm", f"{100 * largest:.1f} cm"))
+        rows.append((f"robot {robot_id}", distance(last), distance(largest)))
     said = state.diagnosis() or "cmr-diagnose --live would say here what a robot does otherwise than its twin."
     return table(("", "from its twin", "at most"), rows) + sentence(said)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a table; a row of one (key, text) pair is a remark that goes over all columns."""
-    lines = ["".join(f'<th style="{CELL}">{escape(name)}</th>' for name in head)]
+    lines = ["".join(f'<th style="{CELL};{KEEP}">{escape(name)}</th>' for name in head)]
     for row in rows:
         if len(row) == 1 and isinstance(row[0], tuple):
             lines.append(f'<td colspan="{len(head)}" style="{CELL};opacity:.75">{escape(str(row[0][1]))}</td>')
         else:
-            lines.append("".join(f'<td style="{CELL}">{escape(str(cell))}</td>' for cell in row))
+            styles = (f"{CELL};{KEEP}", *[CELL] * (len(row) - 1))
+            cells = zip(styles, row, strict=True)
+            lines.append("".join(f'<td style="{style}">{escape(str(cell))}</td>' for style, cell in cells))
     return f'<div style="{STYLE}"><table>' + "".join(f"<tr>{line}</tr>" for line in lines) + "</table></div>"
 
 
