@@ -1,5 +1,6 @@
 """What is said of a team in the report is what its robots did."""
 
+import socket
 from typing import Any
 
 import numpy as np
@@ -111,12 +112,12 @@ def test_what_robots_did_before_all_were_in_service_does_not_count() -> None:
     assert watched.nearest.distance > 4.0
 
 
-def status(pid: int, state: int, overruns: float) -> Any:
+def status(pid: int, state: int, overruns: float, host: str = socket.gethostname()) -> Any:
     return make(
         process_status_t,
         utime=EPOCH,
         process="cmr-driver",
-        host="here",
+        host=host,
         pid=pid,
         state=state,
         parameters_sha256="",

@@ -14,6 +14,7 @@ from cmr.scenario.children import Children
 from cmr.scenario.jobs import Job, jobs_of
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.preparing import prepare
+from cmr.scenario.recorder import logs_in
 from cmr.scenario.report import metrics_in_words, write_report
 from cmr.scenario.shipping import SHIPPED, path_of, shipped
 from cmr.scenario.terminal import Terminal
@@ -34,9 +35,10 @@ def main(arguments: list[str]) -> int:
         except OSError as error:
             raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
         ours, others = _by_host(jobs_of(prepared, folder, url))
-        _tell_others(others, url)
+        _tell_others(others, url, folder)
+        logs_before = logs_in(folder)
         with Children(folder) as children:
-            run = LiveRun(prepared, folder, process, ours, children, Terminal())
+            run = LiveRun(prepared, folder, process, ours, children, Terminal(), others)
             began = time.time()
             outcome = run.run()
             run.say(f"Stopping: {outcome.ended_by}.")
@@ -44,7 +46,11 @@ def main(arguments: list[str]) -> int:
         metrics = write_report(run, outcome, began, folder)["metrics"]
         if metrics:
             print(f"Measured: {metrics_in_words(metrics)}.")
-        print(f"Look at {folder}/report.html; the log is {folder}/run.lcm, what each process said is beside it.")
+        if others:
+            print(f"What was started on {_hosts(others)} is to be ended there.")
+        print(
+            f"Look at {folder}/report.html; {_logs(logs_before, logs_in(folder))}what each process said is beside it."
+        )
         return _exit_code(outcome)
 
 
@@ -96,7 +102,19 @@ def _by_host(jobs: list[Job]) -> tuple[list[Job], list[Job]]:
     return [job for job in jobs if job.host in own], [job for job in jobs if job.host not in own]
 
 
-def _tell_others(others: list[Job], url: str) -> None:
+def _logs(before: list[Path], after: list[Path]) -> str:
+    """Return where the log of a run is, or its logs where the recorder was started again."""
+    logs = [str(path) for path in after if path not in before]
+    if not logs:
+        return ""
+    return f"the {'logs are' if len(logs) > 1 else 'log is'} {', '.join(logs)}, "
+
+
+def _hosts(jobs: list[Job]) -> str:
+    return ", ".join(dict.fromkeys(job.host or "" for job in jobs))
+
+
+def _tell_others(others: list[Job], url: str, folder: Path) -> None:
     """Say what to start on other machines.
 
     Raises CommandError if the bus does not reach them.
@@ -109,6 +127,8 @@ def _tell_others(others: list[Job], url: str) -> None:
     for job in others:
         command = [Path(job.command[0]).name, *job.command[1:]]
         print(f"Start on {job.host}: {shlex.join(command)}", flush=True)
+    if others:
+        print(f"These read files of the folder {folder}: first copy it to {_hosts(others)}.", flush=True)
 
 
 def _exit_code(outcome: Outcome) -> int:

@@ -11,9 +11,10 @@ from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.msg import process_status_t
 from cmr.scenario.children import Children
-from cmr.scenario.jobs import PILOT, SIM, Job
+from cmr.scenario.elsewhere import Elsewhere
+from cmr.scenario.jobs import EMULATOR, PILOT, SIM, Job
 from cmr.scenario.measuring import EndingMetric
-from cmr.scenario.preparing import write_sim_scenario
+from cmr.scenario.preparing import write_emulators, write_sim_scenario
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.supervisor import Supervisor
 from cmr.scenario.terminal import Terminal
@@ -22,6 +23,7 @@ from cmr.scenario.watch import TeamWatch
 
 RATE = 20.0  # Hz
 START_UP = 120.0  # s for all robots and processes to be in service, on a slow machine
+START_UP_BY_HAND = 1800.0  # s, where somebody has to start processes on other machines
 GRACE = 30.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
@@ -39,7 +41,7 @@ class Outcome:
 
 
 class LiveRun:
-    """A run of a scenario, whose files lie in `folder`, by the processes `jobs`.
+    """A run of a scenario, whose files lie in `folder`, by the processes `jobs` here and `others` on other machines.
 
     What happens is told on the terminal, on PROCESS_STATUS, and kept in `events` as (seconds since the start, words).
     """
@@ -52,10 +54,12 @@ class LiveRun:
         jobs: Sequence[Job],
         children: Children,
         terminal: Terminal,
+        others: Sequence[Job] = (),
     ) -> None:
         self.scenario = scenario
         self.watch = TeamWatch(scenario)
         self._ending_metric = EndingMetric(scenario, self.watch)
+        self._elsewhere = Elsewhere(others, self.watch.statuses_elsewhere)
         self.supervisor = Supervisor(jobs, children, self.watch.is_degraded, self._prepare)
         self.events: list[tuple[float, str]] = []
         self._folder = folder
@@ -87,8 +91,9 @@ class LiveRun:
             given_up = self.supervisor.given_up()
             if given_up:
                 return Outcome(f"{given_up[0]} is not started again", 0.0, failed=True)
-            if time.monotonic() - self._created > START_UP:
-                return Outcome(f"waited {START_UP:.0f} s in vain for {lacking.rstrip('.')}", 0.0, failed=True)
+            patience = START_UP_BY_HAND if self._elsewhere.is_needed else START_UP
+            if time.monotonic() - self._created > patience:
+                return Outcome(f"waited {patience:.0f} s in vain for {lacking.rstrip('.')}", 0.0, failed=True)
         return Outcome("somebody ended it before all were in service", 0.0, interrupted=True)
 
     def say(self, words: str) -> None:
@@ -117,6 +122,11 @@ class LiveRun:
     def _turn(self) -> None:
         """Listen, start what died again, and say on PROCESS_STATUS how it goes."""
         self._process.dispatch(self._hear)
+        if self._elsewhere.newcomers():
+            waypoints = self.watch.remaining_waypoints()
+            self._to_send.update(
+                robot_id for robot_id, way in waypoints.items() if way and self._is_moved_elsewhere(robot_id)
+            )
         for sentence in self.supervisor.poll(time.monotonic()):
             self.say(sentence)
         down = self.supervisor.down()
@@ -132,6 +142,8 @@ class LiveRun:
 
     def _missing(self) -> str:
         """Return which robots or processes are not there; empty if all are."""
+        if elsewhere := self._elsewhere.silent():
+            return elsewhere
         missing = self.watch.missing()
         if missing:
             listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
@@ -144,7 +156,7 @@ class LiveRun:
         """Return the first process that does not say that it is well, with what it says; empty if there is none."""
         states = self.supervisor.states
         ill = [name for name in states if self._is_heard(name) and self.watch.is_degraded(states[name].pid)]
-        return self._words_of(ill[0]) if ill else ""
+        return self._words_of(ill[0]) if ill else self._elsewhere.doubt()
 
     def _words_of(self, name: str) -> str:
         status = self.watch.statuses.get(self.supervisor.states[name].pid)
@@ -159,18 +171,26 @@ class LiveRun:
     def _prepare(self, job: Job) -> None:
         """Before a process starts, again perhaps: what moves robots goes on where they are, and with what is left."""
         waypoints = self.watch.remaining_waypoints()
-        if job.role == SIM:
+        if job.role == EMULATOR:
+            write_emulators(self.scenario, self._folder, self.watch.poses())
+        elif job.role == SIM:
             write_sim_scenario(self.scenario, self._folder, self.watch.poses())
             self._to_send.update(robot.robot_id for robot in self.scenario.virtual if waypoints.get(robot.robot_id))
         elif job.role == PILOT and job.robot_id is not None and waypoints.get(job.robot_id):
             self._to_send.add(job.robot_id)
 
+    def _is_moved_elsewhere(self, robot_id: int) -> bool:
+        robot = self.scenario.robot(robot_id)
+        is_virtual = robot is not None and robot.kind == "virtual"
+        return self._elsewhere.has_sim if is_virtual else robot_id in self._elsewhere.with_pilot
+
     def _send_waypoints(self) -> None:
         """Tell robots of their waypoints once the process that moves them is in service."""
         waypoints = self.watch.remaining_waypoints()
         for robot_id in sorted(self._to_send)[:WAYPOINTS_A_TURN]:
-            name = f"pilot {robot_id}"
-            if self._is_heard(name if name in self.supervisor.states else "sim"):
+            pilot, states = f"pilot {robot_id}", self.supervisor.states
+            name = pilot if pilot in states else "sim"
+            if name not in states or self._is_heard(name):
                 here = self.watch.pose(robot_id)
                 points = ((here.x, here.y), *waypoints[robot_id])  # the way to the first is part of the way
                 self._process.publish(WAYPOINTS, waypoints_message(robot_id, points), robot_id)

@@ -29,9 +29,11 @@ def measure(
     They are measured since all robots were in service, or in the last `over` [s], at moments at which all were there.
     What the watch keeps up to date, at any number of robots, is taken from there.
     """
+    if not watch.first_utime:
+        return {}
     kept = {name: watch.measure(name) for name in chosen if name in watch.MEASURED}
     others = [name for name in chosen if name not in kept]
-    if not (others and watch.first_utime):
+    if not others:
         return kept
     since = max(watch.first_utime, watch.utime - over * 1e6)
     there = np.flatnonzero(np.array(watch.sample_utime, dtype=np.int64) >= since)

@@ -25,10 +25,9 @@ def prepare(scenario: Scenario, folder: Path) -> Scenario:
     folder.mkdir(parents=True, exist_ok=True)
     first_with: dict[Path, int] = {}
     robots = tuple(_prepared(robot, folder, first_with) for robot in scenario.robots)
-    for robot in robots:
-        if robot.emulator is not None:
-            _write_emulator(robot, robot.emulator, folder)
-    result = replace(scenario, robots=robots)
+    population = tuple(_copied(path, folder / f"population_{k}.yaml") for k, path in enumerate(scenario.population))
+    result = replace(scenario, robots=robots, population=population)
+    write_emulators(result, folder, {})
     write_sim_scenario(result, folder, {})
     return result
 
@@ -36,13 +35,27 @@ def prepare(scenario: Scenario, folder: Path) -> Scenario:
 def write_sim_scenario(scenario: Scenario, folder: Path, poses: Mapping[int, Pose]) -> None:
     """Write what cmr-sim reads when it starts: robots seen before start anew where they were seen last.
 
-    It has no waypoints: those that are still to be driven are sent when all robots are in service.
+    It has no waypoints: those that are still to be driven are sent when all robots are in service. It names files of
+    its own folder alone, so that the folder can be copied to another machine.
     """
-    robots = tuple(
-        replace(robot, start=poses.get(robot.robot_id, robot.start), waypoints=()) for robot in scenario.robots
-    )
-    text = to_yaml(replace(scenario, robots=robots, ends_when=type(scenario.ends_when)()))
+    robots = tuple(_for_sim(robot, poses.get(robot.robot_id, robot.start)) for robot in scenario.robots)
+    population = tuple(Path(path.name) for path in scenario.population)
+    text = to_yaml(replace(scenario, robots=robots, population=population, ends_when=type(scenario.ends_when)()))
     write_atomically(text, folder / SIM_SCENARIO)
+
+
+def _for_sim(robot: RobotPlan, start: Pose | None) -> RobotPlan:
+    parameters = Path(robot.parameters.name) if robot.parameters is not None else None
+    emulator = replace(robot.emulator, settings=None) if robot.emulator is not None else None
+    return replace(robot, start=start, waypoints=(), parameters=parameters, emulator=emulator)
+
+
+def write_emulators(scenario: Scenario, folder: Path, poses: Mapping[int, Pose]) -> None:
+    """Write what emulators read when they start: robots seen before stand where they were seen last."""
+    for robot in scenario.robots:
+        if robot.emulator is not None:
+            start = poses.get(robot.robot_id, robot.start) or Pose(0.0, 0.0)
+            _write_emulator(robot.robot_id, robot.emulator, start, folder)
 
 
 def _prepared(robot: RobotPlan, folder: Path, first_with: dict[Path, int]) -> RobotPlan:
@@ -56,10 +69,14 @@ def _prepared(robot: RobotPlan, folder: Path, first_with: dict[Path, int]) -> Ro
     return replace(robot, parameters=path)
 
 
-def _write_emulator(robot: RobotPlan, emulator: EmulatorPlan, folder: Path) -> None:
-    """Write the settings of an emulated robot that stands where the scenario has it start."""
+def _copied(path: Path, copy: Path) -> Path:
+    write_atomically(path.read_text(encoding="utf-8"), copy)
+    return copy
+
+
+def _write_emulator(robot_id: int, emulator: EmulatorPlan, start: Pose, folder: Path) -> None:
+    """Write the settings of an emulated robot that stands at `start`."""
     text = emulator.settings.read_text(encoding="utf-8") if emulator.settings else ""
     settings: dict[str, Any] = yaml.safe_load(text) or {}
-    start = robot.start or Pose(0.0, 0.0)
     settings["robot"] = {**settings.get("robot", {}), **start._asdict()}
-    write_atomically(yaml.safe_dump(settings, sort_keys=False), folder / f"emulator_{robot.robot_id}.yaml")
+    write_atomically(yaml.safe_dump(settings, sort_keys=False), folder / f"emulator_{robot_id}.yaml")

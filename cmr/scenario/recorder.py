@@ -12,6 +12,7 @@ import lcm
 from cmr.bus.messages import now_utime
 from cmr.bus.preflight import open_lcm
 from cmr.bus.process import Process
+from cmr.scenario.jobs import LOG
 
 RATE = 50.0  # Hz; between turns LCM keeps what arrives
 
@@ -55,6 +56,11 @@ def free_path(path: Path) -> Path:
         number += 1
         free = path.with_name(f"{path.stem}_{number}{path.suffix}")
     return free
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Return the logs that recorders wrote into a folder."""
+    return sorted(folder.glob(f"{Path(LOG).stem}*{Path(LOG).suffix}"))
 
 
 def main(arguments: list[str]) -> int:

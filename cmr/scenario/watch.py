@@ -4,6 +4,7 @@ It knows no bus: messages go in by `handle`.
 """
 
 import math
+import socket
 from collections import deque
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
@@ -57,7 +58,9 @@ class TeamWatch:
         self._period = LOOK_PERIOD
         self.sample_utime: list[int] = []
         self.samples: list[Floats] = []  # (2, robots): x and y [m] at each of these moments
-        self.statuses: dict[int, Any] = {}  # the last process_status_t of each process, by pid
+        self.statuses: dict[int, Any] = {}  # the last process_status_t of each process here, by pid
+        self.statuses_elsewhere: dict[tuple[str, int], Any] = {}  # of those on other machines, by host and pid
+        self._host = socket.gethostname()
         self._goals = {robot.robot_id: robot.waypoints for robot in scenario.robots if robot.waypoints}
         self._next = dict.fromkeys(self._goals, 0)
         self.reached_utime: dict[int, int] = {}  # when a robot was at its last waypoint
@@ -68,7 +71,10 @@ class TeamWatch:
         if channel == WORLD_STATE.name:
             self._take_world(utime, message)
         elif channel == PROCESS_STATUS.name:
-            self.statuses[message.pid] = message
+            if message.host == self._host:
+                self.statuses[message.pid] = message
+            else:
+                self.statuses_elsewhere[message.host, message.pid] = message
 
     def missing(self) -> list[int]:
         """Return the robots that are not in the world, or not any more."""

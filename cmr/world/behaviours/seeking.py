@@ -85,10 +85,10 @@ class Seeker(TeamBehaviour):
         decided, speed = self.memory["utime"], self.memory["speed"]
         highest = steering.gather_speed(row, float(utime), LONGEST_TURN, ACCELERATION, decided, speed, goals.speed)
         forward = self._keep_clear(team, goals, highest, around, world)
-        duties = np.empty((len(row), 2))
+        duties = np.empty((2, len(row)))
         body = (parameters.wheel_radius, parameters.k1, parameters.base_width)
-        steering.steer(row, x, y, theta, *goals[:3], forward, *body, speed, duties)
-        return duties
+        steering.steer(row, x, y, theta, *goals[:3], forward, *body, speed, *duties)
+        return duties.T
 
     def _keep_clear(self, team: Team, goals: Goals, highest: float, around: Surroundings, world: WorldView) -> Floats:
         """Lower speeds, `highest` being the highest, and move targets, for what is in the way.

@@ -3,18 +3,17 @@
 Source of the steering law: Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, CMU 1992.
 """
 
-import math
-
 from cmr.model.compiled import compiled
 from cmr.model.elementary import sincos
-from cmr.world.behaviours.team import Duties, Floats, Indices
+from cmr.world.behaviours.team import Floats, Indices
 
 LARGEST_DUTY = 0.9  # leaves the motors something to turn with
+SHORTEST = 1e-9  # m; a target nearer than that is reached
 
 
 @compiled(
     "void(i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
-    " f8[:, ::1])"
+    " f8[::1], f8[::1])"
 )
 def steer(
     row: Indices,
@@ -29,9 +28,10 @@ def steer(
     k1: Floats,
     base_width: Floats,
     remembered: Floats,
-    duties: Duties,
+    duty_left: Floats,
+    duty_right: Floats,
 ) -> None:
-    """Write the duties (n, 2) that take robots at poses [m, m, rad] to targets [m] at these speeds [m/s].
+    """Write the duties that take robots at poses [m, m, rad] to targets [m] at these speeds [m/s].
 
     Each follows the arc through its target, and turns more sharply where it may go at most `fastest` [m/s] straight
     on. Where the target lies behind, it turns on the spot. One without speed stands. The speeds are `remembered` at
@@ -39,23 +39,19 @@ def steer(
     """
     for i in range(len(x)):
         remembered[row[i]] = speed[i]
+    for i in range(len(x)):  # without branches, so that several robots are steered at once
         dx, dy = target_x[i] - x[i], target_y[i] - y[i]
-        distance = math.sqrt(dx * dx + dy * dy)
-        if not (speed[i] > 0.0 and distance > 1e-9):
-            duties[i, 0] = duties[i, 1] = 0.0
-            continue
+        squared = dx * dx + dy * dy
         sin, cos = sincos(theta[i])
         ahead, aside = dx * cos + dy * sin, dy * cos - dx * sin
-        if ahead > 0.0:
-            forward = min(speed[i], fastest[i])
-            sideways = speed[i] * aside / (distance * distance) * base_width[i]
-        else:
-            forward = 0.0
-            sideways = math.copysign(speed[i], aside)
+        forward = min(speed[i], fastest[i]) if ahead > 0.0 else 0.0
+        on_the_spot = speed[i] if aside >= 0.0 else -speed[i]
+        sideways = speed[i] * aside / squared * base_width[i] if ahead > 0.0 else on_the_spot
         per_speed = k1[i] / wheel_radius[i]
         left, right = (forward - sideways) * per_speed, (forward + sideways) * per_speed
         excess = max(1.0, abs(left) / LARGEST_DUTY, abs(right) / LARGEST_DUTY)
-        duties[i, 0], duties[i, 1] = left / excess, right / excess
+        goes = speed[i] > 0.0 and squared > SHORTEST * SHORTEST
+        duty_left[i], duty_right[i] = (left / excess if goes else 0.0), (right / excess if goes else 0.0)
 
 
 @compiled("f8(i8[::1], f8, f8, f8, f8[::1], f8[::1], f8[::1])")

@@ -18,7 +18,7 @@ def all_sound(largest: float, x: Floats, y: Floats, theta: Floats, psi_left: Flo
     return sound
 
 
-@compiled("void(f8[:, :], f8[:, ::1])")
+@compiled("void(f8[:, :], f8[:, :])")
 def bound(duties: Floats, bounded: Floats) -> None:
     """Write duties (n, 2) clipped to [-1, 1]; a robot of which one is no number stands."""
     for i in range(len(duties)):
