@@ -50,7 +50,7 @@ class Deciding:
     ) -> None:
         self.robot_id = robots.robot_id
         self._commanded = commanded
-        self._duties: Duties = np.zeros((len(robots.robot_id), 2))
+        self._duties: Duties = np.zeros((2, len(robots.robot_id))).T  # the sides apart, as `bounded` takes them
         if before is not None:
             kept = min(len(before._duties), len(self._duties))
             self._duties[:kept] = before._duties[:kept]

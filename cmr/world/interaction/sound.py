@@ -18,11 +18,11 @@ def all_sound(largest: float, x: Floats, y: Floats, theta: Floats, psi_left: Flo
     return sound
 
 
-@compiled("void(f8[:, :], f8[:, :])")
+@compiled("void(f8[:, ::1], f8[:, ::1])")
 def bound(duties: Floats, bounded: Floats) -> None:
-    """Write duties (n, 2) clipped to [-1, 1]; a robot of which one is no number stands."""
-    for i in range(len(duties)):
-        left, right = duties[i, 0], duties[i, 1]
-        known = not (np.isnan(left) or np.isnan(right))
-        bounded[i, 0] = min(max(left, -1.0), 1.0) if known else 0.0
-        bounded[i, 1] = min(max(right, -1.0), 1.0) if known else 0.0
+    """Write duties (2, n) clipped to [-1, 1]; a robot of which one is no number stands."""
+    for i in range(duties.shape[1]):
+        left, right = duties[0, i], duties[1, i]
+        known = ~(np.isnan(left) | np.isnan(right))
+        bounded[0, i] = min(max(left, -1.0), 1.0) if known else 0.0
+        bounded[1, i] = min(max(right, -1.0), 1.0) if known else 0.0
