@@ -16,11 +16,13 @@ import lcm
 import pytest
 
 from cmr.bus.messages import make, now_utime
+from cmr.commands.run import where_logs_are
 from cmr.msg import estop_t
 from cmr.recordings.log import LogReader
 from cmr.scenario import load
 from cmr.scenario.jobs import jobs_of
 from cmr.scenario.preparing import prepare
+from cmr.scenario.recorder import logs_in
 from cmr.scenario.shipping import shipped
 from tests.html_page import Page
 from tests.private_bus import private_url
@@ -146,6 +148,20 @@ def test_everything_was_recorded(run: tuple[Path, str]) -> None:
         "PROCESS_STATUS",
     } <= channels
     assert not reader.rejected
+
+
+def test_the_log_that_is_named_is_that_of_this_run_and_not_of_one_before_in_the_same_folder(
+    run: tuple[Path, str], tmp_path: Path
+) -> None:
+    assert f"the log is {run[0]}/out/run.lcm, " in run[1]
+    before = [tmp_path / "run.lcm"]
+    after = [*before, tmp_path / "run_2.lcm", tmp_path / "run_3.lcm"]
+    for path in after:
+        path.touch()
+    assert logs_in(tmp_path) == after
+    assert where_logs_are(before, after[:2]) == f"the log is {tmp_path}/run_2.lcm, "
+    assert where_logs_are(before, after) == f"the logs are {tmp_path}/run_2.lcm, {tmp_path}/run_3.lcm, "
+    assert where_logs_are(before, before) == ""
 
 
 def test_every_process_was_asked_to_end_and_did(report: dict[str, Any], run: tuple[Path, str]) -> None:

@@ -48,9 +48,8 @@ def main(arguments: list[str]) -> int:
             print(f"Measured: {metrics_in_words(metrics)}.")
         if others:
             print(f"What was started on {_hosts(others)} is to be ended there.")
-        print(
-            f"Look at {folder}/report.html; {_logs(logs_before, logs_in(folder))}what each process said is beside it."
-        )
+        logs = where_logs_are(logs_before, logs_in(folder))
+        print(f"Look at {folder}/report.html; {logs}what each process said is beside it.")
         return _exit_code(outcome)
 
 
@@ -102,7 +101,7 @@ def _by_host(jobs: list[Job]) -> tuple[list[Job], list[Job]]:
     return [job for job in jobs if job.host in own], [job for job in jobs if job.host not in own]
 
 
-def _logs(before: list[Path], after: list[Path]) -> str:
+def where_logs_are(before: list[Path], after: list[Path]) -> str:
     """Return where the log of a run is, or its logs where the recorder was started again."""
     logs = [str(path) for path in after if path not in before]
     if not logs:

@@ -1,0 +1,55 @@
+"""The processes of a run on other machines, where somebody else starts them: are they there, and are they well?"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from cmr.msg import process_status_t
+from cmr.scenario.jobs import PILOT, RECORDER, SIM, Job
+
+NOT_IN_SERVICE = (process_status_t.STARTING, process_status_t.STOPPING)
+
+
+class Elsewhere:
+    """Follows `jobs` by `statuses`, the last process_status_t of each process on other machines, by host and pid.
+
+    PROCESS_STATUS tells the program and not the robot, so programs are counted.
+    """
+
+    def __init__(self, jobs: Sequence[Job], statuses: Mapping[tuple[str, int], Any]) -> None:
+        self._wanted = Counter(_program(job) for job in jobs)
+        self._movers = frozenset(_program(job) for job in jobs if job.role in (PILOT, SIM))
+        self._statuses = statuses
+        self._greeted: set[tuple[str, int]] = set()
+        self.is_needed = bool(jobs)
+        self.has_sim = any(job.role == SIM for job in jobs)
+        self.with_pilot = frozenset(job.robot_id for job in jobs if job.role == PILOT)
+
+    def silent(self) -> str:
+        """Return which programs are not there yet, or not any more; empty if all are."""
+        there = Counter(status.process for status in self._in_service())
+        lacking = [name for name, count in self._wanted.items() if there[name] < count]
+        return f"{', '.join(lacking)} on other machines" if lacking else ""
+
+    def doubt(self) -> str:
+        """Return the first process that does not say that it is well, with what it says; empty if there is none."""
+        for status in self._in_service():
+            if status.process in self._wanted and status.state == process_status_t.DEGRADED:
+                return f"{status.process} on {status.host}: {status.message}"
+        return ""
+
+    def newcomers(self) -> bool:
+        """Tell whether processes that move robots came into service since the last call."""
+        movers = {(one.host, one.pid) for one in self._in_service() if one.process in self._movers}
+        fresh = movers - self._greeted
+        self._greeted |= movers
+        return bool(fresh)
+
+    def _in_service(self) -> list[Any]:
+        return [status for status in self._statuses.values() if status.state not in NOT_IN_SERVICE]
+
+
+def _program(job: Job) -> str:
+    """Return what a process calls itself on PROCESS_STATUS."""
+    return "cmr-run recorder" if job.role == RECORDER else Path(job.command[0]).name
