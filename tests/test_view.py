@@ -240,6 +240,15 @@ def test_rates_age_and_gaps_of_a_channel_that_is_listened_to_now_and_then(turn: 
     assert line.bytes_per_second == pytest.approx(len(reading) * line.rate)
 
 
+def test_stamps_that_came_in_a_bunch_make_no_gaps_of_what_follows() -> None:
+    state = ViewState()
+    moments = [NOW + 10_000 * k for k in range(500)]
+    moments[200:300] = [moments[300] - 100 + k for k in range(100)]  # a second late, all at once
+    for moment in moments:
+        state.traffic.take(moment, "GYRO_0", make(gyro_t, utime=moment, robot_id=0, **FIELDS["GYRO"]).encode())
+    assert [line.gaps for line in state.traffic.lines(moments[-1])] == [1]
+
+
 def test_parts_of_a_world_are_no_gaps_and_what_comes_at_no_certain_times_has_none() -> None:
     state = ViewState()
     for k in range(100):

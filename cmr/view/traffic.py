@@ -9,9 +9,9 @@ from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, identify
 WINDOW = 3_000_000  # us over which rates are taken
 MARKS_APART = 250_000  # us
 GAP = 3.0  # times the usual interval, after which a silence counts as a gap
-LEAST_FOR_GAPS = 20  # messages, before there is a usual interval
+LEAST_FOR_GAPS = 5  # intervals ...
+SETTLED = 500_000  # ... and us, before there is a usual one
 LONGEST_INTERVAL = 500_000  # us; slower channels are told from silent ones by their age alone
-WEIGHT = 0.05  # of a new interval in the usual one
 IRREGULAR = (ESTOP, PROCESS_STATUS, WAYPOINTS)  # said by many processes, or when there is something to say
 UTIME = struct.Struct(">8xq")  # of a message [us], after the fingerprint
 
@@ -30,27 +30,44 @@ class Line(NamedTuple):
     rejected: int
 
 
+class _Mark(NamedTuple):
+    """How far a channel was when a message arrived [us]; `steps` counts its different time stamps."""
+
+    utime: int
+    messages: int
+    size: int
+    steps: int
+    stamp: int
+
+
 class _Channel:
-    __slots__ = ("count", "gaps", "interval", "is_regular", "marks", "rejected", "size", "stamp", "utime")
+    __slots__ = ("count", "gaps", "is_regular", "marks", "rejected", "size", "stamp", "steps", "utime")
 
     def __init__(self, name: str, utime: int) -> None:
         identity = identify(name)
         self.is_regular = identity is not None and identity[0] not in IRREGULAR
         self.utime = utime
-        self.count = self.size = self.gaps = self.rejected = self.stamp = 0
-        self.interval = 0.0
-        self.marks: deque[tuple[int, int, int]] = deque([(utime, 0, 0)])
+        self.count = self.size = self.gaps = self.rejected = self.stamp = self.steps = 0
+        self.marks: deque[_Mark] = deque()
 
     def follow(self, stamp: int) -> None:
         """Take the next time stamp [us]; parts of one message have the same."""
         interval = stamp - self.stamp
+        if interval > 0 and self.marks:
+            # Over seconds: stamps may come in bunches, and one channel from several senders.
+            span, intervals = self.stamp - self.marks[0].stamp, self.steps - self.marks[0].steps
+            usual = span / intervals if intervals >= LEAST_FOR_GAPS and span >= SETTLED else 0.0
+            self.gaps += 0.0 < usual <= LONGEST_INTERVAL and interval > GAP * usual
+            self.steps += 1
         self.stamp = stamp
-        if interval <= 0 or self.count == 0:
-            return
-        if interval > GAP * self.interval > 0.0 and self.count > LEAST_FOR_GAPS:
-            self.gaps += self.interval <= LONGEST_INTERVAL
-        else:
-            self.interval += (interval - self.interval) * (WEIGHT if self.interval else 1.0)
+
+    def arrive(self, utime: int) -> None:
+        """Note that a message has arrived, after it was counted."""
+        self.utime = utime
+        if not self.marks or utime - self.marks[-1].utime >= MARKS_APART:
+            self.marks.append(_Mark(utime, self.count, self.size, self.steps, self.stamp))
+            while self.marks[0].utime < utime - WINDOW:
+                self.marks.popleft()
 
 
 class Traffic:
@@ -69,13 +86,9 @@ class Traffic:
             state = self._channels[channel] = _Channel(channel, utime)
         if state.is_regular and len(data) >= UTIME.size:
             state.follow(UTIME.unpack_from(data)[0])
-        state.utime = utime
         state.count += 1
         state.size += len(data)
-        if utime - state.marks[-1][0] >= MARKS_APART:
-            state.marks.append((utime, state.count, state.size))
-            while state.marks[0][0] < utime - WINDOW:
-                state.marks.popleft()
+        state.arrive(utime)
 
     def reject(self, channel: str) -> None:
         """Count a message that was not what its channel promises."""
@@ -87,9 +100,10 @@ class Traffic:
 
 
 def _line(name: str, state: _Channel, now: int) -> Line:
-    since, count, size = next((mark for mark in state.marks if mark[0] >= now - WINDOW), (now, state.count, state.size))
+    seen = [mark for mark in state.marks if mark.utime >= now - WINDOW]
+    since, count, size = seen[0][:3] if seen else (now, state.count, state.size)
     seconds = max(now - since, 1) / 1e6
-    is_new = count == 0 and seconds < 0.5
+    is_new = count == 1 and seconds < 0.5
     rate, flow = (0.0, 0.0) if is_new else ((state.count - count) / seconds, (state.size - size) / seconds)
     gaps = state.gaps if state.is_regular else None
     return Line(name, rate, flow, (now - state.utime) / 1e6, gaps, state.rejected)
