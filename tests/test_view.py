@@ -329,10 +329,10 @@ def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis(
     assert (value - low).tolist() == pytest.approx([7.84, 1.96])
     told = words.calibration(state.calibrations[0][-1].message)
     assert "118 ± 2 rad/s² (95 %)" in told
-    assert "off by 50.0 cm with the old parameters, not known with these" in told
+    assert "50.0 cm off (rms)" in told
     nothing = dict.fromkeys(("k1", "k1_std", "base_width", "base_width_std"), np.nan)
     unknown = make(CALIBRATION_STATUS.message_type, utime=NOW, robot_id=0, **{**values, **nothing})
-    assert words.calibration(unknown).count("not known yet") == 2
+    assert words.calibration(unknown).count("not known") == 3
     state.handle(NOW, PROCESS_STATUS.name, status("cmr-diagnose", "Robot 0: its left motor is weaker."))
     assert "its left motor is weaker" in words.twins(state)
     assert "3.0 cm" in words.twins(state)

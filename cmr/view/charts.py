@@ -34,7 +34,7 @@ class Chart:
             tuple(curves),
             bands=(uplot.Band(series=(2, 3), fill=BAND),) if with_interval else None,
             scales=_scales(NOTHING),
-            axes=(uplot.Axis(), uplot.Axis(size=LABELS)),
+            axes=(uplot.Axis(ticks={"show": False}), uplot.Axis(size=LABELS, ticks={"show": False})),
             title=f"{title} over seconds",
             legend=uplot.Legend(show=False),
             height=HEIGHT,

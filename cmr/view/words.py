@@ -131,11 +131,11 @@ def calibration(message: Any) -> str:
     for name, unit in ESTIMATES:
         value, std = getattr(message, name), getattr(message, f"{name}_std")
         interval = f"{value:.4g} ± {_number(CONFIDENCE * std, '.2g')} {unit} (95 %)"
-        rows.append((name, interval if math.isfinite(value) else "not known yet"))
+        rows.append((name, interval if math.isfinite(value) else "not known"))
         rows.append((("", DEFINITIONS[name].meaning),))
-    errors = message.path_rmse_before, message.path_rmse_after
-    before, after = (distance(error) if math.isfinite(error) else "not known" for error in errors)
-    rows.append(("simulated path", f"off by {before} with the old parameters, {after} with these"))
+    for name, error in (("old", message.path_rmse_before), ("new", message.path_rmse_after)):
+        told = f"{distance(error)} off (rms)" if math.isfinite(error) else "not known"
+        rows.append((f"path by {name} ones", told))
     title = f"calibration of robot {message.robot_id}"
     seen = sentence(f"manoeuvre seen: {100 * message.progress:.0f} %") + bar(message.progress)
     return table((title, ""), rows) + seen + sentence(message.message)
