@@ -1,6 +1,7 @@
 """A scenario says what it means, or is refused with file, line and key; nothing else ever comes out of it."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from cmr.parameters.file import load as load_parameters
 from cmr.scenario import Scenario, ScenarioError, load
 from cmr.scenario.plan import arguments_of
 from cmr.scenario.robots import KEYS as ROBOT_KEYS
@@ -138,6 +140,7 @@ ROOM = {
     "ends_when: {metric: minimum_separation}": "line 1: ends_when: a metric and a bound go together",
     "population: [nobody.yaml]": r"population\[0\]: there is no file nobody.yaml",
     f"population: [{PARAMETERS}]": "population: .*no standard deviations",
+    "process_noise: true": "line 1: process_noise: .*robot_0.yaml does not tell how far robots stray",
     "lcm_url: 'udpm://10.0.0.1:7667'": "lcm_url: .*not a multicast address",
 }
 
@@ -240,10 +243,27 @@ GROUPS = st.tuples(
 )
 
 
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A parameter file as cmr-diagnose writes it."""
+    path = tmp_path_factory.mktemp("diagnosed") / "robot_0.yaml"
+    replace(load_parameters(PARAMETERS), provenance={"method": "diagnosis", "held_out_path_rmse_m": 0.02}).save(path)
+    return path
+
+
 @settings(max_examples=30)
-@given(GROUPS, st.lists(st.tuples(COORDINATES, COORDINATES), max_size=4), st.integers(0, 2**63 - 1), st.booleans())
+@given(
+    group=GROUPS,
+    waypoints=st.lists(st.tuples(COORDINATES, COORDINATES), max_size=4),
+    seed=st.integers(0, 2**63 - 1),
+    noise=st.booleans(),
+)
 def test_what_is_written_reads_back_the_same(
-    group: tuple[str, int, float, float], waypoints: list[tuple[float, float]], seed: int, noise: bool
+    diagnosed: Path,
+    group: tuple[str, int, float, float],
+    waypoints: list[tuple[float, float]],
+    seed: int,
+    noise: bool,
 ) -> None:
     rule, count, spacing, theta = group
     start = {"rule": rule, "spacing": spacing, "x": 1000.0, "theta": theta}
@@ -251,11 +271,17 @@ def test_what_is_written_reads_back_the_same(
     lead = {"id": 19, "kind": "virtual", "start": [0, 5], "waypoints": [list(point) for point in waypoints]}
     content = yaml.safe_load(TEXT)
     content |= {"seed": seed, "process_noise": noise, "reaction": 0.03, "host": "lab-pc"}
+    content["parameters"] = str(diagnosed)
     content["obstacles"] = {"discs": [[80, 0, 1]], "walls": [[70, 0, 70, 1]]}
     content["robots"] += [lead, many]
     scenario = parse(yaml.safe_dump(content), "a.yaml")
     assert len(scenario.robots) == 6 + count
     assert parse(to_yaml(scenario), "b.yaml") == scenario
+
+
+def test_a_list_that_is_too_short_is_told_by_its_length() -> None:
+    with pytest.raises(ScenarioError, match=r"must be a list of 2 numbers, \[x, y\], not a list of 1"):
+        parse(TEXT.replace("kind: virtual\n", "kind: virtual\n    start: [1]\n", 1))
 
 
 def test_a_shipped_scenario_is_known_by_its_name_and_a_file_by_its_path(tmp_path: Path) -> None:

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.file import load as load_parameters
-from cmr.scenario.document import ScenarioError
+from cmr.scenario.document import Item, ScenarioError
 from cmr.scenario.plan import Disc, Pose, RobotPlan, Wall
 from cmr.scenario.robots import Placed
 from cmr.world.interaction.obstacles import Geofence
+from cmr.world.process_noise import STRAYED
 
 LEADER = "leader"  # the setting of a behaviour that names another robot
 
@@ -61,6 +62,25 @@ def check_team(placed: Sequence[Placed]) -> None:
             raise place.error(f"behaviour: robot {plan.robot_id} has the leader {leader}, which is not there")
         if int(leader) == plan.robot_id:
             raise place.error(f"behaviour: robot {plan.robot_id} cannot be its own leader")
+
+
+def check_noise(robots: Sequence[RobotPlan], noise: Item | None) -> None:
+    """Raise ScenarioError if process noise is wanted and a file by which virtual robots go tells nothing of it."""
+    if noise is None or not noise.flag():
+        return
+    own = {robot.robot_id: robot.parameters for robot in robots}
+    used = {own[robot.robot_id if robot.parameters_of is None else robot.parameters_of] for robot in _virtual(robots)}
+    for path in sorted(path for path in used if path is not None):
+        provenance = load_parameters(path).provenance
+        if provenance.get("method") != "diagnosis" or STRAYED not in provenance:
+            raise noise.place.error(
+                f"{path} does not tell how far robots stray from their model. "
+                "Use a file that cmr-diagnose wrote of a log with poses"
+            )
+
+
+def _virtual(robots: Sequence[RobotPlan]) -> list[RobotPlan]:
+    return [robot for robot in robots if robot.kind == "virtual"]
 
 
 def check_room(

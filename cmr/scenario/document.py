@@ -121,6 +121,8 @@ class Item:
     def _unlike(self, expected: str) -> ScenarioError:
         is_scalar = isinstance(self._node, yaml.ScalarNode)
         found = repr(self._node.value) if is_scalar else KINDS.get(type(self._node), "something else")
+        if self.is_list:
+            found += f" of {len(self._node.value)}"
         shown = found if len(found) <= LONGEST_QUOTE else f"{found[:LONGEST_QUOTE]}..."
         return self.place.error(f"must be {expected}, not {shown}")
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cmr.bus.preflight import BusError, parse_udpm
-from cmr.scenario.checks import check_room, check_team, with_sources_of_parameters
+from cmr.scenario.checks import check_noise, check_room, check_team, with_sources_of_parameters
 from cmr.scenario.document import Item, ScenarioError, Section, read
 from cmr.scenario.ending import check_ending, read_ending
 from cmr.scenario.plan import Disc, Ending, Point, RobotPlan, Wall
@@ -71,7 +71,8 @@ class Scenario:
 def load(path: Path, *, starts_checked: bool = True) -> Scenario:
     """Read a scenario from a YAML file.
 
-    Where robots go on from wherever they are, starts are not checked: they need not be clear of one another.
+    Where robots go on from wherever they are, starts are not checked, as they need not be clear of one another, nor is
+    process noise: a calibration may have written parameters anew that tell nothing of it.
     Raises ScenarioError naming file, line and key when it is missing, unreadable or wrong.
     """
     try:
@@ -116,6 +117,7 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
     )
     check_team(placed)
     if starts_checked:
+        check_noise(scenario.robots, root.get("process_noise"))
         check_room(placed, scenario.robot_radius, discs, walls, border)
     check_ending(scenario, root.get("ends_when"))
     return scenario
