@@ -58,12 +58,13 @@ def save_tags(path: Path, numbers: Sequence[int], size: float, paper: str = "a4"
     wide, high = PAPERS[paper]
     cell = size / TAG_CELLS
     most = (high - 0.005) * TAG_CELLS / (TAG_CELLS + 2 * QUIET_CELLS)
-    if size > most:
+    if size > most + 1e-9:
         raise BoardError(f"A tag of {size:g} m does not fit {paper} with white around it: {most:.3f} m at most.")
     with _pages(path) as pages:
         for number in numbers:
-            text = f"36h11 · tag {number} · black square {1000.0 * size:.0f} mm (measure it) · its top is ahead"
-            _page(pages, (wide, high), tag_cells(number), cell, text)
+            # Upright as the tag is, so that whoever reads it knows which edge is its top.
+            text = f"36h11, tag {number}\n\nblack square {1000.0 * size:.0f} mm\n(measure it)\n\n↑ top: ahead"
+            _page(pages, (wide, high), tag_cells(number), cell, text, upright=True)
 
 
 def _pages(path: Path) -> Any:
@@ -73,8 +74,10 @@ def _pages(path: Path) -> Any:
     return PdfPages(path)
 
 
-def _page(pages: Any, paper: tuple[float, float], cells: NDArray[np.uint8], cell: float, text: str) -> None:
-    """Add a page with rows of square cells in its middle, and a line of text beside."""
+def _page(
+    pages: Any, paper: tuple[float, float], cells: NDArray[np.uint8], cell: float, text: str, *, upright: bool = False
+) -> None:
+    """Add a page with rows of square cells in its middle, and text at the left, `upright` or a line along the edge."""
     from matplotlib.figure import Figure
 
     wide, high = paper
@@ -90,5 +93,6 @@ def _page(pages: Any, paper: tuple[float, float], cells: NDArray[np.uint8], cell
         axes.fill(
             [x, x + cell, x + cell, x], [y, y, y + cell, y + cell], color="black", linewidth=0.0, antialiased=False
         )
-    axes.text(left / 2.0, high / 2.0, text, rotation=90.0, ha="center", va="center", fontsize=8)
+    place, turn = ((left - QUIET_CELLS * cell) / 2.0, 0.0) if upright else (left / 2.0, 90.0)
+    axes.text(place, high / 2.0, text, rotation=turn, ha="center", va="center", fontsize=8)
     pages.savefig(figure)

@@ -110,7 +110,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """Return the content of a YAML file of schema 1. Raises CameraFileError."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except OSError as error:
+        raise CameraFileError(f"{path} cannot be read: {error.strerror}.") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise CameraFileError(f"{path} cannot be read: {error}") from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise CameraFileError(f"{path}: 'schema: {SCHEMA}' is missing.")

@@ -47,13 +47,18 @@ def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 class _Compiled:
-    """A function that is compiled, or loaded, at its first call; other compiled functions may call it too."""
+    """A function that is compiled, or loaded, at its first call; other compiled functions may call it too.
+
+    From then on its name in its module stands for what Numba made of it: a step saves a detour for each call.
+    """
 
     def __init__(self, signature: str, function: Callable[..., Any]) -> None:
+        self.unloaded = True
         self._signature = signature
+        self._module, self._name = function.__module__, function.__qualname__
         self._dispatcher = jit(**OPTIONS)(function)
         folder = cache_folder() / _sources(Path(function.__code__.co_filename).parent)
-        self._lock = folder / f"{function.__module__}.{function.__qualname__}.lock"
+        self._lock = folder / f"{self._module}.{self._name}.lock"
         with suppress(RuntimeError), _caching_in(folder):
             self._dispatcher.enable_caching()  # an error if nowhere can be written: each process compiles for itself
         self._call = self._load
@@ -72,7 +77,10 @@ class _Compiled:
             # By types alone, as compiled callers ask for it: so both find the same in the cache.
             self._dispatcher.compile(signatures.normalize_signature(self._signature)[0])
         self._dispatcher.disable_compile()
-        self._call = self._dispatcher
+        self._call, self.unloaded = self._dispatcher, False
+        module = sys.modules.get(self._module)
+        if getattr(module, self._name, None) is self:
+            setattr(module, self._name, self._dispatcher)
         return self._call(*arguments)
 
 

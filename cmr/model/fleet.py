@@ -107,7 +107,7 @@ class Fleet:
         paper.read(self._state, self._duty, self._parameters, states)
         if self._extended:
             self._extended.write(states[:POSE_AND_SPEED], domega=states[POSE_AND_SPEED:])
-        paper.wrap(states[2])
+            paper.wrap(states[2])
         return RobotState(*(states if index is None else states[:, index]))
 
     def bodies(self) -> Floats:

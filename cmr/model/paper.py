@@ -101,9 +101,17 @@ def advance(x, y, theta, psi_left, psi_right, left, right, k0, k1, k2, k3, k4, k
         theta[i] += turn
 
 
+@compiled("void(f8[::1])")
+def wrap(theta: Array) -> None:
+    """Turn headings by whole turns into (-pi, pi], in place."""
+    for i in range(len(theta)):
+        wrapped = theta[i] - 2.0 * np.pi * np.ceil((theta[i] - np.pi) / (2.0 * np.pi))
+        theta[i] = wrapped if wrapped > -np.pi else np.pi
+
+
 @compiled("void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])")
 def read(state: Array, duty: Array, parameters: Array, states: Array) -> None:
-    """Write the fields of RobotState (7, robots), accelerations being those at the present duties.
+    """Write the fields of RobotState (7, robots): headings in (-pi, pi], accelerations those at the present duties.
 
     `state` (5, ...), `duty` (2, ...) and `parameters` (4, ...) may have columns of more robots.
     """
@@ -111,18 +119,11 @@ def read(state: Array, duty: Array, parameters: Array, states: Array) -> None:
     for row in range(5):
         for i in range(n):  # slices would take seconds to compile
             states[row, i] = state[row, i]
+    wrap(states[2])
     for side in range(2):
         domega, duties, psi = states[5 + side], duty[side], states[3 + side]
         for i in range(n):
             domega[i] = parameters[1, i] * (duties[i] - parameters[2, i] * psi[i])
-
-
-@compiled("void(f8[::1])")
-def wrap(theta: Array) -> None:
-    """Turn headings by whole turns into (-pi, pi], in place."""
-    for i in range(len(theta)):
-        wrapped = theta[i] - 2.0 * np.pi * np.ceil((theta[i] - np.pi) / (2.0 * np.pi))
-        theta[i] = wrapped if wrapped > -np.pi else np.pi
 
 
 @compiled("void(f8[::1], f8[::1], f8[:, ::1], f8[::1], f8[:, ::1])")

@@ -11,7 +11,11 @@ class LazyModule:
         self._module = module
 
     def __getattr__(self, name: str) -> Any:
-        """Return what the module has under this name; the next time it is found without coming here."""
+        """Return what the module has under this name; the next time it is found without coming here.
+
+        A compiled function that is still to be loaded is found here again: then it is another, quicker one.
+        """
         value = getattr(import_module(self._module), name)
-        setattr(self, name, value)
+        if not getattr(value, "unloaded", False):
+            setattr(self, name, value)
         return value

@@ -215,7 +215,8 @@ class WorldView:
 
 def _columns(state: RobotState, index: Indices | slice) -> list[Floats]:
     """Return pose and wheel speeds of some robots as compiled functions take them, without copies where that goes."""
-    return [np.ascontiguousarray(np.asarray(column, dtype=float)[index]) for column in state[:SEEN]]
+    columns = [np.ascontiguousarray(column, dtype=float) for column in state[:SEEN]]
+    return columns if isinstance(index, slice) else [column[index] for column in columns]
 
 
 def _all_or(index: Indices, group: "_Group") -> Indices | slice:

@@ -185,7 +185,8 @@ class World:
         self._time = utime
         for robot_id in sorted(self._not_ready):
             self._take_over(robot_id)
-        self._place_virtual()
+        if self._absent:
+            self._place_virtual()
         for _ in range(MOST_STEPS_AT_ONCE):
             before = self._fleet.utime
             self._fleet.standing = self._bodies_of_real()
@@ -254,6 +255,8 @@ class World:
 
     def _standing(self) -> list[Robots]:
         """Return the virtual robots whose parameters are known but not ready yet: they stand where they start."""
+        if not self._not_ready:
+            return []
         return [robots for robot_id, robots in self._absent.items() if robot_id in self._not_ready]
 
     def _real_robot(self, robot_id: int) -> _RealRobot:
