@@ -15,7 +15,7 @@ import pytest
 from cmr.commands.command_line import CommandError
 from cmr.commands.fidelity import JOURNAL, main
 from cmr.fidelity.distances import CLOSES, NO_GAP, NOT_SHOWN, WIDENS, Closing, closing, distance
-from cmr.fidelity.findings import Finding, failures, findings_of, sentences, table
+from cmr.fidelity.findings import Finding, cautions, failures, findings_of, sentences, table
 from cmr.fidelity.preparing import moved_by
 from cmr.fidelity.study import PREPARED, SETS, Scores, Study, Task, perform, tasks_of
 from cmr.fidelity.writing import DOCUMENT, FIGURE, RUNS, TABLE, write
@@ -75,7 +75,19 @@ def test_where_there_was_no_gap_nothing_is_closed() -> None:
     closed = finding.closings["calibrated"]
     assert closed.verdict == NO_GAP
     assert np.isnan(closed.share)
-    assert "no gap to close" in sentences([finding])[0]
+    before = {"uncalibrated": replace(finding.distances["uncalibrated"], value=0.3, p_value=0.124)}
+    (sentence,) = sentences([replace(finding, distances={**finding.distances, **before})])
+    assert sentence.startswith(
+        "time_to_goal, calibrated: no gap shown: without calibration 0.3 s from real teams, which chance alone "
+        "makes in 12 % of cases; they differ by "
+    )
+
+
+def test_few_experiments_are_said_to_tell_little() -> None:
+    (finding,) = findings(1.0, 0.2)
+    few = replace(finding, values={name: values[:4] for name, values in finding.values.items()})
+    assert cautions([few])[0].startswith("These are 4 experiments of each kind, in which only large differences show")
+    assert cautions([finding]) == []
 
 
 def test_calibration_that_takes_teams_away_from_real_ones_is_told() -> None:

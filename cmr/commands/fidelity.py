@@ -39,7 +39,7 @@ def main(arguments: list[str]) -> int:
         raise CommandError(str(error)) from error
     except OSError as error:
         raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
-    from cmr.fidelity.findings import failures, findings_of, sentences, table  # SciPy, which is slow to import
+    from cmr.fidelity.findings import conclusions, findings_of, table  # SciPy, which is slow to import
     from cmr.fidelity.writing import write
 
     findings = findings_of(scores)
@@ -55,7 +55,7 @@ def main(arguments: list[str]) -> int:
     except OSError as error:
         raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
     print(table(findings))
-    print("\n".join(["", *sentences(findings), *failures(scores)]))
+    print("\n".join(["", *conclusions(scores, findings)]))
     print(f"\n{time.monotonic() - began:.0f} s; written to {options.out}: {', '.join(path.name for path in files)}")
     return 0
 

@@ -17,7 +17,7 @@ CHANCE = 0.05  # a distance that chance reaches more often is no finding
 CLOSES = "closes the gap"
 NOT_SHOWN = "not shown to close the gap"
 WIDENS = "widens the gap"
-NO_GAP = "no gap to close"
+NO_GAP = "no gap shown"
 
 
 @dataclass(frozen=True)

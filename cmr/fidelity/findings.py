@@ -10,6 +10,9 @@ from cmr.fidelity.distances import CHANCE, NO_GAP, NOT_SHOWN, WIDENS, Closing, D
 from cmr.fidelity.study import PREPARATIONS, PREPARED, REAL_A, REAL_B, UNCALIBRATED, Scores
 from cmr.team.metrics import UNITS
 
+ENOUGH = 10  # experiments of each kind; of fewer, those who read on are warned
+USUAL = 20
+
 Floats = NDArray[np.float64]
 
 
@@ -59,6 +62,11 @@ def _finding(metric: str, values: Mapping[str, Floats]) -> Finding:
     )
 
 
+def conclusions(scores: Mapping[str, Sequence[Scores]], findings: Sequence[Finding]) -> list[str]:
+    """Return all that is to be said of a study, in sentences."""
+    return [*sentences(findings), *failures(scores), *cautions(findings)]
+
+
 def sentences(findings: Sequence[Finding]) -> list[str]:
     """Return what a person should take home: for each preparation and metric, whether the gap is closed."""
     return [_sentence(finding, name, closed) for finding in findings for name, closed in finding.closings.items()]
@@ -87,19 +95,33 @@ def _sentence(finding: Finding, name: str, closed: Closing) -> str:
     said = f"{finding.metric}, {name}: "
     if closed.verdict == NO_GAP:
         return (
-            f"{said}{NO_GAP}: without calibration {before.value:.3g} {unit} from real teams, which differ by "
-            f"{finding.floor.value:.3g} {unit} among themselves."
+            f"{said}{NO_GAP}: without calibration {before.value:.3g} {unit} from real teams{_by_chance(before)}; "
+            f"they differ by {finding.floor.value:.3g} {unit} among themselves."
         )
     if np.isnan(closed.share):
         return f"{said}{closed.verdict}: there was none, and now it is {after.value:.3g} {unit}."
-    left = "" if after.p_value <= CHANCE else ", no more than chance makes"
-    change = f"from {before.value:.3g} to {after.value:.3g} {unit}{left}"
+    change = f"from {before.value:.3g} to {after.value:.3g} {unit}{_by_chance(after)}"
     sign = -100.0 if closed.verdict == WIDENS else 100.0
     low, high = sorted((sign * closed.low, sign * closed.high))
     interval = f"{sign * closed.share:.0f} % ({low:.0f} to {high:.0f} %)"
     if closed.verdict == NOT_SHOWN:
         return f"{said}{NOT_SHOWN}: {interval} of it, {change}."
     return f"{said}{closed.verdict} by {interval}: {change}."
+
+
+def _by_chance(one: Distance) -> str:
+    """Return, of a distance that may be there by chance alone, how often that makes as much."""
+    return (
+        f", which chance alone makes in {one.p_value:.0%} of cases".replace("%", " %") if one.p_value > CHANCE else ""
+    )
+
+
+def cautions(findings: Sequence[Finding]) -> list[str]:
+    """Return a sentence where there are too few experiments to tell much."""
+    count = min((len(finding.values[REAL_A]) for finding in findings), default=ENOUGH)
+    if count >= ENOUGH:
+        return []
+    return [f"These are {count} experiments of each kind, in which only large differences show; {USUAL} tell more."]
 
 
 def rows(findings: Sequence[Finding]) -> Iterator[dict[str, str | float]]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cmr.fidelity.findings import Finding, failures, rows, sentences
+from cmr.fidelity.findings import Finding, conclusions, rows
 from cmr.fidelity.study import Scores
 from cmr.files import write_atomically
 
@@ -27,7 +27,7 @@ def write(folder: Path, scores: Mapping[str, Sequence[Scores]], findings: Sequen
         "schema": 1,
         "about": about,
         "findings": [{name: _finite(value) for name, value in row.items()} for row in rows(findings)],
-        "sentences": [*sentences(findings), *failures(scores)],
+        "sentences": conclusions(scores, findings),
     }
     write_atomically(_csv(runs), folder / RUNS)
     write_atomically(_csv(rows(findings)), folder / TABLE)
