@@ -52,14 +52,19 @@ def scene(**settings: Any) -> Scene:
     return Scene(EYE, FLOOR_TAGS, **settings)
 
 
+def contents(pdf: Path) -> bytes:
+    """What is drawn on the page of a PDF on which most is."""
+    found = re.findall(rb"stream\n(.*?)\nendstream", pdf.read_bytes(), re.DOTALL)
+    return max(map(zlib.decompress, found), key=len)
+
+
 def squares_of(pdf: Path) -> tuple[tuple[float, float], Any]:
     """The paper's size [m], and the page's black squares (n, 2, 2): lower left and upper right corner [m]."""
     data = pdf.read_bytes()
     box = re.search(rb"/MediaBox \[ ?([\d. ]+)\]", data)
     assert box is not None
     _, _, wide, high = (float(number) * POINT for number in box[1].split())
-    drawn = max(map(zlib.decompress, re.findall(rb"stream\n(.*?)\nendstream", data, re.DOTALL)), key=len)
-    paths = re.findall(rb"((?:[\d.]+ [\d.]+ [ml]\n){4})h\n\nf", drawn)
+    paths = re.findall(rb"((?:[\d.]+ [\d.]+ [ml]\n){4})h\n\nf", contents(pdf))
     corners = np.array([[line.split()[:2] for line in path.splitlines()] for path in paths[1:]], float)  # 0: the paper
     return (wide, high), np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1) * POINT
 

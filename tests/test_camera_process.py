@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+import socket
 import subprocess
 import time
 from collections.abc import Callable
@@ -15,7 +16,7 @@ import pytest
 
 from cmr.bus.bus import Bus
 from cmr.bus.streams import CAMERA_IMAGE, POSE, PROCESS_STATUS, WORLD_STATE
-from cmr.camera import watching
+from cmr.camera import sources, watching
 from cmr.camera.floor import Floor
 from cmr.camera.lens import CameraFileError, Lens
 from cmr.camera.sources import Film, SourceError, Taken, Video
@@ -26,7 +27,7 @@ from cmr.commands.command_line import CommandError
 from cmr.model.motion import RobotState
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from tests.bus_bench import PATIENCE, our_command
-from tests.camera_bench import floor_file, floor_of, lens_of, squares_of
+from tests.camera_bench import contents, floor_file, floor_of, lens_of, squares_of
 from tests.rendered_floor import FLOOR_TAGS, Box, Eye, Scene
 
 SMALL = Eye(width=640, height=360, focal=460.0, centre=(324.0, 177.0))
@@ -44,7 +45,8 @@ def test_poses_and_pictures_with_virtual_robots_are_told_on_the_bus(url: str, tm
     for stream in (POSE, CAMERA_IMAGE, PROCESS_STATUS):
         bus.subscribe(stream, every=True)
     command = [our_command("cmr-camera"), "--lcm-url", url, str(tmp_path / "pictures"), "--record", "run.mkv"]
-    process = subprocess.Popen([*command, "--floor", str(floor_file(tmp_path)), "--name", "ceiling"], cwd=tmp_path)
+    command += ["--floor", str(floor_file(tmp_path)), "--name", "ceiling"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
     virtual = Robot(EPOCH + 500_000, 10, VIRTUAL, RobotState.at_rest(-0.4, 0.1))
     received, deadline = [], time.monotonic() + PATIENCE
     while process.poll() is None:
@@ -52,7 +54,7 @@ def test_poses_and_pictures_with_virtual_robots_are_told_on_the_bus(url: str, tm
         for message in world_messages(EPOCH + 500_000, [virtual]):
             bus.publish(WORLD_STATE, message)
         received += bus.receive(0.02)
-    assert process.returncode == 0
+    assert (process.returncode, process.communicate()[0]) == (0, "12 pictures: robot 0 in 12.\n")
     poses = [entry.message for entry in received if entry.stream is POSE]
     images = [entry.message for entry in received if entry.stream is CAMERA_IMAGE]
     assert [pose.utime for pose in poses] == [EPOCH + 100_000 * k for k in range(12)]
@@ -87,7 +89,9 @@ def test_tags_are_printed_in_the_size_that_was_asked_for(tmp_path: Path) -> None
     _, squares = squares_of(tmp_path / "tags.pdf")
     assert squares[:, 1].max(axis=0) - squares[:, 0].min(axis=0) == pytest.approx((0.12, 0.12), abs=1e-5)
     assert (tmp_path / "tags.pdf").read_bytes().count(b"/Type /Page ") == 3
-    with pytest.raises(CommandError, match="does not fit a4"):
+    assert b"0 1 -1 0" not in contents(tmp_path / "tags.pdf"), "who can read the words holds the tag upright"
+    assert main(["tags", "0", "--size", "0.164", "--out", str(tmp_path / "tags.pdf")]) == 0
+    with pytest.raises(CommandError, match=r"does not fit a4 with white around it: 0\.164 m at most"):
         main(["tags", "0", "--size", "0.2", "--out", str(tmp_path / "tags.pdf")])
 
 
@@ -134,6 +138,27 @@ def test_a_camera_that_is_not_there_is_one_line_and_exits_with_1(url: str, tmp_p
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert result.returncode == 1
     assert re.fullmatch(r"cmr-camera: The camera 99 cannot be opened; .*\n", result.stderr)
+
+
+@pytest.mark.parametrize(
+    ("has_lens", "told"), [(False, "There is no lens.yaml. 'cmr-camera calibrate'"), (True, "There is no floor.yaml")]
+)
+def test_what_has_to_be_made_first_is_told(
+    has_lens: bool, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if has_lens:
+        lens_of(SMALL).save(tmp_path / "lens.yaml")
+    with pytest.raises(CommandError, match=told):
+        main(["0"])
+
+
+def test_a_network_camera_that_does_not_answer_is_told_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources, "PATIENCE", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"rtsp://127.0.0.1:{silent.getsockname()[1]}/stream"
+        with pytest.raises(SourceError, match=f"{address} does not send pictures"):
+            sources.Camera(address, (640, 480), 30.0, 0.0)
 
 
 def test_pictures_without_the_board_calibrate_nothing(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ FIRST_UTIME = 1_000_000_000_000_000  # us; a picture whose name is such a number
 OLDEST = 1.0  # s; a time stamp of the camera that is older is on another clock
 CODES = {".mp4": "mp4v", ".mkv": "mp4v", ".avi": "MJPG"}  # of videos, by the file's suffix
 LONGEST_GAP = 10.0  # s; after a longer one a video goes on at once
+PATIENCE = 10.0  # s with a network camera; its first whole picture takes some
 LATE = 1.0  # s that a player may be behind; then it goes on from there instead of hurrying
 
 
@@ -40,12 +41,7 @@ class Camera:
     def __init__(self, what: int | str, size: tuple[int, int], rate: float, lag: float) -> None:
         self.what, self.lag = what, lag
         self._is_usb = isinstance(what, int)
-        self._capture = cv2.VideoCapture(what, cv2.CAP_V4L2 if self._is_usb else cv2.CAP_FFMPEG)
-        if not self._capture.isOpened():
-            self._capture.release()
-            known = ", ".join(sorted(path.name.removeprefix("video") for path in Path("/dev").glob("video*")))
-            there = f"; there are: {known}" if known else "; there is none"
-            raise SourceError(f"The camera {what} cannot be opened{there if self._is_usb else ''}.")
+        self._capture = _usb_camera(what) if isinstance(what, int) else _network_camera(what)
         if self._is_usb:
             settings = (
                 (cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG")),  # raw pictures do not fit USB 2 at full rate
@@ -68,6 +64,25 @@ class Camera:
     def close(self) -> None:
         """Give the camera back."""
         self._capture.release()
+
+
+def _usb_camera(number: int) -> "cv2.VideoCapture":
+    capture = cv2.VideoCapture(number, cv2.CAP_V4L2)
+    if not capture.isOpened():
+        known = ", ".join(sorted(path.name.removeprefix("video") for path in Path("/dev").glob("video*")))
+        there = f"there are: {known}" if known else "there is none"
+        raise SourceError(f"The camera {number} cannot be opened; {there}.")
+    return capture
+
+
+def _network_camera(address: str) -> "cv2.VideoCapture":
+    patience = int(1e3 * PATIENCE)
+    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, patience, cv2.CAP_PROP_READ_TIMEOUT_MSEC, patience]
+    capture = cv2.VideoCapture(address, cv2.CAP_FFMPEG, limits)
+    if not capture.isOpened():
+        told = f"does not send pictures within {PATIENCE:.0f} s. Is the address right, is it on, and in this network?"
+        raise SourceError(f"The camera {address} {told}")
+    return capture
 
 
 class Film:

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,6 +99,7 @@ def _watch(options: argparse.Namespace) -> int:
     from cmr.camera.watcher import Watcher
     from cmr.camera.watching import Watching
 
+    _check_files(options)
     with Process("cmr-camera", options.lcm_url) as process:
         try:
             watcher = Watcher(Lens.load(options.lens), Floor.load(options.floor))
@@ -107,17 +109,33 @@ def _watch(options: argparse.Namespace) -> int:
                 return open_source(options.source, options.size, options.rate, options.lag)
 
             watching = Watching(opened(), opened, watcher)
+            showing = _Showing(process, watcher, video, options)
         except (CameraFileError, SourceError, OSError) as error:
             raise CommandError(str(error)) from error
         try:
-            _loop(process, watching, _Showing(process, watcher, video, options))
+            _loop(process, watching, showing)
         except SourceError as error:
             raise CommandError(str(error)) from error
         finally:
             watching.close()
             if video:
                 video.close()
+    print(_summary(watching.pictures, showing))
     return process.exit_code
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    """Raise CommandError where a file is missing that whoever begins has to make first."""
+    if not options.lens.exists():
+        raise CommandError(f"There is no {options.lens}. 'cmr-camera calibrate' makes it from pictures of the board.")
+    if not options.floor.exists():
+        raise CommandError(f"There is no {options.floor}, which says where tags lie. 'cmr-camera --help' shows one.")
+
+
+def _summary(pictures: int, showing: "_Showing") -> str:
+    """Return what was seen in all."""
+    seen = ", ".join(f"robot {robot_id} in {count}" for robot_id, count in sorted(showing.seen.items()))
+    return " ".join([f"{pictures} pictures: {seen or 'no robot seen'}.", *showing.not_taken()])
 
 
 def _loop(process: Process, watching: "Watching", showing: "_Showing") -> None:
@@ -146,6 +164,7 @@ class _Showing:
         from cmr.camera.watching import Latency
 
         self.latency = Latency()
+        self.seen: Counter[int] = Counter()  # pictures with this robot
         self.watcher = watcher
         self._process, self._video, self._options = process, video, options
         self._tracks = Tracks(int(options.trail * 1e6))
@@ -166,6 +185,7 @@ class _Showing:
     def publish(self, seen: "Seen") -> None:
         """Publish the poses in a picture, and the picture if it is time for one."""
         utime = seen.taken.utime
+        self.seen.update(seen.poses.keys())
         for robot_id, pose in seen.poses.items():
             message = make(pose_xyt_t, utime=utime, robot_id=robot_id, x=pose.x, y=pose.y, theta=pose.theta)
             self._process.publish(POSE, message, robot_id)
@@ -175,6 +195,11 @@ class _Showing:
             on_time = 0.0 <= utime - self._due < period
             self._due = (self._due if on_time else utime) + int(period)
             self._show(seen)
+
+    def not_taken(self) -> list[str]:
+        """Return which tags were not taken, in a sentence if there are any."""
+        rejected = ", ".join(f"{reason} {count}" for reason, count in sorted(self.watcher.rejected.items()))
+        return [f"Tags not taken: {rejected}."] if rejected else []
 
     def _show(self, seen: "Seen") -> None:
         import cv2
@@ -210,8 +235,7 @@ class _Showing:
 def _tell(process: Process, watching: "Watching", showing: _Showing) -> None:
     """Report latency, rejections, and what is wrong."""
     process.state = process_status_t.DEGRADED if watching.problem else process_status_t.RUNNING
-    rejected = ", ".join(f"{reason} {count}" for reason, count in sorted(showing.watcher.rejected.items()))
-    sentences = [watching.problem, showing.latency.told(), f"Tags not taken: {rejected}." if rejected else ""]
+    sentences = [watching.problem, showing.latency.told(), *showing.not_taken()]
     process.message = " ".join(sentence for sentence in sentences if sentence)
 
 
