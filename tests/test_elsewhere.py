@@ -61,15 +61,17 @@ def all_statuses() -> list[Any]:
 class Bus:
     """A process on a bus on which the robots are, and on which the processes of other machines tell of themselves."""
 
-    def __init__(self, statuses: list[Any]) -> None:
+    def __init__(self, statuses: list[Any], later: list[Any]) -> None:
         self.statuses = statuses
+        self.later = later  # what they say 0.2 s later
+        self.turns = 0
         self.published: list[tuple[str, int | None]] = []
 
     def subscribe(self, *_: Any, **__: Any) -> None:
         """Nothing to do."""
 
     def loop(self, _rate: float) -> Iterator[int]:
-        for _ in range(100):
+        for _ in range(1000):
             time.sleep(0.01)
             yield now_utime()
 
@@ -80,22 +82,36 @@ class Bus:
             handle(utime, WORLD_STATE.name, message)
         for message in self.statuses:
             handle(utime, PROCESS_STATUS.name, message)
+        self.turns += 1
+        if self.turns == 20:
+            self.statuses = self.later
 
     def publish(self, stream: Any, _message: Any, robot_id: int | None = None) -> None:
         self.published.append((stream.name, robot_id))
 
 
-def live_run(folder: Path, statuses: list[Any]) -> tuple[Outcome, Bus]:
-    scenario, bus = prepared(folder), Bus(statuses)
+def live_run(folder: Path, statuses: list[Any], later: list[Any]) -> tuple[LiveRun, Outcome, Bus]:
+    scenario, bus = prepared(folder), Bus(statuses, later)
     others = jobs_of(scenario, folder / "out", URL)
     run = LiveRun(scenario, folder / "out", bus, [], Children(folder), Terminal(), others)  # type: ignore[arg-type]
-    return run.run(), bus
+    return run, run.run(), bus
 
 
 def test_it_begins_when_all_processes_of_other_machines_are_there_and_sends_robots_on_their_way(tmp_path: Path) -> None:
-    outcome, bus = live_run(tmp_path, all_statuses())
+    _, outcome, bus = live_run(tmp_path, all_statuses(), all_statuses())
     assert outcome.ended_by == "its time is over"
     assert sorted(robot_id for _, robot_id in bus.published if robot_id is not None) == [1, 10]
+
+
+def test_a_doubt_that_is_told_a_moment_after_the_first_word_keeps_the_run_waiting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cmr.scenario.live_run.GRACE", 2.0)
+    doubt = status("cmr-sim", 100, process_status_t.DEGRADED, "The robot model is still being loaded.")
+    run, outcome, _ = live_run(tmp_path, all_statuses(), [*all_statuses(), doubt])
+    assert outcome.ended_by == "its time is over"
+    (in_doubt,) = [at for at, words in run.events if words.startswith("In doubt, cmr-sim on robot-pi: The robot model")]
+    assert in_doubt > 2.0
 
 
 @pytest.mark.parametrize("lacking", range(6))

@@ -191,6 +191,23 @@ def test_ctrl_c_stops_everything_and_still_writes_the_report(tmp_path: Path) -> 
     assert processes_naming(folder) == []
 
 
+def test_a_behaviour_of_ones_own_is_found_in_the_folder_where_the_command_is_run(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from cmr.world.behaviours import Behaviour\n"
+        "class Circle(Behaviour):\n"
+        "    def command(self, utime, me, world, parameters):\n"
+        "        return 0.3, 0.6\n"
+    )
+    robot = "{id: 7, kind: virtual, behaviour: 'mine:Circle'}"
+    (tmp_path / "own.yaml").write_text(f"duration: 1\nparameters: {PARAMETERS}\nrobots:\n  - {robot}\n")
+    command = [RUN, "own.yaml", "--out", "out", "--lcm-url", private_url()]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100.0, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    (robot_7,) = json.loads((tmp_path / "out/report.json").read_text())["robots"]
+    assert robot_7["behaviour"] == "mine:Circle"
+    assert robot_7["distance_m"] > 0.1
+
+
 def test_a_scenario_that_is_wrong_starts_nothing(tmp_path: Path) -> None:
     (tmp_path / "bad.yaml").write_text(TEXT.replace("leader=10", "leader=11"))
     command = [RUN, str(tmp_path / "bad.yaml"), "--out", str(tmp_path / "out")]

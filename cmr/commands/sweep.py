@@ -56,8 +56,6 @@ def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedR
     from cmr.sweep.planning import plan
     from cmr.sweep.settings import SettingError, setting_of
 
-    if "" not in sys.path:
-        sys.path.append("")  # a user's own module:Class lies in the folder where the command is run
     try:
         settings = [setting_of(text) for text in options.set]
         return settings, plan(path_of(options.scenario), settings, options.seeds)

@@ -25,6 +25,7 @@ RATE = 20.0  # Hz
 START_UP = 120.0  # s for all robots and processes to be in service, on a slow machine
 START_UP_BY_HAND = 1800.0  # s, where somebody has to start processes on other machines
 GRACE = 30.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
+ANOTHER_WORD = 1.2  # s; by then each has told again how it is, as what it says first, it says before it knows
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
 WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
@@ -86,7 +87,9 @@ class LiveRun:
             if lacking:
                 self._terminal.progress(f"Waiting for {lacking}")
             self._there_since = None if missing else (self._there_since or time.monotonic())
-            if self._there_since is not None and time.monotonic() - self._there_since > (GRACE if doubt else 0.0):
+            if self._there_since is not None and time.monotonic() - self._there_since > (
+                GRACE if doubt else ANOTHER_WORD
+            ):
                 return self._drive(doubt)
             given_up = self.supervisor.given_up()
             if given_up:

@@ -1,5 +1,6 @@
 """A scenario: the whole of a team experiment, read from a YAML file that is checked as it is loaded."""
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -72,9 +73,12 @@ def load(path: Path, *, starts_checked: bool = True) -> Scenario:
     """Read a scenario from a YAML file.
 
     Where robots go on from wherever they are, starts are not checked, as they need not be clear of one another, nor is
-    process noise: a calibration may have written parameters anew that tell nothing of it.
+    process noise: a calibration may have written parameters anew that tell nothing of it. Behaviours given as
+    `module:Class` are looked for in the working folder, too.
     Raises ScenarioError naming file, line and key when it is missing, unreadable or wrong.
     """
+    if "" not in sys.path:
+        sys.path.append("")
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
