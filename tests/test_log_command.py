@@ -113,6 +113,8 @@ def test_a_cut_holds_the_events_of_its_time_and_channels_as_they_were(log: Path,
     assert main(["cut", str(log), "--from", "0.2", "--to", "0.5", "--channel", "GYRO_*", "--out", str(out)]) == 0
     expected = [event for event in WHOLE if 200_000 <= event.utime - START < 500_000]
     assert list(EventReader(out)) == numbered(expected)
+    assert main(["cut", str(log), "--channel", "GYRO_*", "--without", "GYRO_4", "--out", str(out)]) == 0
+    assert [event.channel for event in EventReader(out)] == ["GYRO_3"]
 
 
 times = st.lists(st.integers(0, 10**6), max_size=30).map(sorted)

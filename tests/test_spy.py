@@ -97,6 +97,8 @@ def test_details_have_every_field_with_its_unit_and_the_delay() -> None:
     assert all(name in text for name in motor_feedback_t.__slots__)
     assert re.search(r"psi_left \[rad/s\] +0\n", text)
     assert "stamped 12.5 ms before it arrived" in text
+    recorded = "\n".join(details(feedback._replace(utime=feedback.utime + 5 * 3600 * 10**6)))
+    assert "stamped 5.0 h before it arrived: recorded at another time" in recorded
 
 
 def test_arrays_are_shown_in_short_in_the_table_and_longer_in_detail() -> None:

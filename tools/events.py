@@ -32,12 +32,15 @@ def open_log(path: Path) -> EventReader:
         raise CommandError(f"{path}: {error.strerror or error}") from error
 
 
-def channel_chooser(patterns: Sequence[str]) -> Callable[[str], bool]:
-    """Return what tells whether a channel fits one of the shell patterns; without patterns every channel does."""
+def channel_chooser(patterns: Sequence[str], without: Sequence[str] = ()) -> Callable[[str], bool]:
+    """Return what tells whether a channel fits one of the shell patterns, or any if there are none, and none of
+    `without`.
+    """
 
     @lru_cache(maxsize=10_000)
     def is_chosen(channel: str) -> bool:
-        return not patterns or any(fnmatchcase(channel, pattern) for pattern in patterns)
+        is_wanted = not patterns or any(fnmatchcase(channel, pattern) for pattern in patterns)
+        return is_wanted and not any(fnmatchcase(channel, pattern) for pattern in without)
 
     return is_chosen
 

@@ -53,7 +53,8 @@ def _cut(options: argparse.Namespace) -> list[str]:
     log = open_log(options.log)
     _check_out([log], options.out)
     with Progress(log.size) as progress:
-        events = cut(reading(log, progress), options.first, options.last, channel_chooser(options.channel))
+        is_chosen = channel_chooser(options.channel, options.without)
+        events = cut(reading(log, progress), options.first, options.last, is_chosen)
         count = write_events(options.out, events)
     if count == 0:
         raise CommandError(f"{log.path}: no event lies there. What is in the log: cmr-log info {log.path}")
@@ -94,7 +95,7 @@ def _tables(options: argparse.Namespace, suffix: str, sink: Callable[[Path], Any
     from cmr.tools.writing import complete_files_or_none
 
     log, folder = open_log(options.log), options.out
-    is_chosen = channel_chooser(options.channel)
+    is_chosen = channel_chooser(options.channel, options.without)
     with ExitStack() as stack:
         partial = stack.enter_context(complete_files_or_none(folder))
         progress = stack.enter_context(Progress(log.size))
@@ -112,7 +113,7 @@ def _mcap(options: argparse.Namespace) -> list[str]:
 
     log = open_log(options.log)
     _check_out([log], options.out)
-    is_chosen = channel_chooser(options.channel)
+    is_chosen = channel_chooser(options.channel, options.without)
     try:
         with complete_or_none(options.out) as temporary, temporary.open("wb") as stream:
             writer = McapWriter(stream)
@@ -223,5 +224,12 @@ def _add_channel_and_out(command: argparse.ArgumentParser, out: str, what: str) 
         default=[],
         metavar="GLOB",
         help="only channels that fit, as in 'GYRO_*'. May be given several times",
+    )
+    command.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="GLOB",
+        help="no channels that fit. May be given several times",
     )
     command.add_argument("--out", type=Path, required=True, metavar=out, help=what)

@@ -134,7 +134,7 @@ def details(line: Line) -> list[str]:
     except RejectedMessage as rejected:
         return [*head, "", f"{rejected}", f"bytes: {line.data[:64].hex(' ')}"]
     message = received.message
-    delay = f"stamped {(line.utime - message.utime) / 1e3:.1f} ms before it arrived"
+    delay = _delay((line.utime - message.utime) / 1e6)
     fields = fields_of(received.stream.message_type)
     width = max(len(field.column) for field in fields)
     values = [
@@ -178,6 +178,14 @@ def _age(seconds: float) -> str:
     if seconds < 100.0:
         return f"{max(seconds, 0.0):.2f} s"
     return f"{seconds:.0f} s" if seconds < 10_000.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def _delay(seconds: float) -> str:
+    """Tell how long [s] before its arrival a message was stamped."""
+    if abs(seconds) < 10.0:
+        return f"stamped {1e3 * seconds:.1f} ms before it arrived"
+    when = "before" if seconds > 0.0 else "later than"
+    return f"stamped {_age(abs(seconds))} {when} it arrived: recorded at another time, or clocks differ"
 
 
 def _kilobytes(lines: Sequence[Line]) -> float:
