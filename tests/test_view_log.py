@@ -46,7 +46,8 @@ def drive() -> list[tuple[int, str, Any]]:
         values = {**FIELDS["CALIBRATION_STATUS"], "state": 3 if second >= 40 else 1, "progress": min(second / 40, 1.0)}
         status = make(calibration_status_t, utime=utime, robot_id=1, **{**values, "message": "Found."})
         messages.append((utime + 10, "CALIBRATION_STATUS_1", status))
-        values = {"sequence": second // 50, "sha256": str(second // 50) * 8, "yaml": ""}
+        version = second // 50 if second != 51 else 0  # of a process that hears of the new ones later
+        values = {"sequence": version, "sha256": str(version) * 8, "yaml": ""}
         messages.append((utime + 20, "PARAMETERS_1", make(parameters_t, utime=utime, robot_id=1, **values)))
     for tenth in range(10 * LENGTH):
         camera = ("door", "window")[tenth % 2]
@@ -197,6 +198,13 @@ def test_the_calibrations_of_many_robots_are_read_again_in_part(tmp_path: Path) 
     assert sorted(progress[-1] for progress in told) == list(range(400 * 30 - 30, 400 * 30))
 
 
+def test_of_the_parameters_the_newest_version_counts_whoever_says_another(log: Path) -> None:
+    for moment in (51.5, 52.5):
+        playback = playback_of(log)
+        playback.jump(BEGIN + int(moment * SECOND))
+        assert playback.state.latest["PARAMETERS"][1].message.sha256 == "1" * 8
+
+
 def test_what_happened_has_its_marks(log: Path) -> None:
     marks = [(round((mark.utime - BEGIN) / SECOND), mark.word) for mark in playback_of(log).index.marks]
     expected = [(0, "parameters"), (20, "stop"), (22, "released"), (40, "calibrated"), (50, "parameters")]
@@ -264,6 +272,9 @@ def test_wishes_of_a_visitor_move_the_log(log: Path) -> None:
     assert not showing.orders.stopped, "what a log says stops nobody"
     showing.advance(1.0)
     assert "21.0 s" in showing.head()
+    showing.fulfil(Wish(JUMP, 1, BEGIN + LENGTH * SECOND), BEGIN)
+    showing.fulfil(Wish(PAUSE, 1), BEGIN)
+    assert "· 0.0 s" in showing.head(), "at the end one plays again"
 
 
 def test_the_clock_of_the_logger_may_be_set(tmp_path: Path) -> None:

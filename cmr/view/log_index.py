@@ -218,6 +218,7 @@ class _Watch:
         self._streams: dict[str, Stream | None] = {}
         self._bytes: dict[str, bytes] = {}
         self._told: dict[str, str] = {}
+        self._versions: dict[int, int] = {}  # of each robot's parameters, the newest until now
 
     def take(self, utime: int, event: Event) -> None:
         """Look at one event."""
@@ -233,6 +234,10 @@ class _Watch:
             message = decode(event.channel, event.data).message
         except RejectedMessage:
             return
+        if stream is PARAMETERS and message.sequence < self._versions.setdefault(message.robot_id, message.sequence):
+            return  # said by a process that has not heard of the newer ones yet
+        if stream is PARAMETERS:
+            self._versions[message.robot_id] = message.sequence
         told = self._tell[stream.name](message)
         if told is None or told[1] == self._told.get(event.channel, ""):
             return

@@ -59,7 +59,7 @@ class ReplayPanel:
         if self._wanted is not None and time.monotonic() - self._typed >= TYPED:
             self._ask(JUMP, playback.index.begin + int(self._wanted * 1e6))
             self._wanted = None
-        self._pause.label = "play" if playback.paused else "pause"
+        self._pause.label = "play again" if playback.at_end else "play" if playback.paused else "pause"
         end = self._end()
         if self._slider.max != end:
             self._slider.max = end

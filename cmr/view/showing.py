@@ -124,7 +124,11 @@ class LogShowing:
         return f"Plays {self._path.name}."
 
     def _pause(self, _value: Any) -> None:
-        self._playback.paused = not self._playback.paused
+        if self._playback.at_end:
+            self._playback.jump(self._playback.index.begin)
+            self._playback.paused = False
+        else:
+            self._playback.paused = not self._playback.paused
 
     def _set_speed(self, speed: float) -> None:
         self._playback.speed = speed

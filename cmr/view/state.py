@@ -55,7 +55,7 @@ class ViewState:
         stream, robot_id = identify(channel) or (None, None)
         if stream is None:
             return
-        if robot_id is not None and stream.name in self.latest:
+        if robot_id is not None and stream.name in self.latest and not self._is_outdated(stream, robot_id, message):
             self.latest[stream.name][robot_id] = Heard(utime, message)
         if stream is streams.WORLD_STATE:
             self.robots.take_world(utime, message)
@@ -99,6 +99,11 @@ class ViewState:
         """Return the last message of a robot on one of the streams LATEST_OF; None if there was none."""
         heard = self.latest[stream.name].get(robot_id)
         return None if heard is None else heard.message
+
+    def _is_outdated(self, stream: streams.Stream, robot_id: int, message: Any) -> bool:
+        """Tell whether these are parameters of which a newer version is known: who says them has not heard of it."""
+        known = self.newest(stream, robot_id) if stream is streams.PARAMETERS else None
+        return known is not None and bool(message.sequence < known.sequence)
 
     def _take_calibration(self, robot_id: int, told: Heard) -> None:
         history = self.calibrations.setdefault(robot_id, deque(maxlen=MOST_ESTIMATES))
