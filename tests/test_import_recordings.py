@@ -200,6 +200,13 @@ def test_a_missing_column_is_named_with_those_present(tmp_path: Path) -> None:
         run(tmp_path, CSV_HEAD | {"pose": POSE}, write_csv(tmp_path, "t,x,y\n0,0,0\n"))
 
 
+def test_of_a_file_that_is_no_csv_nothing_is_shown(tmp_path: Path) -> None:
+    recording = tmp_path / "data.csv"
+    recording.write_bytes(bytes(range(14, 256)))
+    with pytest.raises(CommandError, match=r"columns present: none that can be read; is it a CSV file\?"):
+        run(tmp_path, CSV_HEAD | {"pose": POSE}, recording)
+
+
 def test_a_missing_channel_is_named_with_those_present(tmp_path: Path) -> None:
     recording = write_foreign_log(tmp_path, [(1000, "LASER", b"")])
     with pytest.raises(CommandError, match="ENCODERS: no such channel; channels present: LASER"):

@@ -153,6 +153,13 @@ def in_time_order(
     )
 
 
+def _names(header: list[str]) -> str:
+    """Return the names of columns for a person to read, whatever the file holds."""
+    if not all(name.isprintable() and "\ufffd" not in name for name in header):
+        return "none that can be read; is it a CSV file?"
+    return ", ".join(header) or "none"
+
+
 def _read_csv(mapping: Mapping, rows: Rows, path: Path) -> Source:
     source = Source({})
     with Progress(path.stat().st_size) as progress:
@@ -161,7 +168,7 @@ def _read_csv(mapping: Mapping, rows: Rows, path: Path) -> Source:
         segment_columns = () if rows.segment_column is None else (rows.segment_column,)
         for name in (rows.time_column, *segment_columns, *mapping.columns(CSV_TABLE)):
             if name not in header:
-                raise SourceError(f"{path}: no column {name!r}; columns present: {', '.join(header) or 'none'}")
+                raise SourceError(f"{path}: no column {name!r}; columns present: {_names(header)}")
         cells = _Cells(header, rows, mapping.columns(CSV_TABLE))
         for line in lines:
             if len(line) == len(header):
