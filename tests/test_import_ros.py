@@ -284,9 +284,11 @@ def test_a_quaternion_of_zeros_is_no_pose(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_a_folder_without_a_bag_is_said(tmp_path: Path) -> None:
-    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "bag").mkdir(parents=True)
     (tmp_path / "photos" / "a.jpg").touch()
-    with pytest.raises(CommandError, match=r"photos: has no file that ends in .bag, .mcap or .db3; there is a.jpg"):
+    with pytest.raises(
+        CommandError, match=r"photos: has no file that ends in .bag, .mcap or .db3; there is a.jpg, bag/"
+    ):
         run(tmp_path, WHOLE, tmp_path / "photos")
 
 

@@ -36,7 +36,8 @@ def files_of(path: Path) -> list[Path]:
         and file.with_suffix("") not in files
     ]
     if not files:
-        names = ", ".join(file.name for file in present[:10]) or "nothing"
+        inside = sorted(path.iterdir())[:10]
+        names = ", ".join(f"{one.name}/" if one.is_dir() else one.name for one in inside) or "nothing"
         raise BagError(f"{path}: has no file that ends in .bag, .mcap or .db3; there is {names}")
     return files
 
