@@ -43,9 +43,9 @@ def main(arguments: list[str]) -> int:
             outcome = run.run()
             run.say(f"Stopping: {outcome.ended_by}.")
             run.supervisor.stop()
-        metrics = write_report(run, outcome, began, folder)["metrics"]
-        if metrics:
-            print(f"Measured: {metrics_in_words(metrics)}.")
+        document = write_report(run, outcome, began, folder)
+        if document["metrics"]:
+            print(f"Measured: {metrics_in_words(document)}.")
         if others:
             print(f"What was started on {_hosts(others)} is to be ended there.")
         logs = where_logs_are(logs_before, logs_in(folder))

@@ -43,12 +43,20 @@ def _header(document: Document) -> Html:
     head = tag("header", tag("h1", words), tag("p", badge, said), class_=verdict)
     values = (
         ("robots", f"{len(document['robots'])}"),
-        *((METRICS[name], f"{number(value, 3)} {UNITS[name]}") for name, value in document["metrics"].items()),
+        *(
+            (METRICS[name], f"{more_than(name, document)}{number(value, 3)} {UNITS[name]}")
+            for name, value in document["metrics"].items()
+        ),
         ("world", f"{number(document['world_rate_hz'], 3)} Hz"),
         ("late turns of loops", f"{document['overruns']}"),
         ("restarts", f"{document['restarts']}"),
     )
     return joined(head, tag("dl", *(tag("div", tag("dt", a), tag("dd", b)) for a, b in values), class_="key"))
+
+
+def more_than(metric: str, document: Document) -> str:
+    """Return "over " before the time to goals that were not reached, which is that of the run."""
+    return "over " if metric == "time_to_goal" and not document["waypoints_reached"] else ""
 
 
 def _paths(document: Document) -> Html:
@@ -125,7 +133,7 @@ def _robots(document: Document) -> Html:
     robots = document["robots"]
     headings = ["robot", "kind", "behaviour", "driven [m]"]
     if any(robot["waypoints"] for robot in robots):
-        headings += ["waypoints", "last one at [s]"]
+        headings += ["waypoints", "last one after [s] in service"]
     rows = [_row(robot)[: len(headings)] for robot in robots[:MOST_ROWS]]
     more = f"The first {MOST_ROWS} of {len(robots)}; all are in report.json." if len(robots) > MOST_ROWS else ""
     near = document["nearest_robots"]
@@ -169,4 +177,4 @@ def _processes(document: Document) -> Html:
 
 def _events(document: Document) -> Html:
     rows = [[f"{event['at_s']:.1f} s", event["words"]] for event in document["events"]]
-    return section("What happened", table(("time", "event"), rows) if rows else Html(""))
+    return section("What happened", table(("after its start", "event"), rows) if rows else Html(""))

@@ -11,7 +11,7 @@ import numpy as np
 from cmr.files import write_atomically
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.measuring import measure
-from cmr.scenario.page import page_of
+from cmr.scenario.page import more_than, page_of
 from cmr.scenario.watch import Floats, TeamWatch
 from cmr.team.metrics import UNITS
 
@@ -52,6 +52,7 @@ def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
         "nearest_robots": list(near.robots) if near.utime else [],
         "nearest_at_s": (near.utime - first) * 1e-6 if near.utime else None,
         "distance_driven_m": _number(watch.measure("distance_driven")),
+        "waypoints_reached": watch.waypoints_reached,
         "worlds": watch.worlds,
         "world_rate_hz": _number(mean_rate(watch)),
         "overruns": watch.overruns,
@@ -71,9 +72,12 @@ def metrics_of(run: LiveRun) -> dict[str, float]:
     return {name: number for name in chosen if (number := _number(measured.get(name, math.nan))) is not None}
 
 
-def metrics_in_words(metrics: dict[str, float]) -> str:
-    """Return metrics as a person reads them."""
-    return ", ".join(f"{name.replace('_', ' ')} {value:.3g} {UNITS[name]}" for name, value in metrics.items())
+def metrics_in_words(document: dict[str, Any]) -> str:
+    """Return the metrics of a run as a person reads them; a goal that was not reached took more than the run."""
+    return ", ".join(
+        f"{name.replace('_', ' ')} {more_than(name, document)}{value:.3g} {UNITS[name]}"
+        for name, value in document["metrics"].items()
+    )
 
 
 def mean_rate(watch: TeamWatch) -> float:
