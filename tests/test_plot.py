@@ -9,8 +9,8 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.commands.command_line import CommandError
-from cmr.msg import motor_feedback_t, pose_xyt_t, waypoints_t
-from cmr.recordings.events import EventReader
+from cmr.msg import motor_feedback_t, pose_xyt_t, waypoints_t, world_state_t
+from cmr.recordings.events import Event, EventReader
 from cmr.tools import plot
 from cmr.tools.plot_fields import FieldName, Gathered, Values, against, near_names, parse_field, unit_of
 from cmr.tools.plot_figure import Curve, Panel, broken_at_gaps, figure_of
@@ -67,8 +67,10 @@ def test_fields_are_written_as_channel_and_field_and_number() -> None:
         ("POSE_0.z", r"has no such field: z\. It has POSE_0\.y, POSE_0\.x, .*POSE_0\.theta"),
         ("MOTOR_FEEDBACK_0.psi_lef", r"It has MOTOR_FEEDBACK_0\.psi_left, "),
         ("PROCESS_STATUS.message", "has text there"),
-        ("WAYPOINTS_0.x", r"name one, such as WAYPOINTS_0\.x\[0\]"),
+        ("WAYPOINTS_0.x", r"name one, such as 'WAYPOINTS_0\.x\[0\]'"),
         ("POSE_0.x[0]", "is one number"),
+        ("WORLD_STATE.x", r"such as 'WORLD_STATE\.x\[robot 0\]'"),
+        ("WAYPOINTS_0.x[robot 3]", "by number, not by robot"),
     ],
 )
 def test_a_wrong_field_is_told_with_those_that_there_are(text: str, said: str) -> None:
@@ -100,6 +102,22 @@ def test_elements_of_arrays_are_found_and_missing_ones_are_no_numbers(log: Path)
     assert gathered.values(FieldName("WAYPOINTS_0", "y", 1)).values.tolist() == [6.0]
     assert np.isnan(gathered.values(FieldName("WAYPOINTS_0", "y", 2)).values).tolist() == [True]
     assert "CAMERA" in gathered.channels
+
+
+def test_a_robot_is_found_wherever_it_stands_in_the_world_and_told_from_its_twin() -> None:
+    fields = ("robot_id", "origin", "x", "y", "theta", "psi_left", "psi_right", "domega_left", "domega_right")
+    worlds = [[(7, 1, 1.0)], [(0, 0, 2.0), (7, 1, 3.0), (0, 2, 4.0)], [(0, 0, 5.0)], [(0, 2, 6.0), (7, 1, 7.0)]]
+    events = []
+    for k, robots in enumerate(worlds):
+        columns = [list(column) for column in zip(*robots, strict=True)]
+        columns += [[0.0] * len(robots)] * 6
+        message = make(world_state_t, utime=BEGIN + k * 1_000_000, **dict(zip(fields, columns, strict=True)))
+        events.append(Event(k, BEGIN + k * 1_000_000, "WORLD_STATE", message.encode()))
+    names = [parse_field(f"WORLD_STATE.x[{whose}]") for whose in ("robot 7", "robot 0", "twin0", "robot 9")]
+    gathered = Gathered(names, events)
+    found = [[part.tolist() for part in gathered.values(name)] for name in names]
+    assert found == [[[0, 1, 3], [1, 3, 7]], [[1, 2], [2, 5]], [[1, 3], [4, 6]], [[], []]]
+    assert str(names[2]) == "WORLD_STATE.x[twin 0]"
 
 
 def test_one_field_against_another_of_other_times_is_interpolated_and_never_extrapolated() -> None:

@@ -63,15 +63,16 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "since its log began.",
         "cmr-plot run.lcm POSE_0.x MOTOR_FEEDBACK_0.psi_left\n"
         "  cmr-plot before.lcm after.lcm POSE_0.x:POSE_0.y --out paths.png\n"
-        "  cmr-plot run.lcm 'WORLD_STATE.x[3]' --out x.svg",
+        "  cmr-plot run.lcm 'WORLD_STATE.x[robot 10]:WORLD_STATE.y[robot 10]' --out path.svg",
         bus="accepted as by every command; to draw needs no bus",
     )
     result.add_argument(
         "what",
         nargs="+",
         metavar="LOG FIELD",
-        help="event logs, then fields: CHANNEL.FIELD, of an array CHANNEL.FIELD[NUMBER], and with a colon between "
-        "them the first, horizontal, against the second",
+        help="event logs, then fields: CHANNEL.FIELD, of an array CHANNEL.FIELD[NUMBER], of WORLD_STATE "
+        "one robot's, 'WORLD_STATE.x[robot 10]' or [twin 0], and with a colon between them the first, horizontal, "
+        "against the second",
     )
     result.add_argument("--out", type=Path, metavar="FILE", help="PNG, SVG or PDF to write; else a window opens")
     options = result.parse_args(arguments)

@@ -1,7 +1,7 @@
 """Fields of messages over time: what a person asks for, and their values from a log."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from typing import Any, NamedTuple
 
@@ -11,26 +11,33 @@ from numpy.typing import NDArray
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import identify
 from cmr.commands.command_line import CommandError
+from cmr.msg import robot_state_t
 from cmr.recordings.events import Event
 from cmr.tools.log_fields import BYTES, Field, fields_of
 from cmr.tools.thinning import Rows
 
 MICROSECONDS = 1e6
-WRITTEN = re.compile(r"([^.:]+)\.(\w+)(?:\[(\d+)\])?")
+WRITTEN = re.compile(r"([^.:]+)\.(\w+)(?:\[(?:(robot|twin) ?)?(\d+)\])?")
+ROBOTS = "origin"  # a field of those types that tell of many robots, each in one place of all arrays
 MOST_NEAR_NAMES = 5
 MOST_ROWS = 500_000  # messages of a channel whose values are kept: more than an hour at 100 Hz
 MOST_VALUES = 4_000_000  # of all fields
 
 
 class FieldName(NamedTuple):
-    """A field of the messages of a channel; of an array, the element with this number."""
+    """A field of the messages of a channel; of an array, the element with this number.
+
+    With `whose`, a robot or a twin, it is the element of the one with this id, which may stand anywhere in the array.
+    """
 
     channel: str
     field: str
     element: int | None = None
+    whose: str = ""
 
     def __str__(self) -> str:
-        return f"{self.channel}.{self.field}" + ("" if self.element is None else f"[{self.element}]")
+        which = f"{self.whose} {self.element}" if self.whose else f"{self.element}"
+        return f"{self.channel}.{self.field}" + ("" if self.element is None else f"[{which}]")
 
 
 class Values(NamedTuple):
@@ -41,16 +48,17 @@ class Values(NamedTuple):
 
 
 def parse_field(text: str) -> FieldName:
-    """Return the field that is written like POSE_0.x or WORLD_STATE.x[3].
+    """Return the field that is written like POSE_0.x, WAYPOINTS_0.x[3], WORLD_STATE.x[robot 3] or [twin 3].
 
     Raises CommandError where it is not written so, or is none that can be drawn; with the near names that can.
     """
     match = WRITTEN.fullmatch(text)
     if match is None:
         raise CommandError(
-            f"{text!r} is neither a file nor a field. A field is CHANNEL.FIELD, such as POSE_0.x or WORLD_STATE.x[3]."
+            f"{text!r} is neither a file nor a field. A field is CHANNEL.FIELD, such as POSE_0.x or "
+            "'WORLD_STATE.x[robot 3]'."
         )
-    name = FieldName(match[1], match[2], int(match[3]) if match[3] else None)
+    name = FieldName(match[1], match[2], int(match[4]) if match[4] else None, match[3] or "")
     known = _fields(name.channel)
     if known is None:  # no channel of ours; what is near, the log tells
         return name
@@ -59,13 +67,20 @@ def parse_field(text: str) -> FieldName:
         near = near_names(str(name), [name.channel])
         why = "has no such field" if field is None else "has text there"
         raise CommandError(f"{name.channel} {why}: {name.field}. It has {', '.join(near)}.")
-    if (field.counted_by is None) != (name.element is None):
-        raise CommandError(
-            f"{name.channel}.{name.field} is one number; leave out the brackets."
-            if field.counted_by is None
-            else f"{name.channel}.{name.field} has many elements; name one, such as {name.channel}.{name.field}[0]."
-        )
+    _check_element(name, field, has_robots=ROBOTS in known)
     return name
+
+
+def _check_element(name: FieldName, field: Field, *, has_robots: bool) -> None:
+    """Raise CommandError where the brackets are missing, or do not fit the field."""
+    written = f"{name.channel}.{name.field}"
+    if field.counted_by is None and name.element is not None:
+        raise CommandError(f"{written} is one number; leave out the brackets.")
+    if field.counted_by is not None and name.element is None:
+        example = "robot 0" if has_robots else "0"
+        raise CommandError(f"{written} has many elements; name one, such as '{written}[{example}]'.")
+    if name.whose and not has_robots:
+        raise CommandError(f"{written} has elements by number, not by robot; name one, such as '{written}[0]'.")
 
 
 def unit_of(name: FieldName) -> str:
@@ -113,6 +128,8 @@ class Gathered:
         utime, values = self._rows[name.channel].all()
         order = np.argsort(utime, kind="stable")
         column = values[:, self._wanted[name.channel].index(name)]
+        if name.whose:  # messages that do not speak of this robot are no gaps
+            order = order[~np.isnan(column[order])]
         return Values((utime[order] - (self._begin or 0)) / MICROSECONDS, column[order])
 
     def _take(self, event: Event) -> None:
@@ -140,8 +157,17 @@ def _fields(channel: str) -> dict[str, Field] | None:
     return None if identity is None else {field.name: field for field in fields_of(identity[0].message_type)}
 
 
+def _places(message: Any, name: FieldName) -> Iterator[int]:
+    """Yield the places in the arrays of a message that are of the robot, or twin, that is meant."""
+    for place, robot_id in enumerate(message.robot_id):
+        if robot_id == name.element and (message.origin[place] == robot_state_t.TWIN) == (name.whose == "twin"):
+            yield place
+
+
 def _number(message: Any, name: FieldName) -> float:
     value = getattr(message, name.field)
     if name.element is None:
         return float(value)
+    if name.whose:
+        return next((float(value[place]) for place in _places(message, name)), np.nan)
     return float(value[name.element]) if name.element < len(value) else np.nan
