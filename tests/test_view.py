@@ -405,6 +405,7 @@ def test_nothing_is_done_without_the_token() -> None:
         (["--host", "0.0.0.0"], "--token"),
         (["--token", "short"], "8 characters"),
         (["--geofence=0,0,1,1"], "3 corners"),
+        (["--geofence=0,0,1"], "3 numbers are no points of x and y"),
         (["--obstacle", "1,2"], "--obstacle"),
         (["--scenario", "/nowhere.yaml"], "nowhere"),
     ],

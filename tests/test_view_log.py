@@ -291,8 +291,15 @@ def test_the_clock_of_the_logger_may_be_set(tmp_path: Path) -> None:
     assert playback.state.latest["GYRO"][4].utime == moments[-1]
 
 
-@pytest.mark.parametrize("size", [0, 10, 100_000])
-def test_damaged_logs_are_played(log: Path, tmp_path: Path, size: int) -> None:
+@pytest.mark.parametrize(
+    ("size", "told"),
+    [
+        (0, "No intact event in 0 bytes."),
+        (10, "No intact event in 10 bytes."),
+        (100_000, " of 100000 bytes are damaged"),
+    ],
+)
+def test_damaged_logs_are_played_and_the_damage_is_told(log: Path, tmp_path: Path, size: int, told: str) -> None:
     data = bytearray(log.read_bytes()[:size])
     data[40_000:60_000] = bytes(len(data[40_000:60_000]))
     path = tmp_path / "damaged.lcm"
@@ -301,3 +308,6 @@ def test_damaged_logs_are_played(log: Path, tmp_path: Path, size: int) -> None:
     playback.jump(playback.index.end)
     playback.play(1.0)
     assert len(playback.state.present().robot_id) == (3 if size == 100_000 else 0)
+    showing = LogShowing(path)
+    showing.advance(10.0)
+    assert told in showing.head()

@@ -114,6 +114,8 @@ def _room_of(path: str) -> tuple[Obstacles, Geofence | None]:
 
 
 def _pairs(numbers: Sequence[float]) -> list[tuple[float, float]]:
+    if len(numbers) % 2:
+        raise ValueError(f"{len(numbers)} numbers are no points of x and y")
     return list(zip(numbers[::2], numbers[1::2], strict=True))
 
 

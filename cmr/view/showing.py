@@ -117,7 +117,16 @@ class LogShowing:
         seconds = (playback.position - playback.index.begin) / 1e6
         in_log = f"In the log, the emergency stop is engaged by {self.state.estop.reason}."
         line = words.sentence(f"LOG {self._path.name} · {seconds:.1f} s{known} · {crowd(self.state)}")
+        line += words.sentence(self._damage(), RED) if self._damage() else ""
         return line + (words.sentence(in_log, RED) if self.state.estop.engaged else "") + stop_line(self.orders)
+
+    def _damage(self) -> str:
+        """Return how much of the log is no intact event, as far as it has been read; empty if all is well."""
+        index, reader = self._playback.index, self._playback.index.reader
+        if index.complete and not index.places:
+            return f"No intact event in {reader.size} bytes. Is it an event log, as lcm-logger writes it?"
+        damaged = reader.damaged_bytes
+        return f"{damaged} of {reader.size} bytes are damaged; the intact events are shown." if damaged else ""
 
     def message(self) -> str:
         """Return what is played."""
