@@ -32,7 +32,7 @@ from cmr.msg import (
 from cmr.view import shapes, words
 from cmr.view.camera import INITIAL, TOP, Camera, overview
 from cmr.view.camera_panel import caption
-from cmr.view.charts import distances, estimates
+from cmr.view.charts import distances, estimates, ticks
 from cmr.view.intake import Intake
 from cmr.view.orders import RELEASES, Orders
 from cmr.view.picture import BLUE, YELLOW, Bodies, picture_of, rays, trails
@@ -329,7 +329,7 @@ def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis(
     assert (value - low).tolist() == pytest.approx([7.84, 1.96])
     told = words.calibration(state.calibrations[0][-1].message)
     assert "118 ± 2 rad/s² (95 %)" in told
-    assert "50.0 cm off (rms)" in told
+    assert "simulated path 50.0 cm off (rms)" in told
     nothing = dict.fromkeys(("k1", "k1_std", "base_width", "base_width_std"), np.nan)
     unknown = make(CALIBRATION_STATUS.message_type, utime=NOW, robot_id=0, **{**values, **nothing})
     assert words.calibration(unknown).count("not known") == 3
@@ -337,6 +337,20 @@ def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis(
     assert "its left motor is weaker" in words.twins(state)
     assert "3.0 cm" in words.twins(state)
     assert distances(state.divergence[0], state.now)[1] == pytest.approx([3.0, 3.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "texts"),
+    [
+        (0.05421, 0.05479, ("0.0543", "0.0544", "0.0545", "0.0546", "0.0547")),
+        (-8.0, 330.0, ("0", "100", "200", "300")),
+        (117.1, 117.9, ("117.2", "117.4", "117.6", "117.8")),
+    ],
+)
+def test_numbers_beside_a_chart_can_be_told_apart(low: float, high: float, texts: tuple[str, ...]) -> None:
+    numbers, written = ticks(low, high)
+    assert written == texts
+    assert numbers == pytest.approx([float(text) for text in texts])
 
 
 # Buttons

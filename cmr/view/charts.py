@@ -1,5 +1,6 @@
 """Curves over time in the panels: calibration estimates with their intervals, and the distance of robot and twin."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ class Chart:
             tuple(curves),
             bands=(uplot.Band(series=(2, 3), fill=BAND),) if with_interval else None,
             scales=_scales(NOTHING),
-            axes=(uplot.Axis(ticks={"show": False}), uplot.Axis(size=LABELS, ticks={"show": False})),
+            axes=_axes(NOTHING),
             title=f"{title} over seconds",
             legend=uplot.Legend(show=False),
             height=HEIGHT,
@@ -46,14 +47,38 @@ class Chart:
         columns = columns[:, np.isfinite(columns).all(axis=0)]
         self._chart.visible = columns.shape[1] > 1
         if columns.shape[1] > 1:
-            self._chart.scales = _scales(np.append(columns[1:], 0.0) if self._from_zero else columns[1:])
+            shown = np.append(columns[1:], 0.0) if self._from_zero else columns[1:]
+            self._chart.scales, self._chart.axes = _scales(shown), _axes(shown)
             self._chart.data = tuple(np.ascontiguousarray(column) for column in columns)
 
 
 def _scales(values: Floats) -> dict[str, uplot.Scale]:
+    return {"x": uplot.Scale(time=False), "y": uplot.Scale(range=_range(values))}
+
+
+def _range(values: Floats) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
     margin = MARGIN * (high - low) or 1e-3 * abs(high) or 1.0
-    return {"x": uplot.Scale(time=False), "y": uplot.Scale(range=(low - margin, high + margin))}
+    return low - margin, high + margin
+
+
+def _axes(values: Floats) -> tuple[uplot.Axis, uplot.Axis]:
+    numbers, texts = ticks(*_range(values))
+    plain = uplot.Axis(ticks={"show": False})
+    return plain, uplot.Axis(size=LABELS, ticks={"show": False}, splits=numbers, values=texts)
+
+
+def ticks(low: float, high: float) -> tuple[tuple[float, ...], tuple[str, ...]]:
+    """Return round numbers between two, three to six, as numbers and with all digits that tell them apart.
+
+    The browser itself writes three digits at most, which are too few for a k1.
+    """
+    rough = (high - low) / 3.0
+    power = math.floor(math.log10(rough))
+    step = max(factor * 10.0**power for factor in (1.0, 2.0, 5.0) if factor * 10.0**power <= rough)
+    places = range(math.ceil(low / step), math.floor(high / step) + 1)
+    digits = max(-math.floor(math.log10(step)), 0)
+    return tuple(place * step for place in places), tuple(f"{place * step:.{digits}f}" for place in places)
 
 
 def estimates(history: Any) -> dict[str, Floats]:

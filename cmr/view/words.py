@@ -134,8 +134,8 @@ def calibration(message: Any) -> str:
         rows.append((name, interval if math.isfinite(value) else "not known"))
         rows.append((("", DEFINITIONS[name].meaning),))
     for name, error in (("old", message.path_rmse_before), ("new", message.path_rmse_after)):
-        told = f"{distance(error)} off (rms)" if math.isfinite(error) else "not known"
-        rows.append((f"path by {name} ones", told))
+        told = f"simulated path {distance(error)} off (rms)" if math.isfinite(error) else "not known"
+        rows.append((f"{name} values", told))
     title = f"calibration of robot {message.robot_id}"
     seen = sentence(f"manoeuvre seen: {100 * message.progress:.0f} %") + bar(message.progress)
     return table((title, ""), rows) + seen + sentence(message.message)
