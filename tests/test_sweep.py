@@ -22,7 +22,7 @@ from cmr.sweep.cluster import ClusterError, perform, workers
 from cmr.sweep.journal import Journal, JournalError
 from cmr.sweep.planning import plan
 from cmr.sweep.settings import SettingError, combinations, setting_of, with_settings
-from cmr.sweep.table import medians, write_parquet
+from cmr.sweep.table import medians, write_parquet, write_tables
 from tests.bus_bench import our_command
 
 LONGEST_END = 2.0  # s
@@ -65,6 +65,13 @@ def test_a_setting_is_read_with_its_values_as_yaml_has_them() -> None:
     assert setting.path == "robots.10.behaviour.gap"
     assert setting.values == (0.3, 0.001, 2, True, "wide", [1, 2])
     assert [type(value) for value in setting.values] == [float, float, int, bool, str, list]
+    assert setting_of("geofence=null,[[0, 0], [1, 0], [1, 1]]").values == (None, [[0, 0], [1, 0], [1, 1]])
+    assert setting_of("robots.1.start={x: 1, y: 2},[1, 2]").values == ({"x": 1, "y": 2}, [1, 2])
+
+
+def test_the_seed_is_varied_by_its_option_alone() -> None:
+    with pytest.raises(SettingError, match="seed: is varied by --seeds"):
+        setting_of("seed=1,2")
 
 
 @pytest.mark.parametrize("text", ["gap", "=1", "a..b=1", "gap=", "gap=1,,2", "gap=1,1", "gap=[1,{"])
@@ -377,3 +384,8 @@ def test_a_table_holds_settings_of_any_kind(tmp_path: Path) -> None:
     table = pq.read_table(tmp_path / "runs.parquet").to_pylist()
     assert [row["gap"] for row in table] == ["0.5", "wide"]
     assert medians(rows, ["gap"], ["error"])[0] == "gap=0.5: nothing could be measured (median of 1 runs)"
+    starts = [{"start": value, "time_to_goal": float(k)} for k, value in enumerate(([0, 1], [0, 2], [0, 1], None))]
+    assert [line.partition(":")[0] for line in medians(starts, ["start"], ["time_to_goal"])] == [
+        *("start=[0, 1]", "start=[0, 2]", "start=None")
+    ]
+    assert write_tables(starts, ["start"], ["time_to_goal"], tmp_path, "starts")[0].endswith("1 s (median of 2 runs)")

@@ -41,8 +41,12 @@ def main(arguments: list[str]) -> int:
         if rows:
             paths = [setting.path for setting in settings]
             print("\n".join(write_tables(rows, paths, runs[0].experiment.scenario.metrics, out, name)))
-    except (ClusterError, JournalError, OSError) as error:
+    except (ClusterError, JournalError) as error:
         raise CommandError(str(error)) from error
+    except OSError as error:
+        raise CommandError(
+            f"{out}: cannot be written: {error.strerror or error}. Choose another with --out."
+        ) from error
     if failed:
         raise CommandError(f"{failed[0]} {len(failed)} of {len(runs)} runs failed; the same command tries them again.")
     return 0

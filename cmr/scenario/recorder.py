@@ -5,6 +5,7 @@ Usage: python -m cmr.scenario.recorder FILE [--lcm-url URL]
 
 import argparse
 import sys
+import threading
 from pathlib import Path
 
 import lcm
@@ -14,11 +15,12 @@ from cmr.bus.preflight import open_lcm
 from cmr.bus.process import Process
 from cmr.scenario.jobs import LOG
 
-RATE = 50.0  # Hz; between turns LCM keeps what arrives
+RATE = 10.0  # Hz, of looking how it goes
+LONGEST_WAIT = 100  # ms for a message, before it looks whether it is to end
 
 
 class Recorder:
-    """Writes every message to the file at `path`.
+    """Writes every message to the file at `path`, in a thread, so that each has the time at which it came.
 
     Raises OSError when the file cannot be written.
     """
@@ -32,16 +34,35 @@ class Recorder:
         self._lcm = open_lcm(url)
         subscription = self._lcm.subscribe(".*", self._write)
         subscription.set_queue_capacity(0)  # unlimited
+        self._is_closing = False
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
 
-    def poll(self) -> None:
-        """Write what has arrived."""
-        while self._lcm.handle_timeout(0) > 0:
-            pass
+    @property
+    def is_well(self) -> bool:
+        """Whether nothing keeps it from writing."""
+        return self._error is None
+
+    def check(self) -> None:
+        """Raise what keeps it from writing, if anything does."""
+        if self._error is not None:
+            raise self._error
 
     def close(self) -> None:
         """Write what has arrived, and close the file."""
-        self.poll()
+        self._is_closing = True
+        self._thread.join()
+        while self._error is None and self._lcm.handle_timeout(0) > 0:
+            pass
         self._log.close()
+
+    def _listen(self) -> None:
+        try:
+            while not self._is_closing:
+                self._lcm.handle_timeout(LONGEST_WAIT)
+        except Exception as error:  # of whatever kind: told by the thread that looks how it goes
+            self._error = error
 
     def _write(self, channel: str, data: bytes) -> None:
         self._log.write_event(now_utime(), channel, data)
@@ -74,7 +95,7 @@ def main(arguments: list[str]) -> int:
         recorder = Recorder(path, process.bus.url)
         try:
             for _ in process.loop(RATE):
-                recorder.poll()
+                recorder.check()
                 process.message = f"{recorder.events} messages in {path}."
         finally:
             recorder.close()

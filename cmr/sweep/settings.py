@@ -1,6 +1,5 @@
 """What is varied in a scenario: keys by their dotted path, and the values that each of them takes."""
 
-import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -9,8 +8,9 @@ from typing import Any, TypeAlias
 
 import yaml
 
-Value: TypeAlias = float | int | str | bool | list[Any] | None
-SEPARATOR = re.compile(r",(?![^\[\]]*\])")  # a comma that is not inside brackets
+Value: TypeAlias = float | int | str | bool | list[Any] | dict[str, Any] | None
+SEED = "seed"  # of the scenario; varied in a way of its own
+NOTHING = ("null", "~")  # as YAML has it: the scenario without this key
 
 
 class SettingError(Exception):
@@ -26,7 +26,7 @@ class Setting:
 
 
 def setting_of(text: str) -> Setting:
-    """Return the setting that `path=value,value,...` describes; a comma inside brackets parts no values.
+    """Return the setting that `path=value,value,...` describes; a comma inside brackets or braces parts no values.
 
     Raises SettingError where it is not of this form, or a value comes twice.
     """
@@ -34,10 +34,24 @@ def setting_of(text: str) -> Setting:
     path = path.strip()
     if not equals or not path or not all(path.split(".")):
         raise SettingError(f"{text!r} is not of the form key=value,value,...; robots.10.behaviour.gap=0.3,0.5 is")
-    values = tuple(_value(path, part.strip()) for part in SEPARATOR.split(listed))
+    if path == SEED:
+        raise SettingError(f"{SEED}: is varied by --seeds, from the scenario's own on")
+    values = tuple(_value(path, part.strip()) for part in _parts(listed))
     if len({repr(value) for value in values}) < len(values):
         raise SettingError(f"{path}: a value comes twice in {listed!r}")
     return Setting(path, values)
+
+
+def _parts(listed: str) -> list[str]:
+    """Return what stands between the commas that are inside no brackets or braces."""
+    parts, depth = [""], 0
+    for character in listed:
+        depth += (character in "[{") - (character in "]}")
+        if character == "," and depth <= 0:
+            parts.append("")
+        else:
+            parts[-1] += character
+    return parts
 
 
 def _value(path: str, text: str) -> Value:
@@ -51,7 +65,7 @@ def _value(path: str, text: str) -> Value:
         value: Value = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise SettingError(f"{path}: {text!r} is no value that YAML can read") from error
-    if value is None:
+    if value is None and text not in NOTHING:
         raise SettingError(f"{path}: there is a comma too many, or no value")
     return value
 

@@ -88,10 +88,10 @@ def _draw_metric(axes: Any, name: str, groups: Sequence[Sequence[float]]) -> Non
 
 def medians(rows: Sequence[Mapping[str, Any]], settings: Sequence[str], metrics: Sequence[str]) -> list[str]:
     """Return a line for each combination of settings: the median of each metric over the seeds, with its unit."""
-    groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    groups: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
-        groups.setdefault(tuple(row[key] for key in settings), []).append(row)
-    return [_median_line(dict(zip(settings, values, strict=True)), group, metrics) for values, group in groups.items()]
+        groups.setdefault(repr([row[key] for key in settings]), []).append(row)  # a value may be a list
+    return [_median_line({key: group[0][key] for key in settings}, group, metrics) for group in groups.values()]
 
 
 def _median_line(values: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], metrics: Sequence[str]) -> str:
