@@ -11,6 +11,7 @@ from cmr.bus.streams import (
     CALIBRATION_STATUS,
     CAMERA_IMAGE,
     MOTOR_FEEDBACK,
+    PARAMETERS,
     PROCESS_STATUS,
     RANGE_SCAN,
     WAYPOINTS,
@@ -29,6 +30,7 @@ from cmr.msg import (
     robot_state_t,
     waypoints_t,
 )
+from cmr.parameters.file import ParameterFile, Value
 from cmr.view import shapes, words
 from cmr.view.camera import INITIAL, TOP, Camera, overview
 from cmr.view.camera_panel import caption
@@ -315,6 +317,14 @@ def test_a_robot_is_told_with_what_its_driver_says() -> None:
     assert "ago" not in panel
     state.advance(NOW + 12 * SECOND)
     assert "says nothing any more; this was 12 s ago" in words.robot(state, 0)
+
+
+def test_a_robots_parameters_are_told_with_their_values() -> None:
+    state = showing(three(NOW))
+    known = ParameterFile(0, {"wheel_radius": Value(0.04), "base_width": Value(0.16)}).announcement(5)
+    state.handle(NOW, PARAMETERS.channel(0), known)
+    assert "wheel_radius 0.04 m, base_width 0.16 m" in words.robot(state, 0)
+    assert words.parameter_values("no: file") == ""
 
 
 def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis() -> None:

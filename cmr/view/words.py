@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from html import escape
 from typing import Any
 
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, Stream
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, motor_feedback_t, process_status_t
+from cmr.parameters.file import ParameterFileError, parse
 from cmr.view.drawing import bar, distance, paths_drawing
 from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.state import ViewState
@@ -109,7 +111,7 @@ def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
         yield "battery", f"{_number(feedback.battery_voltage, '.1f')} V"
         yield "temperature", f"{_number(feedback.temperature, '.0f')} °C"
         yield "current", f"{_number(feedback.current_left, '.1f')}, {_number(feedback.current_right, '.1f')} A"
-        yield "driver", status_words(feedback.status)
+        yield "driver", status_words(feedback.status) + silence
     gyro = state.newest(GYRO, robot_id)
     if gyro is not None:
         rate = f"{gyro.yaw_rate:+.3f} rad/s" if gyro.valid else "reports a fault"
@@ -117,6 +119,18 @@ def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
     parameters = state.newest(PARAMETERS, robot_id)
     if parameters is not None:
         yield "parameters", parameters.sha256[:12]
+        yield (("", parameter_values(parameters.yaml)),)
+
+
+@lru_cache(maxsize=64)
+def parameter_values(text: str) -> str:
+    """Return what a parameter file says of the paper's parameters; empty where it cannot be read."""
+    try:
+        known = parse(text)
+    except ParameterFileError:
+        return ""
+    values = (f"{name} {known.value(name):.4g} {DEFINITIONS[name].unit}" for name in DEFINITIONS if known.has(name))
+    return ", ".join(values)
 
 
 def _ago(state: ViewState, stream: Stream, robot_id: int) -> str:
