@@ -94,6 +94,15 @@ def test_messages_can_be_chosen_renamed_and_moved_to_now(url: str, tmp_path: Pat
     assert all(before <= message.utime <= now_utime() for message in messages)
 
 
+def test_a_channel_to_rename_that_is_not_replayed_is_told(
+    url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_log(tmp_path / "run.lcm", 4)
+    options = ["--remap", "POSE_9=POSE_7", "--remap", "POSE_0=OTHER", "--speed", "max"]
+    assert main([str(path), "--lcm-url", url, *options]) == 0
+    assert capsys.readouterr().err == "cmr-replay: POSE_9 of --remap was not among what was replayed.\n"
+
+
 def test_a_filter_that_nothing_fits_names_the_channels(url: str, tmp_path: Path) -> None:
     path = write_log(tmp_path / "run.lcm", 4)
     with pytest.raises(CommandError, match=r"No channel of .*run\.lcm fits .* it has POSE_0, POSE_1\."):
@@ -103,7 +112,11 @@ def test_a_filter_that_nothing_fits_names_the_channels(url: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    "options", [["--speed", "0.01"], ["--speed", "fast"], ["--speed", "nan"], ["--start", "-1"], ["--remap", "A"]]
+    "options",
+    [
+        *(["--speed", "0.01"], ["--speed", "fast"], ["--speed", "nan"], ["--start", "-1"], ["--remap", "A"]),
+        ["--remap", "POSE_0=WORLD_STATE"],
+    ],
 )
 def test_wrong_options_are_wrong_usage(options: list[str]) -> None:
     with pytest.raises(SystemExit, match="2"):

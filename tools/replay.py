@@ -15,7 +15,7 @@ import lcm
 from cmr.bus.messages import now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test
 from cmr.bus.process import EXIT_INTERRUPTED
-from cmr.bus.streams import LCM_CHANNEL_NAME_LIMIT, MOTOR_COMMAND
+from cmr.bus.streams import LCM_CHANNEL_NAME_LIMIT, MOTOR_COMMAND, identify
 from cmr.commands.command_line import CommandError, parse_seconds, parser
 from cmr.recordings.events import Event, EventReader
 from cmr.tools.events import damage_sentence, open_log
@@ -80,6 +80,8 @@ def main(arguments: list[str]) -> int:
         play(player, keys, StatusLine(), duration, stopping)
     interrupted = bool(stopping)
     print("\n".join(_summary(player, sender, log)))
+    for old in [old for old, _new in options.remap if not chosen.seen.get(old)]:
+        print(f"cmr-replay: {old} of --remap was not among what was replayed.", file=sys.stderr)
     if not player.sent and not interrupted:
         raise _nothing(options, chosen)
     return EXIT_INTERRUPTED if interrupted else 0
@@ -177,6 +179,9 @@ def _remap(text: str) -> tuple[str, str]:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not OLD=NEW: two channel names, the new one of at most {LCM_CHANNEL_NAME_LIMIT} bytes"
         )
+    carried, expected = identify(old), identify(new)
+    if carried and expected and carried[0] is not expected[0]:
+        raise argparse.ArgumentTypeError(f"{old} carries other messages than {new}: nobody would take them")
     return old, new
 
 
