@@ -150,18 +150,22 @@ def test_everything_was_recorded(run: tuple[Path, str]) -> None:
     assert not reader.rejected
 
 
-def test_the_log_that_is_named_is_that_of_this_run_and_not_of_one_before_in_the_same_folder(
-    run: tuple[Path, str], tmp_path: Path
-) -> None:
+def test_all_logs_are_named_where_the_recorder_was_started_again(run: tuple[Path, str], tmp_path: Path) -> None:
     assert f"the log is {run[0]}/out/run.lcm, " in run[1]
-    before = [tmp_path / "run.lcm"]
-    after = [*before, tmp_path / "run_2.lcm", tmp_path / "run_3.lcm"]
-    for path in after:
+    logs = [tmp_path / "run.lcm", tmp_path / "run_2.lcm"]
+    for path in logs:
         path.touch()
-    assert logs_in(tmp_path) == after
-    assert where_logs_are(before, after[:2]) == f"the log is {tmp_path}/run_2.lcm, "
-    assert where_logs_are(before, after) == f"the logs are {tmp_path}/run_2.lcm, {tmp_path}/run_3.lcm, "
-    assert where_logs_are(before, before) == ""
+    assert where_logs_are(logs_in(tmp_path)) == f"the logs are {tmp_path}/run.lcm, {tmp_path}/run_2.lcm, "
+    assert where_logs_are([]) == ""
+
+
+def test_a_folder_that_holds_a_run_is_left_alone(run: tuple[Path, str]) -> None:
+    before = {path: path.read_bytes() for path in (run[0] / "out").iterdir() if path.is_file()}
+    command = [RUN, str(run[0] / "two.yaml"), "--out", str(run[0] / "out"), "--lcm-url", private_url()]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=False)
+    assert result.returncode == 1
+    assert result.stderr.startswith(f"cmr-run: {run[0]}/out holds a run already. Choose another with --out")
+    assert {path: path.read_bytes() for path in before} == before
 
 
 def test_every_process_was_asked_to_end_and_did(report: dict[str, Any], run: tuple[Path, str]) -> None:

@@ -28,6 +28,10 @@ def main(arguments: list[str]) -> int:
         return _list_shipped()
     scenario = _load(options.scenario)
     folder: Path = options.out or Path(f"{scenario.name}-{time.strftime('%Y%m%d-%H%M%S')}")
+    if logs_in(folder):
+        raise CommandError(
+            f"{folder} holds a run already. Choose another with --out; without, a new one gets the date."
+        )
     with Process("cmr-run", options.lcm_url or scenario.lcm_url) as process:
         url = process.bus.url
         try:
@@ -36,7 +40,6 @@ def main(arguments: list[str]) -> int:
             raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
         ours, others = _by_host(jobs_of(prepared, folder, url))
         _tell_others(others, url, folder)
-        logs_before = logs_in(folder)
         with Children(folder) as children:
             run = LiveRun(prepared, folder, process, ours, children, Terminal(), others)
             began = time.time()
@@ -48,7 +51,7 @@ def main(arguments: list[str]) -> int:
             print(f"Measured: {metrics_in_words(document)}.")
         if others:
             print(f"What was started on {_hosts(others)} is to be ended there.")
-        logs = where_logs_are(logs_before, logs_in(folder))
+        logs = where_logs_are(logs_in(folder))
         print(f"Look at {folder}/report.html; {logs}what each process said is beside it.")
         return _exit_code(outcome)
 
@@ -101,12 +104,11 @@ def _by_host(jobs: list[Job]) -> tuple[list[Job], list[Job]]:
     return [job for job in jobs if job.host in own], [job for job in jobs if job.host not in own]
 
 
-def where_logs_are(before: list[Path], after: list[Path]) -> str:
+def where_logs_are(logs: list[Path]) -> str:
     """Return where the log of a run is, or its logs where the recorder was started again."""
-    logs = [str(path) for path in after if path not in before]
     if not logs:
-        return ""
-    return f"the {'logs are' if len(logs) > 1 else 'log is'} {', '.join(logs)}, "
+        return ""  # it is on another machine
+    return f"the {'logs are' if len(logs) > 1 else 'log is'} {', '.join(map(str, logs))}, "
 
 
 def _hosts(jobs: list[Job]) -> str:
