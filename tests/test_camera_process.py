@@ -161,11 +161,12 @@ def test_a_network_camera_that_does_not_answer_is_told_after_a_while(monkeypatch
             sources.Camera(address, (640, 480), 30.0, 0.0)
 
 
-def test_pictures_without_the_board_calibrate_nothing(tmp_path: Path) -> None:
+def test_pictures_without_the_board_calibrate_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full((90, 160), 128, np.uint8))
     with pytest.raises(CommandError, match="The board is seen in 0 pictures; 8 are needed"):
         main(["calibrate", str(tmp_path), "--lens", str(tmp_path / "lens.yaml")])
     assert not (tmp_path / "lens.yaml").exists()
+    assert capsys.readouterr().out == "0 pictures with the board\n"
 
 
 # Sources and videos

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -274,6 +275,7 @@ def _fitted(options: argparse.Namespace) -> Any:
 
     source = open_source(options.source, options.size, options.rate, 0.0, hurry=True)
     fit, wanted = LensFit(), 0
+    back = "\r" if sys.stdout.isatty() else ""  # to the beginning of the line
     try:
         while source.ends or len(fit.views) < options.pictures:
             taken = source.read()
@@ -283,10 +285,11 @@ def _fitted(options: argparse.Namespace) -> Any:
                 continue
             if fit.see(np.asarray(cv2.cvtColor(taken.picture, cv2.COLOR_BGR2GRAY), np.uint8)):
                 wanted = taken.utime + int(options.every * 1e6)
-                print(f"\r{len(fit.views)} pictures with the board", end="", flush=True)
+                if back:
+                    print(f"{back}{len(fit.views)}", end="", flush=True)
     finally:
         source.close()
-    print()
+        print(f"{back}{len(fit.views)} pictures with the board")
     return fit.lens()
 
 

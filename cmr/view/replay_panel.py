@@ -15,7 +15,7 @@ from cmr.view.wishes import JUMP, PAUSE, SPEED
 
 SPEEDS = ("0.1", "0.5", "1", "2", "5", "10", "20", "50")
 STEP = 0.1  # s
-HANDS_OFF = 1.0  # s after a visitor moved the slider in which it is left to him
+HANDS_OFF = 2.0  # s after a visitor moved the slider, or typed beside it, in which it is left to him
 TYPED = 0.7  # s after the last letter of a time; then it is complete
 MARKS_APART = 3.0  # s; with each news of them the slider is made anew
 MOST_ON_SLIDER = 12  # marks; with more than that they would hide one another
