@@ -384,8 +384,15 @@ def test_a_table_holds_settings_of_any_kind(tmp_path: Path) -> None:
     table = pq.read_table(tmp_path / "runs.parquet").to_pylist()
     assert [row["gap"] for row in table] == ["0.5", "wide"]
     assert medians(rows, ["gap"], ["error"])[0] == "gap=0.5: nothing could be measured (median of 1 runs)"
-    starts = [{"start": value, "time_to_goal": float(k)} for k, value in enumerate(([0, 1], [0, 2], [0, 1], None))]
+    starts: list[dict[str, Any]] = [
+        {"start": value, "time_to_goal": float(k)} for k, value in enumerate(([0, 1], [0, 2], [0, 1], None))
+    ]
     assert [line.partition(":")[0] for line in medians(starts, ["start"], ["time_to_goal"])] == [
         *("start=[0, 1]", "start=[0, 2]", "start=None")
     ]
+    away = [{**row, "waypoints_reached": row["time_to_goal"] < 2.0} for row in starts]
+    (said,) = medians(away, [], ["time_to_goal"])
+    assert said.startswith(
+        "all seeds: time_to_goal 1.5 s, waypoints not reached in 2, whose time to goal is that of the"
+    )
     assert write_tables(starts, ["start"], ["time_to_goal"], tmp_path, "starts")[0].endswith("1 s (median of 2 runs)")

@@ -104,3 +104,4 @@ def test_a_way_that_ends_where_it_began_is_not_at_its_end_before_it_was_driven(t
     assert 5.0 < result.time[-1] < 15.0  # 1.7 m at 0.3 m/s
     assert result.metrics["time_to_goal"] == pytest.approx(result.time[-1])
     assert result.metrics["distance_driven"] > 1.4
+    assert result.waypoints_reached

@@ -96,7 +96,11 @@ def perform(experiment: Experiment, seed: int) -> dict[str, Any]:
     real = [robot.robot_id for robot in scenario.of_flesh]
     with ONE_AT_A_TIME:
         result = run(scenario, Cast(believed=believed, real=real, laboratory=laboratory, moves_by=moves_by), seed)
-    metrics = {name: float(result.metrics[name]) for name in scenario.metrics if name in result.metrics}
+    metrics: dict[str, float | bool] = {
+        name: float(result.metrics[name]) for name in scenario.metrics if name in result.metrics
+    }
+    if any(robot.waypoints for robot in scenario.robots):
+        metrics["waypoints_reached"] = result.waypoints_reached
     return {**metrics, "simulated_time": float(result.time[-1]), "paths_sha256": _digest(result)}
 
 

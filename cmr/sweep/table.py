@@ -97,5 +97,8 @@ def medians(rows: Sequence[Mapping[str, Any]], settings: Sequence[str], metrics:
 def _median_line(values: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], metrics: Sequence[str]) -> str:
     numbers = {name: [row[name] for row in rows if np.isfinite(row[name])] for name in metrics}
     told = [f"{name} {np.median(found):.4g} {UNITS.get(name, '')}" for name, found in numbers.items() if found]
+    away = sum(row.get("waypoints_reached") is False for row in rows)
+    if away and "time_to_goal" in metrics:
+        told.append(f"waypoints not reached in {away}, whose time to goal is that of the run")
     where = ", ".join(f"{key}={value}" for key, value in values.items()) or "all seeds"
     return f"{where}: {', '.join(told) or 'nothing could be measured'} (median of {len(rows)} runs)"

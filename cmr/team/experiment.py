@@ -41,7 +41,7 @@ class TeamRun:
     """Where the robots really were: `time` [s] of shape (t,), `x`, `y` [m] and `theta` [rad] of shape (t, n).
 
     `robot_ids` are those of the columns; `metrics` holds the team's metrics by name, in the units of
-    `cmr.team.metrics`, NaN for those that mean nothing for this team.
+    `cmr.team.metrics`, NaN for those that mean nothing for this team. `waypoints_reached`: nobody is on the way.
     """
 
     robot_ids: tuple[int, ...]
@@ -50,6 +50,7 @@ class TeamRun:
     y: Floats
     theta: Floats
     metrics: Mapping[str, float]
+    waypoints_reached: bool
 
 
 def run(
@@ -70,6 +71,7 @@ def run(
         world.handle(EPOCH, *message)
         real.hear(EPOCH, [message])
     places: list[Floats] = []
+    all_passed = False
     ways = ways_of(scenario, {robot.robot_id: column for column, robot in enumerate(scenario.robots)})
     counts = dict.fromkeys(ways, 0)  # waypoints passed
     for period in range(round(scenario.duration * 1e6) // PERIOD + 1):
@@ -80,7 +82,7 @@ def run(
             if scenario.ends_when.waypoints_reached and all_passed:
                 break
         _take_turns(utime, world, real, listen)
-    return _run_of(scenario, np.array(places))
+    return _run_of(scenario, np.array(places), all_passed)
 
 
 def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[int, Message], None]) -> None:
@@ -188,9 +190,9 @@ def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:
     return np.array([columns.get(robot.robot_id, _start(robot)) for robot in scenario.robots]).T
 
 
-def _run_of(scenario: ScenarioLike, places: Floats) -> TeamRun:
+def _run_of(scenario: ScenarioLike, places: Floats, waypoints_reached: bool) -> TeamRun:
     """Return the run with its metrics; `places` has the shape (t, 3, n)."""
     time: Floats = np.arange(len(places), dtype=float) * (RECORD_EVERY * PERIOD * 1e-6)
     x, y, theta = places.transpose(1, 0, 2)
     ids = tuple(robot.robot_id for robot in scenario.robots)
-    return TeamRun(ids, time, x, y, theta, scores(scenario, ids, time, x, y))
+    return TeamRun(ids, time, x, y, theta, scores(scenario, ids, time, x, y), waypoints_reached)
