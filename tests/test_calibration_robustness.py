@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cmr.calibration import CalibrationError, CalibrationResult, calibrate
+from cmr.calibration.noise import ORDER, Series, noise_of
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Mask, Signal
 from tests.emulated_drive import IDEAL, messages, write_log
@@ -180,3 +181,16 @@ def test_a_truncated_log_gives_what_its_intact_part_gives(tmp_path: Path) -> Non
 def test_a_log_that_ends_before_the_robot_moves_is_refused_in_words(clean: Recording) -> None:
     with pytest.raises(CalibrationError, match=r"travel|compare|moved"):
         calibrate(clean.between(int(clean.wheels.utime[0]), int(clean.wheels.utime[150])))
+
+
+@pytest.mark.parametrize("length", range(1, ORDER + 2))
+def test_a_piece_of_a_few_samples_between_gaps_says_nothing_wrong_of_the_noise(length: int) -> None:
+    random = np.random.default_rng(length)
+    whole = Series(random.standard_normal((1, 2000)), (), 0.01 * np.arange(2000.0))
+    piece = Series(random.standard_normal((1, length)), (), 0.01 * np.arange(float(length)))
+    alone, both = noise_of([whole]), noise_of([whole, piece])
+    assert len(both.coefficients) == ORDER
+    assert both.whiten(piece.rows, piece.times).shape == (1, max(length - ORDER, 0))
+    # One sample more among 2,000 moves a mean of squares by about a thousandth.
+    np.testing.assert_allclose(both.coefficients, alone.coefficients, atol=5e-3)
+    assert both.size == pytest.approx(alone.size, rel=5e-3)

@@ -55,7 +55,7 @@ class Noise:
         order = len(self.coefficients)
         new = rows[:, order:] / self.size
         for lag, coefficient in enumerate(self.coefficients, start=1):
-            new -= (coefficient / self.size) * rows[:, order - lag : rows.shape[1] - lag]
+            new -= (coefficient / self.size) * rows[:, order - lag : order - lag + new.shape[1]]
         return np.asarray(new[:, _with_past(times, order)])
 
     def products(self, series: Series) -> Floats:
@@ -103,6 +103,8 @@ def _autoregression(series: Sequence[Series], order: int) -> Floats:
     if order == 0:
         return right
     for one in series:
+        if len(one.times) <= order:  # too short to tell
+            continue
         rows, past = one.residuals, _with_past(one.times, order)
         lagged = np.array([rows[order - lag : len(rows) - lag][past] for lag in range(1, order + 1)])
         normal += lagged @ lagged.T
