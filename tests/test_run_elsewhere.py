@@ -114,6 +114,16 @@ def test_a_doubt_that_is_told_a_moment_after_the_first_word_keeps_the_run_waitin
     assert in_doubt > 2.0
 
 
+def test_robots_that_somebody_else_moves_on_this_bus_are_left_to_them(tmp_path: Path) -> None:
+    scenario = prepared(tmp_path)
+    jobs = jobs_of(scenario, tmp_path / "out", URL)
+    run = LiveRun(scenario, tmp_path, Bus([], []), jobs, Children(tmp_path), Terminal())  # type: ignore[arg-type]
+    outcome = run.run()
+    assert outcome.failed
+    assert outcome.ended_by.startswith("robots are on this bus already that are ours (0, 1, 10): end the cmr-run or")
+    assert not any(state.starts for state in run.supervisor.states.values())
+
+
 @pytest.mark.parametrize("lacking", range(6))
 def test_it_waits_for_each_process_of_other_machines(tmp_path: Path, lacking: int) -> None:
     statuses = all_statuses()

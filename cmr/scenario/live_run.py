@@ -26,6 +26,8 @@ START_UP = 120.0  # s for all robots and processes to be in service, on a slow m
 START_UP_BY_HAND = 1800.0  # s, where somebody has to start processes on other machines
 GRACE = 30.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
 ANOTHER_WORD = 1.2  # s; by then each has told again how it is, as what it says first, it says before it knows
+LISTENING = 0.4  # s, in which a cmr-sim tells of its robots eight times at least
+END_THE_OTHER = "end the cmr-run or cmr-sim that moves them, or use another --lcm-url"
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
 WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
@@ -79,6 +81,8 @@ class LiveRun:
 
     def run(self) -> Outcome:
         """Start everything, and return when the run is over; nothing is stopped yet."""
+        if taken := self._taken():
+            return Outcome(taken, 0.0, failed=True)
         for _utime in self._process.loop(RATE):
             self._turn()
             missing = self._missing()
@@ -103,6 +107,18 @@ class LiveRun:
         """Tell and keep what happened."""
         self.events.append((time.monotonic() - self._created, words))
         self._terminal.say(words)
+
+    def _taken(self) -> str:
+        """Listen for a moment; return that somebody else simulates robots that we would; empty if nobody does."""
+        if SIM not in {state.job.role for state in self.supervisor.states.values()}:
+            return ""
+        until = time.monotonic() + LISTENING
+        for _utime in self._process.loop(RATE):
+            self._process.dispatch(self.watch.handle)
+            if time.monotonic() > until:
+                break
+        seen = sorted(self.watch.poses())
+        return f"robots are on this bus already that are ours ({_listed(seen)}): {END_THE_OTHER}" if seen else ""
 
     def _drive(self, doubt: str) -> Outcome:
         """Let the team drive until the run is over; `doubt` is what a process complains of."""
@@ -149,8 +165,7 @@ class LiveRun:
             return elsewhere
         missing = self.watch.missing()
         if missing:
-            listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-            return f"robot{'s' if len(missing) > 1 else ''} {listed} in WORLD_STATE"
+            return f"robot{'s' if len(missing) > 1 else ''} {_listed(missing)} in WORLD_STATE"
         names = self.supervisor.states
         silent = [name for name in names if not self._is_heard(name) and not self.supervisor.is_done(name)]
         return self._words_of(silent[0]) if silent else ""
@@ -231,3 +246,8 @@ class LiveRun:
             self._moved = self._seconds
         settled = self._seconds - self._moved > AT_REST or self._seconds - self._over_since > SETTLING
         return "all waypoints are reached" if settled else ""
+
+
+def _listed(robot_ids: Sequence[int]) -> str:
+    """Return the first of these robots."""
+    return ", ".join(map(str, robot_ids[:5])) + (", ..." if len(robot_ids) > 5 else "")
