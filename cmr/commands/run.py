@@ -53,7 +53,7 @@ def main(arguments: list[str]) -> int:
             print(f"What was started on {_hosts(others)} is to be ended there.")
         logs = where_logs_are(logs_in(folder))
         print(f"Look at {folder}/report.html; {logs}what each process said is beside it.")
-        return _exit_code(outcome)
+        return _exit_code(outcome, folder)
 
 
 def _options(arguments: list[str]) -> argparse.Namespace:
@@ -132,7 +132,8 @@ def _tell_others(others: list[Job], url: str, folder: Path) -> None:
         print(f"These read files of the folder {folder}: first copy it to {_hosts(others)}.", flush=True)
 
 
-def _exit_code(outcome: Outcome) -> int:
+def _exit_code(outcome: Outcome, folder: Path) -> int:
     if outcome.failed:
-        raise CommandError(f"{outcome.ended_by}. See the files *.txt beside the report.")
+        more = " See the files *.txt beside the report." if any(folder.glob("*.txt")) else ""
+        raise CommandError(f"{outcome.ended_by}.{more}")
     return 130 if outcome.interrupted else 0
