@@ -19,6 +19,7 @@ from cmr.world.behaviours.following import Follow
 from cmr.world.behaviours.formation import Formation
 from cmr.world.behaviours.right_of_way import RightOfWay
 from cmr.world.behaviours.team import duties_of
+from cmr.world.behaviours.shadowing import Shadow
 from cmr.world.behaviours.waypoints import Waypoints
 from cmr.world.view import VIRTUAL, Numbers, Robot, Robots, WorldView
 from cmr.world.world import VirtualRobot, World
@@ -85,6 +86,7 @@ def behaviours() -> Iterator[Row]:
     """Measure each shipped behaviour of many robots."""
     teams: dict[str, TeamBehaviour] = {
         "follow": Follow(leader=0),
+        "shadow": Shadow(leader=0),
         "waypoints": Waypoints(),
         "formation": Formation(leader=0),
         "flock": Flock(),

@@ -10,6 +10,8 @@ behaviours, each with its settings (and clearance, in m between bodies):
   figure_eight (size, speed, laps, start)   drive a figure-eight, or waypoints
   waypoints (speed, points, laps)           drive waypoints, points=0:0/1.5:0 [m]
   follow (leader, gap, speed)               drive where the leader drove
+  shadow (leader)                           do as the leader does, beside it: any
+                                            manoeuvre, spins on the spot too
   formation (leader, shape, spacing, speed, members, heading)
                                             keep a place: line, column, wedge,
                                             circle; leader=-1 for none

@@ -15,6 +15,7 @@ SHIPPED = {
     "figure_eight": "cmr.world.behaviours.leading:FigureEight",
     "follow": "cmr.world.behaviours.following:Follow",
     "waypoints": "cmr.world.behaviours.waypoints:Waypoints",
+    "shadow": "cmr.world.behaviours.shadowing:Shadow",
     "formation": "cmr.world.behaviours.formation:Formation",
     "flock": "cmr.world.behaviours.flocking:Flock",
     "right_of_way": "cmr.world.behaviours.right_of_way:RightOfWay",

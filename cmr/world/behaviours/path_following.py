@@ -12,6 +12,8 @@ from cmr.world.behaviours.team import Floats, Indices
 
 ROUNDING = 1e-6  # m
 SEARCH_AHEAD = 0.5  # m of path looked at for the point nearest to the robot
+LONGEST_PIECE = 0.25  # m, to which pieces of a trail grow while the leader drives straight on
+ASIDE = 0.001  # m; a point of a trail so near to the line between its neighbours is left out
 
 
 @compiled(
@@ -45,8 +47,9 @@ def pursue(
             remaining[k] = -1.0
             continue
         reached, away = _nearest_of(around, r, 0, x[k], y[k], progress[r])
-        _, away_from_next = _nearest_of(around, r, 1, x[k], y[k], progress[r])
-        stays = away <= away_from_next and away < around[r, 0, ALONE] ** 2
+        stays = away < around[r, 0, ALONE] ** 2
+        if stays:
+            stays = away <= _nearest_of(around, r, 1, x[k], y[k], progress[r])[1]
         if stays and reached + look_ahead <= around[r, TARGET + 1, ALONG]:
             target_x[k], target_y[k] = _point_at(around, r, TARGET, reached + look_ahead)
         else:
@@ -116,6 +119,9 @@ def _remember(points, r, last, piece, ahead, around):  # type: ignore[no-untyped
     """
     if piece + 2 > last or ahead >= last:
         around[r, 0, ALONE] = 0.0
+        return
+    same = around[r, 0, ALONE] == points[r, piece, ALONE] and around[r, 0, ALONG] == points[r, piece, ALONG]
+    if same and around[r, TARGET, ALONG] == points[r, ahead, ALONG]:
         return
     for what in range(points.shape[2]):
         for i in range(3):
@@ -195,6 +201,26 @@ def thin(points: Floats, shortest: float) -> int:
     return kept
 
 
+@inlined
+def _straight_on(points, r, last, x, y):  # type: ignore[no-untyped-def]
+    """Tell whether the last piece of a path may end at (x, y) [m] instead, as what it leaves out is straight."""
+    before_x, before_y = points[r, last, X] - points[r, last - 1, X], points[r, last, Y] - points[r, last - 1, Y]
+    dx, dy = x - points[r, last - 1, X], y - points[r, last - 1, Y]
+    whole, aside = dx * dx + dy * dy, before_x * dy - before_y * dx
+    ahead = before_x * (dx - before_x) + before_y * (dy - before_y)
+    return ahead > 0.0 and whole < LONGEST_PIECE * LONGEST_PIECE and aside * aside < ASIDE * ASIDE * whole
+
+
+@inlined
+def _end_at(points, r, last, x, y):  # type: ignore[no-untyped-def]
+    """Let the last piece of a path end at (x, y) [m] instead; return the length [m] up to there."""
+    dx, dy = x - points[r, last - 1, X], y - points[r, last - 1, Y]
+    along = points[r, last - 1, ALONG] + math.sqrt(dx * dx + dy * dy)
+    points[r, last, X], points[r, last, Y], points[r, last, ALONG] = x, y, along
+    look_around(points, r, last - 1, last)
+    return along
+
+
 @compiled(
     "i8(i8[::1], i8[::1], f8[:, :, ::1], i8[::1], f8[::1], f8[:, :, ::1],"
     "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1])"
@@ -235,6 +261,11 @@ def trail(
         step = math.sqrt(dx * dx + dy * dy)
         up_to_leader[k] = length[r] + step
         if step < SHORTEST:
+            continue
+        if last > 0 and _straight_on(points, r, last, all_x[j], all_y[j]):
+            length[r] = _end_at(points, r, last, all_x[j], all_y[j])
+            up_to_leader[k], around[r, 0, ALONE] = length[r], 0.0
+            most = max(most, last + 1 - piece[r])
             continue
         if last + 1 == room:
             behind = piece[r]

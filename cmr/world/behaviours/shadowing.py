@@ -1,0 +1,59 @@
+"""A shadow: does as its leader does, in a place of its own, turns on the spot included."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cmr.model.parameters import RobotParameters
+from cmr.world.behaviours.team import Duties, Indices, Memory, TeamBehaviour
+from cmr.world.lazy_module import LazyModule
+from cmr.world.surroundings import Members
+from cmr.world.view import Robots, WorldView
+
+tracking = LazyModule("cmr.world.behaviours.tracking")
+
+
+class Shadow(TeamBehaviour):
+    """Do as the robot `leader` does from now on: the same way and the same turns, from one's own place and heading.
+
+    So a virtual leader makes a real robot drive any manoeuvre, spins on the spot included, which `follow` cannot. It
+    stands while the leader is not in the world, and begins anew, from where it is, when it comes back, or when either
+    of the two was put elsewhere. It goes round nobody and needs as much room as its leader.
+    """
+
+    per_robot: ClassVar[frozenset[str]] = frozenset({"leader"})
+
+    def __init__(self, leader: int = 10) -> None:
+        self._memory = Memory(leader=leader, tracked=0.0, turn=0.0, shift_x=0.0, shift_y=0.0)
+        self._leaders: tuple[Indices, Members, Indices] | None = None
+
+    def adopt(self, robot_id: int, settings: dict[str, Any]) -> None:
+        """Let one robot have a leader of its own."""
+        row, self._leaders = self._memory.row(robot_id), None
+        for name, value in settings.items():
+            self._memory[name][row] = value
+
+    def prepare(self) -> None:
+        """Load the compiled function by a turn of nobody."""
+        nobody = np.zeros(0)
+        self.commands(0, Robots.of([]), WorldView(), RobotParameters(nobody, nobody, nobody, nobody))
+
+    def commands(self, _utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
+        """Return the duties that take robots to where their leaders' motion takes them."""
+        around, memory = world.surroundings(), self._memory
+        row = memory.rows(me.robot_id)
+        pose = (np.ascontiguousarray(column, dtype=float) for column in me.state[:3])
+        kept = (memory["tracked"], memory["turn"], memory["shift_x"], memory["shift_y"])
+        duties = np.empty((2, len(row)))
+        tracking.track(
+            *(row, self._leaders_of(row, around.members)),
+            *(around.x, around.y, around.theta, around.psi_left, around.psi_right, *pose),
+            *(parameters.wheel_radius, parameters.k1, parameters.base_width, *kept, *duties),
+        )
+        return duties.T
+
+    def _leaders_of(self, row: Indices, members: Members) -> Indices:
+        """Return where the leaders are among everybody; the answer is kept as long as the same are asked for."""
+        if self._leaders is None or self._leaders[0] is not row or self._leaders[1] is not members:
+            self._leaders = (row, members, members.index_of(self._memory["leader"][row]))
+        return self._leaders[2]

@@ -1,0 +1,75 @@
+"""Keep to the pose that a leader gives: where one would be had one moved as it did.
+
+Source of the control law: Kanayama, Kimura, Miyazaki and Noguchi, A stable tracking control method for an autonomous
+mobile robot, ICRA 1990. The heading is corrected at a rate of its own here, so that turns on the spot are tracked, too.
+"""
+
+from cmr.model.compiled import compiled
+from cmr.model.elementary import sincos
+from cmr.world.behaviours.team import Floats, Indices
+
+PER_DISTANCE = 2.0  # 1/s: speed for each metre that is missing ahead
+PER_ANGLE = 2.0  # 1/s: yaw rate for each radian that is missing
+PER_AREA = 6.0  # 1/m^2: yaw rate for each metre to the side, at a speed of 1 m/s
+FURTHEST = 0.5  # m from the wanted place; who is further away begins anew from where it is
+NEAR, TURNED = 0.02, 0.03  # m, rad; who is so near when the leader stands rests
+SLOW, TURNS_SLOWLY = 0.005, 0.02  # m/s, rad/s; slower than both is to stand
+
+
+@compiled("void(" + ", ".join(["i8[::1]"] * 2 + ["f8[::1]"] * 17) + ")")
+def track(
+    row: Indices,
+    leader: Indices,
+    all_x: Floats,
+    all_y: Floats,
+    all_theta: Floats,
+    psi_left: Floats,
+    psi_right: Floats,
+    x: Floats,
+    y: Floats,
+    theta: Floats,
+    wheel_radius: Floats,
+    k1: Floats,
+    base_width: Floats,
+    tracked: Floats,
+    turn: Floats,
+    shift_x: Floats,
+    shift_y: Floats,
+    duty_left: Floats,
+    duty_right: Floats,
+) -> None:
+    """Write the duties of n robots at poses [m, m, rad] that do as their leaders do.
+
+    `leader[k]` is the place of robot k's leader in the arrays of everybody, poses and wheel speeds [rad/s]; -1 where
+    it is not there: then robot k stands, and begins anew later. The leader's pose, turned by `turn` [rad] and shifted
+    [m], both kept at `row[k]`, is the wanted one; `tracked` is 0 where there is none yet.
+    """
+    for k in range(len(row)):
+        r, j = row[k], leader[k]
+        duty_left[k] = duty_right[k] = 0.0
+        if j < 0:
+            tracked[r] = 0.0
+            continue
+        sine, cosine = sincos(turn[r])
+        dx = shift_x[r] + cosine * all_x[j] - sine * all_y[j] - x[k]
+        dy = shift_y[r] + sine * all_x[j] + cosine * all_y[j] - y[k]
+        if tracked[r] == 0.0 or dx * dx + dy * dy > FURTHEST * FURTHEST:
+            tracked[r], turn[r] = 1.0, theta[k] - all_theta[j]
+            sine, cosine = sincos(turn[r])
+            shift_x[r] = x[k] - (cosine * all_x[j] - sine * all_y[j])
+            shift_y[r] = y[k] - (sine * all_x[j] + cosine * all_y[j])
+            dx = dy = 0.0
+        sine, cosine = sincos(theta[k])
+        ahead, aside = cosine * dx + sine * dy, cosine * dy - sine * dx
+        sine, cosine = sincos(all_theta[j] + turn[r] - theta[k])
+        speed = 0.5 * wheel_radius[k] * (psi_left[j] + psi_right[j])
+        yaw_rate = wheel_radius[k] * (psi_right[j] - psi_left[j]) / base_width[k]
+        stands = abs(speed) < SLOW and abs(yaw_rate) < TURNS_SLOWLY
+        if stands and abs(ahead) < NEAR and abs(sine) < TURNED:
+            continue
+        forward = speed * cosine + PER_DISTANCE * ahead
+        half = 0.5 * base_width[k] * (yaw_rate + speed * PER_AREA * aside + PER_ANGLE * sine)
+        per_speed = k1[k] / wheel_radius[k]
+        left, right = (forward - half) * per_speed, (forward + half) * per_speed
+        excess = max(1.0, abs(left), abs(right))
+        duty_left[k], duty_right[k] = left / excess, right / excess
