@@ -18,8 +18,8 @@ from cmr.world.behaviours.flocking import Flock
 from cmr.world.behaviours.following import Follow
 from cmr.world.behaviours.formation import Formation
 from cmr.world.behaviours.right_of_way import RightOfWay
-from cmr.world.behaviours.team import duties_of
 from cmr.world.behaviours.shadowing import Shadow
+from cmr.world.behaviours.team import duties_of
 from cmr.world.behaviours.waypoints import Waypoints
 from cmr.world.view import VIRTUAL, Numbers, Robot, Robots, WorldView
 from cmr.world.world import VirtualRobot, World
