@@ -273,9 +273,10 @@ def test_what_is_written_reads_back_the_same(
     content |= {"seed": seed, "process_noise": noise, "reaction": 0.03, "host": "lab-pc"}
     content["parameters"] = str(diagnosed)
     content["obstacles"] = {"discs": [[80, 0, 1]], "walls": [[70, 0, 70, 1]]}
-    content["robots"] += [lead, many]
+    spins = {"id": 18, "kind": "virtual", "start": [0, 9], "behaviour": "manoeuvre,name=spins,speed=0.5"}
+    content["robots"] += [spins, lead, many]
     scenario = parse(yaml.safe_dump(content), "a.yaml")
-    assert len(scenario.robots) == 6 + count
+    assert len(scenario.robots) == 7 + count
     assert parse(to_yaml(scenario), "b.yaml") == scenario
 
 

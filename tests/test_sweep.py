@@ -154,6 +154,18 @@ def test_settings_leave_the_document_as_it_was() -> None:
     assert changed == {"robots": [{"id": 1, "behaviour": {"name": "follow", "gap": 0.7}}]}
 
 
+def test_a_setting_that_is_called_name_stays_beside_the_name_of_the_behaviour() -> None:
+    document = {"robots": [{"id": 1, "behaviour": "manoeuvre,name=spins,speed=1"}]}
+    for key, value in (("speed", 0.5), ("settings.name", "steps")):
+        (robot,) = with_settings(document, {f"robots.1.behaviour.{key}": value})["robots"]
+        given = robot["behaviour"]
+        assert (given["name"], given["speed"], given["settings"]["name"]) == (
+            "manoeuvre",
+            0.5 if key == "speed" else "1",
+            "spins" if key == "speed" else "steps",
+        )
+
+
 # What is done
 
 

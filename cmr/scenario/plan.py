@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 Kind = Literal["real", "emulated", "virtual"]
 KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
@@ -47,6 +47,13 @@ class BehaviourPlan:
     def __str__(self) -> str:
         """Return it as on a command line: `follow,leader=10,gap=0.5`."""
         return ",".join([self.name, *(f"{key}={value}" for key, value in self.settings.items())])
+
+    @property
+    def mapping(self) -> dict[str, Any]:
+        """The same as a mapping: `name` and the settings; one that is called `name`, too, is in `settings`."""
+        others = {key: value for key, value in self.settings.items() if key != "name"}
+        apart = {"settings": {"name": self.settings["name"]}} if "name" in self.settings else {}
+        return {"name": self.name, **others, **apart}
 
 
 @dataclass(frozen=True)

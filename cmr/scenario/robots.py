@@ -143,12 +143,16 @@ def _behaviours(section: Section, ids: range) -> list[BehaviourPlan | None]:
 
 
 def _read_behaviour(item: Item) -> BehaviourPlan:
-    """Return a behaviour given as `name,key=value,...` or as a mapping with `name` and the settings."""
+    """Return a behaviour given as `name,key=value,...` or as a mapping with `name` and the settings.
+
+    In a mapping, `settings` may hold those that are called as the behaviour is: `name` of a manoeuvre.
+    """
     if item.is_mapping:
         entries = dict(item.entries())
         if "name" not in entries:
             raise item.place.error("name is missing: the name of the behaviour")
-        name = entries.pop("name").text()
+        name, apart = entries.pop("name").text(), entries.pop("settings", None)
+        entries |= dict(apart.entries()) if apart else {}
         return BehaviourPlan(name, {key: entry.text() for key, entry in entries.items()})
     name, *pairs = item.text().split(",")
     settings: dict[str, str] = {}

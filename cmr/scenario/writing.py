@@ -60,7 +60,7 @@ def _without_defaults(plan: Any, without: set[str]) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """Return a value as YAML has it."""
     if isinstance(value, BehaviourPlan):
-        return {"name": value.name, **value.settings}
+        return value.mapping
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, tuple):

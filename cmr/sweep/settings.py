@@ -8,6 +8,8 @@ from typing import Any, TypeAlias
 
 import yaml
 
+from cmr.scenario.plan import BehaviourPlan
+
 Value: TypeAlias = float | int | str | bool | list[Any] | dict[str, Any] | None
 SEED = "seed"  # of the scenario; varied in a way of its own
 NOTHING = ("null", "~")  # as YAML has it: the scenario without this key
@@ -131,7 +133,8 @@ def _name(entry: Any, index: int) -> Any:
     return entry.get("id", entry.get("first_id", index)) if isinstance(entry, dict) else index
 
 
-def _taken_apart(behaviour: str) -> dict[str, str]:
+def _taken_apart(behaviour: str) -> dict[str, Any]:
     """Return `name,key=value,...` as a mapping."""
     name, *pairs = behaviour.split(",")
-    return {"name": name.strip()} | {key.strip(): value.strip() for key, _, value in (p.partition("=") for p in pairs)}
+    settings = {key.strip(): value.strip() for key, _, value in (pair.partition("=") for pair in pairs)}
+    return BehaviourPlan(name.strip(), settings).mapping
