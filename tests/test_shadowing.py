@@ -75,6 +75,29 @@ def test_a_leader_that_is_put_elsewhere_is_not_run_after() -> None:
     assert pose_of(bench, 1) == pytest.approx(START)
 
 
+def test_what_the_leader_did_while_the_shadow_was_stopped_is_not_made_up() -> None:
+    """As after an emergency stop, or while poses were missing."""
+    bench = Bench([(0.0, 0.0, 0.0), START], [(Shadow(leader=0), [1])])
+    for _ in bench.run(0.5):
+        pass
+    teams, bench.teams = bench.teams, []
+    for bench.duties[0] in ((-0.2, 0.2), (0.2, 0.2), (0.0, 0.0)):
+        for _ in bench.run(1.0):
+            pass
+    bench.teams = teams
+    for _ in bench.run(1.0):
+        assert not bench.duties[1].any()
+
+
+def test_nobody_is_a_shadow_of_its_own() -> None:
+    bench = Bench([START, (0.0, 0.0, 0.0)], [], fixed={1: (0.5, 0.5)})
+    for _ in bench.run(1.0):
+        pass
+    bench.teams = [(Shadow(leader=1), np.array([1]))]
+    for _ in bench.run(0.1):
+        assert not bench.duties[1].any()
+
+
 def test_each_has_a_leader_of_its_own() -> None:
     shadow = Shadow()
     shadow.adopt(2, {"leader": 0})

@@ -81,6 +81,7 @@ def load() -> None:
     from cmr.world.behaviours.clearance import speed_before
 
     speed_before(1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.5, STOPPING, 1.0)
+    WorldView().surroundings().velocities(1.0)
 
 
 def kept_clear(

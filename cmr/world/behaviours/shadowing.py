@@ -7,7 +7,7 @@ import numpy as np
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours.team import Duties, Indices, Memory, TeamBehaviour
 from cmr.world.lazy_module import LazyModule
-from cmr.world.surroundings import Members
+from cmr.world.surroundings import MISSING, Members
 from cmr.world.view import Robots, WorldView
 
 tracking = LazyModule("cmr.world.behaviours.tracking")
@@ -17,8 +17,9 @@ class Shadow(TeamBehaviour):
     """Do as the robot `leader` does from now on: the same way and the same turns, from one's own place and heading.
 
     So a virtual leader makes a real robot drive any manoeuvre, spins on the spot included, which `follow` cannot. It
-    stands while the leader is not in the world, and begins anew, from where it is, when it comes back, or when either
-    of the two was put elsewhere. It goes round nobody and needs as much room as its leader.
+    stands while the leader is not in the world, and begins anew, from where it is, when it comes back, after a stop of
+    its own, or when it is half a metre from where it should be. It goes round nobody and needs as much room as its
+    leader.
     """
 
     per_robot: ClassVar[frozenset[str]] = frozenset({"leader"})
@@ -38,7 +39,7 @@ class Shadow(TeamBehaviour):
         nobody = np.zeros(0)
         self.commands(0, Robots.of([]), WorldView(), RobotParameters(nobody, nobody, nobody, nobody))
 
-    def commands(self, _utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
+    def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
         """Return the duties that take robots to where their leaders' motion takes them."""
         around, memory = world.surroundings(), self._memory
         row = memory.rows(me.robot_id)
@@ -46,14 +47,20 @@ class Shadow(TeamBehaviour):
         kept = (memory["tracked"], memory["turn"], memory["shift_x"], memory["shift_y"])
         duties = np.empty((2, len(row)))
         tracking.track(
-            *(row, self._leaders_of(row, around.members)),
+            *(float(utime), row, self._leaders_of(row, me, around.members)),
             *(around.x, around.y, around.theta, around.psi_left, around.psi_right, *pose),
             *(parameters.wheel_radius, parameters.k1, parameters.base_width, *kept, *duties),
         )
         return duties.T
 
-    def _leaders_of(self, row: Indices, members: Members) -> Indices:
-        """Return where the leaders are among everybody; the answer is kept as long as the same are asked for."""
+    def _leaders_of(self, row: Indices, me: Robots, members: Members) -> Indices:
+        """Return where the leaders are among everybody; the answer is kept as long as the same are asked for.
+
+        Nobody is a leader of its own: it would go on as it moves.
+        """
         if self._leaders is None or self._leaders[0] is not row or self._leaders[1] is not members:
-            self._leaders = (row, members, members.index_of(self._memory["leader"][row]))
+            leader = self._memory["leader"][row]
+            index = members.index_of(leader)
+            index[leader == np.array(me.robot_id, np.int64)] = MISSING
+            self._leaders = (row, members, index)
         return self._leaders[2]

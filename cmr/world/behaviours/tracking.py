@@ -6,18 +6,22 @@ mobile robot, ICRA 1990. The heading is corrected at a rate of its own here, so 
 
 from cmr.model.compiled import compiled
 from cmr.model.elementary import sincos
+from cmr.world.behaviours.steering import LARGEST_DUTY
 from cmr.world.behaviours.team import Floats, Indices
 
 PER_DISTANCE = 2.0  # 1/s: speed for each metre that is missing ahead
+CATCHING_UP = 0.2  # m/s; the most that is driven faster or slower than the leader
 PER_ANGLE = 2.0  # 1/s: yaw rate for each radian that is missing
 PER_AREA = 6.0  # 1/m^2: yaw rate for each metre to the side, at a speed of 1 m/s
 FURTHEST = 0.5  # m from the wanted place; who is further away begins anew from where it is
+LONGEST_PAUSE = 200_000.0  # us; so does who was not asked for so long: what its leader did meanwhile is not made up
 NEAR, TURNED = 0.02, 0.03  # m, rad; who is so near when the leader stands rests
 SLOW, TURNS_SLOWLY = 0.005, 0.02  # m/s, rad/s; slower than both is to stand
 
 
-@compiled("void(" + ", ".join(["i8[::1]"] * 2 + ["f8[::1]"] * 17) + ")")
+@compiled("void(f8, " + ", ".join(["i8[::1]"] * 2 + ["f8[::1]"] * 17) + ")")
 def track(
+    utime: float,
     row: Indices,
     leader: Indices,
     all_x: Floats,
@@ -38,11 +42,11 @@ def track(
     duty_left: Floats,
     duty_right: Floats,
 ) -> None:
-    """Write the duties of n robots at poses [m, m, rad] that do as their leaders do.
+    """Write the duties at `utime` [us] of n robots at poses [m, m, rad] that do as their leaders do.
 
     `leader[k]` is the place of robot k's leader in the arrays of everybody, poses and wheel speeds [rad/s]; -1 where
     it is not there: then robot k stands, and begins anew later. The leader's pose, turned by `turn` [rad] and shifted
-    [m], both kept at `row[k]`, is the wanted one; `tracked` is 0 where there is none yet.
+    [m], both kept at `row[k]`, is the wanted one; `tracked` is when that was so last [us], 0 where there is none yet.
     """
     for k in range(len(row)):
         r, j = row[k], leader[k]
@@ -53,8 +57,10 @@ def track(
         sine, cosine = sincos(turn[r])
         dx = shift_x[r] + cosine * all_x[j] - sine * all_y[j] - x[k]
         dy = shift_y[r] + sine * all_x[j] + cosine * all_y[j] - y[k]
-        if tracked[r] == 0.0 or dx * dx + dy * dy > FURTHEST * FURTHEST:
-            tracked[r], turn[r] = 1.0, theta[k] - all_theta[j]
+        goes_on = tracked[r] > 0.0 and abs(utime - tracked[r]) <= LONGEST_PAUSE
+        tracked[r] = utime
+        if not (goes_on and dx * dx + dy * dy <= FURTHEST * FURTHEST):  # also where one of them is no number
+            turn[r] = theta[k] - all_theta[j]
             sine, cosine = sincos(turn[r])
             shift_x[r] = x[k] - (cosine * all_x[j] - sine * all_y[j])
             shift_y[r] = y[k] - (sine * all_x[j] + cosine * all_y[j])
@@ -65,11 +71,11 @@ def track(
         speed = 0.5 * wheel_radius[k] * (psi_left[j] + psi_right[j])
         yaw_rate = wheel_radius[k] * (psi_right[j] - psi_left[j]) / base_width[k]
         stands = abs(speed) < SLOW and abs(yaw_rate) < TURNS_SLOWLY
-        if stands and abs(ahead) < NEAR and abs(sine) < TURNED:
+        if stands and abs(ahead) < NEAR and abs(sine) < TURNED and cosine > 0.0:
             continue
-        forward = speed * cosine + PER_DISTANCE * ahead
+        forward = speed * cosine + min(max(PER_DISTANCE * ahead, -CATCHING_UP), CATCHING_UP)
         half = 0.5 * base_width[k] * (yaw_rate + speed * PER_AREA * aside + PER_ANGLE * sine)
         per_speed = k1[k] / wheel_radius[k]
         left, right = (forward - half) * per_speed, (forward + half) * per_speed
-        excess = max(1.0, abs(left), abs(right))
+        excess = max(1.0, abs(left) / LARGEST_DUTY, abs(right) / LARGEST_DUTY)
         duty_left[k], duty_right[k] = left / excess, right / excess
