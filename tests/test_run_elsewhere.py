@@ -120,7 +120,9 @@ def test_robots_that_somebody_else_moves_on_this_bus_are_left_to_them(tmp_path: 
     run = LiveRun(scenario, tmp_path, Bus([], []), jobs, Children(tmp_path), Terminal())  # type: ignore[arg-type]
     outcome = run.run()
     assert outcome.failed
-    assert outcome.ended_by.startswith("robots are on this bus already that are ours (0, 1, 10): end the cmr-run or")
+    assert outcome.ended_by.startswith(
+        "on this bus somebody moves robots 0, 1, 10 already: end that cmr-run or cmr-sim"
+    )
     assert not any(state.starts for state in run.supervisor.states.values())
 
 
@@ -144,6 +146,17 @@ def test_a_process_that_moves_robots_is_new_once_and_again_when_it_was_started_a
     assert not elsewhere.newcomers()
     found["robot-pi", 998] = status("cmr-pilot", 998)
     assert elsewhere.newcomers()
+
+
+def test_a_process_that_died_without_a_word_is_not_there(tmp_path: Path) -> None:
+    found, now = {(one.host, one.pid): one for one in all_statuses()}, [0.0]
+    elsewhere = Elsewhere(jobs_of(prepared(tmp_path), tmp_path, URL), found, lambda: now[0])
+    dead, *living = found
+    for now[0] in (1.0, 4.0, 7.0):
+        found |= {key: status(found[key].process, found[key].pid) for key in living}
+        assert elsewhere.silent() == ("" if now[0] < 5.0 else f"{found[dead].process} on other machines")
+    found[dead] = status(found[dead].process, found[dead].pid)
+    assert elsewhere.silent() == ""
 
 
 def test_the_folder_of_a_run_can_be_copied_to_another_machine(tmp_path: Path) -> None:

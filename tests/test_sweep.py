@@ -21,7 +21,7 @@ from cmr.sweep import experiment
 from cmr.sweep.cluster import ClusterError, perform, workers
 from cmr.sweep.journal import Journal, JournalError
 from cmr.sweep.planning import plan
-from cmr.sweep.settings import SettingError, combinations, setting_of, with_settings
+from cmr.sweep.settings import SettingError, setting_of
 from cmr.sweep.table import medians, write_parquet, write_tables
 from tests.bus_bench import our_command
 
@@ -58,35 +58,6 @@ def scenario(tmp_path: Path) -> Path:
 
 
 # What is varied
-
-
-def test_a_setting_is_read_with_its_values_as_yaml_has_them() -> None:
-    setting = setting_of("robots.10.behaviour.gap=0.3, 1e-3,2,true,wide,[1, 2]")
-    assert setting.path == "robots.10.behaviour.gap"
-    assert setting.values == (0.3, 0.001, 2, True, "wide", [1, 2])
-    assert [type(value) for value in setting.values] == [float, float, int, bool, str, list]
-    assert setting_of("geofence=null,[[0, 0], [1, 0], [1, 1]]").values == (None, [[0, 0], [1, 0], [1, 1]])
-    assert setting_of("robots.1.start={x: 1, y: 2},[1, 2]").values == ({"x": 1, "y": 2}, [1, 2])
-
-
-def test_the_seed_is_varied_by_its_option_alone() -> None:
-    with pytest.raises(SettingError, match="seed: is varied by --seeds"):
-        setting_of("seed=1,2")
-
-
-@pytest.mark.parametrize("text", ["gap", "=1", "a..b=1", "gap=", "gap=1,,2", "gap=1,1", "gap=[1,{"])
-def test_a_setting_that_is_none_is_refused_with_its_key(text: str) -> None:
-    with pytest.raises(SettingError, match="gap" if "gap" in text else "key=value"):
-        setting_of(text)
-
-
-def test_every_combination_of_values_comes_once() -> None:
-    settings = [setting_of("duration=1,2"), setting_of("rate=20,50,100")]
-    found = combinations(settings)
-    assert len(found) == len({tuple(values.items()) for values in found}) == 6
-    assert combinations([]) == [{}]
-    with pytest.raises(SettingError, match="rate: is set twice"):
-        combinations([settings[1], settings[1]])
 
 
 def test_values_reach_robots_by_their_ids_and_behaviours_by_their_settings(scenario: Path) -> None:
@@ -145,25 +116,6 @@ def test_a_sweep_knows_its_runs_by_the_source_of_a_users_behaviour_too(
 def test_a_key_that_is_not_there_is_named(scenario: Path, setting: str, said: str) -> None:
     with pytest.raises(SettingError, match=said):
         plan(scenario, [setting_of(setting)], seeds=1)
-
-
-def test_settings_leave_the_document_as_it_was() -> None:
-    document = {"robots": [{"id": 1, "behaviour": "follow,gap=0.5"}]}
-    changed = with_settings(document, {"robots.1.behaviour.gap": 0.7})
-    assert document == {"robots": [{"id": 1, "behaviour": "follow,gap=0.5"}]}
-    assert changed == {"robots": [{"id": 1, "behaviour": {"name": "follow", "gap": 0.7}}]}
-
-
-def test_a_setting_that_is_called_name_stays_beside_the_name_of_the_behaviour() -> None:
-    document = {"robots": [{"id": 1, "behaviour": "manoeuvre,name=spins,speed=1"}]}
-    for key, value in (("speed", 0.5), ("settings.name", "steps")):
-        (robot,) = with_settings(document, {f"robots.1.behaviour.{key}": value})["robots"]
-        given = robot["behaviour"]
-        assert (given["name"], given["speed"], given["settings"]["name"]) == (
-            "manoeuvre",
-            0.5 if key == "speed" else "1",
-            "spins" if key == "speed" else "steps",
-        )
 
 
 # What is done

@@ -1,13 +1,15 @@
 """The processes of a run on other machines, where somebody else starts them: are they there, and are they well?"""
 
+import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from cmr.msg import process_status_t
 from cmr.scenario.jobs import PILOT, RECORDER, SIM, Job
 
+LONGEST_SILENCE = 5.0  # s; each says how it is once a second
 NOT_IN_SERVICE = (process_status_t.STARTING, process_status_t.STOPPING)
 
 
@@ -17,10 +19,16 @@ class Elsewhere:
     PROCESS_STATUS tells the program and not the robot, so programs are counted.
     """
 
-    def __init__(self, jobs: Sequence[Job], statuses: Mapping[tuple[str, int], Any]) -> None:
+    def __init__(
+        self,
+        jobs: Sequence[Job],
+        statuses: Mapping[tuple[str, int], Any],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._wanted = Counter(_program(job) for job in jobs)
         self._movers = frozenset(_program(job) for job in jobs if job.role in (PILOT, SIM))
-        self._statuses = statuses
+        self._statuses, self._clock = statuses, clock
+        self._heard: dict[tuple[str, int], tuple[Any, float]] = {}  # what each said last, and when [s]
         self._greeted: set[tuple[str, int]] = set()
         self.is_needed = bool(jobs)
         self.has_sim = any(job.role == SIM for job in jobs)
@@ -47,7 +55,16 @@ class Elsewhere:
         return bool(fresh)
 
     def _in_service(self) -> list[Any]:
-        return [status for status in self._statuses.values() if status.state not in NOT_IN_SERVICE]
+        """Return what those said last that are there; one that says nothing any more has died or is out of reach."""
+        now = self._clock()
+        for key, status in self._statuses.items():
+            if self._heard.get(key, (None, now))[0] is not status:
+                self._heard[key] = (status, now)
+        return [
+            status
+            for status, when in self._heard.values()
+            if status.state not in NOT_IN_SERVICE and now - when <= LONGEST_SILENCE
+        ]
 
 
 def _program(job: Job) -> str:

@@ -20,6 +20,7 @@ from cmr.scenario.supervisor import Supervisor
 from cmr.scenario.terminal import Terminal
 from cmr.scenario.virtual import waypoints_message
 from cmr.scenario.watch import TeamWatch
+from cmr.world.others import named
 
 RATE = 20.0  # Hz
 START_UP = 120.0  # s for all robots and processes to be in service, on a slow machine
@@ -27,7 +28,7 @@ START_UP_BY_HAND = 1800.0  # s, where somebody has to start processes on other m
 GRACE = 30.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
 ANOTHER_WORD = 1.2  # s; by then each has told again how it is, as what it says first, it says before it knows
 LISTENING = 0.4  # s, in which a cmr-sim tells of its robots eight times at least
-END_THE_OTHER = "end the cmr-run or cmr-sim that moves them, or use another --lcm-url"
+END_THE_OTHER = "end that cmr-run or cmr-sim, or use another --lcm-url"
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
 WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
@@ -118,7 +119,7 @@ class LiveRun:
             if time.monotonic() > until:
                 break
         seen = sorted(self.watch.poses())
-        return f"robots are on this bus already that are ours ({_listed(seen)}): {END_THE_OTHER}" if seen else ""
+        return f"on this bus somebody moves {named(seen)} already: {END_THE_OTHER}" if seen else ""
 
     def _drive(self, doubt: str) -> Outcome:
         """Let the team drive until the run is over; `doubt` is what a process complains of."""
@@ -165,7 +166,7 @@ class LiveRun:
             return elsewhere
         missing = self.watch.missing()
         if missing:
-            return f"robot{'s' if len(missing) > 1 else ''} {_listed(missing)} in WORLD_STATE"
+            return f"{named(missing)} in WORLD_STATE"
         names = self.supervisor.states
         silent = [name for name in names if not self._is_heard(name) and not self.supervisor.is_done(name)]
         return self._words_of(silent[0]) if silent else ""
@@ -246,8 +247,3 @@ class LiveRun:
             self._moved = self._seconds
         settled = self._seconds - self._moved > AT_REST or self._seconds - self._over_since > SETTLING
         return "all waypoints are reached" if settled else ""
-
-
-def _listed(robot_ids: Sequence[int]) -> str:
-    """Return the first of these robots."""
-    return ", ".join(map(str, robot_ids[:5])) + (", ..." if len(robot_ids) > 5 else "")

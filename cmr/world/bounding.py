@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from cmr.world.lazy_module import LazyModule
 
-sound = LazyModule("cmr.world.interaction.sound")
+bounding_loops = LazyModule("cmr.world.bounding_loops")
 
 
 def bounded(duties: Any) -> NDArray[np.float64]:
     """Return duties (n, 2) clipped to [-1, 1]; a robot of which one is no number stands."""
     sides = np.ascontiguousarray(np.asarray(duties, dtype=float).T)
     within = np.empty(sides.shape)
-    sound.bound(sides, within)
+    bounding_loops.bound(sides, within)
     return within.T

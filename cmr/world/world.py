@@ -255,8 +255,6 @@ class World:
 
     def _standing(self) -> list[Robots]:
         """Return the virtual robots whose parameters are known but not ready yet: they stand where they start."""
-        if not self._not_ready:
-            return []
         return [robots for robot_id, robots in self._absent.items() if robot_id in self._not_ready]
 
     def _real_robot(self, robot_id: int) -> _RealRobot:

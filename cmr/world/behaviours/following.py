@@ -4,11 +4,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from cmr.world.behaviours.leaders import Leaders
 from cmr.world.behaviours.paths import Paths
 from cmr.world.behaviours.seeking import CLEARANCE, LOOK_AHEAD, Goals, Seeker, Team
-from cmr.world.behaviours.team import Floats, Indices
+from cmr.world.behaviours.team import Floats
 from cmr.world.lazy_module import LazyModule
-from cmr.world.surroundings import Members
 from cmr.world.view import Robots, WorldView
 
 path_following = LazyModule("cmr.world.behaviours.path_following")
@@ -32,27 +32,25 @@ class Follow(Seeker):
             raise ValueError("gap and speed must be above 0")
         super().__init__(speed, clearance, leader=leader, gap=gap, progress=0.0, piece=0)
         self._trails = Paths()
-        self._leaders: tuple[Indices, Members, Indices] | None = None
+        self._leaders = Leaders(self.memory)
 
     def adopt(self, robot_id: int, settings: dict[str, Any]) -> None:
         """Let one robot have a leader, or a gap, of its own."""
-        row, self._leaders = self.memory.row(robot_id), None
-        for name, value in settings.items():
-            self.memory[name][row] = value
+        self._leaders.adopt(robot_id, settings)
 
-    def goals(self, _utime: int, team: Team, _me: Robots, world: WorldView) -> Goals:
+    def goals(self, _utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
         """Return points on the trails, and speeds that keep the gaps."""
-        length, target_x, target_y, remaining = self._pursue(team, world)
+        length, target_x, target_y, remaining = self._pursue(team, me, world)
         progress, gap, speed = self.memory["progress"], self.memory["gap"], np.empty(len(length))
         path_following.keep_gaps(
             team.row, length, remaining, progress, gap, SPEED_PER_DISTANCE, DEAD_ZONE, self.speed, speed
         )
         return Goals(target_x, target_y, speed, np.zeros(len(speed), bool))
 
-    def _pursue(self, team: Team, world: WorldView) -> tuple[Floats, Floats, Floats, Floats]:
+    def _pursue(self, team: Team, me: Robots, world: WorldView) -> tuple[Floats, Floats, Floats, Floats]:
         """Let trails and progress grow; return the lengths of the trails, targets and what remains of the paths."""
         around, memory, trails = world.surroundings(), self.memory, self._trails
-        leader = self._leaders_of(team.row, around.members)
+        leader = self._leaders.places(team.row, me.robot_id, around.members)
         trails.make_room(len(memory), 0)
         path, place = trails.arrays, (memory["progress"], memory["piece"])
         length, target_x, target_y, remaining = np.empty((4, len(team.x)))
@@ -61,9 +59,3 @@ class Follow(Seeker):
         if trails.room < min(2 * most, MOST_POINTS):
             trails.make_room(0, 2 * most)
         return length, target_x, target_y, remaining
-
-    def _leaders_of(self, row: Indices, members: Members) -> Indices:
-        """Return where the leaders are among everybody; the answer is kept as long as the same are asked for."""
-        if self._leaders is None or self._leaders[0] is not row or self._leaders[1] is not members:
-            self._leaders = (row, members, members.index_of(self.memory["leader"][row]))
-        return self._leaders[2]

@@ -5,9 +5,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cmr.model.parameters import RobotParameters
-from cmr.world.behaviours.team import Duties, Indices, Memory, TeamBehaviour
+from cmr.world.behaviours.leaders import Leaders
+from cmr.world.behaviours.team import Duties, Memory, TeamBehaviour
 from cmr.world.lazy_module import LazyModule
-from cmr.world.surroundings import MISSING, Members
 from cmr.world.view import Robots, WorldView
 
 tracking = LazyModule("cmr.world.behaviours.tracking")
@@ -26,13 +26,11 @@ class Shadow(TeamBehaviour):
 
     def __init__(self, leader: int = 10) -> None:
         self._memory = Memory(leader=leader, tracked=0.0, turn=0.0, shift_x=0.0, shift_y=0.0)
-        self._leaders: tuple[Indices, Members, Indices] | None = None
+        self._leaders = Leaders(self._memory)
 
     def adopt(self, robot_id: int, settings: dict[str, Any]) -> None:
         """Let one robot have a leader of its own."""
-        row, self._leaders = self._memory.row(robot_id), None
-        for name, value in settings.items():
-            self._memory[name][row] = value
+        self._leaders.adopt(robot_id, settings)
 
     def prepare(self) -> None:
         """Load the compiled function by a turn of nobody."""
@@ -47,20 +45,8 @@ class Shadow(TeamBehaviour):
         kept = (memory["tracked"], memory["turn"], memory["shift_x"], memory["shift_y"])
         duties = np.empty((2, len(row)))
         tracking.track(
-            *(float(utime), row, self._leaders_of(row, me, around.members)),
+            *(float(utime), row, self._leaders.places(row, me.robot_id, around.members)),
             *(around.x, around.y, around.theta, around.psi_left, around.psi_right, *pose),
             *(parameters.wheel_radius, parameters.k1, parameters.base_width, *kept, *duties),
         )
         return duties.T
-
-    def _leaders_of(self, row: Indices, me: Robots, members: Members) -> Indices:
-        """Return where the leaders are among everybody; the answer is kept as long as the same are asked for.
-
-        Nobody is a leader of its own: it would go on as it moves.
-        """
-        if self._leaders is None or self._leaders[0] is not row or self._leaders[1] is not members:
-            leader = self._memory["leader"][row]
-            index = members.index_of(leader)
-            index[leader == np.array(me.robot_id, np.int64)] = MISSING
-            self._leaders = (row, members, index)
-        return self._leaders[2]

@@ -8,7 +8,7 @@ from cmr.model.elementary import sincos
 from cmr.world.behaviours.team import Floats, Indices
 
 LARGEST_DUTY = 0.9  # leaves the motors something to turn with
-SHORTEST = 1e-9  # m; a target nearer than that is reached
+REACHED = 1e-9  # m; a target nearer than that is reached
 
 
 @compiled(
@@ -50,7 +50,7 @@ def steer(
         per_speed = k1[i] / wheel_radius[i]
         left, right = (forward - sideways) * per_speed, (forward + sideways) * per_speed
         excess = max(1.0, abs(left) / LARGEST_DUTY, abs(right) / LARGEST_DUTY)
-        goes = speed[i] > 0.0 and squared > SHORTEST * SHORTEST
+        goes = speed[i] > 0.0 and squared > REACHED * REACHED
         duty_left[i], duty_right[i] = (left / excess if goes else 0.0), (right / excess if goes else 0.0)
 
 
