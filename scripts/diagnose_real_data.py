@@ -19,15 +19,14 @@ from typing import NamedTuple
 import numpy as np
 
 from cmr.calibration.scoring import pieces as pieces_of_path
-from cmr.calibration.segments import hold
 from cmr.diagnosis.diagnose import diagnose
-from cmr.diagnosis.experiment import pieces_of
-from cmr.diagnosis.free_runs import Values, free_run, stacked
 from cmr.diagnosis.result import Diagnosis
+from cmr.estimation.free_runs import Values, free_run, stacked
+from cmr.estimation.segments import segments_of
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import SECONDS, Floats
+from cmr.recordings.signal import SECONDS, Floats, hold
 from scripts.score_real_data import DATA, GRASS_PIECE, MAEBOT_PIECE, Importer
 from scripts.score_real_data import _optiodom_runs as optiodom_runs
 from scripts.score_real_data import _steps_of_grass as steps_of_grass
@@ -123,17 +122,24 @@ def ends_of(recording: Recording, starts: Iterable[int], seconds: float, models:
     """
     position, heading, turned = [], [], []
     begins = np.array(sorted(starts))
-    for piece in pieces_of(recording, [], 0):
-        heard = piece.heard
+    for piece in segments_of(recording, [], 0):
+        observations = piece.observations
         times = (begins - piece.first) * SECONDS
-        first = np.unique(np.searchsorted(heard.pose_time, times[(times > -seconds) & (times < heard.seconds)] - 1e-6))
-        last = np.searchsorted(heard.pose_time, heard.pose_time[first[first < len(heard.pose)]] + seconds + 1e-6) - 1
+        first = np.unique(
+            np.searchsorted(observations.pose_time, times[(times > -seconds) & (times < observations.seconds)] - 1e-6)
+        )
+        last = (
+            np.searchsorted(
+                observations.pose_time, observations.pose_time[first[first < len(observations.pose)]] + seconds + 1e-6
+            )
+            - 1
+        )
         first = first[: len(last)]
-        long = heard.pose_time[last] - heard.pose_time[first] > SHORTEST
-        errors = free_run(heard, first, heard.pose, stacked(models)).pose[last[long]]
+        long = observations.pose_time[last] - observations.pose_time[first] > SHORTEST
+        errors = free_run(observations, first, observations.pose, stacked(models)).pose[last[long]]
         position.append(errors[:, :2].transpose(0, 2, 1))
         heading.append(errors[:, 2])
-        theta = np.unwrap(heard.pose[:, 2])
+        theta = np.unwrap(observations.pose[:, 2])
         turned.append((theta[last] - theta[first])[long])
     return Ends(np.concatenate(position), np.concatenate(heading), np.concatenate(turned))
 
@@ -244,9 +250,9 @@ def optiodom(importer: Importer, sessions: int | None = None) -> Case:
 
 def path_errors(recording: Recording, models: Sequence[Values]) -> Floats:
     """Return the root mean square distance [m] from the path, first pose given, of each model."""
-    heard = pieces_of(recording, [], 0)[0].heard
+    observations = segments_of(recording, [], 0)[0].observations
     first = np.zeros(1, np.int64)
-    errors = free_run(heard, first, heard.pose, stacked(models)).pose
+    errors = free_run(observations, first, observations.pose, stacked(models)).pose
     return np.asarray(np.sqrt(np.mean(errors[:, 0] ** 2 + errors[:, 1] ** 2, axis=0)), np.float64)
 
 

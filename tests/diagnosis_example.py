@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from cmr.calibration.result import Estimate
 from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
@@ -15,12 +14,13 @@ from cmr.diagnosis.result import (
     Diagnosis,
     Evidence,
     Fitted,
-    Gain,
     NamedEffect,
     Path,
     Residual,
     Unexplained,
 )
+from cmr.estimation.estimates import Estimate
+from cmr.estimation.gain import Gain
 from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.calibration import CalibrationError, CalibrationResult, calibrate
+from cmr.calibration import CalibrationResult, EstimationError, calibrate
 from cmr.calibration.segments import segments_of
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value, parse
@@ -159,12 +159,12 @@ def test_two_recordings_tell_more_than_one() -> None:
 
 def test_without_a_wheel_radius_it_says_what_to_do(default_drive: list[Message]) -> None:
     recording = replace(recording_of(default_drive), parameters=None)
-    with pytest.raises(CalibrationError, match="--parameters"):
+    with pytest.raises(EstimationError, match="--parameters"):
         calibrate(recording)
 
 
 def test_a_robot_that_never_moved_is_refused() -> None:
-    with pytest.raises(CalibrationError, match="Nothing to compare"):
+    with pytest.raises(EstimationError, match="Nothing to compare"):
         calibrate(
             recording_of(
                 messages(
@@ -179,7 +179,7 @@ def test_a_robot_that_stood_still_though_commanded_is_refused() -> None:
     for channel, message in drive:
         if channel.startswith("POSE"):
             message.x = message.y = message.theta = 0.0
-    with pytest.raises(CalibrationError, match="did not travel"):
+    with pytest.raises(EstimationError, match="did not travel"):
         calibrate(recording_of(drive))
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.calibration import CalibrationError, calibrate
+from cmr.calibration import EstimationError, calibrate
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal
@@ -59,14 +59,14 @@ def in_millimetres(r: Recording) -> Recording:
     ],
 )
 def test_crossed_wires_are_named(clean: Recording, crossed: Callable[[Recording], Recording], says: str) -> None:
-    with pytest.raises(CalibrationError, match=says):
+    with pytest.raises(EstimationError, match=says):
         calibrate(crossed(clean))
 
 
 def test_recordings_of_two_robots_are_not_one_robot(clean: Recording) -> None:
-    with pytest.raises(CalibrationError, match=r"robots \[0, 5\]"):
+    with pytest.raises(EstimationError, match=r"robots \[0, 5\]"):
         calibrate([clean, replace(clean, robot_id=5)])
-    with pytest.raises(CalibrationError, match="No recording"):
+    with pytest.raises(EstimationError, match="No recording"):
         calibrate([])
 
 

@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 
 from cmr.calibration.grid import Grid, axes_for, search
 from cmr.calibration.plots import figure_of
-from cmr.calibration.result import CalibrationResult, Estimate
+from cmr.calibration.result import CalibrationResult
 from cmr.calibration.segments import path_error, segments_of
 from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recorder
 from tests.emulated_drive import IDEAL, NOMINAL, TRUTH, messages

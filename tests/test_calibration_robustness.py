@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.calibration import CalibrationError, CalibrationResult, calibrate
+from cmr.calibration import CalibrationResult, EstimationError, calibrate
 from cmr.calibration.noise import ORDER, Series, noise_of
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Mask, Signal
@@ -179,7 +179,7 @@ def test_a_truncated_log_gives_what_its_intact_part_gives(tmp_path: Path) -> Non
 
 
 def test_a_log_that_ends_before_the_robot_moves_is_refused_in_words(clean: Recording) -> None:
-    with pytest.raises(CalibrationError, match=r"travel|compare|moved"):
+    with pytest.raises(EstimationError, match=r"travel|compare|moved"):
         calibrate(clean.between(int(clean.wheels.utime[0]), int(clean.wheels.utime[150])))
 
 

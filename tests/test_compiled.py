@@ -11,7 +11,7 @@ import numpy as np
 COMPILE = """
 import sys
 import numpy as np
-from cmr.diagnosis.study import temper
+from cmr.estimation.problem import temper
 white = np.array([1.0, 9.0])
 sys.stdin.readline()
 temper(white, 4.0)

@@ -18,12 +18,12 @@ import pytest
 from cmr.bus.bus import Bus
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, PROCESS_STATUS
-from cmr.calibration.result import CalibrationError
 from cmr.commands.command_line import guarded
 from cmr.commands.diagnose import main
 from cmr.diagnosis.job import Job, Telling, attempt
 from cmr.diagnosis.result import EFFECTS_FOUND, Diagnosis
 from cmr.diagnosis.summary import summary
+from cmr.estimation.estimates import EstimationError
 from cmr.parameters.file import ParameterFile, load
 from cmr.recordings.recording import Recording
 from tests.emulated_drive import NOMINAL, messages
@@ -200,7 +200,7 @@ def test_what_cannot_be_diagnosed_is_told_in_one_line(
 def test_what_the_engine_refuses_is_told_in_one_line(
     engine: Engine, logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    engine.error = CalibrationError("wheel_radius is not known. Name a file with --parameters.")
+    engine.error = EstimationError("wheel_radius is not known. Name a file with --parameters.")
     assert run(logs / "a.lcm", "--out", tmp_path) == 1
     assert capsys.readouterr().err.endswith(": wheel_radius is not known. Name a file with --parameters.\n")
 

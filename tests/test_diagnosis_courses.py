@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cmr.diagnosis.courses import covariance_by_blocks
-from cmr.diagnosis.fitting import Fit
-from cmr.diagnosis.noise import Noise
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.noise import Noise
+from cmr.estimation.simulation_error import covariance_by_blocks
 
 BLOCKS, LENGTH = 400, 25
 

@@ -20,11 +20,11 @@ def test_what_is_unexplained_remains_with_and_without_small_effects(
     monkeypatch: pytest.MonkeyPatch, with_small: Unexplained, without: Unexplained, expected: bool
 ) -> None:
     fit, final = object(), object()
-    found: Any = SimpleNamespace(study=None, base=None, final=final, named=[])
+    found: Any = SimpleNamespace(problem=None, base=None, final=final, named=[])
     left = {id(fit): with_small, id(final): without}
     monkeypatch.setattr(unexplained_extending, "with_small_effects", lambda _found: fit)
     monkeypatch.setattr(
         unexplained_extending, "remaining", lambda _study, of, _base: SimpleNamespace(unexplained=left[id(of)])
     )
     monkeypatch.setattr(unexplained_extending, "extension", lambda _study, _fit: None)
-    assert unexplained_extending.extended(found.study, found).unexplained.present == expected
+    assert unexplained_extending.extended(found.problem, found).unexplained.present == expected

@@ -1,7 +1,7 @@
 """Effects hidden in logs of an independent plant are found: the sample that CI runs of scripts/study_diagnosis.
 
-Its seeds are none of the study's. Alone: pytest -m hidden_effects. The logs are diagnosed in as many processes as there
-are cores while the tests wait for theirs.
+Its seeds are none of the study's. Alone: pytest -m hidden_effects. The logs are diagnosed in as many processes as
+there are cores while the tests wait for theirs.
 """
 
 import multiprocessing
@@ -19,7 +19,7 @@ from tests.hidden_effects.rows import Row
 
 pytestmark = pytest.mark.hidden_effects
 
-SEED = 1000  # the study's seeds are smaller
+SEED = 1000  # the problem's seeds are smaller
 # Some of each group of the catalogue; scripts/study_diagnosis hides them all.
 ON_RICH_DRIVES = (
     *("battery_sag", "deadband", "command_delay", "command_jitter"),
@@ -112,7 +112,7 @@ def test_a_hidden_effect_is_named_first_and_nothing_wrong_beside_it(row_of: Rows
 
 
 def test_nine_of_ten_parameters_of_what_is_named_are_within_five_percent_or_three_deviations(row_of: Rows) -> None:
-    # The study asks for 95 %; a sample of this size is that far off by chance.
+    # The problem asks for 95 %; a sample of this size is that far off by chance.
     right = [row for row in map(row_of, SINGLE) if scoring.right_first(row)]
     wrong = [whole_story(row) for row in right if not scoring.parameters_right(row)]
     assert len(wrong) <= 0.1 * len(right), "\n".join(wrong)

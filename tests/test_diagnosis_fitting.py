@@ -5,17 +5,17 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
-from cmr.diagnosis.candidates import Scene
-from cmr.diagnosis.data import looked_at
-from cmr.diagnosis.engine import prepare
-from cmr.diagnosis.fitting import Asking, Fit, fitted
-from cmr.diagnosis.noise import Noise
+from cmr.estimation.candidates import Excitation
+from cmr.estimation.checks import looked_at
+from cmr.estimation.gauss_newton import Asking, Fit, fitted
+from cmr.estimation.noise import Noise
+from cmr.estimation.preparation import prepare
 from cmr.recordings.signal import Floats
 from tests.hidden_effects import hidden_recording
 
 COUNT = 500
 NAMES = ("gyro_bias", "gyro_scale")
-SCENE = Scene({"k2_over_k3": 50.0, "k1": 0.05, "wheel_radius": 0.05, "base_width": 0.2}, turning=1.0)
+SCENE = Excitation({"k2_over_k3": 50.0, "k1": 0.05, "wheel_radius": 0.05, "base_width": 0.2}, turning=1.0)
 START = {"gyro_bias": 0.02, "gyro_scale": 0.1}
 Errors = Callable[[Mapping[str, float]], Floats]
 
@@ -84,14 +84,14 @@ def test_fits_side_by_side_are_those_in_turn() -> None:
     hidden = hidden_recording("gyro_bias", manoeuvre="figure_eight", seed=5)
     assert hidden.recording.parameters is not None
     ready = prepare(looked_at([hidden.recording], []), hidden.recording.parameters)
-    assert ready.study is not None
+    assert ready.problem is not None
     assert ready.base is not None
     models = [
         ({**ready.base.values, name: start}, (*ready.base.names, name))
         for name, start in (("gyro_bias", 0.0), ("coulomb_friction", 0.5), ("command_delay", 0.01))
     ]
-    together = ready.study.fits(models, ready.base.noise)
-    alone = [ready.study.fits([model], ready.base.noise)[0] for model in models]
+    together = ready.problem.fits(models, ready.base.noise)
+    alone = [ready.problem.fits([model], ready.base.noise)[0] for model in models]
     for one, other in zip(together, alone, strict=True):
         assert one.names == other.names
         assert one.values == pytest.approx(other.values, rel=1e-9)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cmr.calibration import calibrate
-from cmr.diagnosis.experiment import Piece, pieces_of
-from cmr.diagnosis.free_runs import (
+from cmr.estimation.free_runs import (
     SIGNALS,
     WINDOW,
     Errors,
@@ -21,7 +20,8 @@ from cmr.diagnosis.free_runs import (
     smoothed_poses,
     windows_of,
 )
-from cmr.diagnosis.gain import gain_of, path_rmse
+from cmr.estimation.gain import gain_of, path_rmse
+from cmr.estimation.segments import Segment, segments_of
 from cmr.model.observer import RESTART
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
@@ -42,9 +42,9 @@ def driven(
     return recording(packets(drive, seconds), dict(effect), seconds, noise, seed)
 
 
-def piece_of(one: Recording, splits: tuple[int, ...] = ()) -> Piece:
-    (piece,) = pieces_of(one, splits, 0)
-    return piece
+def piece_of(one: Recording, splits: tuple[int, ...] = ()) -> Segment:
+    (segment,) = segments_of(one, splits, 0)
+    return segment
 
 
 def errors_with(one: Recording, *models: Values, window: float = WINDOW) -> tuple[Errors, ...]:
@@ -78,7 +78,7 @@ def test_what_is_left_of_the_true_model_is_the_noise_of_the_pose() -> None:
 
 def test_a_start_is_known_better_than_a_single_pose() -> None:
     noise = Noise(position=0.005, heading=0.005)
-    noisy, quiet = (piece_of(driven("rich", one)).heard for one in (noise, SILENT))
+    noisy, quiet = (piece_of(driven("rich", one)).observations for one in (noise, SILENT))
     off = smoothed_poses(noisy, TRUE) - np.column_stack([quiet.pose[:, :2], np.unwrap(quiet.pose[:, 2])])
     assert np.all(np.std(off, axis=0) < 0.5 * 0.005)
 
@@ -95,12 +95,12 @@ def test_a_jump_of_the_tracker_is_no_error_of_the_model() -> None:
 
 
 def test_every_window_is_run_with_the_parameters_that_were_found_without_it() -> None:
-    piece = piece_of(driven("figure-eight"))
+    segment = piece_of(driven("figure-eight"))
     wrong = {**TRUE, "base_width": 0.3}
-    mine, others = alternating_spans(piece.heard.seconds, 2)
-    mixed, _ = errors_of(piece, [Fold((TRUE, TRUE), mine), Fold((wrong, TRUE), others)])
-    near, _ = errors_of(piece, [Fold((TRUE, TRUE), mine)])
-    far, _ = errors_of(piece, [Fold((wrong, TRUE), others)])
+    mine, others = alternating_spans(segment.observations.seconds, 2)
+    mixed, _ = errors_of(segment, [Fold((TRUE, TRUE), mine), Fold((wrong, TRUE), others)])
+    near, _ = errors_of(segment, [Fold((TRUE, TRUE), mine)])
+    far, _ = errors_of(segment, [Fold((wrong, TRUE), others)])
     assert path_rmse(far) > 2.0 * path_rmse(near)
     of_mine = np.isin(mixed.begin, near.begin)
     assert mixed.squares["position"][of_mine] == pytest.approx(near.squares["position"])
@@ -108,10 +108,10 @@ def test_every_window_is_run_with_the_parameters_that_were_found_without_it() ->
 
 
 def test_no_window_reaches_beyond_its_span_or_beyond_where_the_path_breaks() -> None:
-    heard = piece_of(driven("figure-eight")).heard
-    use = heard.pose_use.copy()
+    observations = piece_of(driven("figure-eight")).observations
+    use = observations.pose_use.copy()
     use[500] = RESTART
-    torn = replace(heard, pose_use=use)
+    torn = replace(observations, pose_use=use)
     windows = windows_of(torn, WINDOW, 0.0, 10.0, 40.0)
     assert np.all((windows.begin >= 10.0) & (windows.end <= 40.0))
     assert np.all((windows.end <= torn.pose_time[500]) | (windows.begin >= torn.pose_time[500]))

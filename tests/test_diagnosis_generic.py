@@ -6,19 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.diagnosis.data import looked_at
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.document import document, extended_file
-from cmr.diagnosis.engine import prepare
-from cmr.diagnosis.fitting import Fit
-from cmr.diagnosis.judging import Named, Tried
-from cmr.diagnosis.naming import Search
 from cmr.diagnosis.report import report_of
-from cmr.diagnosis.result import GENERIC, UNEXPLAINED, Diagnosis, Gain
-from cmr.diagnosis.study import Study
+from cmr.diagnosis.result import GENERIC, UNEXPLAINED, Diagnosis
 from cmr.diagnosis.summary import summary
 from cmr.diagnosis.unexplained_extending import WITHDRAWN, extended
 from cmr.diagnosis.unexplained_generic import extension, formula, improves
+from cmr.estimation.checks import looked_at
+from cmr.estimation.gain import Gain
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.preparation import prepare
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect
+from cmr.estimation.search.selection import Search
 from cmr.model.catalogue import CATALOGUE
 from cmr.parameters.file import load
 from cmr.parameters.following import ParameterFollower
@@ -35,14 +36,14 @@ def hidden(effect: str) -> HiddenRecording:
 
 
 @cache
-def prepared(effect: str) -> tuple[Study, Fit]:
+def prepared(effect: str) -> tuple[Problem, Fit]:
     """A rich drive of a robot with this effect, and the paper's model fitted to it."""
     recording = hidden(effect).recording
     assert recording.parameters is not None
     ready = prepare(looked_at([recording]), recording.parameters)
-    assert ready.study is not None
+    assert ready.problem is not None
     assert ready.base is not None
-    return ready.study, ready.base
+    return ready.problem, ready.base
 
 
 @cache
@@ -96,11 +97,11 @@ def test_a_robot_without_effects_gets_no_term_even_where_one_is_looked_for() -> 
 
 
 def test_what_only_imitates_is_withdrawn_where_a_term_alone_does_far_better() -> None:
-    study, base = prepared("cubic_motor")
-    found = search_that_named("coulomb_friction", study, base)
-    whole = extended(study, found)
+    problem, base = prepared("cubic_motor")
+    found = search_that_named("coulomb_friction", problem, base)
+    whole = extended(problem, found)
     assert whole.found.named == []
-    assert [(tried.effect.name, why) for tried, why in whole.found.others] == [("coulomb_friction", WITHDRAWN)]
+    assert [(tested.effect.name, why) for tested, why in whole.found.others] == [("coulomb_friction", WITHDRAWN)]
     assert whole.term is not None
     assert whole.term.names == ("generic_drive_u_cubed",)
     cubic = hidden("cubic_motor").truth.parameters["cubic_motor"]
@@ -108,17 +109,17 @@ def test_what_only_imitates_is_withdrawn_where_a_term_alone_does_far_better() ->
 
 
 def test_what_is_there_is_not_withdrawn() -> None:
-    study, base = prepared("quadratic_drag")
-    found = search_that_named("quadratic_drag", study, base)
-    assert extended(study, found).found is found
+    problem, base = prepared("quadratic_drag")
+    found = search_that_named("quadratic_drag", problem, base)
+    assert extended(problem, found).found is found
 
 
-def search_that_named(effect: str, study: Study, base: Fit) -> Search:
-    """A search of a study that has named one effect."""
+def search_that_named(effect: str, problem: Problem, base: Fit) -> Search:
+    """A search of a problem that has named one effect."""
     names = [parameter.name for parameter in CATALOGUE[effect].parameters]
-    fit = study.fit({**base.values, **dict.fromkeys(names, 0.01)}, (*base.names, *names), base.noise)
-    tried = Tried(CATALOGUE[effect], base.squares - fit.squares, fit.values, fit)
-    return Search(study, base, fit, [Named(tried, (), base)], [], 1.0, {}, ())
+    fit = problem.fit({**base.values, **dict.fromkeys(names, 0.01)}, (*base.names, *names), base.noise)
+    tested = CandidateEffect(CATALOGUE[effect], base.squares - fit.squares, fit.values, fit)
+    return Search(problem, base, fit, [SelectedEffect(tested, (), base)], [], 1.0, {}, ())
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.calibration.result import CalibrationError
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.document import extended_file
 from cmr.diagnosis.job import Job, JobError, perform
 from cmr.diagnosis.result import BAD_DATA, Diagnosis
+from cmr.estimation.estimates import EstimationError
 from cmr.manoeuvres import MANOEUVRES
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.parameters.file import ParameterFile, Value, load
@@ -151,7 +151,7 @@ def test_a_late_clock_of_held_out_poses_is_set_right_and_told_and_the_checks_run
     ids=["0.8 s", "1.3 s", "no poses", "no wheels"],
 )
 def test_a_recording_on_which_no_gain_can_be_measured_is_not_held_out_silently(useless: Recording, why: str) -> None:
-    with pytest.raises(CalibrationError, match=rf"^bad\.lcm cannot be held out: .*{why}.*Leave it out"):
+    with pytest.raises(EstimationError, match=rf"^bad\.lcm cannot be held out: .*{why}.*Leave it out"):
         diagnose(drive(), held_out=[drive(30.0, 40.0), useless], held_out_sources=["good.lcm", "bad.lcm"])
 
 

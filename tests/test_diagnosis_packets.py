@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmr.diagnosis.packets import largest_delay
+from cmr.estimation.search.command_timing import largest_delay
 
 PERIOD = 0.02  # s
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from cmr.calibration.result import Estimate
 from cmr.diagnosis.report import report_of
 from cmr.diagnosis.report.found import with_commands
 from cmr.diagnosis.report.numbers import chance, estimate_text, interval_text, number
-from cmr.diagnosis.result import Gain
+from cmr.estimation.estimates import Estimate
+from cmr.estimation.gain import Gain
 from tests.diagnosis_example import CANDIDATES, CHECKS, EFFECTS, FOUND, SPOILT, STRANGE
 from tests.html_page import Page
 
@@ -51,7 +51,7 @@ def test_runners_up_say_why_they_were_not_named(found: Page) -> None:
     assert "It makes data worse that it was not fitted on." in found.text
     assert "\u221214.3" in found.text
     many = Page(report_of(replace(FOUND, candidates=CANDIDATES * 20)))
-    assert "30 more effects were tried and explain less" in many.text
+    assert "30 more effects were tested and explain less" in many.text
     nothing = replace(CANDIDATES[0], name="current_limit", statistic=0.0)
     assert "current_limit" not in Page(report_of(replace(FOUND, candidates=(*CANDIDATES, nothing)))).text
 

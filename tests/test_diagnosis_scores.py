@@ -1,4 +1,4 @@
-"""A study counts what rows say as the customer's table means it; rows outlive a process that is killed."""
+"""A problem counts what rows say as the customer's table means it; rows outlive a process that is killed."""
 
 import csv
 import math
@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from cmr.calibration.result import Estimate
 from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect, Unexplained
+from cmr.estimation.estimates import Estimate
 from tests.hidden_effects import rows, scoring
 from tests.hidden_effects.cases import EIGHT, Case
 from tests.hidden_effects.rows import Row

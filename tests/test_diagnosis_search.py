@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.diagnosis.data import looked_at, refusal, with_clocks_set
 from cmr.diagnosis.diagnose import diagnose
-from cmr.diagnosis.holding import Elsewhere, why_not_of_moments
-from cmr.diagnosis.localising import best_moment, best_place
-from cmr.diagnosis.polishing import parabola
-from cmr.diagnosis.study import LARGE, tempered
+from cmr.estimation.checks import looked_at, refusal, with_clocks_set
+from cmr.estimation.problem import LARGE, tempered
+from cmr.estimation.search.cross_validation import Elsewhere, why_not_of_moments
+from cmr.estimation.search.localisation import best_moment, best_place
+from cmr.estimation.search.profile import parabola
 from tests.hidden_effects import hidden_recording
 
 COUNT = 4000

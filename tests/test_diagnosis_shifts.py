@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.calibration.result import Estimate
 from cmr.diagnosis.diagnose import diagnose
-from cmr.diagnosis.fitting import Fit
-from cmr.diagnosis.judging import Named, Tried
-from cmr.diagnosis.naming import Search
-from cmr.diagnosis.noise import Noise
-from cmr.diagnosis.shifts import shifts
-from cmr.diagnosis.study import Study
+from cmr.estimation.estimates import Estimate
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.noise import Noise
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect
+from cmr.estimation.search.selection import Search
+from cmr.estimation.search.shifts import shifts
 from cmr.model.catalogue import CATALOGUE
 from tests.hidden_effects import hidden_recording
 from tests.hidden_effects.cases import BEGINNING
@@ -35,8 +35,8 @@ def test_shifts_add_up_to_what_lies_between_baseline_and_extended_model(hidden: 
     assert friction.shift["k1"] < -0.02 * found.baseline.estimates["k1"].value
 
 
-class NestedFits(Study):
-    """A study whose fits tell what they were asked for: `k1` is larger by one with each further parameter."""
+class NestedFits(Problem):
+    """A problem whose fits tell what they were asked for: `k1` is larger by one with each further parameter."""
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, ...]] = []
@@ -51,9 +51,9 @@ def fit(names: tuple[str, ...]) -> Fit:
     return Fit({**values, "k1": float(len(names))}, names, np.empty(0), np.empty((0, len(names))), Noise({}))
 
 
-def named(name: str, chance: bool = False) -> Named:
+def named(name: str, chance: bool = False) -> SelectedEffect:
     estimates = {name: Estimate(0.1, 0.01)} if chance else {}
-    return Named(Tried(CATALOGUE[name], 100.0, {}), (), fit(("k1",)), estimates)
+    return SelectedEffect(CandidateEffect(CATALOGUE[name], 100.0, {}), (), fit(("k1",)), estimates)
 
 
 @pytest.mark.parametrize(
@@ -70,10 +70,10 @@ def named(name: str, chance: bool = False) -> Named:
 def test_one_fit_for_each_further_effect_and_none_for_effects_of_chance(
     order: list[str], expected: list[float], fits: int
 ) -> None:
-    study = NestedFits()
+    problem = NestedFits()
     fitted = [name for name in order if name != "command_loss"]
     found = Search(
-        study=study,
+        problem=problem,
         base=fit(("k1",)),
         final=fit(("k1", *(p.name for name in fitted for p in CATALOGUE[name].parameters))),
         named=[named(name, chance=name == "command_loss") for name in order],
@@ -83,4 +83,4 @@ def test_one_fit_for_each_further_effect_and_none_for_effects_of_chance(
         unseen=(),
     )
     assert [moved["k1"] for moved in shifts(found)] == expected
-    assert len(study.asked) == fits
+    assert len(problem.asked) == fits

@@ -6,8 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cmr.diagnosis.experiment import Piece, pieces_of
-from cmr.diagnosis.free_runs import Values
 from cmr.diagnosis.result import DENSE, Residual
 from cmr.diagnosis.showing import (
     MOST_PATHS,
@@ -18,6 +16,8 @@ from cmr.diagnosis.showing import (
     structure,
     without_each,
 )
+from cmr.estimation.free_runs import Values
+from cmr.estimation.segments import Segment, segments_of
 from cmr.recordings.recording import Recording
 from tests.reference_plant import NEUTRAL, REALISTIC, SILENT, Noise, packets, recording
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, constant, figure_eight, rich_drive
@@ -32,12 +32,12 @@ def rich(noise: Noise = REALISTIC, effect: tuple[tuple[str, float], ...] = ()) -
     return recording(packets(rich_drive(), RICH_DRIVE_SECONDS), dict(effect), RICH_DRIVE_SECONDS, noise, 4)
 
 
-def pieces(one: Recording, number: int = 0) -> list[Piece]:
-    return pieces_of(one, (), number)
+def segments(one: Recording, number: int = 0) -> list[Segment]:
+    return segments_of(one, (), number)
 
 
 def residuals(one: Recording, before: Values, after: Values) -> dict[str, Residual]:
-    return {residual.signal: residual for residual in residuals_of(pieces(one), before, after)}
+    return {residual.signal: residual for residual in residuals_of(segments(one), before, after)}
 
 
 def with_and_without(effect: Mapping[str, float]) -> dict[str, Residual]:
@@ -52,7 +52,7 @@ def without(one: Recording, *signals: str) -> Recording:
 def test_the_path_after_is_the_real_one_where_the_model_knows_everything_and_before_it_is_not() -> None:
     effect = {"turn_asymmetry": 0.03, "pose_offset": 0.05}
     one = rich(SILENT, tuple(effect.items()))
-    (path,) = paths_of(pieces(one), TRUE, {**TRUE, **effect}, ["drive"])
+    (path,) = paths_of(segments(one), TRUE, {**TRUE, **effect}, ["drive"])
     assert path.label == "drive"
     off_before, off_after = (
         np.hypot(x - path.x, y - path.y) for x, y in ((path.before_x, path.before_y), (path.after_x, path.after_y))
@@ -65,7 +65,7 @@ def test_the_path_after_is_the_real_one_where_the_model_knows_everything_and_bef
 
 def test_a_path_is_told_from_the_recordings_first_sample_on_and_by_its_recording() -> None:
     one = rich()
-    both = [*pieces(one), *pieces(one, 1)]
+    both = [*segments(one), *segments(one, 1)]
     first, second = paths_of(both, TRUE, TRUE, ["a", "b"])
     assert (first.label, second.label) == ("a", "b")
     assert first.time[0] == 0.0
@@ -76,9 +76,9 @@ def test_of_a_recording_in_many_pieces_the_longest_paths_are_shown() -> None:
     one = rich()
     first = int(one.poses.utime[0])
     many = [
-        piece
+        segment
         for number in range(MOST_PATHS + 5)
-        for piece in pieces(one.between(first, first + (number + 3) * 1_000_000), number)
+        for segment in segments(one.between(first, first + (number + 3) * 1_000_000), number)
     ]
     shown = paths_of(many, TRUE, TRUE, [str(number) for number in range(len(many))])
     assert [path.label for path in shown] == [str(number) for number in range(5, MOST_PATHS + 5)]
@@ -87,12 +87,12 @@ def test_of_a_recording_in_many_pieces_the_longest_paths_are_shown() -> None:
 def test_long_recordings_are_shown_by_as_many_points_as_a_page_can_bear() -> None:
     seconds = 400.0
     long = recording(packets(figure_eight(seconds, 16), seconds), {}, seconds, REALISTIC, 1)
-    (path,) = paths_of(pieces(long), TRUE, TRUE, [""])
+    (path,) = paths_of(segments(long), TRUE, TRUE, [""])
     assert len(path.x) == 2 * MOST_POINTS
     assert np.all(np.diff(path.time) > 0.0)
     assert np.max(np.diff(path.time[path.time < DENSE])) < 0.1  # what is drawn of it stays smooth
     assert path.time[-1] == pytest.approx(seconds, abs=0.1)
-    for residual in residuals_of(pieces(long), TRUE, TRUE):
+    for residual in residuals_of(segments(long), TRUE, TRUE):
         assert len(residual.before) <= MOST_SAMPLES
         assert all(len(values) == len(residual.before) for values in residual.regressors.values())
         assert np.all(np.diff(residual.regressors["time"]) > 0.0)
@@ -211,7 +211,7 @@ def test_only_what_was_recorded_has_residuals() -> None:
     assert set(residuals(without(one, "gyro"), TRUE, TRUE)) == set(SIGNALS) - {"yaw_rate"}
     assert set(residuals(without(one, "poses"), TRUE, TRUE)) == {"psi_left", "psi_right", "yaw_rate"}
     assert set(residuals(without(one, "wheels"), TRUE, TRUE)) == set(SIGNALS) - {"psi_left", "psi_right"}
-    assert paths_of(pieces(without(one, "poses")), TRUE, TRUE, [""]) == ()
+    assert paths_of(segments(without(one, "poses")), TRUE, TRUE, [""]) == ()
     assert residuals_of([], TRUE, TRUE) == ()
 
 
@@ -226,7 +226,7 @@ def test_a_log_of_some_seconds_is_shown_too() -> None:
     first = int(whole.poses.utime[0])
     for seconds in (2.1, 2.6, 4.0):
         short = whole.between(first, first + round(seconds * 1e6))
-        assert len(paths_of(pieces(short), TRUE, TRUE, [""])) == 1
+        assert len(paths_of(segments(short), TRUE, TRUE, [""])) == 1
         assert set(residuals(short, TRUE, TRUE)) == set(SIGNALS)
 
 

@@ -7,11 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cmr.diagnosis.data import looked_at
-from cmr.diagnosis.engine import prepare
-from cmr.diagnosis.experiment import pieces_of
-from cmr.diagnosis.noise import Noise, SignalNoise
-from cmr.diagnosis.prediction import SIGNALS, Errors, Predictor
 from cmr.diagnosis.unexplained import (
     BURSTS,
     LEAST,
@@ -28,6 +23,11 @@ from cmr.diagnosis.unexplained_share import coloured, share_foretold
 from cmr.diagnosis.unexplained_terms import Term, drives_of, terms_for
 from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.diagnosis.words import REGRESSORS
+from cmr.estimation.checks import looked_at
+from cmr.estimation.noise import Noise, SignalNoise
+from cmr.estimation.prediction import SIGNALS, Errors, Predictor
+from cmr.estimation.preparation import prepare
+from cmr.estimation.segments import segments_of
 from cmr.model.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
@@ -57,12 +57,12 @@ def remaining_of(
     known = known or {}
     assert nominal is not None
     ready = prepare(looked_at(recordings), nominal)
-    study, base = ready.study, ready.base
-    assert study is not None
+    problem, base = ready.problem, ready.base
+    assert problem is not None
     assert base is not None
     values = {**base.values, **known}
-    noise = Noise.found(study.predictors, study.errors(values))
-    return remaining(study, study.fit(values, (*base.names, *known), noise), base)
+    noise = Noise.found(problem.predictors, problem.errors(values))
+    return remaining(problem, problem.fit(values, (*base.names, *known), noise), base)
 
 
 @cache
@@ -72,8 +72,8 @@ def silent() -> Recording:
 
 @cache
 def predictor() -> Predictor:
-    (piece,) = pieces_of(silent(), (), 0)
-    return Predictor(piece)
+    (segment,) = segments_of(silent(), (), 0)
+    return Predictor(segment)
 
 
 @pytest.mark.parametrize("hidden", [(), ("quadratic_drag",)])

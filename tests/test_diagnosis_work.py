@@ -6,7 +6,7 @@ import pytest
 
 from cmr.diagnosis.diagnose import diagnose
 from cmr.model.compose import LANES
-from cmr.model.observer import Heard, Innovations, Observer
+from cmr.model.observer import Innovations, Observations, Observer
 from tests.hidden_effects import hidden_recording
 
 SEED = 1000
@@ -22,10 +22,10 @@ def test_the_observer_drives_few_candidates_through_a_log(
     recording = hidden_recording(*effects, seed=SEED).recording
     observe, blocks = Observer.observe, list[float]()
 
-    def counted(self: Observer, heard: Heard, **options: Any) -> Innovations:
-        result = observe(self, heard, **options)
+    def counted(self: Observer, observations: Observations, **options: Any) -> Innovations:
+        result = observe(self, observations, **options)
         candidates = result.wheel.shape[-1]
-        blocks.append(-(-candidates // LANES) * heard.seconds / recording.wheels.seconds[-1])
+        blocks.append(-(-candidates // LANES) * observations.seconds / recording.wheels.seconds[-1])
         return result
 
     monkeypatch.setattr(Observer, "observe", counted)

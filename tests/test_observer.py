@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cmr.model.commands import Commands
 from cmr.model.motion import RobotState, drive
-from cmr.model.observer import MOTION, RESTART, Gains, Heard, observe
+from cmr.model.observer import MOTION, RESTART, Gains, Observations, observe
 from cmr.model.parameters import RobotParameters
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
@@ -15,16 +16,16 @@ FOLLOWING = Gains(0.2, 1.0, 0.15, 0.15)
 STEPS, STEP = 1500, 0.01
 
 
-def heard(**parameters: float) -> Heard:
+def observations(**parameters: float) -> Observations:
     """Return what a robot with these parameters beside the paper's is told and says, without any noise."""
     time = np.arange(STEPS) * STEP
     left, right = 0.4 + 0.2 * np.sin(time), 0.4 - 0.2 * np.sin(0.7 * time)
     borders = np.asarray(np.arange(1, STEPS) * STEP, np.float64)
     at_poses = np.ascontiguousarray(borders[::4])
-    silent = Heard(
+    silent = Observations(
         dt=STEP,
-        left=left,
-        right=right,
+        steps=STEPS,
+        commands=Commands(time, np.stack([left, right], axis=1)),
         start=(0.0, 0.0, 0.0, 0.0, 0.0),
         wheel_time=borders,
         wheel=np.zeros((STEPS - 1, 2)),
@@ -44,9 +45,9 @@ def heard(**parameters: float) -> Heard:
 def test_without_gains_the_observer_drives_as_the_simulation_does() -> None:
     """Motions of observer and simulation are the same to the last bit, effects included."""
     parameters = {**ROBOT, "coulomb_friction": 4.0, "turn_slip": 0.03}
-    what = heard()
+    what = observations()
     moved = observe(what, parameters, FREE).motion
-    free = drive(what.left, what.right, np.full(STEPS, STEP), RobotParameters.of(parameters), RobotState.at_rest())
+    free = drive(*what.commands.duty.T, np.full(STEPS, STEP), RobotParameters.of(parameters), RobotState.at_rest())
     for name in ("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"):
         assert np.array_equal(moved[:, MOTION.index(name)], getattr(free, name)), name
 
@@ -58,7 +59,7 @@ def test_without_gains_the_observer_drives_as_the_simulation_does() -> None:
 )
 def test_the_true_parameters_leave_no_prediction_error(effect: dict[str, float]) -> None:
     """With what is true, corrections find nothing to correct: errors are rounding."""
-    said = observe(heard(**effect), {**ROBOT, **effect}, FOLLOWING)
+    said = observe(observations(**effect), {**ROBOT, **effect}, FOLLOWING)
     assert np.max(np.abs(said.wheel)) < 1e-9
     assert np.max(np.abs(said.gyro)) < 1e-9
     # The first pose may be told from before the drive began.
@@ -67,10 +68,10 @@ def test_the_true_parameters_leave_no_prediction_error(effect: dict[str, float])
 
 def test_a_gyro_reads_the_yaw_rate_of_its_moment_also_where_a_command_jumps() -> None:
     """Beside a jump of the yaw acceleration the reading is that of the moment, not a mean over two steps."""
-    what = heard()
-    left, right = what.left.copy(), what.right.copy()
-    left[STEPS // 2 :] -= 0.6
-    said = observe(replace(what, left=left, right=right), ROBOT, FREE)
+    what = observations()
+    duty = what.commands.duty.copy()
+    duty[STEPS // 2 :, 0] -= 0.6
+    said = observe(replace(what, commands=replace(what.commands, duty=duty)), ROBOT, FREE)
     psi_left, psi_right = (said.motion[1:-1, MOTION.index(name)] for name in ("psi_left", "psi_right"))
     yaw_rate = (psi_right - psi_left) * ROBOT["wheel_radius"] / ROBOT["base_width"]
     jump = 0.6 * ROBOT["k2_over_k3"] * ROBOT["wheel_radius"] / ROBOT["base_width"]  # rad/s^2
@@ -81,7 +82,7 @@ def test_a_gyro_reads_the_yaw_rate_of_its_moment_also_where_a_command_jumps() ->
 
 def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:
     """A gyro's bias is an error of its size in the gyro, and none in wheels and poses."""
-    said = observe(heard(gyro_bias=0.01), ROBOT, FOLLOWING)
+    said = observe(observations(gyro_bias=0.01), ROBOT, FOLLOWING)
     assert np.allclose(said.gyro, 0.01, atol=1e-9)
     assert np.max(np.abs(said.wheel)) < 1e-9
     assert np.max(np.abs(said.pose)) < 1e-9
@@ -90,14 +91,14 @@ def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:
 def test_errors_do_not_pile_up() -> None:
     """With a base width 3 % off, free headings stray further and further; foretold ones stay near."""
     wrong = {**ROBOT, "base_width": 0.165}
-    what = heard()
+    what = observations()
     free, foretold = (np.abs(observe(what, wrong, gains).pose[:, 2, 0]) for gains in (FREE, FOLLOWING))
     assert np.max(free) > 5.0 * np.max(foretold)
 
 
 def test_where_encoders_draw_the_wheels_the_robot_goes_with_them() -> None:
     """The heading foretold is what the drawn wheels have turned."""
-    what = heard()
+    what = observations()
     moved = observe(what, {**ROBOT, "k2_over_k3": 124.0}, Gains(0.2, 1.0, 0.0, 0.0)).motion
     angle_left, angle_right, theta = (moved[:, MOTION.index(name)] for name in ("angle_left", "angle_right", "theta"))
     rolled = (angle_right - angle_left) * ROBOT["wheel_radius"] / ROBOT["base_width"]
@@ -108,7 +109,7 @@ def test_where_encoders_draw_the_wheels_the_robot_goes_with_them() -> None:
 @pytest.mark.parametrize("share", [-0.05, 0.02])
 def test_larger_wheels_and_encoders_that_count_less_are_the_same_mathematics(share: float) -> None:
     """The errors are the same, also where the observer corrects a robot that is not as believed."""
-    what = heard(turn_slip=0.05)
+    what = observations(turn_slip=0.05)
     seen = {**ROBOT, "k2_over_k3": ROBOT["k2_over_k3"] * (1.0 + share), "k1": ROBOT["k1"] / (1.0 + share)}
     counted = observe(what, {**ROBOT, "encoder_scale": share}, FOLLOWING)
     rolled = observe(what, {**seen, "wheel_radius_scale": 1.0 / (1.0 + share) - 1.0}, FOLLOWING)
@@ -120,7 +121,7 @@ def test_larger_wheels_and_encoders_that_count_less_are_the_same_mathematics(sha
 
 def test_a_restart_forgets_where_the_robot_was_believed_to_be() -> None:
     """After a pose that restarts it, the observer foretells the jumped path as well as the path before."""
-    what = heard()
+    what = observations()
     jump = len(what.pose_time) // 2
     pose, use = what.pose.copy(), what.pose_use.copy()
     pose[jump:, 0] += 1.0
@@ -132,7 +133,7 @@ def test_a_restart_forgets_where_the_robot_was_believed_to_be() -> None:
 
 def test_where_poses_fold_space_the_observer_still_finds_the_way() -> None:
     """Beyond 1.3 m from the origin, poses of this sensor come back towards it: their errors point the wrong way."""
-    what, values = heard(pose_distortion=-0.2), {**ROBOT, "pose_distortion": -0.2}
+    what, values = observations(pose_distortion=-0.2), {**ROBOT, "pose_distortion": -0.2}
     true = observe(what, values, FREE).motion
     found = observe(replace(what, start=(0.05, 0.05, 0.0, 0.0, 0.0)), values, FOLLOWING).motion
     places = [MOTION.index("x"), MOTION.index("y")]
@@ -144,7 +145,7 @@ def test_where_poses_fold_space_the_observer_still_finds_the_way() -> None:
 
 def test_candidates_are_observed_side_by_side_as_one_by_one() -> None:
     """A candidate's errors do not depend on the others."""
-    what = heard()
+    what = observations()
     widths = np.array([0.155, 0.16, 0.17])
     together = observe(what, {**ROBOT, "base_width": widths}, FOLLOWING)
     for lane, width in enumerate(widths):
@@ -155,7 +156,7 @@ def test_candidates_are_observed_side_by_side_as_one_by_one() -> None:
 def test_an_unknown_parameter_is_named() -> None:
     """A misspelt name is an error that shows it."""
     with pytest.raises(KeyError, match="base_with"):
-        observe(heard(), {**ROBOT, "base_with": 0.16}, FREE)
+        observe(observations(), {**ROBOT, "base_with": 0.16}, FREE)
 
 
 @pytest.mark.parametrize(
@@ -169,8 +170,8 @@ def test_an_unknown_parameter_is_named() -> None:
 def test_what_grows_with_time_goes_on_growing_after_a_gap(
     effect: dict[str, float], after_50_s: dict[str, float]
 ) -> None:
-    """A piece that begins 50 s into the drive begins with what has come together by then."""
-    at_once, later = heard(), replace(heard(), time=50.0)
+    """A segment that begins 50 s into the drive begins with what has come together by then."""
+    at_once, later = observations(), replace(observations(), time=50.0)
     said = observe(later, {**ROBOT, **effect}, FREE)
     expected = observe(at_once, {**ROBOT, **effect, **after_50_s}, FREE)
     assert np.allclose(said.gyro, expected.gyro, atol=1e-9)

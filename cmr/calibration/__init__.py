@@ -6,6 +6,7 @@ integration that minimises the Euclidean distance between real and simulated pat
 """
 
 from cmr.calibration.calibrate import calibrate
-from cmr.calibration.result import CalibrationError, CalibrationResult, Estimate
+from cmr.calibration.result import CalibrationResult
+from cmr.estimation.estimates import Estimate, EstimationError
 
-__all__ = ["CalibrationError", "CalibrationResult", "Estimate", "calibrate"]
+__all__ = ["CalibrationResult", "Estimate", "EstimationError", "calibrate"]

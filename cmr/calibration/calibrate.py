@@ -9,9 +9,10 @@ import numpy as np
 from cmr.calibration.fitting import PAPER_PARAMETERS, Fit, fit_by_path, fit_by_wheels_and_path
 from cmr.calibration.linear import WHEEL_FACTOR
 from cmr.calibration.preparing import Prepared, prepare
-from cmr.calibration.result import CalibrationError, CalibrationResult, Estimate
+from cmr.calibration.result import CalibrationResult
 from cmr.calibration.segments import MOVING_DUTY, Segment, heading_range, path_error, travelled
-from cmr.calibration.signs import require_consistent_signs
+from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.estimation.signs import require_consistent_signs
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
@@ -40,13 +41,13 @@ def calibrate(
     guess of the three parameters, saves the grid search.
 
     What is fitted is the paper's model: effects that `nominal` has are left out, and the result says so.
-    Raises CalibrationError when nothing at all can be found, or when signals contradict one another.
+    Raises EstimationError when nothing at all can be found, or when signals contradict one another.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     _require_one_robot(recordings)
     nominal = nominal or next((r.parameters for r in recordings if r.parameters is not None), None)
     if nominal is None or not nominal.has("wheel_radius"):
-        raise CalibrationError(
+        raise EstimationError(
             "The wheel radius is not known: the log announces no parameters. Give a file with at least wheel_radius "
             "by --parameters."
         )
@@ -66,7 +67,7 @@ def calibrate(
         return _by_wheels_and_path(prepared, segments, nominal)
     if has_wheels and any(np.any(r.wheels["psi_left"]) or np.any(r.wheels["psi_right"]) for r in recordings):
         return _by_wheels(prepared, nominal, commanded)
-    raise CalibrationError(
+    raise EstimationError(
         "Nothing to compare: it takes moving wheels (MOTOR_FEEDBACK_N), or poses (POSE_N) with commands, and the log "
         f"has {_contents(recordings)}."
     )
@@ -90,7 +91,7 @@ def _by_path(
     fit = fit_by_path(prepared, segments, names, known, first)
     factor = fit.refined.nuisance.get(WHEEL_FACTOR)
     if factor is not None and not 1.0 / WORST_FACTOR < factor.value < WORST_FACTOR:
-        raise CalibrationError(
+        raise EstimationError(
             f"The wheels turn {factor.value:.3g} times as far as the path says: check wheel_radius "
             f"({known['wheel_radius']:g} m), the encoder's ticks per turn, and the poses (m, rad, y to the left)."
         )
@@ -109,7 +110,7 @@ def _by_wheels_and_path(prepared: Prepared, segments: list[Segment], nominal: Pa
     """Wheel radius and base width from wheel angles and poses; the motor stays unknown."""
     unidentified = dict.fromkeys(("k2_over_k3", "k1"), "no motor commands were recorded")
     if _travel(segments) < SHORTEST_TRAVEL:
-        raise CalibrationError("The robot did not travel: wheels and poses cannot be compared.")
+        raise EstimationError("The robot did not travel: wheels and poses cannot be compared.")
     known = {"k2_over_k3": 1.0, "k1": 1.0}
     names: tuple[str, ...] = ("wheel_radius", "base_width")
     if heading_range(segments) < SMALLEST_TURN:
@@ -218,18 +219,18 @@ def _radius_note(radius: float, factor: Estimate | None) -> tuple[str, ...]:
 
 
 def _require_one_robot(recordings: Sequence[Recording]) -> None:
-    """Raise CalibrationError unless there are recordings, all of one robot."""
+    """Raise EstimationError unless there are recordings, all of one robot."""
     robots = sorted({recording.robot_id for recording in recordings})
     if not recordings:
-        raise CalibrationError("No recording was given.")
+        raise EstimationError("No recording was given.")
     if len(robots) > 1:
-        raise CalibrationError(f"The recordings are of robots {robots}; calibrate each robot by itself.")
+        raise EstimationError(f"The recordings are of robots {robots}; calibrate each robot by itself.")
 
 
 def _require(estimates: dict[str, Estimate], unidentified: dict[str, str]) -> None:
-    """Raise CalibrationError when nothing at all was found."""
+    """Raise EstimationError when nothing at all was found."""
     if not estimates:
-        raise CalibrationError(
+        raise EstimationError(
             "Nothing could be identified. " + "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
         )
 

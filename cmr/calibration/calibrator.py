@@ -14,8 +14,9 @@ from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POS
 from cmr.calibration.calibrate import calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage
 from cmr.calibration.fitting import PAPER_PARAMETERS
-from cmr.calibration.result import CalibrationError, CalibrationResult
+from cmr.calibration.result import CalibrationResult
 from cmr.calibration.segments import LEAD
+from cmr.estimation.estimates import EstimationError
 from cmr.msg import calibration_status_t
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import LAST_NUMBER, RobotMessages
@@ -139,7 +140,7 @@ class Calibrator:
         """Find the parameters from what has been gathered; None on failure, which `failure` explains."""
         try:
             self.result = calibrate(self.recording(), self._nominal)
-        except CalibrationError as error:
+        except EstimationError as error:
             self.failure = str(error)
         except Exception as error:  # a fit that breaks down must be told, not leave the process waiting for ever
             self.failure = f"The fit broke down on this recording ({type(error).__name__}: {error}). Keep the log."

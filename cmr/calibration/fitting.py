@@ -9,8 +9,8 @@ from cmr.calibration.grid import Grid, axes_for, search
 from cmr.calibration.linear import COMMAND_TIME, POSE_TIME
 from cmr.calibration.preparing import Prepared
 from cmr.calibration.refine import Refined, Refinement
-from cmr.calibration.result import Estimate
 from cmr.calibration.segments import Segment
+from cmr.estimation.estimates import Estimate
 from cmr.recordings.signal import Floats
 
 PAPER_PARAMETERS: tuple[str, ...] = ("k2_over_k3", "k1", "base_width")
@@ -47,7 +47,7 @@ def fit_by_path(
 ) -> Fit:
     """Find `names` among the paper's parameters from commands and path; the others are `known`.
 
-    Raises CalibrationError when commands and motion do not go together.
+    Raises EstimationError when commands and motion do not go together.
     """
     grid, method = None, "refine"
     if first is None:

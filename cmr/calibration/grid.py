@@ -5,8 +5,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cmr.calibration.result import CalibrationError
 from cmr.calibration.segments import Segment, travelled, turned_angle
+from cmr.estimation.estimates import EstimationError
 from cmr.model.motion import parts_of
 from cmr.recordings.signal import Floats, Times
 
@@ -178,7 +178,7 @@ def _point(axes: Axes, index: int) -> dict[str, float]:
 def axes_for(segments: list[Segment], wheel_radius: float, base_width: float | None) -> tuple[Any, Any, Any]:
     """Choose the grid's axes from the data alone, so that a wrong nominal value cannot mislead the search.
 
-    `base_width` fixes that axis where the robot did not turn. Raises CalibrationError when commands and motion
+    `base_width` fixes that axis where the robot did not turn. Raises EstimationError when commands and motion
     do not go together.
     """
     commanded, distance, difference, angle = 0.0, 0.0, 0.0, 0.0
@@ -188,7 +188,7 @@ def axes_for(segments: list[Segment], wheel_radius: float, base_width: float | N
         distance += travelled(segment.x, segment.y)
         angle += turned_angle(segment.theta)
     if distance == 0.0 or commanded == 0.0:
-        raise CalibrationError("The robot did not travel while it was commanded: nothing to compare.")
+        raise EstimationError("The robot did not travel while it was commanded: nothing to compare.")
     k1 = wheel_radius * commanded / distance
     k1_axis = k1 * np.geomspace(1.0 / K1_SPREAD, K1_SPREAD, POINTS[1])
     gain_axis = 1.0 / (k1 * np.geomspace(TIME_CONSTANTS[1], TIME_CONSTANTS[0], POINTS[0]))

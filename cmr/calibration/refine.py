@@ -15,8 +15,8 @@ import numpy as np
 from cmr.calibration.linear import COMMAND_TIME, OWN, POSE_TIME, TIMES, WHEEL_FACTOR, Candidates, Linear, Unknowns
 from cmr.calibration.noise import ORDER, Noise, Series, noise_of
 from cmr.calibration.normal import NormalEquations
-from cmr.calibration.result import Estimate
 from cmr.calibration.segments import Segment
+from cmr.estimation.estimates import Estimate
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats

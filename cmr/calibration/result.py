@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.signal import Floats
@@ -16,25 +17,6 @@ if TYPE_CHECKING:
 
     from cmr.calibration.grid import Grid
     from cmr.calibration.segments import Segment
-
-INTERVAL = 1.96  # standard deviations either side hold the truth in 95 % of cases
-
-
-class CalibrationError(Exception):
-    """Nothing can be found from this data; the text says why and what to do."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter's estimated value and standard deviation, in the parameter's unit."""
-
-    value: float
-    std: float
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % confidence interval."""
-        return self.value - INTERVAL * self.std, self.value + INTERVAL * self.std
 
 
 @dataclass(frozen=True, kw_only=True)

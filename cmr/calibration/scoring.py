@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.calibration.segments import Segment, hold, path_error, segments_of
+from cmr.calibration.segments import Segment, path_error, segments_of
 from cmr.model.motion import Trajectory, wheel_speeds
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import SECONDS, Floats
+from cmr.recordings.signal import SECONDS, Floats, hold
 
 COMPLETE = 0.95  # share of its length that a piece must have: the last pose seldom falls on the end
 

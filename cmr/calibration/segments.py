@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from cmr.calibration.ticks import moved_on, tick_of, within_tick
+from cmr.estimation.encoders import moved_on, tick_of, wheel_angles, within_tick
 from cmr.model.motion import RobotState, Trajectory, drive, roll
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import SECONDS, Floats, Signal, Times, no_times
+from cmr.recordings.signal import SECONDS, Floats, Signal, Times, hold, no_times
 
 SIDES = ("left", "right")
 LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is not known and a new segment begins
@@ -19,7 +19,6 @@ LONGEST_DRIVE_GAP = 0.25  # s; over a longer one nobody knows what a moving robo
 FEWEST_POSES = 3  # a segment with fewer says nothing about its path
 LEAD = 1.0  # s of rest kept before the robot begins to move: enough to average its start pose
 MOVING_DUTY = 1e-3  # commands below are rest
-SAME_ANGLE, UNLIKE_ANGLE = 1e-3, 1.0  # relative differences of the angles by ticks and by speed
 START_SPAN = 0.15  # s around the start over which the wheel speeds are averaged
 LEAST_PSI_DOUBT, UNKNOWN_PSI = 0.02, 10.0  # of the speed; rad/s
 LEAST_TURN, LEAST_WAY = 0.2, 0.1  # rad, m; what poses differ by less is taken as their noise
@@ -160,38 +159,6 @@ def _moves(recording: Recording, utime: int) -> bool:
     wheels = recording.wheels
     at = min(int(np.searchsorted(wheels.utime, utime)), len(wheels) - 1)
     return bool(wheels["psi_left"][at] != 0.0 or wheels["psi_right"][at] != 0.0)
-
-
-def hold(signal: Signal, field: str, times: Times) -> Floats:
-    """Return the value in force at each time: the last one said, 0 before the first."""
-    index = np.searchsorted(signal.utime, times, side="right") - 1
-    if len(signal) == 0:
-        return np.zeros(len(times))
-    return np.where(index >= 0, signal[field][np.maximum(index, 0)], 0.0)
-
-
-def wheel_angles(wheels: Signal) -> tuple[Floats, Floats]:
-    """Return how far each side's wheels have turned [rad] at each time of `wheels`, from 0."""
-    left, right = (_angle(wheels, side) for side in SIDES)
-    return left, right
-
-
-def _angle(wheels: Signal, side: str) -> Floats:
-    """Return the angle [rad] of one side.
-
-    Speeds are averages over the time since the previous message; where one was lost, their sum misses a part and the
-    count of ticks does not. A count that goes otherwise than the speed, as when the driver was started anew, is not
-    believed.
-    """
-    turned = wheels[f"psi_{side}"] * np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
-    ticks = np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1])
-    counted = (ticks != 0.0) & (turned != 0.0)
-    if counted.any():
-        by_ticks = ticks * float(np.median(turned[counted] / ticks[counted]))
-        lost = np.abs(by_ticks - turned) > SAME_ANGLE * np.abs(turned)
-        believed = np.abs(by_ticks - turned) < UNLIKE_ANGLE * np.abs(turned)
-        turned = np.where(counted & lost & believed, by_ticks, turned)
-    return np.cumsum(turned)
 
 
 def _segment(recording: Recording, first: int, last: int) -> Segment | None:

@@ -4,13 +4,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from cmr.calibration.grid import TIME_CONSTANTS
-from cmr.calibration.result import Estimate
-from cmr.calibration.segments import hold, wheel_angles
+from cmr.estimation.encoders import wheel_angles
+from cmr.estimation.estimates import Estimate
 from cmr.model.motion import wheel_speeds
 from cmr.model.motor import wheel_angle_after
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import SECONDS, Floats, Signal
+from cmr.recordings.signal import SECONDS, Floats, Signal, hold
 
 GYRO_WINDOW = 0.5  # s; turns are compared over windows of this length
 

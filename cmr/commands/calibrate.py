@@ -14,8 +14,9 @@ from cmr.bus.streams import CALIBRATION_STATUS, GYRO, MOTOR_COMMAND, MOTOR_FEEDB
 from cmr.calibration.calibrate import calibrate
 from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.fitting import PAPER_PARAMETERS
-from cmr.calibration.result import CalibrationError, CalibrationResult
+from cmr.calibration.result import CalibrationResult
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.estimation.estimates import EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.recordings.recording import RecordingError, read_messages
@@ -83,7 +84,7 @@ def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> in
     try:
         recordings = [_gather(path, options.robot, nominal).recording() for path in options.log]
         result = calibrate(recordings, nominal)
-    except (RecordingError, CalibrationError) as error:
+    except (RecordingError, EstimationError) as error:
         raise CommandError(str(error)) from error
     print(result.summary())
     _draw(result, options.picture)

@@ -5,17 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from cmr.calibration.result import CalibrationError, Estimate
-from cmr.diagnosis.data import findings_of, looked_at, require_of_use_held_out
-from cmr.diagnosis.engine import Ready, prepare
-from cmr.diagnosis.experiment import Piece
-from cmr.diagnosis.fitting import Fit
-from cmr.diagnosis.free_runs import WINDOW
-from cmr.diagnosis.inexactness import inexactness
-from cmr.diagnosis.judging import TOO_SMALL, Named, Tried
-from cmr.diagnosis.looking import look
-from cmr.diagnosis.measuring import Measured, measure
-from cmr.diagnosis.naming import Search
 from cmr.diagnosis.next_experiment import (
     WITHOUT_POSES,
     experiment_to_explain,
@@ -32,18 +21,29 @@ from cmr.diagnosis.result import (
     Diagnosis,
     Evidence,
     Fitted,
-    Gain,
     GenericTerm,
     NamedEffect,
     Unexplained,
 )
-from cmr.diagnosis.shifts import moved, shifts
 from cmr.diagnosis.showing import paths_of, residuals_of
-from cmr.diagnosis.study import Study
-from cmr.diagnosis.taking_back import that_holds
 from cmr.diagnosis.unexplained_extending import Extended, chance_of, extended
 from cmr.diagnosis.unexplained_generic import formula
 from cmr.diagnosis.words import regressor_name, signal_name
+from cmr.estimation.checks import findings_of, looked_at, require_of_use_held_out
+from cmr.estimation.criterion import look
+from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.estimation.free_runs import WINDOW
+from cmr.estimation.gain import Gain
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.measured_gain import Measured, measure
+from cmr.estimation.model_error import inexactness
+from cmr.estimation.preparation import Ready, prepare
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect
+from cmr.estimation.search.selection import Search
+from cmr.estimation.search.shifts import moved, shifts
+from cmr.estimation.search.usefulness import that_holds
+from cmr.estimation.segments import Segment
 from cmr.model.catalogue import CATALOGUE, definition, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
@@ -69,7 +69,7 @@ def diagnose(
     `nominal` gives at least wheel_radius; by default it is what the first recording announces. On `held_out` the gain
     is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `progress` is told, in a sentence,
     what is being done.
-    Raises CalibrationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain
+    Raises EstimationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain
     can be measured on one of `held_out`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
@@ -77,21 +77,21 @@ def diagnose(
     progress("Checking the data ...")
     looked = looked_at(recordings, sources)
     ready = prepare(looked, nominal)
-    study = ready.study
-    if study is None:
+    problem = ready.problem
+    if problem is None:
         return _refused(robot_id, ready, tuple(sources))
-    pieces = [predictor.piece for predictor in study.predictors]
+    segments = [predictor.segment for predictor in problem.predictors]
     unseen = looked_at(held_out, held_out_sources, "held-out recording")
-    require_of_use_held_out(unseen, path=any(len(piece.heard.pose) for piece in pieces))
+    require_of_use_held_out(unseen, path=any(len(segment.observations.pose) for segment in segments))
     mended = [f"{one.name}: {one.note}" for one in unseen if one.note]
     ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *mended))
-    whole = _searched(study, ready, progress)
+    whole = _searched(problem, ready, progress)
     progress("Measuring the gain ...")
-    others = [piece for one in unseen for piece in one.pieces]
+    others = [segment for one in unseen for segment in one.segments]
     whole, measured = that_holds(
-        whole, lambda one: measure(one.found.study, one.found.base, one.final, chance_of(one.found), pieces, others)
+        whole, lambda one: measure(one.found.problem, one.found.base, one.final, chance_of(one.found), segments, others)
     )
-    evidence = _evidence(pieces, whole, [one.name for one in looked])
+    evidence = _evidence(segments, whole, [one.name for one in looked])
     fitted = tuple(one.name for one in looked if not one.useless) if sources else ()
     return _diagnosis(robot_id, ready, whole, measured, evidence, fitted)
 
@@ -99,11 +99,11 @@ def diagnose(
 def _nominal(recordings: Sequence[Recording], given: ParameterFile | None) -> ParameterFile:
     """Return the parameters given, else the first that a recording announces.
 
-    Raises CalibrationError where no wheel radius is among them.
+    Raises EstimationError where no wheel radius is among them.
     """
     nominal = given or next((r.parameters for r in recordings if r.parameters is not None), None)
     if nominal is None or not nominal.has("wheel_radius"):
-        raise CalibrationError(
+        raise EstimationError(
             "The wheel radius is not known: the log announces no parameters. Give a file with at least wheel_radius "
             "by --parameters."
         )
@@ -122,17 +122,17 @@ def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis
     )
 
 
-def _searched(study: Study, ready: Ready, progress: Callable[[str], None]) -> Extended:
+def _searched(problem: Problem, ready: Ready, progress: Callable[[str], None]) -> Extended:
     """Search for effects, and look at what remains beside them where that can be judged."""
     found = look(ready, progress)
     progress("Looking at what remains ...")
-    return extended(study, found) if found.study.by_moments else Extended(found, Unexplained())
+    return extended(problem, found) if found.problem.by_moments else Extended(found, Unexplained())
 
 
-def _evidence(pieces: Sequence[Piece], whole: Extended, labels: Sequence[str]) -> Evidence:
+def _evidence(segments: Sequence[Segment], whole: Extended, labels: Sequence[str]) -> Evidence:
     """Return what a report draws of the paper's model and of the extended one."""
     models = whole.found.base.values, whole.final.values
-    return Evidence(window=WINDOW, paths=paths_of(pieces, *models, labels), residuals=residuals_of(pieces, *models))
+    return Evidence(window=WINDOW, paths=paths_of(segments, *models, labels), residuals=residuals_of(segments, *models))
 
 
 def _diagnosis(
@@ -157,9 +157,9 @@ def _diagnosis(
         gain=measured.gain,
         evidence=evidence,
         effects=effects,
-        candidates=tuple(_candidate(tried, why, found.inflation) for tried, why in found.others),
+        candidates=tuple(_candidate(tested, why, found.inflation) for tested, why in found.others),
         checks=ready.checks,
-        notes=ready.notes if found.study.by_moments else (*ready.notes, BY_COURSES),
+        notes=ready.notes if found.problem.by_moments else (*ready.notes, BY_COURSES),
         next_experiment=_next(robot_id, effects, found, unexplained),
         parameters=_parameters(found, whole.final, ready.unknown),
         sources=sources,
@@ -171,19 +171,19 @@ def _fitted(fit: Fit, found: Search, path_rmse: float, held_out: float) -> Fitte
     return Fitted(estimates=_estimates(fit, found), path_rmse=path_rmse, held_out_path_rmse=held_out)
 
 
-def _candidate(tried: Tried, why_not: str, inflation: float) -> Candidate:
-    drop = max(tried.drop, 0.0)
+def _candidate(tested: CandidateEffect, why_not: str, inflation: float) -> Candidate:
+    drop = max(tested.drop, 0.0)
     return Candidate(
-        name=tried.effect.name,
+        name=tested.effect.name,
         statistic=drop,
-        p_value=p_value(drop, len(tried.effect.parameters), inflation),
-        held_out=tried.held_out,
+        p_value=p_value(drop, len(tested.effect.parameters), inflation),
+        held_out=tested.held_out,
         why_not=why_not,
     )
 
 
-def _named(one: Named, moved_by: Mapping[str, float], found: Search, robot_id: int) -> NamedEffect:
-    effect = one.tried.effect
+def _named(one: SelectedEffect, moved_by: Mapping[str, float], found: Search, robot_id: int) -> NamedEffect:
+    effect = one.candidate.effect
     robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     names = [parameter.name for parameter in effect.parameters]
     rivals = one.rivals
@@ -192,9 +192,9 @@ def _named(one: Named, moved_by: Mapping[str, float], found: Search, robot_id: i
         name=effect.name,
         cause=effect.sentence({name: estimate.value for name, estimate in estimates.items()}),
         estimates=estimates,
-        statistic=one.tried.drop,
-        p_value=p_value(one.tried.drop, len(names), found.inflation),
-        held_out=one.tried.held_out,
+        statistic=one.candidate.drop,
+        p_value=p_value(one.candidate.drop, len(names), found.inflation),
+        held_out=one.candidate.held_out,
         shift=moved_by,
         indistinguishable_from=rivals,
         next_experiment=experiment_to_tell_apart(effect.name, rivals, robot_id=robot_id, robot=robot),
@@ -206,7 +206,7 @@ def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search, unexplai
 
     None if nothing remains, and all effects would have shown.
     """
-    poses = any(len(predictor.piece.heard.pose) for predictor in found.study.predictors)
+    poses = any(len(predictor.segment.observations.pose) for predictor in found.problem.predictors)
     sentences = [] if poses else [WITHOUT_POSES]
     robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     if unexplained.signal:
@@ -252,7 +252,7 @@ def _estimates(fit: Fit, found: Search) -> dict[str, Estimate]:
 
 def _estimate(fit: Fit, name: str, found: Search) -> Estimate:
     value = fit.values[name]
-    doubt = np.hypot(found.doubts.get(name, 0.0), inexactness(name, value, found.study.scene))
+    doubt = np.hypot(found.doubts.get(name, 0.0), inexactness(name, value, found.problem.excitation))
     return Estimate(value, float(np.sqrt(found.inflation * fit.std(name) ** 2 + doubt**2)))
 
 
@@ -273,7 +273,7 @@ def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, search: 
         return f"{sentence} {_generic_sentence(unexplained.generic)}" if unexplained.generic else sentence
     if found:
         return found
-    small = [tried.effect.name.replace("_", " ") for tried, why in search.others if why == TOO_SMALL]
+    small = [tested.effect.name.replace("_", " ") for tested, why in search.others if why == TOO_SMALL]
     nothing = f"Nothing in the data speaks for any of the {len(CATALOGUE)} effects"
     if small:
         nothing = f"Of the {len(CATALOGUE)} effects none matters here ({', '.join(small)}: seen, but too small)"

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cmr.calibration.result import Estimate
-from cmr.diagnosis.result import GENERIC, Candidate, Diagnosis, Fitted, Gain, GenericTerm, NamedEffect, Unexplained
+from cmr.diagnosis.result import GENERIC, Candidate, Diagnosis, Fitted, GenericTerm, NamedEffect, Unexplained
+from cmr.estimation.estimates import Estimate
+from cmr.estimation.gain import Gain
 from cmr.files import write_atomically
 from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
@@ -29,7 +30,7 @@ def document(diagnosis: Diagnosis) -> Document:
     """Return the content of `diagnosis.json`.
 
     Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `next_experiment`, what
-    to drive next; `candidates`, the effects that were tried and not named, and why not; `sources` and `samples`, what
+    to drive next; `candidates`, the effects that were tested and not named, and why not; `sources` and `samples`, what
     was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the
     `sentence` of each data check; and `generic_term`, which extends the model without naming a cause, or null. Its
     `shift` and those of all effects add up to what lies between the parameters of `baseline` and `extended`.
@@ -123,11 +124,11 @@ def _candidate(candidate: Candidate) -> Document:
     return {"name": candidate.name, "evidence": _evidence(candidate), "why_not": candidate.why_not}
 
 
-def _evidence(tried: NamedEffect | Candidate) -> Document:
+def _evidence(tested: NamedEffect | Candidate) -> Document:
     return {
-        "statistic": _finite(tried.statistic),
-        "p_value": _finite(tried.p_value),
-        "held_out": _finite(tried.held_out),
+        "statistic": _finite(tested.statistic),
+        "p_value": _finite(tested.p_value),
+        "held_out": _finite(tested.held_out),
     }
 
 

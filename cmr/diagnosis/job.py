@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from cmr.bus.streams import identify
-from cmr.calibration.result import CalibrationError
 from cmr.diagnosis.result import Diagnosis
+from cmr.estimation.estimates import EstimationError
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.recordings.arrivals import KEPT
 from cmr.recordings.events import EventReader
@@ -101,7 +101,7 @@ def perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
             progress=tell,
         )
         provenance = _provenance(job, diagnosis.sources)
-    except (RecordingError, CalibrationError) as error:
+    except (RecordingError, EstimationError) as error:
         raise JobError(str(error)) from error
     with _writing(job.folder):
         return diagnosis, _write(diagnosis, job, provenance, tell)

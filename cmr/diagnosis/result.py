@@ -4,7 +4,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from cmr.calibration.result import Estimate
+from cmr.estimation.estimates import Estimate
+from cmr.estimation.gain import Gain
 from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
 
@@ -40,7 +41,7 @@ class NamedEffect:
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """An effect of the catalogue that was tried and not named: its evidence beside the effects named.
+    """An effect of the catalogue that was tested and not named: its evidence beside the effects named.
 
     `statistic` and `held_out` are as in NamedEffect; `why_not` is a sentence.
     """
@@ -64,19 +65,6 @@ class Fitted:
     estimates: Mapping[str, Estimate]
     path_rmse: float
     held_out_path_rmse: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Gain:
-    """By how much errors of free runs shrink on data that nothing was fitted on.
-
-    `ratio` is the baseline's path error over that of the extended model, `interval` its 95 % interval by a block
-    bootstrap. `signals` are the ratios by signal: psi, yaw_rate, pose.
-    """
-
-    ratio: float
-    interval: tuple[float, float]
-    signals: Mapping[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)

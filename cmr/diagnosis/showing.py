@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.diagnosis.experiment import Piece
-from cmr.diagnosis.free_runs import (
+from cmr.diagnosis.result import DENSE, Path, Residual
+from cmr.estimation.free_runs import (
     OVERLAP,
     Averages,
     Indices,
@@ -23,11 +23,11 @@ from cmr.diagnosis.free_runs import (
     told_errors,
     windows_of,
 )
-from cmr.diagnosis.prediction import WHEELS
-from cmr.diagnosis.result import DENSE, Path, Residual
+from cmr.estimation.prediction import WHEELS
+from cmr.estimation.segments import Segment
 from cmr.model.body import forward, wrap
 from cmr.model.catalogue import effects_on
-from cmr.model.observer import MOTION, RESTART, Heard, Innovations
+from cmr.model.observer import MOTION, RESTART, Innovations, Observations
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 
@@ -85,37 +85,37 @@ class Spans:
 
 
 class _Sampled(NamedTuple):
-    """One signal's errors in a piece, `averages.error` (n, models), and its regressors (n,)."""
+    """One signal's errors in a segment, `averages.error` (n, models), and its regressors (n,)."""
 
     averages: Averages
     regressors: dict[str, Floats]
 
 
-def paths_of(pieces: Sequence[Piece], before: Values, after: Values, labels: Sequence[str]) -> tuple[Path, ...]:
-    """Return the paths of the longest MOST_PATHS pieces, and their free runs by two models from the start.
+def paths_of(segments: Sequence[Segment], before: Values, after: Values, labels: Sequence[str]) -> tuple[Path, ...]:
+    """Return the paths of the longest MOST_PATHS segments, and their free runs by two models from the start.
 
-    Pieces without poses have none. `labels` are those of the recordings.
+    Segments without poses have none. `labels` are those of the recordings.
     """
-    with_path = [piece for piece in pieces if len(piece.heard.pose)]
-    longest = sorted(piece.heard.seconds for piece in with_path)[-MOST_PATHS:]
-    shown = [piece for piece in with_path if piece.heard.seconds >= longest[0]][:MOST_PATHS]
-    return tuple(_path(piece, before, after, labels[piece.recording]) for piece in shown)
+    with_path = [segment for segment in segments if len(segment.observations.pose)]
+    longest = sorted(segment.observations.seconds for segment in with_path)[-MOST_PATHS:]
+    shown = [segment for segment in with_path if segment.observations.seconds >= longest[0]][:MOST_PATHS]
+    return tuple(_path(segment, before, after, labels[segment.recording]) for segment in shown)
 
 
-def _path(piece: Piece, before: Values, after: Values, label: str) -> Path:
-    heard = piece.heard
-    begins = np.flatnonzero(heard.pose_use == RESTART)
-    smooth = smoothed_poses(heard, after)
-    measured = np.column_stack([heard.pose[:, :2], np.unwrap(heard.pose[:, 2])])
-    simulated = measured[:, :, None] - free_run(heard, begins, smooth, stacked((before, after))).pose
+def _path(segment: Segment, before: Values, after: Values, label: str) -> Path:
+    observations = segment.observations
+    begins = np.flatnonzero(observations.pose_use == RESTART)
+    smooth = smoothed_poses(observations, after)
+    measured = np.column_stack([observations.pose[:, :2], np.unwrap(observations.pose[:, 2])])
+    simulated = measured[:, :, None] - free_run(observations, begins, smooth, stacked((before, after))).pose
     simulated[begins] = smooth[begins, :, None]
-    beginning = int(np.searchsorted(heard.pose_time, heard.pose_time[0] + DENSE, side="right"))
+    beginning = int(np.searchsorted(observations.pose_time, observations.pose_time[0] + DENSE, side="right"))
     rest = beginning + _spread(len(measured) - beginning, MOST_POINTS)
     shown = np.concatenate([_spread(beginning, MOST_POINTS), rest])
     simulated = simulated[shown]
     return Path(
         label=label,
-        time=heard.pose_time[shown] + heard.time,
+        time=observations.pose_time[shown] + observations.time,
         x=measured[shown, 0],
         y=measured[shown, 1],
         theta=measured[shown, 2],
@@ -128,15 +128,15 @@ def _path(piece: Piece, before: Values, after: Values, label: str) -> Path:
     )
 
 
-def residuals_of(pieces: Sequence[Piece], before: Values, after: Values) -> tuple[Residual, ...]:
-    """Return the residuals of all signals that were recorded, over all pieces.
+def residuals_of(segments: Sequence[Segment], before: Values, after: Values) -> tuple[Residual, ...]:
+    """Return the residuals of all signals that were recorded, over all segments.
 
     Speeds are means over SPAN. Errors of the pose have grown over GROWN from the real pose on, and are in the frame of
     the robot. `command_change` is by how much the mean command that drives the signal changed from as long a time
     before; for the yaw rate, the sideways position and the heading that is right minus left.
     """
     effects = without_each(after)
-    sampled = [_sampled(piece, (after, before, *effects.values())) for piece in pieces]
+    sampled = [_sampled(segment, (after, before, *effects.values())) for segment in segments]
     found = [(name, [one[name] for one in sampled if len(one[name].averages.begin)]) for name in UNITS]
     return tuple(_residual(name, parts, list(effects)) for name, parts in found if parts)
 
@@ -153,7 +153,7 @@ def without_each(values: Values) -> dict[str, Values]:
 def _residual(name: str, parts: Sequence[_Sampled], effects: Sequence[str]) -> Residual:
     error = np.concatenate([part.averages.error for part in parts])
     shown = _spread(len(error), MOST_SAMPLES)
-    # Pieces with commands and pieces without may come together.
+    # Segments with commands and segments without may come together.
     regressors = [key for key in parts[0].regressors if all(key in part.regressors for part in parts)]
     return Residual(
         signal=name,
@@ -165,30 +165,35 @@ def _residual(name: str, parts: Sequence[_Sampled], effects: Sequence[str]) -> R
     )
 
 
-def _sampled(piece: Piece, models: Sequence[Values]) -> dict[str, _Sampled]:
-    """Return the errors of all signals in a piece, in order of time; the first model tells what they are shown over."""
-    heard = piece.heard
+def _sampled(segment: Segment, models: Sequence[Values]) -> dict[str, _Sampled]:
+    """Return the errors of all signals in a segment, in order of time, over the motion of the first model."""
+    observations = segment.observations
     after, values = models[0], stacked(models)
-    smooth = smoothed_poses(heard, after)
+    smooth = smoothed_poses(observations, after)
     speeds: dict[str, _Sampled] = {}
     poses: list[dict[str, _Sampled]] = []
     for phase in range(OVERLAP):
-        windows = windows_of(heard, GROWN, phase * GROWN / OVERLAP)
-        run = free_run(heard, windows.pose, smooth, values)
-        grown = _grown(heard, windows, smooth, run)
-        poses.append(_with_regressors(heard, run.motion, grown, after))
+        windows = windows_of(observations, GROWN, phase * GROWN / OVERLAP)
+        run = free_run(observations, windows.pose, smooth, values)
+        grown = _grown(observations, windows, smooth, run)
+        poses.append(_with_regressors(observations, run.motion, grown, after))
         if not speeds:
-            told = told_errors(heard, run)
-            speeds = _with_regressors(heard, run.motion, {name: told[name] for name in (*WHEELS, "yaw_rate")}, after)
+            told = told_errors(observations, run)
+            speeds = _with_regressors(
+                observations, run.motion, {name: told[name] for name in (*WHEELS, "yaw_rate")}, after
+            )
     return speeds | {name: _merged([one[name] for one in poses]) for name in poses[0]}
 
 
 def _with_regressors(
-    heard: Heard, motion: Floats, errors: Mapping[str, Averages], values: Values
+    observations: Observations, motion: Floats, errors: Mapping[str, Averages], values: Values
 ) -> dict[str, _Sampled]:
     return {
         name: _Sampled(
-            one, regressors_of(heard, motion, values, Spans(heard.dt, one.begin, one.end), DRIVING.get(name, TURNING))
+            one,
+            regressors_of(
+                observations, motion, values, Spans(observations.dt, one.begin, one.end), DRIVING.get(name, TURNING)
+            ),
         )
         for name, one in errors.items()
     }
@@ -203,10 +208,10 @@ def _merged(parts: Sequence[_Sampled]) -> _Sampled:
     return _Sampled(Averages(begin[order], end[order], error[order]), regressors)
 
 
-def _grown(heard: Heard, windows: Windows, smooth: Floats, run: Innovations) -> dict[str, Averages]:
+def _grown(observations: Observations, windows: Windows, smooth: Floats, run: Innovations) -> dict[str, Averages]:
     """Return the pose's errors at the ends of windows, in the frame of the robot, by signal."""
-    number = windows.number_of(heard.pose_time)
-    at_end = (number >= 0) & (heard.pose_time > np.append(windows.end, 0.0)[number] - AT_THE_END)
+    number = windows.number_of(observations.pose_time)
+    at_end = (number >= 0) & (observations.pose_time > np.append(windows.end, 0.0)[number] - AT_THE_END)
     heading = smooth[at_end, 2:]
     cosine, sine = np.cos(heading), np.sin(heading)
     x, y, theta = np.moveaxis(run.pose[at_end], 1, 0)
@@ -222,7 +227,7 @@ def _grown(heard: Heard, windows: Windows, smooth: Floats, run: Innovations) -> 
 
 
 def regressors_of(
-    heard: Heard, motion: Floats, values: Values, spans: Spans, driving: tuple[float, float] = TURNING
+    observations: Observations, motion: Floats, values: Values, spans: Spans, driving: tuple[float, float] = TURNING
 ) -> dict[str, Floats]:
     """Return what may explain residuals over n spans of time, all (n,), from the simulated `motion`.
 
@@ -233,7 +238,7 @@ def regressors_of(
     speed = forward(columns["psi_left"], columns["psi_right"], RobotParameters.of(values))
     turning = columns["yaw_rate"]
     result = {
-        "time": spans.middle + heard.time,
+        "time": spans.middle + observations.time,
         "speed": spans.mean(speed),
         "yaw_rate": spans.mean(turning),
         "speed_times_yaw_rate": spans.mean(speed * turning),
@@ -245,22 +250,25 @@ def regressors_of(
         "acceleration": spans.growth(speed),
         "yaw_acceleration": spans.growth(turning),
     }
-    if len(heard.given) == 0:
-        driven = driving[0] * heard.left + driving[1] * heard.right
+    if len(observations.given) == 0:
+        driven = driving[0] * observations.duty[:, 0] + driving[1] * observations.duty[:, 1]
         result |= {
-            "command_left": spans.mean_of_steps(heard.left),
-            "command_right": spans.mean_of_steps(heard.right),
+            "command_left": spans.mean_of_steps(observations.duty[:, 0]),
+            "command_right": spans.mean_of_steps(observations.duty[:, 1]),
             "command_change": spans.mean_of_steps(driven) - spans.before.mean_of_steps(driven),
-            "energy": spans.at_middle(_energy(heard, columns, values["k1"])),
+            "energy": spans.at_middle(_energy(observations, columns, values["k1"])),
         }
     return result
 
 
-def _energy(heard: Heard, columns: Mapping[str, Floats], k1: float) -> Floats:
+def _energy(observations: Observations, columns: Mapping[str, Floats], k1: float) -> Floats:
     """Return the integral of the load share (as in the catalogue's battery_drift) at the raster's borders (T + 1,)."""
-    sides = ((heard.left, columns["psi_left"][1:]), (heard.right, columns["psi_right"][1:]))
+    sides = (
+        (observations.duty[:, 0], columns["psi_left"][1:]),
+        (observations.duty[:, 1], columns["psi_right"][1:]),
+    )
     load = sum(np.maximum(0.0, duty * (duty - 0.8 * k1 * psi)) for duty, psi in sides)
-    return np.append(0.0, np.cumsum(load)) * heard.dt
+    return np.append(0.0, np.cumsum(load)) * observations.dt
 
 
 def _spread(count: int, most: int) -> Indices:
@@ -271,7 +279,7 @@ def _spread(count: int, most: int) -> Indices:
 def structure(residual: Floats, regressor: Floats) -> float:
     """Return the share of a residual's variance that its means in bins of a regressor foretell, both (n,), in time.
 
-    The means are taken from some blocks of time and tried on the others (cross-validation), so that chance foretells
+    The means are taken from some blocks of time and tested on the others (cross-validation), so that chance foretells
     nothing: about 0, or a little less. Samples that are not finite do not count.
     """
     usable = np.isfinite(residual) & np.isfinite(regressor)
@@ -282,8 +290,8 @@ def structure(residual: Floats, regressor: Floats) -> float:
     place = np.searchsorted(borders, regressor)
     part = np.arange(len(residual)) * BLOCKS // len(residual) % PARTS
     left = whole = 0.0
-    for tried in range(PARTS):
-        known, new = part != tried, part == tried
+    for tested in range(PARTS):
+        known, new = part != tested, part == tested
         mean = float(np.mean(residual[known]))
         count = np.bincount(place[known], minlength=BINS)
         means = mean + np.bincount(place[known], residual[known] - mean, BINS) / np.maximum(count, 1)

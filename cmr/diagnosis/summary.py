@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from textwrap import TextWrapper
 
-from cmr.calibration.result import Estimate
 from cmr.diagnosis.job import Outcome
 from cmr.diagnosis.result import GENERIC, Diagnosis, Fitted, NamedEffect
 from cmr.diagnosis.words import regressor_name, share_sentence, signal_name
+from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import definition
 
 WIDTH = 110  # characters

@@ -1,6 +1,6 @@
 """What remains of the prediction errors that no effect of the catalogue explains.
 
-Disturbances of all that can be disturbed, going with all that they may go with, are tried at once beside the final
+Disturbances of all that can be disturbed, going with all that they may go with, are tested at once beside the final
 model. A term counts only if it also foretells what it was not fitted on, throughout the drive. What goes with nothing
 shows in bursts of errors.
 """
@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.diagnosis.candidates import lanes_of
-from cmr.diagnosis.fitting import Fit
-from cmr.diagnosis.gains import COARSE
-from cmr.diagnosis.prediction import WHEELS
 from cmr.diagnosis.result import Unexplained
-from cmr.diagnosis.study import Study, tempered
 from cmr.diagnosis.unexplained_bursts import Bursts, bursts
 from cmr.diagnosis.unexplained_scores import Score, foretold_by, remainder, scores
 from cmr.diagnosis.unexplained_share import share_foretold
 from cmr.diagnosis.unexplained_terms import drives_of
+from cmr.estimation.candidates import lanes_of
+from cmr.estimation.gains import COARSE
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.prediction import WHEELS
+from cmr.estimation.problem import Problem, tempered
 
 LEAST, LEAST_SHARE = 40.0, 1e-3  # drop of the sum of squares, and share of it, from which a term is worth a word
 SURELY = 1.5  # as much, without the few moments that speak most for the term, is beyond doubt,
@@ -47,21 +47,21 @@ class Remaining:
     bursts: tuple[Bursts, ...]
 
 
-def remaining(study: Study, fit: Fit, base: Fit) -> Remaining:
+def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
     """Return what structure remains beside the final fit; `base` is that of the paper's model."""
-    errors = study.errors(lanes_of([fit.values, base.values]))
-    squares = np.sum(tempered(study.made_white(errors, fit.noise)) ** 2, axis=0)
+    errors = problem.errors(lanes_of([fit.values, base.values]))
+    squares = np.sum(tempered(problem.made_white(errors, fit.noise)) ** 2, axis=0)
     explained = max(0.0, float(squares[-1] - squares[0]))
-    rest = remainder(study, fit, errors)
-    drives = drives_of(study.predictors, errors, fit.values["k1"])
-    tried = scores(study, fit, errors, rest, drives)
-    tried.sort(key=lambda score: PER_COEFFICIENT * score.freedom - score.held_out)
+    rest = remainder(problem, fit, errors)
+    drives = drives_of(problem.predictors, errors, fit.values["k1"])
+    tested = scores(problem, fit, errors, rest, drives)
+    tested.sort(key=lambda score: PER_COEFFICIENT * score.freedom - score.held_out)
     loud = bursts(rest)
-    spread, least = spread_of(tried), max(LEAST, LEAST_SHARE * len(rest.white), LEFT_BY_EFFECTS * explained)
-    holding = [score for score in tried if holds(score, spread, least)][:1]
-    foretold = [foretold_by(score.term, study, fit, errors, rest, drives) for score in holding]
+    spread, least = spread_of(tested), max(LEAST, LEAST_SHARE * len(rest.white), LEFT_BY_EFFECTS * explained)
+    holding = [score for score in tested if holds(score, spread, least)][:1]
+    foretold = [foretold_by(score.term, problem, fit, errors, rest, drives) for score in holding]
     found = [
-        _structure(score, share_foretold(study.predictors, fit.noise, rest.white, by_term, score.signal), least)
+        _structure(score, share_foretold(problem.predictors, fit.noise, rest.white, by_term, score.signal), least)
         for score, by_term in zip(holding, foretold, strict=True)
     ]
     # Stamps that a busy host sets late make bursts in the wheels alone; a robot that jerks shows elsewhere, too.
@@ -69,17 +69,17 @@ def remaining(study: Study, fit: Fit, base: Fit) -> Remaining:
     found += [_bursts(one, explained) for one in sudden][:1]
     found = [one for one in found if one[0].share > SMALLEST_SHARE]
     # Coarse encoders make errors of their own, which go with speed.
-    if not found or max(predictor.piece.tick for predictor in study.predictors) > COARSE:
-        found = [(Unexplained(), tried[0].held_out if tried else 0.0, least)]
+    if not found or max(predictor.segment.tick for predictor in problem.predictors) > COARSE:
+        found = [(Unexplained(), tested[0].held_out if tested else 0.0, least)]
     unexplained, statistic, threshold = max(found, key=lambda one: one[0].share)
     return Remaining(
-        unexplained=unexplained, statistic=statistic, threshold=threshold, scores=tuple(tried), bursts=tuple(loud)
+        unexplained=unexplained, statistic=statistic, threshold=threshold, scores=tuple(tested), bursts=tuple(loud)
     )
 
 
-def spread_of(tried: Sequence[Score]) -> float:
+def spread_of(tested: Sequence[Score]) -> float:
     """Return how much larger than chance the usual term's drop is, at least 1."""
-    return max(1.0, float(np.median([score.drop / score.freedom for score in tried if score.freedom] or [1.0])))
+    return max(1.0, float(np.median([score.drop / score.freedom for score in tested if score.freedom] or [1.0])))
 
 
 def holds(score: Score, spread: float, least: float) -> bool:

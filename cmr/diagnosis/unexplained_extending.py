@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from cmr.diagnosis.fitting import Fit
-from cmr.diagnosis.measuring import measure
-from cmr.diagnosis.naming import Search, with_small_effects
 from cmr.diagnosis.result import Unexplained
-from cmr.diagnosis.study import Study
 from cmr.diagnosis.unexplained import remaining
 from cmr.diagnosis.unexplained_generic import Extension, extension
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.measured_gain import measure
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.selection import Search, with_small_effects
 
 SURPASSED = 0.8  # of some error of free runs with the named effects: so little must a term leave that does without them
 NOWHERE_WORSE = 1.03  # of each of these errors, and of those with both: so much it may leave
@@ -30,8 +30,8 @@ class Extended:
         return self.term.fit if self.term else self.found.final
 
 
-def extended(study: Study, found: Search) -> Extended:
-    """Look at what a search of a study leaves, and extend the model where structure remains.
+def extended(problem: Problem, found: Search) -> Extended:
+    """Look at what a search of a problem leaves, and extend the model where structure remains.
 
     Effects that only imitate what they do not explain are withdrawn: where a generic term foretells left-out data far
     better than they do, and needs none of them, nothing speaks for them.
@@ -39,12 +39,12 @@ def extended(study: Study, found: Search) -> Extended:
     unexplained = _unexplained(found)
     if not unexplained.present:
         return Extended(found, unexplained)
-    beside = extension(found.study, found.final)
+    beside = extension(found.problem, found.final)
     if found.named:
-        alone = extension(study, found.base)
-        if alone and _makes_up_for(alone, beside, study, found):
-            left = remaining(study, found.base, found.base).unexplained
-            return Extended(_without_names(study, found), left if left.present else unexplained, alone)
+        alone = extension(problem, found.base)
+        if alone and _makes_up_for(alone, beside, problem, found):
+            left = remaining(problem, found.base, found.base).unexplained
+            return Extended(_without_names(problem, found), left if left.present else unexplained, alone)
     return Extended(found, unexplained, beside)
 
 
@@ -57,34 +57,34 @@ def _unexplained(found: Search) -> Unexplained:
     fits += [found.final] if fits[0] is not found.final else []
     left = Unexplained()
     for fit in fits:
-        left = remaining(found.study, fit, found.base).unexplained
+        left = remaining(found.problem, fit, found.base).unexplained
         if not left.present:
             break
     return left
 
 
-def _without_names(study: Study, found: Search) -> Search:
-    """Return what was found of a study as if nothing had been named."""
-    others = [*((one.tried, WITHDRAWN) for one in found.named), *found.others]
-    return replace(found, study=study, final=found.base, named=[], others=others, doubts={})
+def _without_names(problem: Problem, found: Search) -> Search:
+    """Return what was found of a problem as if nothing had been named."""
+    others = [*((one.candidate, WITHDRAWN) for one in found.named), *found.others]
+    return replace(found, problem=problem, final=found.base, named=[], others=others, doubts={})
 
 
-def _makes_up_for(alone: Extension, beside: Extension | None, study: Study, found: Search) -> bool:
+def _makes_up_for(alone: Extension, beside: Extension | None, problem: Problem, found: Search) -> bool:
     """Tell whether a generic term alone foretells far better than what was named, and as well as both together.
 
     It must do so with no more products than it needs beside them: else they may be what the further ones imitate.
     """
     if beside and len(alone.names) > len(beside.names):
         return False
-    named = _ratios(alone.fit, found.final, study, found)
-    both = _ratios(alone.fit, beside.fit, study, found) if beside else named
+    named = _ratios(alone.fit, found.final, problem, found)
+    both = _ratios(alone.fit, beside.fit, problem, found) if beside else named
     return min(named) < SURPASSED and max(*named, *both) < NOWHERE_WORSE
 
 
-def _ratios(alone: Fit, named: Fit, study: Study, found: Search) -> list[float]:
+def _ratios(alone: Fit, named: Fit, problem: Problem, found: Search) -> list[float]:
     """Return the errors of one model's free runs on left-out data over those of one with all that was named."""
-    pieces = [predictor.piece for predictor in study.predictors]
-    return list(measure(study, alone, named, chance_of(found), pieces, []).gain.signals.values())
+    segments = [predictor.segment for predictor in problem.predictors]
+    return list(measure(problem, alone, named, chance_of(found), segments, []).gain.signals.values())
 
 
 def chance_of(found: Search) -> Mapping[str, float]:

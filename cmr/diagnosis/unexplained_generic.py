@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.diagnosis.fitting import Fit
-from cmr.diagnosis.measuring import measure
-from cmr.diagnosis.result import Gain
-from cmr.diagnosis.study import Study
+from cmr.estimation.gain import Gain
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.measured_gain import measure
+from cmr.estimation.problem import Problem
 from cmr.model.catalogue import GENERIC_TERMS, definition
 from cmr.model.effects.generic import BODY
 from cmr.model.parameters import ParameterDefinition
@@ -45,31 +45,33 @@ class Extension:
     gain: Gain
 
 
-def extension(study: Study, fit: Fit) -> Extension | None:
+def extension(problem: Problem, fit: Fit) -> Extension | None:
     """Return a generic term beside a fit that makes the model foretell left-out data better, if there is one."""
-    candidates = _candidates(study)
+    candidates = _candidates(problem)
     values = {**fit.values, **dict.fromkeys(candidates, 0.0)}
-    rest, slopes = study.linear(values, (*fit.names, *candidates), fit.noise)
-    folds = _Folds.of(study.folds, rest, slopes)
+    rest, slopes = problem.linear(values, (*fit.names, *candidates), fit.noise)
+    folds = _Folds.of(problem.folds, rest, slopes)
     chosen = _chosen(folds, len(fit.names), len(candidates))
     if not chosen:
         return None
     names = tuple(candidates[index - len(fit.names)] for index in chosen)
     started = {**fit.values, **dict.fromkeys(names, 0.0)}
-    extended = study.fit(started, (*fit.names, *names), fit.noise, renew=0)
-    return _accepted(study, fit, extended, names)
+    extended = problem.fit(started, (*fit.names, *names), fit.noise, renew=0)
+    return _accepted(problem, fit, extended, names)
 
 
-def _accepted(study: Study, before: Fit, after: Fit, names: tuple[str, ...]) -> Extension | None:
+def _accepted(problem: Problem, before: Fit, after: Fit, names: tuple[str, ...]) -> Extension | None:
     """Return the extension if data that it was not fitted on improve, in one step ahead and in free runs."""
     every = range(len(after.names))
     own = [index for index, name in enumerate(after.names) if name not in names]
-    left_out = [_Folds.of(study.folds, fit.rest, fit.slopes).left_out(s) for fit, s in ((before, own), (after, every))]
+    left_out = [
+        _Folds.of(problem.folds, fit.rest, fit.slopes).left_out(s) for fit, s in ((before, own), (after, every))
+    ]
     held_out = 0.5 * (left_out[0] - left_out[1])
     if held_out < 0.5 * LEAST:
         return None
-    pieces = [predictor.piece for predictor in study.predictors]
-    gain = measure(study, before, after, {}, pieces, []).gain
+    segments = [predictor.segment for predictor in problem.predictors]
+    gain = measure(problem, before, after, {}, segments, []).gain
     return Extension(names, after, held_out, gain) if improves(gain) else None
 
 
@@ -94,9 +96,9 @@ def improves(gain: Gain) -> bool:
     return bool(clear) and min(gain.signals.values()) > LARGEST_LOSS
 
 
-def _candidates(study: Study) -> tuple[str, ...]:
+def _candidates(problem: Problem) -> tuple[str, ...]:
     """Return the names of all coefficients; those of the motors only where wheel speeds are foretold."""
-    given = any(len(predictor.piece.heard.given) for predictor in study.predictors)
+    given = any(len(predictor.segment.observations.given) for predictor in problem.predictors)
     effects = (BODY,) if given else GENERIC_TERMS.values()
     return tuple(parameter.name for effect in effects for parameter in effect.parameters)
 

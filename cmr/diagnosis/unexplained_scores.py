@@ -11,12 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from cmr.diagnosis.fitting import Fit
-from cmr.diagnosis.noise import Noise
-from cmr.diagnosis.prediction import SIGNALS, Errors, Predictor
-from cmr.diagnosis.study import BLOCK, LARGE, Study
 from cmr.diagnosis.unexplained_terms import Column, Drive, Term, terms_for
 from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.noise import Noise
+from cmr.estimation.prediction import SIGNALS, Errors, Predictor
+from cmr.estimation.problem import BLOCK, LARGE, Problem
 from cmr.model.observer import MOTION
 from cmr.recordings.signal import Floats, Mask
 
@@ -72,7 +72,7 @@ class Remainder:
 
     `loud` are the errors, 0 where large ones are no wonder; `white` the same with large ones cut off, so that no single
     moment decides, and freed of what the model's parameters do (`basis` (n, p), orthonormal). `signal` is the number of
-    the signal, `time` [s] the moment in its `recording`, `fold` that of the study.
+    the signal, `time` [s] the moment in its `recording`, `fold` that of the problem.
     """
 
     loud: Floats
@@ -88,18 +88,18 @@ class Remainder:
         return np.asarray(np.floor(self.time / seconds).astype(np.int64) + 10**9 * self.recording, np.int64)
 
 
-def remainder(study: Study, fit: Fit, errors: Sequence[Errors]) -> Remainder:
+def remainder(problem: Problem, fit: Fit, errors: Sequence[Errors]) -> Remainder:
     """Return what a fit leaves; the first column of `errors` are those at its values."""
     basis = np.linalg.qr(fit.slopes)[0]
     signals, times, recordings, jerks = [], [], [], []
-    for number, (predictor, error) in enumerate(zip(study.predictors, errors, strict=True)):
+    for number, (predictor, error) in enumerate(zip(problem.predictors, errors, strict=True)):
         for name, moments in predictor.times.items():
             signals.append(np.full(len(moments), SIGNALS.index(name)))
-            times.append(moments + predictor.piece.heard.time)
-            recordings.append(np.full(len(moments), predictor.piece.recording))
+            times.append(moments + predictor.segment.observations.time)
+            recordings.append(np.full(len(moments), predictor.segment.recording))
             sizes = fit.noise.of[name].sizes[number]
             jerks.append(_jerky(predictor, error.motion, fit.values, sizes) if name == "yaw_rate" else sizes < 0.0)
-    loud = np.where(np.concatenate(jerks), 0.0, study.made_white(errors, fit.noise)[:, 0])
+    loud = np.where(np.concatenate(jerks), 0.0, problem.made_white(errors, fit.noise)[:, 0])
     calm = np.clip(loud, -LARGE, LARGE)
     return Remainder(
         loud=loud,
@@ -108,7 +108,7 @@ def remainder(study: Study, fit: Fit, errors: Sequence[Errors]) -> Remainder:
         signal=np.concatenate(signals),
         time=np.concatenate(times),
         recording=np.concatenate(recordings),
-        fold=study.folds,
+        fold=problem.folds,
     )
 
 
@@ -120,13 +120,17 @@ def _jerky(predictor: Predictor, motion: Floats, values: Mapping[str, float], si
     difference = motion[:, MOTION.index("psi_right")] - motion[:, MOTION.index("psi_left")]
     jumps = np.abs(np.diff(difference, n=2, prepend=difference[:1], append=difference[-1:]))
     jumps = np.maximum(jumps, np.maximum(np.roll(jumps, 1), np.roll(jumps, -1)))
-    at = np.minimum(np.round(predictor.times["yaw_rate"] / predictor.piece.heard.dt).astype(np.int64), len(jumps) - 1)
+    at = np.minimum(
+        np.round(predictor.times["yaw_rate"] / predictor.segment.observations.dt).astype(np.int64), len(jumps) - 1
+    )
     return np.asarray(jumps[at] * values["wheel_radius"] / values["base_width"] > JERKY * sizes)
 
 
-def scores(study: Study, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]) -> list[Score]:
-    """Return the scores of all terms, beside a fit that leaves `rest`, in the `drives` of a study."""
-    foretold = all(len(predictor.piece.heard.given) == 0 for predictor in study.predictors)
+def scores(
+    problem: Problem, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]
+) -> list[Score]:
+    """Return the scores of all terms, beside a fit that leaves `rest`, in the `drives` of a problem."""
+    foretold = all(len(predictor.segment.observations.given) == 0 for predictor in problem.predictors)
     result = []
     terms = terms_for(drives, foretold)
     for signals in dict.fromkeys(SEEN_IN.values()):
@@ -134,24 +138,24 @@ def scores(study: Study, fit: Fit, errors: Sequence[Errors], rest: Remainder, dr
         rows = _rows(rest, signals)
         if not len(rows.order):
             continue
-        views = [only(predictor, signals) for predictor in study.predictors]
+        views = [only(predictor, signals) for predictor in problem.predictors]
         for chunk in _chunks(some, drives, len(rows.order)):
-            moves = _moves(study, fit, errors, views, [columns for _, columns in chunk])
+            moves = _moves(problem, fit, errors, views, [columns for _, columns in chunk])
             result += _scored([term for term, _ in chunk], [len(one[0]) for _, one in chunk], moves, rows)
     return result
 
 
 def foretold_by(
-    term: Term, study: Study, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]
+    term: Term, problem: Problem, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]
 ) -> Floats:
     """Return what a term foretells of each white error (n,) as it is found on the other folds.
 
     `drives` are those with which the term was made.
     """
     signals = SEEN_IN[term.disturbed]
-    views, rows = [only(predictor, signals) for predictor in study.predictors], _rows(rest, signals)
+    views, rows = [only(predictor, signals) for predictor in problem.predictors], _rows(rest, signals)
     columns = [term.columns(drive) for drive in drives]
-    moves = _moves(study, fit, errors, views, [columns])
+    moves = _moves(problem, fit, errors, views, [columns])
     along = rows.basis.T @ moves
     mixing = _mixing(moves, along)
     own = (moves @ mixing - rows.basis @ (along @ mixing))[rows.order]
@@ -161,11 +165,15 @@ def foretold_by(
 
 
 def _moves(
-    study: Study, fit: Fit, errors: Sequence[Errors], views: Sequence[Predictor], columns: Sequence[list[list[Column]]]
+    problem: Problem,
+    fit: Fit,
+    errors: Sequence[Errors],
+    views: Sequence[Predictor],
+    columns: Sequence[list[list[Column]]],
 ) -> Floats:
     """Return the white traces (n, columns) of terms, side by side, whose `columns` are given in each drive."""
     errors_of = [
-        traces(view, error.motion, fit.values, study.gains, _stacked([of_term[number] for of_term in columns]))
+        traces(view, error.motion, fit.values, problem.gains, _stacked([of_term[number] for of_term in columns]))
         for number, (view, error) in enumerate(zip(views, errors, strict=True))
     ]
     return _made_white(views, errors_of, fit.noise)

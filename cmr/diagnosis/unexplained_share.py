@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from cmr.diagnosis.noise import Noise, SignalNoise
-from cmr.diagnosis.prediction import Predictor
+from cmr.estimation.noise import Noise, SignalNoise
+from cmr.estimation.prediction import Predictor
 from cmr.recordings.signal import Floats
 
 NOTHING = 1e-300
@@ -32,8 +32,8 @@ def share_foretold(
     return max(0.0, 1.0 - left / max(whole, NOTHING))
 
 
-def coloured(white: Floats, piece: int, name: str, noise: SignalNoise) -> Floats:
-    """Return errors made white, (n,) in one piece, as they were before, in the unit of the signal `name`.
+def coloured(white: Floats, segment: int, name: str, noise: SignalNoise) -> Floats:
+    """Return errors made white, (n,) in one segment, as they were before, in the unit of the signal `name`.
 
     This is the inverse of Noise.white, but for the influence of other signals' errors.
     """
@@ -41,12 +41,12 @@ def coloured(white: Floats, piece: int, name: str, noise: SignalNoise) -> Floats
     weights = np.concatenate([[1.0], -np.repeat(noise.past, spans)])
     count = len(white)
     length = 1 << int(np.ceil(np.log2(2 * (count + len(weights)))))  # room for what rings on after the end
-    spectrum = np.fft.rfft(white * noise.sizes[piece], length) / np.fft.rfft(weights, length)
+    spectrum = np.fft.rfft(white * noise.sizes[segment], length) / np.fft.rfft(weights, length)
     return np.asarray(np.fft.irfft(spectrum, length)[:count], np.float64)
 
 
 def _signals(predictors: Sequence[Predictor]) -> Iterator[tuple[int, str, slice]]:
-    """Yield piece, signal and rows of all white errors, which stand piece by piece and signal by signal."""
+    """Yield segment, signal and rows of all white errors, which stand segment by segment and signal by signal."""
     begin = 0
     for number, predictor in enumerate(predictors):
         for name, times in predictor.times.items():

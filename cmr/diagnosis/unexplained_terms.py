@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from cmr.diagnosis.prediction import Errors, Predictor
+from cmr.estimation.prediction import Errors, Predictor
 from cmr.model.observer import MOTION
 from cmr.recordings.signal import Floats
 
@@ -31,7 +31,7 @@ WHEELS = ("left", "right")
 
 @dataclass(frozen=True)
 class Drive:
-    """How a robot moved in one piece, in the middle of each step, all of shape (T,).
+    """How a robot moved in one segment, in the middle of each step, all of shape (T,).
 
     `duty`, `effort` (the duty that is left to accelerate), `psi` and `angle` are those of left and right. Speeds are
     shares of the top ones that were driven, places are in [m], and `dt` [s] is the step.
@@ -51,27 +51,28 @@ class Drive:
 
     @classmethod
     def of(cls, predictor: Predictor, motion: Floats, top: float, k1: float) -> "Drive":
-        """Return the drive of a piece in which the robot moved like this; `top` [rad/s] is its top wheel speed."""
-        heard = predictor.piece.heard
+        """Return the drive of a segment in which the robot moved like this; `top` [rad/s] is its top wheel speed."""
+        observations = predictor.segment.observations
         column = dict(zip(MOTION, (0.5 * (motion[1:] + motion[:-1])).T, strict=True))
         psi = column["psi_left"] / top, column["psi_right"] / top
+        left, right = observations.duty.T
         return cls(
-            time=heard.time + heard.dt * np.arange(len(heard.left), dtype=np.float64),
+            time=observations.time + observations.dt * np.arange(observations.steps, dtype=np.float64),
             x=column["x"],
             y=column["y"],
             theta=column["theta"],
             speed=0.5 * (psi[0] + psi[1]),
             yaw_rate=0.5 * (psi[1] - psi[0]),
-            duty=(heard.left, heard.right),
-            effort=(heard.left - k1 * column["psi_left"], heard.right - k1 * column["psi_right"]),
+            duty=(left, right),
+            effort=(left - k1 * column["psi_left"], right - k1 * column["psi_right"]),
             psi=psi,
             angle=(column["angle_left"], column["angle_right"]),
-            dt=heard.dt,
+            dt=observations.dt,
         )
 
 
 def drives_of(predictors: Sequence[Predictor], errors: Sequence[Errors], k1: float) -> list[Drive]:
-    """Return how the robot, whose back-EMF is `k1` [s/rad], moved in all pieces."""
+    """Return how the robot, whose back-EMF is `k1` [s/rad], moved in all segments."""
     wheels = [MOTION.index("psi_left"), MOTION.index("psi_right")]
     top = max(float(np.max(np.abs(error.motion[:, wheels]))) for error in errors)
     return [Drive.of(p, e.motion, max(top, NOTHING), k1) for p, e in zip(predictors, errors, strict=True)]

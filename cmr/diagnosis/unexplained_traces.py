@@ -12,7 +12,7 @@ from math import cos, exp, sin
 
 import numpy as np
 
-from cmr.diagnosis.prediction import POSE_SIGNALS, SIGNALS, Errors, Predictor
+from cmr.estimation.prediction import POSE_SIGNALS, SIGNALS, Errors, Predictor
 from cmr.model.compiled import compiled, inlined
 from cmr.model.observer import MOTION, Gains
 from cmr.recordings.signal import Floats
@@ -56,6 +56,7 @@ SEEN_IN: Mapping[str, tuple[str, ...]] = {
 PSI_LEFT, PSI_RIGHT, THETA = (MOTION.index(name) for name in ("psi_left", "psi_right", "theta"))
 OF_WHEELS = [LEFT, RIGHT, LEFT_ENCODER, RIGHT_ENCODER]
 HOLDING = ("coulomb_friction", "static_friction", "surface_patch_friction")
+EARLY = 1e-3  # of a step, by which a gyro reading may seem to come early; as in the observer
 
 
 @dataclass(frozen=True)
@@ -80,20 +81,20 @@ def traces(
 
     `predictor` may be one of some signals `only`; `motion` is how the robot moved without them.
     """
-    heard = predictor.piece.heard
+    observations = predictor.segment.observations
     count = disturbances.courses.shape[1]
-    use = heard.wheel_use if "psi_left" in predictor.times else heard.wheel_use[:0]
-    readings = len(heard.gyro_time) if "yaw_rate" in predictor.times else 0
+    use = observations.wheel_use if "psi_left" in predictor.times else observations.wheel_use[:0]
+    readings = len(observations.gyro_time) if "yaw_rate" in predictor.times else 0
     rows = [int(np.count_nonzero(use[:, 0])), int(np.count_nonzero(use[:, 1])), readings]
-    result = [np.zeros((n, count)) for n in (*rows, *[len(heard.pose_time)] * 3)]
+    result = [np.zeros((n, count)) for n in (*rows, *[len(observations.pose_time)] * 3)]
     slowing = max(values["k1"] * values["k2_over_k3"], 1e-9)
     holds = float(any(values.get(name, 0.0) > 0.0 for name in HOLDING))
     rolling = float(np.any(disturbances.shares[OF_WHEELS]))
     follow_traces(
         np.ascontiguousarray(disturbances.courses), np.ascontiguousarray(disturbances.shares), motion,
-        np.array([heard.dt, slowing, values["wheel_radius"], values["base_width"], holds, rolling, *gains]),
-        heard.wheel_time[: len(use)], np.ascontiguousarray(use), heard.gyro_time[:readings],
-        heard.pose_time, np.ascontiguousarray(heard.pose[:, 2]), heard.pose_use, *result,
+        np.array([observations.dt, slowing, values["wheel_radius"], values["base_width"], holds, rolling, *gains]),
+        observations.wheel_time[: len(use)], np.ascontiguousarray(use), observations.gyro_time[:readings],
+        observations.pose_time, np.ascontiguousarray(observations.pose[:, 2]), observations.pose_use, *result,
     )  # fmt: skip
     of = dict(zip(SIGNALS, result, strict=True))
     return Errors({name: of[name] for name in predictor.times}, motion)
@@ -148,7 +149,7 @@ def follow_wheels(body, left, right, course, shares, then, at_end, numbers):  # 
 def read_gyro(gyro_error, body, course, misread, share):  # type: ignore[no-untyped-def]
     """Read the gyro when this share of the step is over."""
     for i in range(len(course)):
-        error = body[TURNING_BEFORE, i] + share * (body[TURNING, i] - body[TURNING_BEFORE, i])
+        error = body[TURNING, i] + (share - 0.5) * (body[TURNING, i] - body[TURNING_BEFORE, i])
         gyro_error[i] = error + misread[i] * course[i]
 
 
@@ -215,9 +216,9 @@ def follow_traces(  # type: ignore[no-untyped-def]
             free = may_roll(then[PSI_RIGHT], at_end[PSI_RIGHT], numbers[HOLDS])
             roll_on(right, course, shares[RIGHT], shares[RIGHT_ENCODER], free, dt, response)
         follow_wheels(body, left, right, course, shares, then, at_end, numbers)
-        # Yaw rates are means over steps, known in their middles.
-        while gyro < len(gyro_time) and gyro_time[gyro] + 0.5 * dt <= now:
-            read_gyro(gyro_error[gyro], body, course, shares[GYRO], 1.5 - (now - gyro_time[gyro]) / dt)
+        # The mean over the step is known; within it the yaw rate grows as from the step before.
+        while gyro < len(gyro_time) and gyro_time[gyro] <= now + EARLY * dt:
+            read_gyro(gyro_error[gyro], body, course, shares[GYRO], 1.0 - (now - gyro_time[gyro]) / dt)
             gyro += 1
         while wheel < len(wheel_time) and wheel_time[wheel] <= now:
             share = min(1.0 - (now - wheel_time[wheel]) / dt, 1.0)

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from cmr.calibration.calibrator import Calibrator
-from cmr.calibration.result import CalibrationError
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.document import extended_file
+from cmr.estimation.estimates import EstimationError
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recorder, Recording
@@ -79,7 +79,7 @@ def diagnosed(laboratory: Laboratory, believed: ParameterFile, robot_id: int, se
     recordings = [_recorded(*drive, cast, seed) for drive in drives]
     try:
         return extended_file(diagnose(recordings, nominal), {"log": "cmr-fidelity"})
-    except CalibrationError:
+    except EstimationError:
         return None
 
 

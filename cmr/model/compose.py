@@ -27,7 +27,7 @@ CHANGED = (
     *("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"),
     *("domega_left", "domega_right", "time"),
 )
-COMMANDS = ("command_left", "command_right", "left_before", "right_before")
+COMMANDS = ("command_left", "command_right", "left_before", "right_before", "dt")
 COEFFICIENTS = tuple(f"{what}_{when}" for when in ("first", "second", "end") for what in ("kept", "gained", "grown"))
 
 
@@ -46,8 +46,9 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
     rows = rows_of(effects, definitions)
     remembered = memories(effects)
     own = [*_PAPER, *(parameter.name for effect in late(effects) for parameter in effect.parameters)]
-    body, extra = loops(_step(statements), rows, (*CHANGED, *remembered))
+    body, extra = loops(_step(statements), rows, (*CHANGED, *remembered, "yaw_rate_end"))
     constants = {name.upper(): LANES * i for i, name in enumerate((*rows, *extra))}
+    constants["COEFFICIENTS_END"] = LANES * (rows.index(COEFFICIENTS[-1]) + 1)
     constants["CHANGED"] = LANES * (len(CHANGED) + len(remembered))
     constants["OWN"] = LANES * rows.index(own[-1]) + LANES
     constants["SIZE"] = LANES * len(rows)
@@ -115,6 +116,7 @@ def _step(statements: Statements) -> list[list[str]]:
         _point(statements, "first"),
         _point(statements, "second"),
         _POSE,
+        [*_both(("end_SIDE = after_SIDE",)), *_point(statements, "end")],
         [
             *_both(_AFTER),
             *statements.both("memory"),

@@ -16,13 +16,16 @@ from cmr.model.step_helpers import after, random_number, share, sign
 FIRST, SECOND = 0.21132486540518713, 0.7886751345948129  # Gauss-Legendre points, as shares of a step
 first_BY_FIRST, first_BY_SECOND = 0.25, -0.038675134594812866
 second_BY_FIRST, second_BY_SECOND = 0.5386751345948129, 0.25
+end_BY_FIRST, end_BY_SECOND = 0.5, 0.5
 '''
 
 LOOPS = '''
 
-@compiled("void(f8[::1], f8[::1], i8[::1], f8, i8)")
-def advance(rows, work, varying, dt, lanes):
-    """Let a step of dt [s] pass for the first `lanes` robots of each block: all, or as many as ABREAST goes into.
+@compiled("void(f8[::1], f8[::1], i8[::1], i8)")
+def advance(rows, work, varying, lanes):
+    """Let a step pass for the first `lanes` robots of each block: all, or as many as ABREAST goes into.
+
+    How long it is, each robot has in its row DT, with the coefficients that go with it: see `prepare`.
 
     The rows of a block of LANES robots are the first ones, up to OWN, and then those of `varying`, by their place in
     `work`, where a block is computed. It holds the other parameters, which all robots share.
@@ -51,18 +54,29 @@ def _coefficients(rate, t, dt):
     return 1.0 + lost, gained, series if z < 0.02 else (t - gained) / (rate * dt)
 
 
+@inlined
+def _prepare(rows, i, dt):
+    """Compute the coefficients of the robot in place `i` for a step of dt [s]."""
+    rate = rows[K1 + i] * rows[K2_OVER_K3 + i]
+    rows[DT + i] = dt
+    rows[KEPT_FIRST + i], rows[GAINED_FIRST + i], rows[GROWN_FIRST + i] = _coefficients(rate, FIRST * dt, dt)
+    rows[KEPT_SECOND + i], rows[GAINED_SECOND + i], rows[GROWN_SECOND + i] = _coefficients(rate, SECOND * dt, dt)
+    rows[KEPT_END + i], rows[GAINED_END + i], rows[GROWN_END + i] = _coefficients(rate, dt, dt)
+
+
 @compiled("void(f8[::1], i8, f8)")
 def prepare(rows, stride, dt):
-    """Compute the coefficients of all robots for steps of dt [s]; a block takes `stride` numbers."""
+    """Prepare all robots for steps of dt [s]; a block takes `stride` numbers."""
     for block in range(len(rows) // stride):
-        first = block * stride
-        for i in range(first, first + LANES):
-            rate = rows[K1 + i] * rows[K2_OVER_K3 + i]
-            rows[KEPT_FIRST + i], rows[GAINED_FIRST + i], rows[GROWN_FIRST + i] = _coefficients(rate, FIRST * dt, dt)
-            rows[KEPT_SECOND + i], rows[GAINED_SECOND + i], rows[GROWN_SECOND + i] = _coefficients(
-                rate, SECOND * dt, dt
-            )
-            rows[KEPT_END + i], rows[GAINED_END + i], rows[GROWN_END + i] = _coefficients(rate, dt, dt)
+        for i in range(block * stride, block * stride + LANES):
+            _prepare(rows, i, dt)
+
+
+@compiled("void(f8[::1], f8[::1])")
+def prepare_each(here, durations):
+    """Prepare the robots of one block for steps of `durations` [s], (LANES,)."""
+    for i in range(LANES):
+        _prepare(here, i, durations[i])
 
 
 @compiled("void(f8[::1], i8)")
@@ -150,7 +164,7 @@ def drive(rows, work, varying, robots, left, right, dt, ring, seed, at, recorded
                 if ring > 0:
                     duty[0], duty[1] = left[border], right[border]
                     send(here, stride, duty, index, seed, border, packets, ring, border, prepared)
-                advance(here, work, varying, prepared, LANES)
+                advance(here, work, varying, LANES)
                 border += 1
             for i in range(lanes):
                 for field in range(7):

@@ -42,6 +42,23 @@ def mean_radii(values: Mapping[str, Any]) -> NDArray[np.float64]:
     return np.stack([one["radius"].mean(axis=0) for one in sides])
 
 
+def slip_time(values: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return for how much of a wheel's acceleration [s] the ground lags behind the wheel, (C,), the same on both sides.
+
+    `values` of parameters, by name, are arrays (C,); those that are missing are neutral.
+    """
+    turning = 0.0 * values["wheel_radius"]
+    known = {parameter.name: parameter.neutral for name in _of_slip() for parameter in CATALOGUE[name].parameters}
+    begin = {**known, **values, "psi": turning, "domega": turning + 1.0, "rolling": turning}
+    return np.asarray(-evaluated(_of_slip(), "ground", "left")(begin)["rolling"], np.float64)
+
+
+@cache
+def _of_slip() -> tuple[str, ...]:
+    """Return the effects by which the ground lags behind the wheels, whatever happened before."""
+    return tuple(name for name, one in CATALOGUE.items() if "rolling" in changed_by(one, "ground") and not one.memory)
+
+
 @cache
 def _of_radii() -> tuple[str, ...]:
     return tuple(name for name, effect in CATALOGUE.items() if "radius" in changed_by(effect, "ground"))

@@ -63,7 +63,7 @@ class ExtendedGroup:
             packets = self._packets, self._ring, self._number
             self._model.module.send(*rows, self._seed, count, *packets, self._dt)
             self._number += 1
-        self._model.module.advance(*self._blocks.arguments, self._dt, LANES)
+        self._model.module.advance(*self._blocks.arguments, LANES)
 
     def write(self, state: Floats, chosen: NDArray[np.bool_] | None = None, domega: Floats | None = None) -> None:
         """Write x, y, theta and both psi into the fleet's state (5, robots), for `chosen` ones by index; and domega."""

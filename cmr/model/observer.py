@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from cmr.model import observer_loops
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.commands import Commands, fixed_delays
 from cmr.model.compose import CHANGED, LANES
-from cmr.model.evaluating import mean_radii
+from cmr.model.evaluating import mean_radii, slip_time
 from cmr.model.extended import Candidates, ExtendedModel, composed_module, model_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.statements import SIDES, Statements
@@ -32,36 +33,48 @@ FOLLOWED = 1
 # What the compiled observer takes from the compiled model.
 OF_MODEL = (
     *("X", "Y", "THETA", "PSI_LEFT", "PSI_RIGHT", "ANGLE_LEFT", "ANGLE_RIGHT", "COMMAND_LEFT", "COMMAND_RIGHT"),
-    *("KEPT_END", "advance", "prepare", "send", "LANES", "ABREAST", "OWN", "YAW_RATE_FIRST", "YAW_RATE_SECOND"),
+    *("LEFT_BEFORE", "RIGHT_BEFORE"),
+    *(
+        "DT",
+        "KEPT_END",
+        "COEFFICIENTS_END",
+        "YAW_RATE_FIRST",
+        "YAW_RATE_SECOND",
+        "YAW_RATE_END",
+        "LANES",
+        "ABREAST",
+        "OWN",
+    ),
+    *("advance", "prepare", "prepare_each", "send"),
 )
 # What the compiled observer keeps of each candidate beside the model's rows: what changes, and then what is given. They
 # are rows of one array, as the model's are: only so does the compiler see that none overlap, and vectorises.
 CHANGING = (
     *("offset_x", "offset_y", "offset_theta", "offset_left", "offset_right", "offset_yaw_rate"),
-    *("before_left", "before_right", "before_difference", "error_left", "error_right"),
+    *("before_left", "before_right", "error_left", "error_right"),
     *("at_x", "at_y", "at_theta", "error_x", "error_y", "error_theta"),
 )
 GIVEN = (
     *("gain_angle", "gain_psi", "gain_position", "gain_theta"),
-    *("scale_left", "scale_right", "radius_left", "radius_right"),
+    *("scale_left", "scale_right", "radius_left", "radius_right", "slip_time"),
 )
 DEAD_MOTOR = {"k2_over_k3": 1e-2, "k1": 1e-5}  # neither drives nor slows down: wheel speeds are given
 
 
 @dataclass(frozen=True)
-class Heard:
-    """What was sent to a robot and heard from it, on a raster of `dt` [s] from time 0 on.
+class Observations:
+    """What was sent to a robot and what its sensors said, on a time grid of `steps` of `dt` [s] from time 0 on.
 
-    `left`, `right` [duty], shape (T,), are the commands of each step. Where there were none, `given` [rad/s], shape
-    (T, 2), are the measured wheel speeds that the robot rolled with; else it is empty. `wheel` [rad], shape (W, 2), are
-    the encoders' angles at `wheel_time` [s], `wheel_use` whether each is believed; `gyro` [rad/s], and `pose`
-    [m, m, rad] of shape (P, 3), likewise; `pose_use` is FOLLOWED or RESTART. `start` is x, y, theta, psi_left,
-    psi_right at time 0, which is `time` [s] after the drive began. All times ascend and lie within the raster.
+    Where no `commands` were recorded, `given` [rad/s], shape (steps, 2), are the measured wheel speeds with which the
+    robot rolled; else it is empty. `wheel` [rad], shape (W, 2), are the encoders' angles at `wheel_time` [s],
+    `wheel_use` whether each is used; `gyro` [rad/s], and `pose` [m, m, rad] of shape (P, 3), likewise; `pose_use` is
+    FOLLOWED or RESTART. `start` is x, y, theta, psi_left, psi_right at time 0, which is `time` [s] after the drive
+    began. All times of readings ascend and lie within the grid.
     """
 
     dt: float
-    left: Floats
-    right: Floats
+    steps: int
+    commands: Commands
     start: tuple[float, float, float, float, float]
     wheel_time: Floats
     wheel: Floats
@@ -77,7 +90,14 @@ class Heard:
     @property
     def seconds(self) -> float:
         """How long it took [s]."""
-        return len(self.left) * self.dt
+        return self.steps * self.dt
+
+    @cached_property
+    def duty(self) -> Floats:
+        """The mean commands of each step, shape (steps, 2): left, right; 0 before the first."""
+        profile = np.nan_to_num(self.commands.profile(self.dt, self.steps))
+        split = profile[:, :1]
+        return split * profile[:, 1:3] + (1.0 - split) * profile[:, 3:5]
 
 
 class Gains(NamedTuple):
@@ -102,14 +122,19 @@ class Innovations(NamedTuple):
 
 
 def observe(
-    heard: Heard, values: Mapping[str, Any], gains: Gains, *, seed: int = 0, luck: NDArray[np.int64] | None = None
+    observations: Observations,
+    values: Mapping[str, Any],
+    gains: Gains,
+    *,
+    seed: int = 0,
+    luck: NDArray[np.int64] | None = None,
 ) -> Innovations:
     """Observe a drive with C candidates.
 
     `values` maps names of parameters, the paper's and those of effects, to numbers or arrays (C,). `seed` and `luck`
     (C,) fix random numbers. Raises KeyError for a name that no parameter has.
     """
-    return Observer(values, gains).observe(heard, seed=seed, luck=luck)
+    return Observer(values, gains).observe(observations, seed=seed, luck=luck)
 
 
 class Observer:
@@ -126,26 +151,41 @@ class Observer:
         self._lanes = lanes
         neutral = {name: DEFINITIONS[name].neutral or 0.0 for name in _sensor_parameters()}
         sensors = (self._values.get(name, usual) for name, usual in neutral.items())
-        given = (*gains, *_encoder_scales(self._values, self._count), *mean_radii(self._values), *sensors)
+        wheels = (*_encoder_scales(self._values, self._count), *mean_radii(self._values), slip_time(self._values))
+        given = (*gains, *wheels, *sensors)
         self._numbers = np.stack([self._each(row)[lanes] for row in given])
 
-    def observe(self, heard: Heard, *, seed: int = 0, luck: NDArray[np.int64] | None = None) -> Innovations:
+    def observe(
+        self, observations: Observations, *, seed: int = 0, luck: NDArray[np.int64] | None = None
+    ) -> Innovations:
         """Observe a drive; see `observe`."""
         count = self._count
-        start = [np.full(count, value) for value in heard.start]
-        blocks = self._rolling.begun(start, heard.time) if len(heard.given) else self._driven.begun(start, heard.time)
-        ring = self._model.packets_under_way(self._values, np.full(len(heard.left), heard.dt))
-        chosen = np.zeros(len(self._lanes), np.int64) if luck is None else np.asarray(luck, np.int64)[self._lanes]
-        result = Innovations(
-            np.empty((len(heard.wheel_time), 2, count)),
-            np.empty((len(heard.gyro_time), count)),
-            np.empty((len(heard.pose_time), 3, count)),
-            np.empty((len(heard.left) + 1, len(MOTION))),
+        start = [np.full(count, value) for value in observations.start]
+        blocks = (
+            self._rolling.begun(start, observations.time)
+            if len(observations.given)
+            else self._driven.begun(start, observations.time)
         )
-        _module(self._model, heard.dt).observe(
-            *blocks.arguments, count, heard.left, heard.right, heard.dt, ring, seed, chosen, heard.given,
-            self._numbers, heard.time, heard.wheel_time, heard.wheel, heard.wheel_use,
-            heard.gyro_time, heard.gyro, heard.pose_time, heard.pose, heard.pose_use, *result,
+        delays = fixed_delays(self._values)
+        ring, chosen = 0, np.zeros(len(self._lanes), np.int64)
+        if delays is None:
+            ring = self._model.packets_under_way(self._values, np.full(observations.steps, observations.dt))
+            chosen = chosen if luck is None else np.asarray(luck, np.int64)[self._lanes]
+            delays = np.zeros(1)
+        delays, which = np.unique(np.broadcast_to(delays, self._count), return_inverse=True)
+        profiles = [observations.commands.profile(observations.dt, observations.steps, float(one)) for one in delays]
+        profile = np.ascontiguousarray(which.ravel()[self._lanes])
+        result = Innovations(
+            np.empty((len(observations.wheel_time), 2, count)),
+            np.empty((len(observations.gyro_time), count)),
+            np.empty((len(observations.pose_time), 3, count)),
+            np.empty((observations.steps + 1, len(MOTION))),
+        )
+        o = observations
+        _module(self._model, o.dt).observe(
+            *blocks.arguments, count, np.stack(profiles), profile, o.dt, ring, seed, chosen, o.given,
+            self._numbers, o.time, o.wheel_time, o.wheel, o.wheel_use,
+            o.gyro_time, o.gyro, o.pose_time, o.pose, o.pose_use, *result,
         )  # fmt: skip
         return result
 

@@ -15,6 +15,11 @@ from cmr.model.step_helpers import sign
 LOOPS = '''
 
 NEARBY = 1e-3  # m
+EARLY = 1e-3  # of a step: clocks are not told apart more finely
+SPLIT, FIRST, LAST = 0, 1, 3  # columns of a profile of commands; left, with right behind it
+# What is kept of each step behind the pose: the share after which it was split, the mean yaw rate before that and by
+# how much it grew there, then the same behind.
+SPLIT_AT, MEAN_BEFORE, GROWTH_BEFORE, MEAN, GROWTH = 3, 4, 5, 6, 7
 
 @inlined
 def where(condition, yes, no):
@@ -22,13 +27,19 @@ def where(condition, yes, no):
     return yes if condition else no
 
 
+@inlined
+def known(duty, held):
+    """Return a duty, or where it is not known, as before the first command, that which held the speed at the start."""
+    return held if np.isnan(duty) else duty
+
+
 @compiled(
-    "void(f8[::1], f8[::1], i8[::1], i8, f8[::1], f8[::1], f8, i8, i8, i8[::1], f8[:, ::1], f8[:, ::1],"
+    "void(f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1], f8[:, ::1],"
     "f8, f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
     "f8[:, :, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])"
 )
 def observe(
-    rows, work, varying, robots, left, right, dt, ring, seed, luck, given, numbers,
+    rows, work, varying, robots, commands, profile, dt, ring, seed, luck, given, numbers,
     began, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
     wheel_error, gyro_error, pose_error, motion,
 ):
@@ -36,7 +47,7 @@ def observe(
     stride = OWN + len(varying) * LANES
     packets = np.empty(ring * 3 * LANES)
     duty = np.empty((2, LANES))
-    past = np.empty((HISTORY, 5, LANES))
+    past = np.empty((HISTORY, 8, LANES))
     own = np.empty(OWN_ROWS * LANES)
     for block in range((robots + LANES - 1) // LANES):
         here = rows[block * stride : (block + 1) * stride]
@@ -44,6 +55,9 @@ def observe(
         lanes = min(LANES, robots - block * LANES)
         filled = (lanes + ABREAST - 1) // ABREAST * ABREAST
         prepare(here, stride, dt)
+        whole = here[DT:COEFFICIENTS_END].copy()
+        before, behind = whole.copy(), whole.copy()
+        shares, turning, growing = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
         next_wheel, next_gyro, next_pose = 0, 0, 0
         own[:GAIN_ANGLE] = 0.0
         for i in range(LANES):
@@ -51,61 +65,109 @@ def observe(
                 own[GAIN_ANGLE + row * LANES + i] = numbers[row, block * LANES + i]
             for h in range(HISTORY):
                 past[h, 0, i], past[h, 1, i], past[h, 2, i] = here[X + i], here[Y + i], here[THETA + i]
-                past[h, 3, i], past[h, 4, i] = 0.0, 0.0
-        for border in range(len(left) + 1):
+                for row in range(SPLIT_AT, 8):
+                    past[h, row, i] = 0.0
+        for border in range(commands.shape[1] + 1):
+            newest = past[border % HISTORY]
             if border > 0:
                 for i in range(filled):
                     own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
-                    here[COMMAND_LEFT + i], here[COMMAND_RIGHT + i] = left[border - 1], right[border - 1]
+                splits = False
+                for i in range(filled):
+                    duties = commands[profile[block * LANES + i], border - 1]
+                    splits |= duties[SPLIT] > 0.0
+                    here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
+                    here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
                 if len(given) > 0:
                     for i in range(filled):
                         here[PSI_LEFT + i] = given[border - 1, 0] * own[SCALE_LEFT + i]
                         here[PSI_RIGHT + i] = given[border - 1, 1] * own[SCALE_RIGHT + i]
                 if ring > 0:
-                    duty[0], duty[1] = left[border - 1], right[border - 1]
+                    duties = commands[0, border - 1]
+                    for side in range(2):
+                        first, last = known(duties[FIRST + side], 0.0), known(duties[LAST + side], 0.0)
+                        duty[side] = last + duties[SPLIT] * (first - last)
                     send(here, stride, duty, index, seed, border - 1, packets, ring, border - 1, dt)
-                for i in range(filled):
-                    rolling_left, rolling_right = here[PSI_LEFT + i], here[PSI_RIGHT + i]
-                    difference = own[RADIUS_RIGHT + i] * rolling_right - own[RADIUS_LEFT + i] * rolling_left
-                    own[BEFORE_DIFFERENCE + i] = difference
-                advance(here, work, varying, dt, filled)
-                newest = past[border % HISTORY]
+                    splits = False
+                if splits:
+                    # Robots to which no command comes within the step take it in two halves.
+                    same = True
+                    for i in range(LANES):
+                        duties = commands[profile[block * LANES + min(i, filled - 1)], border - 1]
+                        share = duties[SPLIT] if duties[SPLIT] > 0.0 else 0.5
+                        same &= share == shares[i]
+                        shares[i] = share
+                        here[COMMAND_LEFT + i] = known(duties[FIRST], here[LEFT_BEFORE + i])
+                        here[COMMAND_RIGHT + i] = known(duties[FIRST + 1], here[RIGHT_BEFORE + i])
+                    if not same:
+                        prepare_each(here, (1.0 - shares) * dt)
+                        behind[:] = here[DT:COEFFICIENTS_END]
+                        prepare_each(here, shares * dt)
+                        before[:] = here[DT:COEFFICIENTS_END]
+                    here[DT:COEFFICIENTS_END] = before
+                    advance(here, work, varying, filled)
+                    for i in range(LANES):
+                        turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
+                        newest[SPLIT_AT, i], newest[MEAN_BEFORE, i] = shares[i], turning[i]
+                        newest[GROWTH_BEFORE, i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
+                        duties = commands[profile[block * LANES + min(i, filled - 1)], border - 1]
+                        here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
+                        here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
+                    here[DT:COEFFICIENTS_END] = behind
+                    advance(here, work, varying, filled)
+                    here[DT:COEFFICIENTS_END] = whole
+                else:
+                    advance(here, work, varying, filled)
+                    for i in range(LANES):
+                        newest[SPLIT_AT, i] = 0.0
+                for i in range(LANES):
+                    turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
+                    growing[i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
+                if len(given) > 0:
+                    # Given speeds are means over steps; at a border the wheels turn half as one step says, half as the
+                    # next.
+                    then = given[min(border, len(given) - 1)]
+                    for i in range(LANES):
+                        faster_left = own[SCALE_LEFT + i] * (then[0] - given[border - 1, 0])
+                        faster_right = own[SCALE_RIGHT + i] * (then[1] - given[border - 1, 1])
+                        growing[i] = own[RADIUS_RIGHT + i] * faster_right - own[RADIUS_LEFT + i] * faster_left
+                        growing[i] /= own[BASE_WIDTH + i]
                 for i in range(filled):
                     newest[0, i] = here[X + i] - own[OFFSET_X + i]
                     newest[1, i] = here[Y + i] - own[OFFSET_Y + i]
                     newest[2, i] = here[THETA + i] - own[OFFSET_THETA + i]
-                    turning = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
                     # What corrections add fades as a wheel's speed does; without it the past is smooth.
                     own[OFFSET_LEFT + i] *= here[KEPT_END + i]
                     own[OFFSET_RIGHT + i] *= here[KEPT_END + i]
                     width = own[BASE_WIDTH + i]
                     radius_left, radius_right = own[RADIUS_LEFT + i], own[RADIUS_RIGHT + i]
                     offset = (radius_right * own[OFFSET_RIGHT + i] - radius_left * own[OFFSET_LEFT + i]) / width
+                    offset *= 1.0 + own[SLIP_TIME + i] * own[K1 + i] * own[K2_OVER_K3 + i]
                     own[OFFSET_YAW_RATE + i] = offset
-                    difference = radius_right * here[PSI_RIGHT + i] - radius_left * here[PSI_LEFT + i]
-                    newest[3, i] = turning - offset
-                    newest[4, i] = (difference - own[BEFORE_DIFFERENCE + i]) / width
+                    newest[MEAN_BEFORE, i] -= offset
+                    newest[MEAN, i] = turning[i] - offset
+                    newest[GROWTH, i] = growing[i]
             else:
                 for i in range(filled):
                     own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
             now = border * dt
-            # Yaw rates are known as means over steps, and by how much the wheels let them grow in each; between the
-            # middles of two steps what both foretell is mixed. What begins at a border is then told where it does,
-            # what begins or ends within a step half before and half behind.
-            while next_gyro < len(gyro_time) and gyro_time[next_gyro] + 0.5 * dt <= now:
+            # Within a step, or each part of it, the yaw rate changes along a line, which has the right mean and the
+            # right end. Between two it may jump, as commands do; a reading there shows the one before.
+            while next_gyro < len(gyro_time) and gyro_time[next_gyro] <= now + EARLY * dt:
                 time = began + gyro_time[next_gyro]
                 for i in range(lanes):
                     moment = time
     GYRO_NUMBERS
     GYRO_TIME
-                    position = border + (moment - began - now) / dt + 0.5
-                    position = min(max(position, border - (HISTORY - 2.0), 1.0), max(border * 1.0, 1.0))
-                    first = int(position)
-                    first = first - 1 if first == border and border > 1 else first
-                    share = position - first
-                    one, other = past[first % HISTORY, 3, i], past[(first + 1) % HISTORY, 3, i]
-                    bend = past[first % HISTORY, 4, i] - past[(first + 1) % HISTORY, 4, i]
-                    reading = one + share * (other - one + (1.0 - share) * bend) + own[OFFSET_YAW_RATE + i]
+                    position = border + (moment - began - now) / dt
+                    position = min(max(position, border - (HISTORY - 2.0), 0.0), border + EARLY)
+                    step = min(max(int(np.ceil(position - EARLY)), 1), border)
+                    one = past[step % HISTORY]
+                    share, split = position - step + 1.0, one[SPLIT_AT, i]
+                    reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
+                    if split > 0.0 and share <= split:
+                        reading = one[MEAN_BEFORE, i] + (share / split - 0.5) * one[GROWTH_BEFORE, i]
+                    reading += own[OFFSET_YAW_RATE + i]
                     reading = reading if border > 0 else 0.0
                     yaw_rate = reading
     GYRO
@@ -136,7 +198,10 @@ def observe(
                     here[PSI_RIGHT + i] += own[GAIN_PSI + i] * error_right
                     own[OFFSET_LEFT + i] += own[GAIN_PSI + i] * error_left
                     own[OFFSET_RIGHT + i] += own[GAIN_PSI + i] * error_right
-                    # Wheels that are elsewhere have carried the robot there.
+                    # Wheels that are elsewhere have carried the robot there, but for what it slipped as they came to
+                    # the speed that they have.
+                    rolled_left -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_left
+                    rolled_right -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_right
                     rolled_left, rolled_right = own[RADIUS_LEFT + i] * rolled_left, own[RADIUS_RIGHT + i] * rolled_right
                     ahead = 0.5 * (rolled_left + rolled_right)
                     turned = (rolled_right - rolled_left) / own[BASE_WIDTH + i]
@@ -202,12 +267,12 @@ def observe(
                     for row in range(3):
                         pose_error[next_pose, row, block * LANES + i] = own[ERROR_X + row * LANES + i]
                 next_pose += 1
-            if border == len(left):
+            if border == commands.shape[1]:
                 for sample in range(next_gyro, len(gyro_time)):
                     for i in range(lanes):
                         gyro_error[sample, block * LANES + i] = 0.0
             if block == 0:
                 for field in range(CHANGED_FIELDS):
                     motion[border, field] = here[field * LANES]
-                motion[border, CHANGED_FIELDS] = past[border % HISTORY, 3, 0] + own[OFFSET_YAW_RATE]
+                motion[border, CHANGED_FIELDS] = past[border % HISTORY, MEAN, 0] + own[OFFSET_YAW_RATE]
 '''

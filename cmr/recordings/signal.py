@@ -52,3 +52,11 @@ class Signal:
         """Return the samples at which `keep`, shape (n,), is true."""
         fields = {name: values[keep] for name, values in self.fields.items()}
         return Signal(self.utime[keep], fields, self.number[keep] if len(self.number) else self.number, self.left_out)
+
+
+def hold(signal: Signal, field: str, times: Times) -> Floats:
+    """Return the value in force at each time: the last one before it, 0 before the first."""
+    index = np.searchsorted(signal.utime, times, side="right") - 1
+    if len(signal) == 0:
+        return np.zeros(len(times))
+    return np.where(index >= 0, signal[field][np.maximum(index, 0)], 0.0)

@@ -8,8 +8,8 @@ from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from cmr.calibration.result import Estimate
 from cmr.diagnosis.result import Diagnosis, Fitted
+from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import DEFINITIONS as PAPER
 from tests.hidden_effects.cases import Case, Truth
 

@@ -4,7 +4,6 @@ import math
 import re
 from textwrap import dedent
 
-from cmr.calibration.result import Estimate
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.numbers import alike, chance, estimate_text, interval_text, likelihood, number, typeset
 from cmr.diagnosis.report.pairs import Pair, pairs_without
@@ -14,6 +13,7 @@ from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.tell_tale import tell_tale
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, Candidate, Diagnosis, NamedEffect
+from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.effect import Effect
 
@@ -110,11 +110,11 @@ def _parameter(name: str, estimate: Estimate) -> Html:
     )
 
 
-def evidence(tried: NamedEffect | Candidate) -> Html:
+def evidence(tested: NamedEffect | Candidate) -> Html:
     """Return the numbers that speak for an effect."""
-    lines = [f"LR {likelihood(tried.statistic)}", f"p {chance(tried.p_value)}"]
-    if math.isfinite(tried.held_out):
-        lines.append(f"held out {likelihood(tried.held_out)}")
+    lines = [f"LR {likelihood(tested.statistic)}", f"p {chance(tested.p_value)}"]
+    if math.isfinite(tested.held_out):
+        lines.append(f"held out {likelihood(tested.held_out)}")
     return joined(*(paragraph(line) for line in lines))
 
 
@@ -152,7 +152,7 @@ def equation(effect: Effect) -> str:
 
 
 def runners_up(diagnosis: Diagnosis) -> Html:
-    """Return the effects that were tried and not named."""
+    """Return the effects that were tested and not named."""
     explaining = [candidate for candidate in diagnosis.candidates if not candidate.statistic <= 0.0]
     rows = [
         [code(c.name), likelihood(c.statistic), f"p {chance(c.p_value)}", likelihood(c.held_out), c.why_not]
@@ -161,10 +161,10 @@ def runners_up(diagnosis: Diagnosis) -> Html:
     if not rows:
         return Html("")
     weaker = len(diagnosis.candidates) - len(rows)
-    others = quiet(f"{weaker} more effects were tried and explain less: see diagnosis.json.") if weaker else Html("")
+    others = quiet(f"{weaker} more effects were tested and explain less: see diagnosis.json.") if weaker else Html("")
     headings = ("effect", "LR", "chance", "held out", "why it was not named")
     explained = Html("") if diagnosis.effects else quiet(EVIDENCE)
-    return section("What was tried and not named", table(headings, rows, numbers=(1, 2, 3)), others, explained)
+    return section("What was tested and not named", table(headings, rows, numbers=(1, 2, 3)), others, explained)
 
 
 def next_steps(diagnosis: Diagnosis) -> Html:

@@ -2,7 +2,6 @@
 
 import math
 
-from cmr.calibration.result import Estimate
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.numbers import estimate_text, interval_text, likelihood, number
 from cmr.diagnosis.report.pairs import pairs_without
@@ -11,6 +10,7 @@ from cmr.diagnosis.report.section import code, paragraph
 from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import GENERIC, Diagnosis
+from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import DEFINITIONS, effects_on
 
 

@@ -1,4 +1,4 @@
-"""HTML and SVG from pieces of text, in which text from outside cannot become markup."""
+"""HTML and SVG from segments of text, in which text from outside cannot become markup."""
 
 import html
 

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
-from cmr.calibration.result import Estimate
 from cmr.diagnosis.report.generic import generic_figure, generic_term
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.numbers import (
@@ -24,8 +23,10 @@ from cmr.diagnosis.report.section import code, paragraph, quiet, section
 from cmr.diagnosis.report.style import AFTER, BEFORE
 from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.terms import regressor, signal_words
-from cmr.diagnosis.result import Diagnosis, Fitted, Gain, NamedEffect
+from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
 from cmr.diagnosis.words import share_sentence
+from cmr.estimation.estimates import Estimate
+from cmr.estimation.gain import Gain
 from cmr.model.catalogue import DEFINITIONS
 from cmr.model.parameters import DEFINITIONS as PAPER
 

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from cmr.calibration.result import Estimate
+from cmr.estimation.estimates import Estimate
 
 UNKNOWN = "\u2013"  # a dash, where a number is not known
 SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")

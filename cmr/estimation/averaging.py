@@ -1,0 +1,150 @@
+"""Estimates that allow for effects which the data may hide: averages over the presence of each.
+
+An effect that was not named may still be there, and bends the parameters that are fitted without it. So each effect is
+present with a prior probability; its size, if present, is normal about 0 with a share of what is typical, one half of
+that where only one sign is possible (spike and slab; Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988; George and
+McCulloch, 88, 1993). The white errors are linear in small changes of the parameters, so that the posterior of the sizes
+of any set of effects is normal and its probability known; a random walk over the sets does the rest. It is repeated
+about the means that it finds, with the noise that is left there.
+"""
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.estimation.candidates import RANDOM, SENSED, is_limit, locality, size
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.noise import Noise
+from cmr.estimation.problem import Problem
+from cmr.estimation.sampling import neighbours, walk
+from cmr.model.catalogue import definition
+from cmr.model.effect import Effect
+from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.recordings.signal import Floats, Mask
+
+PRESENT = 0.25  # prior probability that an effect is present
+SPREAD = 0.7  # of the typical size: standard deviation of the size of an effect that is present
+BELIEF = 0.6  # power of the likelihood: errors are neither quite white nor the model exact
+ROUNDS = 3  # about the means that the round before found
+STEPS = 20_000  # of each random walk: one begins with the effects that were named, one with none
+FEW_STEPS = 8_000  # where the means alone are of interest
+RIDGE = 1e-9  # of a column's square
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of the parameters, effects that may be hidden included.
+
+    `values` are the posterior means by name, with what was not estimated; `names` (p) are those of the `covariance`
+    (p, p). `presence` tells the probability of each effect that could be averaged over.
+    """
+
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+    covariance: Floats
+    presence: Mapping[str, float]
+    noise: Noise
+
+    def std(self, name: str) -> float:
+        """Return the standard deviation of a parameter, in its unit."""
+        index = self.names.index(name)
+        return float(np.sqrt(self.covariance[index, index]))
+
+
+class Averaging:
+    """A problem made linear about some values: white errors `rest` (n,), and their slopes by all parameters.
+
+    `flat` are parameters that are there in any case: the paper's, and those of effects that are no matter of degree.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit, inflation: float) -> None:
+        self._problem, self._noise, self._inflation = problem, fit.noise, inflation
+        self._effects = [effect for effect in problem.effects if can_be_small(effect)]
+        self._sizes = [parameter for effect in self._effects for parameter in effect.parameters if parameter.switches]
+        sized = {parameter.name for parameter in self._sizes}
+        self._flat = tuple(name for name in fit.names if name not in sized)
+        self._names = (*self._flat, *(parameter.name for parameter in self._sizes))
+        self._start = {**{parameter.name: float(parameter.neutral or 0.0) for parameter in self._sizes}, **fit.values}
+        self._rest, self._slopes = problem.linear(self._start, self._names, fit.noise)
+        self._products, self._pulls = self._slopes.T @ self._slopes, self._slopes.T @ self._rest
+
+    def posterior(self, left_out: Mask | None = None, steps: int = STEPS) -> Posterior:
+        """Return the posterior, from all errors or without those `left_out`, shape (n,)."""
+        products, pulls = self._products, self._pulls
+        if left_out is not None:
+            slopes = self._slopes[left_out]
+            products, pulls = products - slopes.T @ slopes, pulls - slopes.T @ self._rest[left_out]
+        belief = min(BELIEF, 1.0 / self._inflation)
+        return self._averaged(belief * products, belief * pulls, steps)
+
+    def _averaged(self, products: Floats, pulls: Floats, steps: int) -> Posterior:
+        count = len(self._flat)
+        flat = products[:count, :count] + np.diag(RIDGE * np.diag(products)[:count])
+        mixed = np.linalg.solve(flat, np.column_stack([products[:count, count:], pulls[:count]]))
+        along, own = mixed[:, :-1], mixed[:, -1]
+        start = np.array([self._start[parameter.name] for parameter in self._sizes])
+        normal = products[count:, count:] - products[count:, :count] @ along
+        pull = pulls[count:] - products[count:, :count] @ own - normal @ start
+        mean, spread, presence = self._walked(normal, pull, start, steps)
+        values = dict(self._start)
+        values.update(zip((parameter.name for parameter in self._sizes), map(float, mean), strict=True))
+        step = -own - along @ (mean - start)
+        values.update({name: values[name] + float(change) for name, change in zip(self._flat, step, strict=True)})
+        of_flat = np.linalg.inv(flat) + along @ spread @ along.T
+        covariance = np.block([[of_flat, -along @ spread], [-spread @ along.T, spread]])
+        bounded = {name: _bounded(name, value) for name, value in values.items()}
+        return Posterior(bounded, self._names, covariance, presence, self._noise)
+
+    def _walked(
+        self, normal: Floats, pull: Floats, start: Floats, steps: int
+    ) -> tuple[Floats, Floats, dict[str, float]]:
+        """Return mean and covariance of the sizes, and the probability of each effect."""
+        scale = np.array(
+            [self._slab(parameter.name, value) for parameter, value in zip(self._sizes, start, strict=True)]
+        )
+        groups = np.repeat(
+            np.arange(len(self._effects)), [sum(p.switches for p in e.parameters) for e in self._effects]
+        )
+        one_sided = np.array([parameter.lower == parameter.neutral for parameter in self._sizes])
+        scaled, pulled = normal * np.outer(scale, scale), pull * scale
+        there = np.zeros(len(self._effects), np.bool_)
+        np.logical_or.at(there, groups, start != 0.0)
+        edges = neighbours(scaled, groups)
+        random = np.random.default_rng(zlib.crc32(np.round(pulled, 6).tobytes()))
+        chains = [
+            walk(scaled, pulled, groups, one_sided, edges, PRESENT, begin, steps, random)
+            for begin in (there, np.zeros_like(there))
+        ]
+        means, squares, shares = (np.mean([chain[k] for chain in chains], axis=0) for k in range(3))
+        spread = (squares - np.outer(means, means)) * np.outer(scale, scale)
+        names = (effect.name for effect in self._effects)
+        return means * scale, spread, dict(zip(names, map(float, shares), strict=True))
+
+    def _slab(self, name: str, value: float) -> float:
+        """Return the standard deviation of a size if the effect is present: larger for one that is seen to be larger."""
+        return max(SPREAD * size(definition(name), self._problem.excitation), abs(value))
+
+
+def averaged(problem: Problem, fit: Fit, inflation: float) -> tuple[Posterior, Averaging]:
+    """Return the posterior about a fit, and the linear problem of the last round, to leave parts out of."""
+    averaging = Averaging(problem, fit, inflation)
+    for _ in range(ROUNDS - 1):
+        found = averaging.posterior(steps=FEW_STEPS)
+        noise = problem.found(problem.errors(found.values))
+        about = Fit(found.values, fit.names, fit.rest, fit.slopes, noise)
+        averaging = Averaging(problem, about, inflation)
+    return averaging.posterior(), averaging
+
+
+def can_be_small(effect: Effect) -> bool:
+    """Tell whether an effect has sizes about 0: no limit, nothing of a moment or a place, nothing by chance."""
+    if effect.name in RANDOM or effect.name in SENSED or locality(effect):
+        return False
+    return not any(is_limit(one) or one.unit == "duty" or not one.switches for one in effect.parameters)
+
+
+def _bounded(name: str, value: float) -> float:
+    known = definition(name)
+    return value if name in PAPER else float(np.clip(value, known.lower, known.upper))

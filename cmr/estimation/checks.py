@@ -1,0 +1,208 @@
+"""Look at the data before the robot: set aside what cannot be judged, and set right a clock that is far off."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from cmr.estimation.estimates import EstimationError
+from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
+from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
+from cmr.estimation.signs import require_consistent_signs
+from cmr.recordings.arrivals import NOT_FINITE
+from cmr.recordings.checks import check
+from cmr.recordings.findings import Finding, Findings
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS
+
+MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more cannot be true, none can be trusted
+LARGEST_LAG = 0.35  # s; a pose's clock that is further off is moved, a smaller difference may be named
+SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
+FEWEST = 2  # readings of a sensor from which it tells of a motion
+SHORTEST = 5.0  # s; what is named from less is chance
+DRIVE = "Drive a figure-eight, or cmr-pilot's rich_drive, and record it."
+LONG_ENOUGH = (
+    f"A diagnosis takes {SHORTEST:.0f} s of driving at least; two minutes of cmr-pilot's rich_drive tell most."
+)
+WITHOUT_WHEELS = "No wheels were recorded (MOTOR_FEEDBACK_N): they are needed to tell the motors from the floor."
+WITHOUT_MOTION = (
+    "Neither poses (POSE_N) nor a gyro (GYRO_N) were recorded beside the wheels: nothing tells how the robot moved."
+)
+NOTHING_ELSE = "Nothing else tells how the robot moved."
+WITHOUT_WINDOW = (
+    f"The recording has no stretch of {LEAST * WINDOW:.1f} s over which the error of {{what}} could be measured."
+)
+PATH, TURN = "a path (POSE_N)", "a turn (POSE_N or GYRO_N)"
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A recording that was looked at, without what cannot be true, and with the clock of its poses set right.
+
+    `name` tells a person which it is. `findings` are those of the recording as it came, `note` is a sentence on what
+    was changed. `segments` are its parts between gaps that tell of a motion. `useless` is a sentence on why nothing can
+    be concluded from it, empty if something can.
+    """
+
+    name: str
+    recording: Recording
+    findings: Findings
+    note: str
+    segments: tuple[Segment, ...]
+    useless: str
+
+
+def looked_at(
+    recordings: Sequence[Recording], names: Sequence[str] = (), otherwise: str = "recording"
+) -> list[Checked]:
+    """Look at recordings; without `names` they are numbered."""
+    names = list(names) or [f"{otherwise} {number + 1}" for number in range(len(recordings))]
+    return [
+        _looked_at(recording, number, name)
+        for number, (recording, name) in enumerate(zip(recordings, names, strict=True))
+    ]
+
+
+def _looked_at(recording: Recording, number: int, name: str) -> Checked:
+    recording, findings, note = with_clocks_set(recording)
+    cleaned = findings.cleaned(recording)
+    segments = tuple(segments_of(cleaned, [int(split) for split in findings.splits], number))
+    telling = tuple(segment for segment in segments if _tells(segment))
+    useless = (
+        "" if telling and not _untrue(recording, findings) else _why_useless(recording, cleaned, findings, segments)
+    )
+    return Checked(name, cleaned, findings, note, telling, useless)
+
+
+def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
+    """Return the recording with the clock of its poses set by that of the wheels, what the checks found, and a note.
+
+    The checks are those of the recording as it came, so that what was wrong stays told; they allow for a late clock.
+    Only a clock that is far off is touched. A pose that is a little late may be the fault of the localisation, and is
+    then a finding about it.
+    """
+    findings = check(recording)
+    lag = findings.lag("poses")
+    if lag is None or lag.reference != "wheels" or abs(lag.seconds) <= LARGEST_LAG:
+        return recording, findings, ""
+    late = round(lag.seconds / SECONDS)
+    poses = replace(recording.poses, utime=recording.poses.utime - late)
+    where = "behind" if late > 0 else "ahead of"
+    note = f"The poses' clock is {abs(lag.seconds):.2f} s {where} that of the wheels: their times were set right."
+    return replace(recording, poses=poses), replace(findings, splits=findings.splits - late), note
+
+
+def _tells(segment: Segment) -> bool:
+    """Tell whether a segment says how the wheels, and how the robot, moved."""
+    observations = segment.observations
+    return (
+        len(observations.wheel_time) >= FEWEST
+        and max(len(observations.pose_time), len(observations.gyro_time)) >= FEWEST
+    )
+
+
+def _untrue(recording: Recording, findings: Findings) -> str:
+    """Return which sensor cannot be trusted; empty if none."""
+    for name, words in SIGNALS.items():
+        signal = recording.signals[name]
+        empty = signal.left_out.get(NOT_FINITE, 0)
+        lost, total = _set_aside(findings, name) + empty, len(signal) + empty
+        if lost > MOST_SET_ASIDE * total:
+            why = "cannot be true" + (f" ({empty} are not numbers)" if empty else "")
+            return f"Of the {words}, {lost} of {total} {why}: see to the sensor first. Nothing is concluded."
+    return ""
+
+
+def _set_aside(findings: Findings, signal: str) -> int:
+    masks = [finding.set_aside[signal] for finding in findings.all if signal in finding.set_aside]
+    return int(sum(masks[1:], start=masks[0]).astype(bool).sum()) if masks else 0
+
+
+def _why_set_aside(findings: Findings, signal: str) -> list[str]:
+    """Return why samples of a signal are not used, a sentence each."""
+    return [finding.sentence for finding in findings.all if signal in finding.set_aside]
+
+
+def _why_useless(recording: Recording, cleaned: Recording, findings: Findings, segments: Sequence[Segment]) -> str:
+    """Return why nothing can be concluded from a recording, and what to do."""
+    if len(recording.wheels) < FEWEST:
+        return WITHOUT_WHEELS
+    untrue = _untrue(recording, findings)
+    if untrue:
+        return untrue
+    if segments or max(len(cleaned.poses), len(cleaned.gyro)) < FEWEST:
+        set_aside = _why_set_aside(findings, "gyro")
+        return " ".join([*set_aside, NOTHING_ELSE]) if set_aside else WITHOUT_MOTION
+    seconds = float(recording.wheels.seconds[-1])
+    if seconds < SHORTEST:
+        return f"The recording is too short: it lasts {seconds:.1f} s. {LONG_ENOUGH}"
+    return (
+        f"In no stretch of {SHORTEST_PIECE:.0f} s were wheels and commands recorded without a gap of more than "
+        f"{LONGEST_SILENCE:.0f} s. {LONG_ENOUGH}"
+    )
+
+
+def refusal(looked: Sequence[Checked]) -> str:
+    """Return why the recordings cannot be diagnosed, in a sentence that says what to do; empty if they can."""
+    usable = [one for one in looked if not one.useless]
+    if all(one.findings["never_moved"].found for one in looked):
+        return f"The robot never moves in these recordings. {DRIVE}"
+    if not usable:
+        return looked[0].useless if len(looked) == 1 else " ".join(f"{one.name}: {one.useless}" for one in looked)
+    seconds = sum(segment.observations.seconds for one in usable for segment in one.segments)
+    if seconds < SHORTEST:
+        return f"Too little was recorded: {seconds:.1f} s of use. {LONG_ENOUGH}"
+    return _crossed(usable)
+
+
+def _crossed(looked: Sequence[Checked]) -> str:
+    """Return which wires or axes seem to be crossed; empty if none."""
+    try:
+        require_consistent_signs([one.recording for one in looked])
+    except EstimationError as error:
+        return str(error)
+    return ""
+
+
+def require_of_use_held_out(looked: Sequence[Checked], *, path: bool) -> None:
+    """Make sure that the gain can be measured on these recordings, that in path error if there is a `path` at all.
+
+    Raises EstimationError that names those on which it cannot, and says why.
+    """
+    lacking = WITHOUT_WINDOW.format(what=PATH if path else TURN)
+    reasons = {one.name: one.useless or ("" if _has_window(one, path) else lacking) for one in looked}
+    wrong = [f"{name} cannot be held out: {reason}" for name, reason in reasons.items() if reason]
+    crossed = "" if wrong else _crossed(looked)
+    if crossed:
+        wrong = [f"{', '.join(reasons)} cannot be held out: {crossed}"]
+    if wrong:
+        raise EstimationError(" ".join([*wrong, "Leave it out, or hold another log out."]))
+
+
+def _has_window(looked: Checked, path: bool) -> bool:
+    """Tell whether there is a window over which free runs can be measured; with `path`, one with poses."""
+    observations = [segment.observations for segment in looked.segments]
+    return any(len(windows_of(one, WINDOW).begin) for one in observations if len(one.pose) or not path)
+
+
+def findings_of(looked: Sequence[Checked]) -> tuple[Finding, ...]:
+    """Return what the checks found; where there are several recordings, each sentence tells in which.
+
+    A check that found nothing in any of them stands there once.
+    """
+    if len(looked) == 1:
+        return looked[0].findings.all
+    found = [
+        replace(finding, sentence=f"{one.name}: {finding.sentence}")
+        for one in looked
+        for finding in one.findings.all
+        if finding.found
+    ]
+    told = {finding.check for finding in found}
+    return (*found, *(finding for finding in looked[0].findings.all if finding.check not in told))
+
+
+def notes_of(looked: Sequence[Checked]) -> tuple[str, ...]:
+    """Return what was changed in recordings, and which of several are of no use."""
+    if len(looked) == 1:
+        return (looked[0].note,) if looked[0].note else ()
+    set_aside = [f"{one.name} is set aside. {one.useless}" for one in looked if one.useless]
+    return (*set_aside, *(f"{one.name}: {one.note}" for one in looked if one.note and not one.useless))

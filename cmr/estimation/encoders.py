@@ -1,0 +1,69 @@
+"""Wheel angles from encoder readings, and how precisely the ticks give them."""
+
+import numpy as np
+
+from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
+
+SIDES = ("left", "right")
+SAME_ANGLE, UNLIKE_ANGLE = 1e-3, 1.0  # relative differences of the angles by ticks and by speed
+NO_STEP = 1e-9  # rad; what angles differ by from rounding alone
+
+
+def tick_of(angles: Floats, counts: Floats) -> float:
+    """Return what an encoder's count goes up by at once, in radians; where it was not recorded, the smallest step.
+
+    `angles` [rad] and `counts` [ticks], shape (n,), are its readings. 0 where it never moves on.
+    """
+    turned, counted = np.diff(angles), np.diff(counts)
+    moved = moved_on(turned) & (counted != 0.0) & np.isfinite(counted)
+    if moved.any() and np.all(counted[moved] == np.round(counted[moved])):
+        at_once = np.gcd.reduce(np.abs(counted[moved]).astype(np.int64))
+        return float(np.median(np.abs(turned[moved] / counted[moved])) * at_once)
+    steps = np.abs(turned[moved_on(turned)])
+    return float(np.min(steps)) if len(steps) else 0.0
+
+
+def moved_on(steps: Floats) -> Mask:
+    """Tell at which readings an encoder has moved on since the one before, by their `steps` [rad]."""
+    return np.abs(steps) > NO_STEP
+
+
+def within_tick(steps: Floats, tick: float) -> tuple[Floats, Floats]:
+    """Return how far beyond each reading its wheel stood [rad], and how wide the span is that it may stand in [rad].
+
+    `steps` [rad], shape (n,), tell how far each reading is from the one before, 0 for the first; `tick` [rad] is the
+    size of a tick, which begins at the angle that is read.
+
+    An encoder that has moved on has passed an edge of the tick since the reading before: a slow wheel has just come
+    over the lower edge, or backwards over the upper one; one that passes many edges from reading to reading is, on
+    average, in the middle. One that says again what it said may be anywhere in the tick.
+    """
+    moved, index = moved_on(steps), np.arange(len(steps))
+    before = np.maximum.accumulate(np.where(moved, index, 0))
+    since = index - np.concatenate([[0], before[:-1]])  # readings since the last edge
+    width = np.where(moved, np.minimum(np.abs(steps) / np.maximum(since, 1), tick), tick)
+    return np.where(moved & (steps < 0.0), tick - 0.5 * width, 0.5 * width), width
+
+
+def wheel_angles(wheels: Signal) -> tuple[Floats, Floats]:
+    """Return how far each side's wheels have turned [rad] at each time of `wheels`, from 0."""
+    left, right = (_angle(wheels, side) for side in SIDES)
+    return left, right
+
+
+def _angle(wheels: Signal, side: str) -> Floats:
+    """Return the angle [rad] of one side.
+
+    Speeds are averages over the time since the previous message; where one was lost, their sum misses a part and the
+    count of ticks does not. A count that goes otherwise than the speed, as when the driver was started anew, is not
+    believed.
+    """
+    turned = wheels[f"psi_{side}"] * np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
+    ticks = np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1])
+    counted = (ticks != 0.0) & (turned != 0.0)
+    if counted.any():
+        by_ticks = ticks * float(np.median(turned[counted] / ticks[counted]))
+        lost = np.abs(by_ticks - turned) > SAME_ANGLE * np.abs(turned)
+        believed = np.abs(by_ticks - turned) < UNLIKE_ANGLE * np.abs(turned)
+        turned = np.where(counted & lost & believed, by_ticks, turned)
+    return np.cumsum(turned)

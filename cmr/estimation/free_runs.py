@@ -1,0 +1,321 @@
+"""Free runs over short windows: how far the model strays from the robot when nothing corrects it.
+
+Each window begins at the real pose and then runs on commands alone (on measured wheels where there are none). Wheel
+speeds, and what effects remember, run freely from the segment's beginning on: they do not stray.
+
+The window is short on purpose. Disturbances of a real drive make headings wander at random, and errors pile up with
+the 1.5th power of time: over 10 s, two logs of the same robot differ by 20 % and more in what a perfect model
+would get wrong. Over 3 s, with windows that overlap by half, they agree, so that an error measured on one log foretells
+that on the next.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.estimation.prediction import WHEELS
+from cmr.estimation.segments import Segment
+from cmr.model.catalogue import definition
+from cmr.model.motion import RobotState, Trajectory, roll
+from cmr.model.observer import FOLLOWED, MOTION, RESTART, Gains, Innovations, Observations, observe
+from cmr.model.parameters import RobotParameters
+from cmr.model.sensors import pose_seen
+from cmr.recordings.signal import Floats
+
+WINDOW = 3.0  # s
+OVERLAP = 2  # windows that cover each moment
+BLOCK = 4.0 * WINDOW  # s; seven of eight windows lie within such blocks
+COMPLETE = 0.95  # share of a window that its poses must span
+LEAST = 0.5  # of a window; a stretch that is shorter tells too little
+SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
+SMOOTHED = 0.3  # s before and after a moment, whose poses tell the pose at that moment
+SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
+FREE = Gains(0.0, 0.0, 0.0, 0.0)  # nothing is followed
+
+Indices = NDArray[np.int64]
+Values = Mapping[str, float]
+
+
+class Fold(NamedTuple):
+    """Parameters by name of one or more models, found without some spans [s] of a segment: begin and end of each."""
+
+    models: tuple[Values, ...]
+    spans: tuple[tuple[float, float], ...] = ((-np.inf, np.inf),)
+
+
+class Windows(NamedTuple):
+    """When W free runs begin and end [s since the segment's beginning], and the numbers of their first poses, (W,).
+
+    A recording without poses has none of the numbers.
+    """
+
+    begin: Floats
+    end: Floats
+    pose: Indices
+
+    def number_of(self, times: Floats) -> Indices:
+        """Return into which of the windows, which do not overlap, each time falls; -1 for none. Shape as `times`."""
+        number = np.searchsorted(self.begin, times, side="left") - 1
+        inside = (number >= 0) & (times <= np.append(self.end, -np.inf)[number])
+        return np.asarray(np.where(inside, number, -1))
+
+
+class Averages(NamedTuple):
+    """Errors averaged over n spans from `begin` to `end` [s] (n,), of C candidates: `error` (n, C)."""
+
+    begin: Floats
+    end: Floats
+    error: Floats
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one model's free runs over W windows of `window` [s].
+
+    `begin` [s since the recording's first sample] and the number of the `recording` have shape (W,); so have, by
+    signal of SIGNALS, the sums of squared errors `squares` (m, rad, rad/s) and how many errors there were, `counts`.
+    """
+
+    window: float
+    begin: Floats
+    recording: Indices
+    squares: Mapping[str, Floats]
+    counts: Mapping[str, Floats]
+
+    def rmse(self, *signals: str) -> float:
+        """Return the root mean square error of these signals together; NaN where none was recorded."""
+        count = sum(float(np.sum(self.counts[name])) for name in signals)
+        return float(np.sqrt(sum(np.sum(self.squares[name]) for name in signals) / count)) if count else np.nan
+
+
+def alternating_spans(seconds: float, folds: int, block: float = BLOCK) -> list[tuple[tuple[float, float], ...]]:
+    """Return the spans of each fold: blocks of `block` [s] dealt out to the folds in turn, over so many seconds.
+
+    Blocks should be some windows long. A whole quarter left out at once would take a kind of driving out of the fit,
+    and say more about that than about the next log.
+    """
+    begins = [block * number for number in range(int(np.ceil(seconds / block)))]
+    return [tuple((begin, begin + block) for begin in begins[fold::folds]) for fold in range(folds)]
+
+
+def errors_of(segment: Segment, folds: Sequence[Fold], window: float = WINDOW) -> tuple[Errors, ...]:
+    """Return the errors in one segment of each model, all folds having the same number of them.
+
+    The last model should be the one that knows most: its sensor effects tell what the real pose is at a beginning.
+    Windows do not reach beyond a fold's span; each is run with the parameters found without it. What is left over at
+    the ends is not used.
+    """
+    observations = segment.observations
+    values = stacked([model for fold in folds for model in fold.models])
+    smooth = smoothed_poses(observations, folds[0].models[-1])
+    models = len(folds[0].models)
+    parts: list[list[Errors]] = [[] for _ in range(models)]
+    for phase in range(OVERLAP):
+        windows, fold = _windows(observations, folds, window, phase * window / OVERLAP)
+        if len(windows.begin) == 0:
+            continue
+        told = told_errors(observations, free_run(observations, windows.pose, smooth, values))
+        for model, part in enumerate(parts):
+            part.append(_summed(segment, window, windows, told, fold * models + model))
+    return tuple(joined(part, window) for part in parts)
+
+
+def joined(errors: Iterable[Errors], window: float = WINDOW) -> Errors:
+    """Return the errors of one model over all windows of several, each of `window` [s]."""
+    parts = list(errors)
+    empty = np.empty(0)
+    return Errors(
+        window,
+        np.concatenate([empty, *(part.begin for part in parts)]),
+        np.concatenate([empty.astype(np.int64), *(part.recording for part in parts)]),
+        {name: np.concatenate([empty, *(part.squares[name] for part in parts)]) for name in SIGNALS},
+        {name: np.concatenate([empty, *(part.counts[name] for part in parts)]) for name in SIGNALS},
+    )
+
+
+def stacked(models: Sequence[Values]) -> dict[str, Floats]:
+    """Return the values of all models by name, shape (models,); where one lacks a name, its neutral value."""
+    names = dict.fromkeys(name for model in models for name in model)
+    return {name: np.array([m.get(name, definition(name).neutral) for m in models], np.float64) for name in names}
+
+
+def free_run(observations: Observations, begins: Indices, poses: Floats, values: Mapping[str, Floats]) -> Innovations:
+    """Run freely from a segment's beginning to its end, put to `poses` (P, 3) at the poses with numbers `begins`.
+
+    What the sensors said less what they would have said comes back, at each pose that was measured.
+    """
+    # Twice, because where the tracked point is depends on the heading, which the first time sets.
+    source = np.repeat(begins, 2)
+    at = source + 1
+    changed = replace(
+        observations,
+        pose_time=np.insert(observations.pose_time, at, observations.pose_time[source]),
+        pose=np.insert(observations.pose, at, poses[source], axis=0),
+        pose_use=np.insert(observations.pose_use, at, RESTART),
+    )
+    result = observe(changed, values, FREE)
+    measured = np.insert(np.ones(len(observations.pose), np.bool_), at, False)
+    return result._replace(pose=result.pose[measured])
+
+
+def smoothed_poses(observations: Observations, values: Values) -> Floats:
+    """Return the pose at each moment of a measured one, from all measured within SMOOTHED of it, shape (P, 3).
+
+    The motion between them is that of the wheels, or else of a free run, as the pose's sensor sees it with the effects
+    that it has by these values. Errors of that motion that grow with time cancel between before and after. Headings
+    are unwrapped.
+    """
+    if len(observations.pose) == 0:
+        return observations.pose
+    moved = _motion(observations, values)
+    theta = np.unwrap(observations.pose[:, 2])
+    first, last = _neighbours(observations)
+    turn = _means((theta - moved[:, 2])[:, None], first, last)[:, 0]
+    middle = _means(np.column_stack([observations.pose[:, :2], moved[:, :2]]), first, last)
+    behind = moved[:, :2] - middle[:, 2:]
+    cosine, sine = np.cos(turn), np.sin(turn)
+    x = middle[:, 0] + cosine * behind[:, 0] - sine * behind[:, 1]
+    y = middle[:, 1] + sine * behind[:, 0] + cosine * behind[:, 1]
+    return np.column_stack([x, y, moved[:, 2] + turn])
+
+
+def _motion(observations: Observations, values: Values) -> Floats:
+    """Return the poses that the sensor would say of the wheels' motion, or else of a free run, shape (P, 3).
+
+    The path begins at the first pose and strays from there.
+    """
+    parameters = RobotParameters.of(values)
+    if len(observations.wheel) > 1:
+        start = RobotState.at_rest(*observations.pose[0])
+        time, path = (
+            observations.wheel_time,
+            roll(observations.wheel[:, 0], observations.wheel[:, 1], parameters, start),
+        )
+    else:
+        unbroken = replace(observations, pose_use=np.full_like(observations.pose_use, FOLLOWED))
+        motion = observe(unbroken, stacked([values]), FREE).motion
+        time = np.arange(len(motion), dtype=np.float64) * observations.dt
+        path = Trajectory(*(motion[:, MOTION.index(name)] for name in Trajectory._fields))
+    return np.column_stack(
+        pose_seen(observations.time + time, path, parameters, observations.time + observations.pose_time)
+    )
+
+
+def _neighbours(observations: Observations) -> tuple[Indices, Indices]:
+    """Return the numbers of the first and the last pose near each, between the same new beginnings; (P,), (P,)."""
+    time = observations.pose_time
+    restarts = np.flatnonzero(observations.pose_use == RESTART)
+    part = np.searchsorted(restarts, np.arange(len(time)), side="right")
+    borders = np.concatenate([[0], restarts, [len(time)]])
+    first = np.maximum(np.searchsorted(time, time - SMOOTHED), borders[part])
+    last = np.minimum(np.searchsorted(time, time + SMOOTHED, side="right"), borders[part + 1]) - 1
+    return first, last
+
+
+def _means(values: Floats, first: Indices, last: Indices) -> Floats:
+    """Return the means of the rows from first to last, both included; shape (n, columns)."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return np.asarray((total[last + 1] - total[first]) / (last + 1 - first)[:, None])
+
+
+def windows_of(
+    observations: Observations, window: float, late: float = 0.0, begin: float = -np.inf, end: float = np.inf
+) -> Windows:
+    """Return windows end to end, within `begin` and `end` [s], over each stretch in which the path does not break.
+
+    The first begins `late` [s] after its stretch. A stretch that is shorter than a window, but not by half, is one.
+    """
+    time = observations.pose_time
+    if len(time) == 0:
+        first, last = max(begin, 0.0), min(end, observations.seconds)
+        begins = _begins(first, last, _length(observations.seconds, window), late)
+        return Windows(begins, np.minimum(begins + window, last), np.empty(0, np.int64))
+    parts = [(np.empty(0, np.int64), np.empty(0))]
+    for stretch in np.split(np.arange(len(time)), np.flatnonzero(observations.pose_use == RESTART)):
+        inside = stretch[(time[stretch] >= begin) & (time[stretch] <= end)]
+        if len(inside):
+            first, last = float(time[inside[0]]), float(time[inside[-1]])
+            length = _length(float(np.ptp(time[stretch])), window)
+            number = np.unique(inside[np.searchsorted(time[inside], _begins(first, last, length, late) - 1e-9)])
+            # A pose may be late; then the window before would reach into the next.
+            parts.append((number, np.minimum(time[number] + window, np.append(time[number[1:]], last)[: len(number)])))
+    number, ends = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Windows(time[number], ends, number)
+
+
+def _length(whole: float, window: float) -> float:
+    """Return how long windows are [s] in a stretch of `whole` [s]."""
+    return whole if LEAST * window <= whole < COMPLETE * window else window
+
+
+def _begins(first: float, last: float, length: float, late: float) -> Floats:
+    """Return when windows of a length [s] begin that lie end to end between two times, or nearly so."""
+    return np.arange(first + late, last - COMPLETE * length, length)
+
+
+def _windows(observations: Observations, folds: Sequence[Fold], window: float, late: float) -> tuple[Windows, Indices]:
+    """Return the windows of all folds, and the number of each one's fold (W,)."""
+    spans = [(index, *span) for index, fold in enumerate(folds) for span in fold.spans]
+    parts = [windows_of(observations, window, late, begin, end) for _, begin, end in spans]
+    number = np.concatenate([np.full(len(part.begin), index) for (index, *_), part in zip(spans, parts, strict=True)])
+    begin, end, pose = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(begin, kind="stable")
+    return Windows(begin[order], end[order], np.sort(pose)), number[order].astype(np.int64)
+
+
+def told_errors(observations: Observations, innovations: Innovations) -> dict[str, Averages]:
+    """Return the errors by signal of SIGNALS; positions as distances, speeds as means over SPAN, poses as they come."""
+    poses = observations.pose_time, observations.pose_time
+    result = {
+        "position": Averages(*poses, np.hypot(innovations.pose[:, 0], innovations.pose[:, 1])),
+        "heading": Averages(*poses, innovations.pose[:, 2]),
+        "yaw_rate": _binned(observations.gyro_time, innovations.gyro, observations.seconds),
+    }
+    for side, name in enumerate(WHEELS):
+        used = (
+            observations.wheel_use[:, side] > 0
+            if len(observations.given) == 0
+            else np.zeros(len(observations.wheel), np.bool_)
+        )
+        result[name] = _rates(observations.wheel_time[used], innovations.wheel[used, side])
+    return result
+
+
+def _binned(time: Floats, error: Floats, seconds: float) -> Averages:
+    """Return means of errors (n, C) over each whole SPAN of so many seconds in which there are any."""
+    number = np.floor(time / SPAN)
+    whole = (number + 1.0) * SPAN <= seconds
+    number, time, error = number[whole], time[whole], error[whole]
+    first = np.flatnonzero(np.diff(number, prepend=-1.0))
+    if len(first) == 0:
+        return Averages(time, time, error)
+    count = np.diff(np.append(first, len(time)))
+    begin = number[first] * SPAN
+    return Averages(begin, begin + SPAN, np.add.reduceat(error, first) / count[:, None])
+
+
+def _rates(time: Floats, error: Floats) -> Averages:
+    """Return the rates at which errors (n, C) of angles grow, over spans of SPAN or little more."""
+    first = np.flatnonzero(np.diff(np.floor(time / SPAN), prepend=-1.0))
+    begin, end = time[first[:-1]], time[first[1:]]
+    wide = end - begin > 0.5 * SPAN
+    rate = np.diff(error[first], axis=0)[wide] / (end - begin)[wide, None]
+    return Averages(begin[wide], end[wide], rate)
+
+
+def _summed(segment: Segment, window: float, windows: Windows, told: Mapping[str, Averages], lane: Indices) -> Errors:
+    """Return the sums over windows of the errors of that candidate which belongs to each window, `lane` (W,)."""
+    squares: dict[str, Floats] = {}
+    counts: dict[str, Floats] = {}
+    for name, averages in told.items():
+        number = windows.number_of(0.5 * (averages.begin + averages.end))
+        inside = number >= 0
+        error = averages.error[inside, lane[number[inside]]]
+        squares[name] = np.asarray(np.bincount(number[inside], error**2, len(lane)), np.float64)
+        counts[name] = np.bincount(number[inside], minlength=len(lane)).astype(np.float64)
+    return Errors(
+        window, windows.begin + segment.observations.time, np.full(len(lane), segment.recording), squares, counts
+    )

@@ -1,0 +1,75 @@
+"""How far the observer follows its sensors: as usual, unless a robot's sensors are of another kind.
+
+Gains are right where prediction errors are least foretold by their own past. Encoders of some hundred ticks per turn at
+100 Hz are to be smoothed; wheel speeds that a motor controller reports, or a lidar's poses at 5 Hz, are to be believed.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cmr.estimation.noise import foretold
+from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Predictor
+from cmr.model.observer import Gains
+from cmr.recordings.signal import Floats
+
+USUAL_ANGLE, USUAL_POSE = 0.2, 0.15
+ANGLES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)  # shares of a wheel's error that are followed
+POSES = (0.05, 0.1, 0.15, 0.25, 0.4, 0.6, 1.0)
+COARSE = 2.0 * np.pi / 100.0  # rad; ticks that are larger are coarse
+OF_COARSE_ENCODERS = Gains(0.05, 0.05, USUAL_POSE, USUAL_POSE)  # whose ticks say little of the speed
+CLEARLY = 0.2  # by which share errors must shrink for other gains than usual
+
+
+def gains_at(angle: float, pose: float, interval: float) -> Gains:
+    """Return gains that follow wheels, read every `interval` [s], and poses by these shares.
+
+    The share of the speed that goes with `angle` damps errors critically (an alpha-beta filter).
+    """
+    return Gains(angle, angle**2 / 4.0 / interval, pose, pose)
+
+
+def choose_gains(predictors: Sequence[Predictor], values: Mapping[str, float]) -> Gains:
+    """Return the gains nearest to the usual ones that foretell wheels, and poses, about as well as any."""
+    if max(predictor.segment.tick for predictor in predictors) > COARSE:
+        return OF_COARSE_ENCODERS
+    interval = interval_of(predictors)
+    tested = [(angle, USUAL_POSE) for angle in ANGLES] + [(USUAL_ANGLE, pose) for pose in POSES]
+    lanes = Gains(*np.array([gains_at(angle, pose, interval) for angle, pose in tested]).T)
+    errors = [predictor.errors(values, lanes).of for predictor in predictors]
+    angle = _nearest(ANGLES, USUAL_ANGLE, _sizes(WHEELS, errors, slice(0, len(ANGLES))))
+    pose = _nearest(POSES, USUAL_POSE, _sizes(POSE_SIGNALS, errors, slice(len(ANGLES), len(tested))))
+    return gains_at(angle, pose, interval)
+
+
+def interval_of(predictors: Sequence[Predictor]) -> float:
+    """Return the usual time [s] between readings of the wheels; 0.01 where there are none."""
+    times = [np.diff(predictor.segment.observations.wheel_time) for predictor in predictors]
+    return float(np.median(np.concatenate(times))) if any(len(one) for one in times) else 0.01
+
+
+def _sizes(names: Sequence[str], errors: Sequence[Mapping[str, Floats]], lanes: slice) -> Floats:
+    """Return the mean logarithm of the size that errors have beyond what their past foretells, lane by lane."""
+    sizes, weights = [], []
+    for name in names:
+        own = [of[name][:, lanes] for of in errors if name in of]
+        count = sum(len(one) for one in own)
+        if count:
+            sizes.append([_log_size(name, [one[:, lane] for one in own]) for lane in range(own[0].shape[1])])
+            weights.append(count)
+    return np.average(np.array(sizes), axis=0, weights=weights) if sizes else np.zeros(0)
+
+
+def _log_size(name: str, errors: Sequence[Floats]) -> float:
+    rest = foretold(name, errors)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = 0.5 * np.log(np.mean(rest**2)) if len(rest) else 0.0
+    return float(size) if np.isfinite(size) else np.inf
+
+
+def _nearest(ladder: Sequence[float], usual: float, sizes: Floats) -> float:
+    """Return the gain nearest to the usual one that leaves errors hardly larger; `sizes` are their logarithms."""
+    if not len(sizes) or not np.any(np.isfinite(sizes)):
+        return usual
+    good = [gain for gain, size in zip(ladder, sizes, strict=True) if size <= np.min(sizes) + CLEARLY]
+    return min(good, key=lambda gain: abs(np.log(gain / usual)))

@@ -1,0 +1,179 @@
+"""Fit a model by Gauss and Newton, asking for what it needs.
+
+A fit is a generator: it asks for the white errors of several sets of values, and goes on once it has them. So fits of
+several models can go side by side, and what they ask for is observed at once.
+"""
+
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from cmr.estimation.candidates import Excitation, step_of
+from cmr.estimation.noise import Noise
+from cmr.model.catalogue import definition
+from cmr.recordings.signal import Floats
+
+T = TypeVar("T")
+Asking = Generator[Sequence[Mapping[str, float]], Floats, T]  # sets of values; their white errors (n, C); the result
+Linear = tuple[Floats, Floats]  # white errors (n,) and their slopes (n, p)
+MOST_STEPS = 7
+SETTLED = 0.1  # of the sum of squares: a step that promises less is not taken
+KEPT = 0.5  # of what a step promises must come
+WORTH_A_DETOUR = 5.0  # of the sum of squares: where less is promised and does not come, the ground is only rough
+DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tested at once
+LONG_STRIDE = 6.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted: values of all parameters by name, of which `names` (p) are free.
+
+    `rest` (n,) are the white prediction errors, `slopes` (n, p) their derivatives.
+    """
+
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+    rest: Floats
+    slopes: Floats
+    noise: Noise
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squared white errors."""
+        return float(self.rest @ self.rest)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (p, p) of the free parameters."""
+        return np.asarray(np.linalg.pinv(self.slopes.T @ self.slopes, hermitian=True))
+
+    def std(self, name: str) -> float:
+        """Return the standard deviation of a free parameter, in its unit."""
+        index = self.names.index(name)
+        return float(np.sqrt(self.covariance[index, index]))
+
+
+def fitted(start: Mapping[str, float], names: tuple[str, ...], noise: Noise, excitation: Excitation) -> Asking[Fit]:
+    """Fit the free parameters `names`; where a step does not keep its promise, the best of many shorter ones is taken.
+
+    Dry friction makes the sum of squares rough. Where all steps fail, slopes over a longer distance may still do, if
+    they promise much.
+    """
+    values, stride = dict(start), 1.0
+    here = yield from linear(values, names, excitation)
+    usual: Linear | None = here  # over the usual distance, where that is known
+    for _ in range(MOST_STEPS):
+        rest, slopes = here
+        step = newton_steps(slopes, rest, DAMPINGS[:1], room(values, names))[0]
+        promised = float(rest @ rest) - float(np.sum((rest + slopes @ step) ** 2))
+        if promised < SETTLED:
+            break
+        whole = moved(values, names, step)
+        there = yield from linear(whole, names, excitation, stride)
+        if float(rest @ rest) - float(there[0] @ there[0]) > KEPT * promised:
+            values, here = whole, there
+            usual = here if stride == 1.0 else None
+            continue
+        shorter, drop = yield from _best_step(values, names, rest, slopes)
+        better = drop >= SETTLED
+        if better:
+            values, usual = shorter, None
+        if promised < WORTH_A_DETOUR or not (better or stride == 1.0):
+            break
+        stride = stride if better else LONG_STRIDE
+        here = yield from linear(values, names, excitation, stride)
+        usual = here if stride == 1.0 else usual
+    rest, slopes = usual or (yield from linear(values, names, excitation))
+    return Fit(values, names, rest, slopes, noise)
+
+
+def _best_step(
+    values: Mapping[str, float], names: Sequence[str], rest: Floats, slopes: Floats
+) -> Asking[tuple[dict[str, float], float]]:
+    """Return the best values of many shortened and damped steps, and by how much they drop the sum of squares."""
+    steps = [share * step for step in newton_steps(slopes, rest, DAMPINGS, room(values, names)) for share in SHARES]
+    tested = [moved(values, names, step) for step in steps]
+    white = yield tested
+    squares = sums_of_squares(white)
+    best = int(np.argmin(squares))
+    return tested[best], float(rest @ rest) - float(squares[best])
+
+
+def linear(
+    values: Mapping[str, float], names: Sequence[str], excitation: Excitation, stride: float = 1.0
+) -> Asking[Linear]:
+    """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`.
+
+    Slopes are taken over `stride` times the usual distance.
+    """
+    moves = moves_of(values, names, excitation, stride)
+    white = yield [values, *one_by_one(values, names, moves)]
+    lost = ~np.isfinite(white[:, 1:]).all(axis=0)
+    if lost.any():  # so far the model no longer holds; it may on the other side
+        moves = np.where(lost, -moves, moves)
+        white = yield [values, *one_by_one(values, names, moves)]
+        white[:, 1:] = np.where(np.isfinite(white[:, 1:]), white[:, 1:], white[:, :1])
+    with np.errstate(invalid="ignore"):  # where the model does not hold at all the step that led here is not taken
+        return white[:, 0].copy(), (white[:, 1:] - white[:, :1]) / moves
+
+
+def sums_of_squares(white: Floats) -> Floats:
+    """Return the sum of squared white errors (n, C) of each candidate; infinite where nothing holds."""
+    return np.asarray(np.nan_to_num(np.einsum("nc,nc->c", white, white), nan=np.inf))
+
+
+def moves_of(values: Mapping[str, float], names: Sequence[str], excitation: Excitation, stride: float = 1.0) -> Floats:
+    """Return by how much each parameter (p,) is moved to see what it does, times `stride`."""
+    usual = [(name, values[name], step_of(name, values[name], excitation)) for name in names]
+    return np.array([inward(name, value, stride * step) for name, value, step in usual])
+
+
+def one_by_one(values: Mapping[str, float], names: Sequence[str], moves: Floats) -> list[dict[str, float]]:
+    """Return the values with one parameter moved in each."""
+    return [{**values, name: values[name] + move} for name, move in zip(names, moves, strict=True)]
+
+
+def newton_steps(slopes: Floats, rest: Floats, dampings: Sequence[float], room: Floats) -> list[Floats]:
+    """Return Gauss-Newton steps with these dampings (Levenberg and Marquardt) that stay within `room` (p, 2)."""
+    normal, right = slopes.T @ slopes, slopes.T @ rest
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / np.outer(scale, scale)
+    return [
+        _step_within(scaled + damping * np.eye(len(scale)), right / scale, room * scale[:, None]) / scale
+        for damping in dampings
+    ]
+
+
+def _step_within(normal: Floats, right: Floats, room: Floats) -> Floats:
+    """Return the step (p,) down a parabola; parameters that would leave their room stop there, the others know it."""
+    step = -np.linalg.solve(normal, right)
+    stopped = np.zeros(len(step), np.bool_)
+    while np.any(beyond := ~stopped & ((step < room[:, 0]) | (step > room[:, 1]))):
+        stopped |= beyond
+        step[stopped] = np.clip(step, *room.T)[stopped]
+        free = ~stopped
+        pull = right[free] + normal[np.ix_(free, stopped)] @ step[stopped]
+        step[free] = -np.linalg.solve(normal[np.ix_(free, free)], pull)
+    return np.asarray(step)
+
+
+def room(values: Mapping[str, float], names: Sequence[str]) -> Floats:
+    """Return how far each parameter may be moved down and up within its bounds, shape (p, 2)."""
+    known = [definition(name) for name in names]
+    return np.array([(one.lower - values[one.name], one.upper - values[one.name]) for one in known])
+
+
+def inward(name: str, value: float, step: float) -> float:
+    """Return the step, turned round where it would leave the parameter's bounds."""
+    return -step if value + step > definition(name).upper else step
+
+
+def moved(values: Mapping[str, float], names: Sequence[str], step: Floats) -> dict[str, float]:
+    """Return the values with a step added to those named, kept within their bounds."""
+    result = dict(values)
+    for name, change in zip(names, step, strict=True):
+        known = definition(name)
+        result[name] = float(np.clip(values[name] + change, known.lower, known.upper))
+    return result

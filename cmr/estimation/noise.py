@@ -1,0 +1,277 @@
+"""What the noise of a robot's sensors is like, found from prediction errors; and the errors made white with it.
+
+Each signal's error is first freed of what the other sensors' errors, just before, foretell of it; then of what its own
+past foretells (an autoregressive model); then divided by its size, which grows with the wheel speed and with what
+the ticks of the encoder leave open.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from cmr.estimation.prediction import POSE_SIGNALS, Errors, Predictor
+from cmr.model.compiled import compiled
+from cmr.model.observer import MOTION
+from cmr.recordings.signal import Floats
+
+# The past of a signal in spans of growing length [samples]: few numbers reach back far (Corsi, J. Financial
+# Econometrics 7, 2009: heterogeneous autoregression).
+SPANS = {
+    **dict.fromkeys(("psi_left", "psi_right", "yaw_rate"), (1, 1, 1, 1, 2, 4, 8, 16, 32)),
+    **dict.fromkeys(POSE_SIGNALS, (1, 1, 1, 1, 4, 8)),
+}
+LARGEST_PAST = 1.0 / 6.0  # of the usual segment: what is foretold from the past begins after so much of it
+RIDGE = 1e-6  # of the variance: keeps the model of a signal that never errs solvable
+LEAST_SIZE = 1e-9
+RARE = 0.01  # of errors: too few to tell of what size such ones are
+ROUNDS = 3
+FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose before foretell those of the pose
+PSI_LEFT, PSI_RIGHT, YAW_RATE = (MOTION.index(name) for name in ("psi_left", "psi_right", "yaw_rate"))
+STAMP = 1e-3  # s by which a gyro's stamp may be off
+
+
+@dataclass(frozen=True)
+class SignalNoise:
+    """The noise of one signal: `past` (p,) weighs its own last errors, span by span, `foreign` (3,) those of FOREIGN.
+
+    `sizes` are the standard deviations of what remains, in the signal's unit: one array (n,) for each segment.
+    """
+
+    past: Floats
+    foreign: Floats
+    sizes: tuple[Floats, ...]
+
+    def spans(self, name: str) -> tuple[int, ...]:
+        """Return the spans [samples] of the past that are weighed, newest first; `name` is the signal's."""
+        return SPANS[name][: len(self.past)]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of all signals, by name."""
+
+    of: Mapping[str, SignalNoise]
+
+    @classmethod
+    def found(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
+        """Find the noise from the errors of the first candidate in each segment."""
+        names = [name for name in SPANS if any(name in p.times for p in predictors)]
+        foreign = [np.stack([f[:, 0] for f in _foreign(p, e)]) for p, e in zip(predictors, errors, strict=True)]
+        return cls({name: _found(name, predictors, errors, foreign) for name in names})
+
+    @classmethod
+    def plain(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
+        """Return white noise of the size of all errors: what is known before anything is."""
+        result = {}
+        for name in SPANS:
+            own = [error.of[name][:, 0] for error in errors if name in error.of]
+            spans = _spans(name, [len(one) for one in own])
+            if own:
+                size = max(float(np.sqrt(np.mean(np.concatenate(own) ** 2))), LEAST_SIZE)
+                sizes = tuple(np.full(len(p.times.get(name, ())), size) for p in predictors)
+                result[name] = SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), sizes)
+        return cls(result)
+
+    def white(self, number: int, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
+        """Return the errors of segment `number` made white, (n, C) by signal; the first, which have no past, are 0."""
+        ends = np.cumsum([len(times) for times in predictor.times.values()])
+        return dict(zip(predictor.times, np.split(self.all_white(number, predictor, errors), ends[:-1]), strict=True))
+
+    def all_white(self, number: int, predictor: Predictor, errors: Errors) -> Floats:
+        """Return the errors of segment `number` made white, all signals below one another: shape (n, C)."""
+        candidates = next(iter(errors.of.values())).shape[1]
+        result = np.empty((sum(len(times) for times in predictor.times.values()), candidates))
+        foreign = _foreign(predictor, errors) if any(np.any(self.of[name].foreign) for name in predictor.times) else []
+        end = 0
+        for name, times in predictor.times.items():
+            noise, own = self.of[name], errors.of[name]
+            if name in POSE_SIGNALS and np.any(noise.foreign):
+                own = own - sum(weight * other for weight, other in zip(noise.foreign, foreign, strict=True))
+            begin, end = end, end + len(times)
+            _whiten(own, noise.past, noise.spans(name), 1.0 / noise.sizes[number], result[begin:end])
+        return result
+
+
+def _found(
+    name: str, predictors: Sequence[Predictor], errors: Sequence[Errors], others: Sequence[Floats]
+) -> SignalNoise:
+    """Find one signal's noise: weighted least squares for what is foretold, then its size, a few times."""
+    spans = _spans(name, [len(predictor.times.get(name, ())) for predictor in predictors])
+    order = sum(spans)
+    rows = []
+    for predictor, error, of_others in zip(predictors, errors, others, strict=True):
+        if name not in predictor.times or len(predictor.times[name]) <= 2 * order:
+            continue
+        own = error.of[name][:, 0]
+        foreign = of_others if name in POSE_SIGNALS else np.zeros((len(FOREIGN), len(own)))
+        rows.append((own, foreign, _sizes(name, predictor, error)))
+    if not rows:
+        ones = tuple(np.ones(len(p.times.get(name, ()))) for p in predictors)
+        return SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), ones)
+    foreign_weights = np.zeros(len(FOREIGN))
+    past = np.zeros(len(spans))
+    weights = [np.ones(len(own)) for own, _, _ in rows]
+    size = np.zeros(3)
+    for _ in range(ROUNDS):
+        foreign_weights = _least_squares([(f * w, o * w) for (o, f, _), w in zip(rows, weights, strict=True)])
+        freed = [own - foreign_weights @ foreign for own, foreign, _ in rows]
+        pasts = [_past(one, spans) for one in freed]
+        past = _least_squares(
+            [(p * w[order:], one[order:] * w[order:]) for p, one, w in zip(pasts, freed, weights, strict=True)]
+        )
+        rest = [one[order:] - past @ p for p, one in zip(pasts, freed, strict=True)]
+        size = size_found(np.concatenate(rest), np.concatenate([s[order:] for _, _, s in rows]))
+        weights = [1.0 / np.sqrt(np.maximum(s @ size, LEAST_SIZE**2)) for _, _, s in rows]
+    found = tuple(
+        np.sqrt(np.maximum(_sizes(name, p, e) @ size, LEAST_SIZE**2)) if name in p.times else np.empty(0)
+        for p, e in zip(predictors, errors, strict=True)
+    )
+    return SignalNoise(past, foreign_weights, found)
+
+
+def foretold(name: str, errors: Sequence[Floats]) -> Floats:
+    """Return what is left of a signal's errors, one array (n,) a segment, when their past has foretold what it can."""
+    spans = _spans(name, [len(one) for one in errors])
+    order = sum(spans)
+    pairs = [(_past(one, spans), one[order:]) for one in errors if len(one) > 2 * order]
+    if not pairs:
+        return np.empty(0)
+    past = _least_squares(pairs)
+    return np.concatenate([b - past @ a for a, b in pairs])
+
+
+def _spans(name: str, lengths: Sequence[int]) -> tuple[int, ...]:
+    """Return the spans of the past that fit into a usual segment: half of all errors are in longer ones."""
+    if not any(lengths):
+        return ()
+    ordered = np.sort(lengths)
+    usual = ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))]
+    return SPANS[name][: np.searchsorted(np.cumsum(SPANS[name]), LARGEST_PAST * usual, side="right")]
+
+
+def _least_squares(pairs: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """Return the weights with which the rows of a explain b, over all pairs (a, b)."""
+    normal = sum(a @ a.T for a, _ in pairs)
+    right = sum(a @ b for a, b in pairs)
+    scale = np.diag(normal) + (np.diag(normal) == 0.0)
+    return np.asarray(np.linalg.solve(normal + np.diag(RIDGE * scale), right))
+
+
+def _past(values: Floats, spans: Sequence[int]) -> Floats:
+    """Return the sums over spans of the past of each value, newest first, shape (spans, n - sum of spans)."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    order, count = sum(spans), len(values)
+    begins = np.concatenate([[0], np.cumsum(spans)])
+    rows = [
+        total[order - first : count - first] - total[order - last : count - last] for first, last in pairwise(begins)
+    ]
+    return np.stack(rows) if rows else np.empty((0, count))
+
+
+def size_found(rest: Floats, sizes: Floats) -> Floats:
+    """Return shares (3,) with which `sizes` (n, 3) explain the squares of `rest` best (gamma likelihood)."""
+    from scipy.optimize import nnls
+
+    squares = rest**2
+    weights = np.ones(len(rest)) / max(float(np.mean(squares)), LEAST_SIZE**2)
+    rows = np.ascontiguousarray(sizes.T)
+    result = np.zeros(len(rows))
+    scale = np.sqrt(np.mean(rows**2, axis=1)) + 1e-300
+    for _ in range(ROUNDS):
+        scaled = rows / scale[:, None] * weights
+        normal, right = scaled @ scaled.T, scaled @ (squares * weights)
+        factor = np.linalg.cholesky(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)))
+        result = nnls(factor.T, np.linalg.solve(factor, right))[0] / scale
+        fitted = np.maximum(result @ rows, 1e-3 * np.mean(squares) + LEAST_SIZE**2)
+        weights = 1.0 / fitted
+    result[0] = max(result[0], 1e-3 * float(np.mean(squares)))
+    return np.asarray(result)
+
+
+def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
+    """Return what the variance of a signal's noise may grow with, shape (n, 3): 1, doubt squared, wheel speeds squared.
+
+    The doubt of a wheel is what its ticks leave open [rad]; that of the gyro is what its time leaves open where the yaw
+    rate changes [rad/s]. Doubts that are rarely as small count as larger: on a steady drive nearly all are the same,
+    and nothing tells how much of the noise is theirs. The few errors of a wheel that rolls to a stop would then count
+    far too much.
+    """
+    motion = predictor.motion_at(errors.motion, name)
+    speed = motion[:, PSI_LEFT] ** 2 + motion[:, PSI_RIGHT] ** 2
+    if name == "yaw_rate":
+        doubt = STAMP * predictor.motion_at(_acceleration(errors.motion, predictor.segment.observations.dt), name)[:, 0]
+    else:
+        doubt = predictor.doubt[name]
+    return np.stack([np.ones(len(speed)), np.maximum(doubt, np.quantile(doubt, RARE)) ** 2, speed], axis=1)
+
+
+def _acceleration(motion: Floats, dt: float) -> Floats:
+    """Return how fast the yaw rate changes about each border [rad/s^2], shape (T + 1, 1)."""
+    rate = motion[:, YAW_RATE]
+    change = np.abs(np.diff(rate, prepend=rate[:1], append=rate[-1:])) / dt
+    return np.maximum(change[1:], change[:-1])[:, None]
+
+
+def _foreign(predictor: Predictor, errors: Errors) -> list[Floats]:
+    """Return what foretells the errors of poses, (poses, C) each: sums of others' errors since the pose before."""
+    times = predictor.segment.observations.pose_time
+    candidates = next(iter(errors.of.values())).shape[1]
+    return [_since_before(predictor, errors, other, times, candidates) for other in FOREIGN]
+
+
+def _since_before(predictor: Predictor, errors: Errors, other: str, times: Floats, candidates: int) -> Floats:
+    """Return the sums (n, C) of a signal's errors since the time before; 0 for the first."""
+    result = np.zeros((len(times), candidates))
+    if other in predictor.times:
+        at = np.searchsorted(predictor.times[other], times, side="right")
+        add_between(np.ascontiguousarray(errors.of[other]), at, result)
+    return result
+
+
+@compiled("void(f8[:, ::1], i8[::1], f8[:, ::1])")
+def add_between(errors, at, result):  # type: ignore[no-untyped-def]
+    """Add the rows of errors between each row number `at` and the one before."""
+    for index in range(1, len(at)):
+        for row in range(at[index - 1], at[index]):
+            for column in range(errors.shape[1]):
+                result[index, column] += errors[row, column]
+
+
+def _whiten(errors: Floats, past: Floats, spans: Sequence[int], weights: Floats, result: Floats) -> None:
+    """Write the errors (n, C) of one signal made white; the first, without past, become 0."""
+    # A sum over a span is the difference of the sums of all errors up to its ends. Four ends are taken at once.
+    count = len(spans) + 1
+    shares, ends = np.zeros(count + -count % 4), np.zeros(count + -count % 4, np.int64)
+    shares[: count - 1] = past
+    shares[1:count] -= past
+    ends[1:count] = np.cumsum(spans)
+    whiten(np.ascontiguousarray(errors), shares, ends, weights, result)
+
+
+@compiled("void(f8[:, ::1], f8[::1], i8[::1], f8[::1], f8[:, ::1])")
+def whiten(errors, shares, ends, weights, result):  # type: ignore[no-untyped-def]
+    """Subtract shares of the sums of all errors up to so many before each, and weigh what remains."""
+    count, candidates = errors.shape
+    longest = np.max(ends)
+    kept = 1
+    while kept <= longest:  # a power of two: its remainders are the last bits
+        kept *= 2
+    last_bits = kept - 1
+    sums = np.zeros((kept, candidates))  # in turn: that up to `row`, itself not included, stands at its remainder
+    for row in range(count):
+        weight = weights[row] if row >= longest else 0.0
+        for column in range(candidates):
+            result[row, column] = weight * errors[row, column]
+        if row >= longest:
+            for index in range(0, len(ends), 4):
+                one, two = weight * shares[index], weight * shares[index + 1]
+                three, four = weight * shares[index + 2], weight * shares[index + 3]
+                first, second = sums[(row - ends[index]) & last_bits], sums[(row - ends[index + 1]) & last_bits]
+                third, fourth = sums[(row - ends[index + 2]) & last_bits], sums[(row - ends[index + 3]) & last_bits]
+                for i in range(candidates):
+                    result[row, i] -= one * first[i] + two * second[i] + three * third[i] + four * fourth[i]
+        last, newest = sums[row & last_bits], sums[(row + 1) & last_bits]
+        for column in range(candidates):
+            newest[column] = last[column] + errors[row, column]

@@ -1,0 +1,156 @@
+"""Make recordings ready for the search: on the observer's raster, with the paper's model fitted."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cmr.estimation.candidates import USUAL_INTERVAL, Excitation
+from cmr.estimation.checks import Checked, findings_of, notes_of, refusal
+from cmr.estimation.gains import choose_gains
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.initial_guess import guess_base_width, guess_motor, turn_rates
+from cmr.estimation.noise import Noise
+from cmr.estimation.prediction import Errors, Predictor, predictors
+from cmr.estimation.problem import Problem
+from cmr.estimation.thinning import share_used, thinned
+from cmr.manoeuvres import TYPICAL
+from cmr.model.catalogue import CATALOGUE
+from cmr.model.observer import MOTION
+from cmr.parameters.file import ParameterFile
+from cmr.recordings.findings import Finding
+
+MOTOR = ("k2_over_k3", "k1")
+THINNED = "The drives are longer than the diagnosis needs: one of {every} readings of each sensor is used."
+GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
+TURNING = 0.05  # rad/s above which a robot turns
+FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
+X, Y = MOTION.index("x"), MOTION.index("y")
+# Beyond this share a base width is not known. Drives with turns tell it ten times as well, straight ones half as well.
+LARGEST_DOUBT = 0.05
+NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
+HARDLY_TURNED = "The robot hardly turned: its turns tell the base width to {doubt:.0f} % only."
+TURNS = "A drive with turns tells it: a figure-eight, or cmr-pilot's rich_drive."
+WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing tells how the motors follow them: "
+
+
+@dataclass(frozen=True)
+class Ready:
+    """Recordings ready to be searched, with the paper's model fitted; or `refused`, a sentence that says why not.
+
+    `start` are values of the paper's parameters, by name, that free runs speak for. `unknown` names those of which
+    neither the recordings nor the nominal parameters tell anything: their values mean nothing.
+    """
+
+    problem: Problem | None
+    base: Fit | None
+    checks: tuple[Finding, ...]
+    notes: tuple[str, ...] = ()
+    refused: str = ""
+    start: Mapping[str, float] = field(default_factory=dict)
+    unknown: tuple[str, ...] = ()
+
+    @property
+    def rolling(self) -> bool:
+        """Whether no commands were recorded: the robot rolls as its wheels did."""
+        return self.base is not None and not set(MOTOR) & set(self.base.names)
+
+
+@dataclass
+class _Start:
+    """Where the fit begins: values by name, of which `names` are free and those of `unknown` mean nothing."""
+
+    values: dict[str, float]
+    names: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    refused: str = ""
+
+
+def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
+    """Fit the paper's model to those recordings that are of use."""
+    checks, notes, refused = findings_of(looked), notes_of(looked), refusal(looked)
+    if refused:
+        return Ready(None, None, checks, notes, refused)
+    segments = [segment for one in looked if not one.useless for segment in one.segments]
+    every = share_used(segments)
+    notes += (THINNED.format(every=every),) if every > 1 else ()
+    ready = predictors([thinned(segment, every) for segment in segments])
+    start = _start(ready, nominal)
+    notes += start.notes
+    if start.refused:
+        return Ready(None, None, checks, notes, start.refused)
+    gains = choose_gains(ready, start.values)
+    errors = [predictor.errors(start.values, gains) for predictor in ready]
+    excitation = _excitation(ready, start.values, errors)
+    problem = Problem(ready, gains, excitation)
+    base = problem.fit(start.values, start.names, Noise.plain(ready, errors), renew=0)
+    problem.excitation = replace(excitation, parameters=base.values)
+    return Ready(problem, base, checks, notes, start=start.values, unknown=start.unknown)
+
+
+def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
+    """Return where the fit begins, and what is to be fitted: what the recordings tell.
+
+    Under which circumstances effects act is told, like the wheel radius, which `nominal` must have.
+    """
+    told = ("wheel_radius", *GIVEN)
+    start = _Start({name: nominal.value(name) for name in told if nominal.has(name)})
+    _add_width(start, ready, nominal)
+    driven = [predictor for predictor in ready if not len(predictor.segment.observations.given)]
+    if start.refused:
+        return start
+    if driven:
+        start.values |= guess_motor(driven, start.values)
+        start.names = (*MOTOR, *start.names)
+    else:
+        _add_nominal_motor(start, nominal)
+        if any(len(predictor.segment.observations.pose) for predictor in ready):
+            start.names = ("wheel_radius", *start.names)
+    if not start.names:
+        start.refused = f"Neither commands nor turns nor poses tell anything of this robot. {TURNS}"
+    return start
+
+
+def _add_width(start: _Start, ready: Sequence[Predictor], nominal: ParameterFile) -> None:
+    """Add the base width; where the turns do not tell it, the nominal one, which is not fitted."""
+    width = guess_base_width(ready, start.values["wheel_radius"])
+    if width is not None and width.doubt <= LARGEST_DOUBT:
+        start.values["base_width"] = width.value
+        start.names = ("base_width",)
+        return
+    why = HARDLY_TURNED.format(doubt=100.0 * width.doubt) if width else NEVER_TURNED
+    if nominal.has("base_width"):
+        start.values["base_width"] = nominal.value("base_width")
+        start.notes = (f"{why} It stays at the nominal {nominal.value('base_width'):.4g} m. {TURNS}",)
+    else:
+        start.refused = f"{why} {TURNS} Or give base_width by --parameters."
+
+
+def _add_nominal_motor(start: _Start, nominal: ParameterFile) -> None:
+    """Add the motors' parameters as they are given; else those of a typical robot, which stand for nothing."""
+    names = " and ".join(MOTOR)
+    if nominal.has(*MOTOR):
+        start.values |= {name: nominal.value(name) for name in MOTOR}
+        start.notes += (f"{WITHOUT_COMMANDS}{names} are the nominal ones.",)
+    else:
+        start.values |= {name: getattr(TYPICAL, name) for name in MOTOR}
+        start.unknown = MOTOR
+        start.notes += (f"{WITHOUT_COMMANDS}{names} are not among the parameters, and cmr-sim needs them.",)
+
+
+def _excitation(ready: Sequence[Predictor], values: dict[str, float], errors: Sequence[Errors]) -> Excitation:
+    """Return how fast the robot turned, how far it went, and how often its pose was told."""
+    motions = [error.motion for error in errors]
+    rates = [np.abs(motion[:, MOTION.index("yaw_rate")]) for motion in motions]
+    fast = np.concatenate([rate[rate > TURNING] for rate in rates])
+    seen = np.concatenate([turn_rates(predictor) for predictor in ready])
+    intervals = [np.diff(predictor.segment.observations.pose_time) for predictor in ready]
+    squares = np.concatenate([motion[:, X] ** 2 + motion[:, Y] ** 2 for motion in motions])
+    return Excitation(
+        values,
+        turning=float(np.sqrt(np.mean(fast**2))) if len(fast) else 1.0,
+        extent=float(np.sqrt(np.mean(squares))),
+        fastest=float(np.quantile(seen, FASTEST)),
+        interval=float(np.median(np.concatenate(intervals))) if any(map(len, intervals)) else USUAL_INTERVAL,
+    )

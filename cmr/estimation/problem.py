@@ -1,0 +1,307 @@
+"""Fit models with effects to recordings by their prediction errors."""
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from functools import cached_property
+
+import numpy as np
+
+from cmr.estimation.candidates import Excitation, effects_of_rolling, lanes_of
+from cmr.estimation.gauss_newton import (
+    DAMPINGS,
+    Asking,
+    Fit,
+    T,
+    fitted,
+    linear,
+    moved,
+    moves_of,
+    newton_steps,
+    one_by_one,
+    room,
+    sums_of_squares,
+)
+from cmr.estimation.noise import Noise
+from cmr.estimation.prediction import WHEELS, Errors, Predictor
+from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.compiled import compiled
+from cmr.model.effect import Effect
+from cmr.model.observer import MOTION, Gains, Observer
+from cmr.recordings.signal import Floats, Mask
+
+BLOCK = 1.5  # s; neighbouring blocks belong to different folds
+FOLDS = 5
+LARGE = 4.0  # standard deviations from which an error counts less than its square
+X, Y = MOTION.index("x"), MOTION.index("y")
+EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
+QUICK_STEPS = 5  # of models fitted side by side,
+PROMISED_BESIDE = 1.0  # each as long as its next step promises as much
+FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best one's drop below which it may do no more
+
+
+class Problem:
+    """Recordings to be explained, and what is known of their noise.
+
+    `by_moments` tells that errors are those of each moment, made white by their past.
+    """
+
+    by_moments = True
+
+    def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation) -> None:
+        self.predictors = tuple(predictors)
+        self.gains = gains
+        self.excitation = excitation
+        self.folds = _folds(self.predictors)
+        self._counted: Mask | None = None
+
+    def part(self, rows: Mask) -> "Problem":
+        """Return the problem in which only the errors count at which `rows` (n,), over all errors, is true."""
+        result = copy(self)
+        result._counted = rows
+        return result
+
+    def errors(self, values: Mapping[str, object]) -> list[Errors]:
+        """Return the prediction errors in each segment; `values` are numbers or arrays (C,)."""
+        observer = Observer(values, self.gains)
+        return [predictor.errors_of(observer) for predictor in self.predictors]
+
+    def white(self, values: Mapping[str, object], noise: Noise) -> Floats:
+        """Return all prediction errors made white and tempered, shape (n, C)."""
+        white = self.made_white(self.errors(values), noise)
+        temper(white.reshape(-1), LARGE)
+        return white
+
+    def squares(self, sets: Sequence[Mapping[str, float]], noise: Noise) -> Floats:
+        """Return the sum of squared white errors with each of several sets of values; infinite where nothing holds."""
+        return sums_of_squares(self.white(lanes_of(sets), noise))
+
+    def made_white(self, errors: Sequence[Errors], noise: Noise) -> Floats:
+        """Return prediction errors made white, shape (n, C), segment by segment and signal by signal."""
+        parts = [
+            noise.all_white(number, predictor, error)
+            for number, (predictor, error) in enumerate(zip(self.predictors, errors, strict=True))
+        ]
+        white = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        if self._counted is not None:
+            white[~self._counted] = 0.0
+        return white
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects of the catalogue that may show: without commands, not those of the motors."""
+        rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
+        return effects_of_rolling() if rolls else tuple(CATALOGUE.values())
+
+    @cached_property
+    def several(self) -> bool:
+        """Whether there are several recordings."""
+        return len({predictor.segment.recording for predictor in self.predictors}) > 1
+
+    @cached_property
+    def moving(self) -> tuple[float, float]:
+        """When the robot has turned its wheels by EDGE, and by all but EDGE, of all that it turns them [s]."""
+        spans = []
+        for predictor in self.predictors:
+            observations = predictor.segment.observations
+            turned = np.cumsum(np.abs(np.diff(observations.wheel, axis=0, prepend=observations.wheel[:1])).sum(axis=1))
+            inside = (turned > EDGE * turned[-1:]) & (turned < (1.0 - EDGE) * turned[-1:])
+            spans.append(observations.time + observations.wheel_time[inside])
+        times = np.concatenate(spans)
+        return (float(times.min()), float(times.max())) if len(times) else (0.0, 0.0)
+
+    @cached_property
+    def of_wheels(self) -> Mask:
+        """Which white errors are those of wheels, shape (n,)."""
+        times = [(name, len(of)) for predictor in self.predictors for name, of in predictor.times.items()]
+        return np.concatenate([np.full(count, name in WHEELS) for name, count in times])
+
+    def rows(self, errors: Sequence[Errors]) -> Floats:
+        """Return when [s] and where [m] each white error arises, shape (n, 3): time, x, y."""
+        parts = []
+        for predictor, error in zip(self.predictors, errors, strict=True):
+            for name, times in predictor.times.items():
+                motion = predictor.motion_at(error.motion, name)
+                parts.append(
+                    np.stack([times + predictor.segment.observations.time, motion[:, X], motion[:, Y]], axis=1)
+                )
+        return np.concatenate(parts)
+
+    def masked(self, changes: Sequence[Errors], masks: Mapping[int, Mask]) -> list[Errors]:
+        """Let some candidates, by column, change errors only where a mask (n,) over all errors is true.
+
+        The changes are large, and so are written over.
+        """
+        begin = 0
+        for predictor, one in zip(self.predictors, changes, strict=True):
+            for name, times in predictor.times.items():
+                inside = slice(begin, begin + len(times))
+                begin += len(times)
+                for column, mask in masks.items():
+                    one.of[name][~mask[inside], column] = 0.0
+        return list(changes)
+
+    def found(self, errors: Sequence[Errors]) -> Noise:
+        """Return the noise that the errors of the first candidate in each segment show."""
+        return Noise.found(self.predictors, errors)
+
+    def fit(self, values: Mapping[str, float], names: Sequence[str], noise: Noise, renew: int = 1) -> Fit:
+        """Fit the free parameters `names` from `values` on (Levenberg-Marquardt).
+
+        The noise is found anew `renew` times, and the fit repeated with it.
+        """
+        fit = self.fits([(values, names)], noise)[0]
+        for _ in range(renew):
+            fit = self.fits([(fit.values, names)], self.found(self.errors(fit.values)))[0]
+        return fit
+
+    def fits(self, models: Sequence[tuple[Mapping[str, float], Sequence[str]]], noise: Noise) -> list[Fit]:
+        """Fit several models side by side, each from some values on with some free parameters: faster than in turn."""
+        return self._answered([fitted(values, tuple(names), noise, self.excitation) for values, names in models], noise)
+
+    def doubts(self, fit: Fit) -> dict[str, float]:
+        """Return what is to be added to standard deviations of a fit, by name: nothing where errors are white."""
+        return dict.fromkeys(fit.names, 0.0)
+
+    def renewed(self, fit: Fit, noise: Noise) -> Fit:
+        """Return the fit with another noise."""
+        return self.fit(fit.values, fit.names, noise, renew=0)
+
+    def refitted(self, fit: Fit, starts: Sequence[Mapping[str, float]]) -> list[Fit]:
+        """Return fits of the same parameters with the same noise from other values on."""
+        return self.fits([(values, fit.names) for values in starts], fit.noise)
+
+    def without(self, fit: Fit, effects: Sequence[Sequence[Effect]]) -> list[Fit]:
+        """Return the fit without some effects, and without others, ...; to first order, what stays is fitted again."""
+        own = [{parameter.name for effect in some for parameter in effect.parameters} for some in effects]
+        sets = [{name: value for name, value in fit.values.items() if name not in names} for names in own]
+        white = self.white(lanes_of(sets), fit.noise)
+        return [_refitted(fit, values, white[:, index]) for index, values in enumerate(sets)]
+
+    def linear(self, values: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:
+        """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`."""
+        return self._answered([linear(values, names, self.excitation)], noise)[0]
+
+    def _answered(self, askings: Sequence[Asking[T]], noise: Noise) -> list[T]:
+        """Give all that ask the white errors they ask for, until each has come to its result."""
+        asked = {number: next(asking) for number, asking in enumerate(askings)}
+        results: dict[int, T] = {}
+        while asked:
+            white = self.white(lanes_of([one for sets in asked.values() for one in sets]), noise)
+            ends = np.cumsum([len(sets) for sets in asked.values()])
+            for number, part in zip(list(asked), np.split(white, ends[:-1], axis=1), strict=True):
+                try:
+                    asked[number] = askings[number].send(part)
+                except StopIteration as stop:
+                    results[number] = stop.value
+                    del asked[number]
+        return [results[number] for number in range(len(askings))]
+
+    def fit_beside(
+        self, base: Fit, starts: Sequence[Mapping[str, float]], names: Sequence[Sequence[str]]
+    ) -> list[tuple[dict[str, float], float]]:
+        """Fit several models at once: the free parameters of `base` and, in each, some `names` of its own.
+
+        `starts` are the values that each model's own parameters begin with. What the base's parameters do is taken
+        from its fit. Returns each model's values and its sum of squared white errors.
+        """
+        courses = [
+            _Course({**base.values, **start}, (*base.names, *own), tuple(own))
+            for start, own in zip(starts, names, strict=True)
+        ]
+        for _ in range(QUICK_STEPS):
+            leader = min(course.squares for course in courses)
+            open_ones = [course for course in courses if course.open(base.squares, leader)]
+            if not open_ones:
+                break
+            moves = [moves_of(course.candidate, course.own, self.excitation) for course in open_ones]
+            sets = [one for course, of in zip(open_ones, moves, strict=True) for one in course.lanes(of)]
+            white = self.white(lanes_of(sets), base.noise)
+            parts = np.split(white, np.cumsum([1 + len(course.own) for course in open_ones])[:-1], axis=1)
+            for course, of, part in zip(open_ones, moves, parts, strict=True):
+                course.go_on(part[:, 0], (part[:, 1:] - part[:, :1]) / of, base.slopes)
+        return [(course.best, course.squares) for course in courses]
+
+
+def _refitted(fit: Fit, values: Mapping[str, float], rest: Floats) -> Fit:
+    """Return the fit at values that lack some of its parameters, moved to where its slopes leave least of `rest`."""
+    kept = [index for index, name in enumerate(fit.names) if name in values]
+    names, slopes = tuple(fit.names[index] for index in kept), np.ascontiguousarray(fit.slopes[:, kept])
+    step = newton_steps(slopes, rest, DAMPINGS[:1], room(values, names))[0]
+    return Fit(moved(values, names, step), names, rest + slopes @ step, slopes, fit.noise)
+
+
+class _Course:
+    """How one of several models, fitted side by side, comes on; `own` are its parameters beside those of the base."""
+
+    def __init__(self, start: dict[str, float], free: Sequence[str], own: Sequence[str]) -> None:
+        self.free, self.own = free, own
+        self.candidate = self.best = start
+        self.squares = self.promised = np.inf
+        self._step, self._pace, self._rounds = np.zeros(len(free)), 1.0, 0
+
+    def open(self, base: float, leader: float) -> bool:
+        """Tell whether more steps may matter; `base` and `leader` are the sums of squares without it and at best."""
+        late = self._rounds >= FAIR_ROUNDS and base - self.squares + self.promised < FAR_BEHIND * (base - leader)
+        return self.promised > PROMISED_BESIDE and not late
+
+    def lanes(self, moves: Floats) -> list[dict[str, float]]:
+        """Return the values to be tested next, and those with each own parameter moved."""
+        return [self.candidate, *one_by_one(self.candidate, self.own, moves)]
+
+    def go_on(self, rest: Floats, slopes: Floats, base: Floats) -> None:
+        """Go a step on from white errors (n,), slopes (n, p) of the own parameters, and those of the base."""
+        self._rounds += 1
+        squares = float(rest @ rest)
+        if squares < self.squares:
+            self.best, self.squares, self._pace = self.candidate, squares, 1.0
+            every = np.concatenate([base, slopes], axis=1)
+            self._step = newton_steps(every, rest, DAMPINGS[:1], room(self.best, self.free))[0]
+            self.promised = squares - float(np.sum((rest + every @ self._step) ** 2))
+        else:
+            self._pace *= 0.3
+        if np.isfinite(self.squares):
+            self.candidate = moved(self.best, self.free, self._pace * self._step)
+        else:
+            self.candidate = nearer_to_neutral(self.candidate, self.own)
+
+
+def nearer_to_neutral(values: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+    """Return the values with the effect of parameters `names` made smaller: what it began with made no sense."""
+    result = dict(values)
+    for known in (definition(name) for name in names):
+        if known.switches and known.neutral is not None and np.isfinite(known.neutral):
+            result[known.name] = known.neutral + 0.3 * (values[known.name] - known.neutral)
+    return result
+
+
+def tempered(white: Floats) -> Floats:
+    """Return white errors (n, C) whose squares grow like Huber's loss: no single moment decides.
+
+    A wheel that sets off half a step earlier than foretold makes errors of a hundred standard deviations for a moment.
+    """
+    result = np.array(white)
+    temper(result.reshape(-1), LARGE)
+    return result
+
+
+@compiled("void(f8[::1], f8)")
+def temper(white, largest):  # type: ignore[no-untyped-def]
+    """Let what is larger than `largest` grow with its root only."""
+    for index in range(len(white)):
+        size = abs(white[index])
+        if size > largest:
+            white[index] = np.copysign(np.sqrt(2.0 * largest * size - largest**2), white[index])
+
+
+def _folds(predictors: Sequence[Predictor]) -> np.typing.NDArray[np.int64]:
+    """Return the fold of each white error, (n,): another recording, or with one recording alternating blocks."""
+    several = len({predictor.segment.recording for predictor in predictors}) > 1
+    return np.concatenate(
+        [
+            np.full(len(times), predictor.segment.recording)
+            if several
+            else np.floor((times + predictor.segment.observations.time) / BLOCK).astype(np.int64) % FOLDS
+            for predictor in predictors
+            for times in predictor.times.values()
+        ]
+    )

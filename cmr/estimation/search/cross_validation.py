@@ -1,0 +1,152 @@
+"""Does an effect hold elsewhere? Fitted anew on one part of the data, it must foretell the other part better."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.estimation.candidates import Excitation, is_limit, lanes_of
+from cmr.estimation.free_runs import SIGNALS, Errors, Fold, alternating_spans, errors_of, joined
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.folds import first_recordings, two_parts
+from cmr.estimation.segments import Segment
+from cmr.model.catalogue import definition
+from cmr.recordings.signal import Floats
+
+LEAST_SEEN = 4.0  # drop of the sum of squares that each part alone must show
+LOST = 0.1  # of what an effect explains of one part that it may cost the other, as no model is exact
+LEAST_GAIN = 10.0  # log-likelihood that an effect must add to the parts that it was not fitted on
+LEAST_SHARE = 0.05  # of a signal's squares on data left out that an effect must explain to matter
+IN_COMMON = 0.5  # correlation of what two effects explain from which on either may stand for the other
+SEEN = 0.7  # of the fastest turns: sensors err, and the ground gives a little
+GYRO = "yaw_rate"
+DOES_NOT_HOLD = "It does not hold on another part of the data, fitted anew without it."
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """What an effect does on data that it was not fitted on.
+
+    Fitted on the first part of the data and on the second, it has `drops` there of the sum of squares, and adds `gains`
+    of log-likelihood to the other part. `share` is the largest share of any signal's squares that it explains there: of
+    wheels and poses in free runs, of the gyro beside the wheels as they were measured.
+    """
+
+    drops: tuple[float, float]
+    gains: tuple[float, float]
+    share: float
+
+    @property
+    def seen(self) -> bool:
+        """Whether each part of the data speaks for it."""
+        return min(self.drops) > LEAST_SEEN
+
+    @property
+    def gain(self) -> float:
+        """The log-likelihood that it adds to the parts that it was not fitted on."""
+        return sum(self.gains)
+
+
+def elsewhere(problem: Problem, before: Fit, after: Fit) -> Elsewhere:
+    """Fit the model before and after an effect came in on each of two parts, and try both on the other part."""
+    first = two_parts(problem.predictors)
+    gyro = np.concatenate([np.full(len(t), n == GYRO) for p in problem.predictors for n, t in p.times.items()])
+    drops, gains, of_gyro, models = [], [], np.zeros(2), []
+    for part in (first, ~first):
+        fits = problem.part(part).fits([(fit.values, fit.names) for fit in (before, after)], after.noise)
+        drops.append(fits[0].squares - fits[1].squares)
+        values = tuple(fit.values for fit in fits)
+        white = problem.white(lanes_of(values), after.noise) ** 2
+        squares = np.sum(white[~part], axis=0)
+        gains.append(0.5 * float(squares[0] - squares[1]))
+        of_gyro += np.sum(white[~part & gyro], axis=0)
+        models.append(values)
+    share = float(1.0 - of_gyro[1] / of_gyro[0]) if of_gyro[0] > 0.0 else 0.0
+    return Elsewhere((drops[0], drops[1]), (gains[0], gains[1]), max(share, _share(problem, models)))
+
+
+def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:
+    """Tell whether two fits, each with another effect beside the model before, explain the same."""
+    if one is None or other is None:
+        return False
+    first, second = before.rest - one.rest, before.rest - other.rest
+    return float(first @ second) > IN_COMMON * float(np.linalg.norm(first) * np.linalg.norm(second))
+
+
+def _share(problem: Problem, models: Sequence[tuple[Mapping[str, float], ...]]) -> float:
+    """Return the largest share of a signal's squares that an effect takes from free runs, the gyro's left out.
+
+    `models` are those before and after, found on the first part and on the second; each runs on the other part.
+    """
+    segments = [predictor.segment for predictor in problem.predictors]
+    first = first_recordings(problem.predictors) if problem.several else None
+    parts = []
+    for segment in segments:
+        if first is None:
+            spans = alternating_spans(segment.observations.time + segment.observations.seconds, 2)
+            folds = [Fold(models[1 - number], _within(segment, spans[number])) for number in range(2)]
+        else:
+            folds = [Fold(models[1 if first[segment.recording] else 0])]
+        parts.append(errors_of(segment, folds))
+    before, after = (joined(of_model) for of_model in zip(*parts, strict=True))
+    told = [name for name in SIGNALS if name != GYRO and _squares(before, name) > 0.0]
+    return max((1.0 - _squares(after, name) / _squares(before, name) for name in told), default=0.0)
+
+
+def _within(segment: Segment, spans: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Return spans [s since the recording's beginning] as times of the segment."""
+    return tuple((begin - segment.observations.time, end - segment.observations.time) for begin, end in spans)
+
+
+def _squares(errors: Errors, name: str) -> float:
+    squares: Floats = errors.squares[name]
+    return float(np.sum(squares))
+
+
+def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, significant: float) -> str:
+    """Return why what an effect explains is not believed to hold elsewhere; empty if it is.
+
+    `significant` is the drop of the sum of squares from which a part of the data speaks for it by itself.
+    """
+    if after is None:
+        return "It was not fitted."
+    found = elsewhere(problem, before, after)
+    if problem.by_moments:
+        return why_not_of_moments(found, significant)
+    if not found.seen:
+        return "Only a part of the data shows it."
+    if found.gain <= LEAST_GAIN:
+        return DOES_NOT_HOLD
+    return "It hardly helps to foretell data that it was not fitted on." if found.share < LEAST_SHARE else ""
+
+
+def why_not_of_moments(found: Elsewhere, significant: float) -> str:
+    """Return why an effect does not hold elsewhere, moment by moment.
+
+    A drive in which an effect does not show says nothing against it. So what a part finds that speaks for the effect by
+    itself must not make the other part worse; where none does, both together must make each other better.
+    """
+    speaking = [
+        (drop, gain) for drop, gain in zip(found.drops, found.gains, strict=True) if drop > max(significant, LEAST_SEEN)
+    ]
+    if speaking:
+        return DOES_NOT_HOLD if any(gain < -0.5 * LOST * drop for drop, gain in speaking) else ""
+    if not found.seen:
+        return "Only a part of the data shows it."
+    return DOES_NOT_HOLD if found.gain <= 0.0 else ""
+
+
+def contradicted(values: Mapping[str, float], excitation: Excitation) -> bool:
+    """Tell whether an effect limits the turns to less than the robot was seen to turn."""
+    return as_seen(values, excitation) != values
+
+
+def as_seen(values: Mapping[str, float], excitation: Excitation) -> dict[str, float]:
+    """Return the values; a limit of the turns that the robot was seen to exceed becomes what it was seen to turn."""
+    exceeded = {name for name in values if _limits_turns(name) and values[name] < SEEN * excitation.fastest}
+    return {name: excitation.fastest if name in exceeded else value for name, value in values.items()}
+
+
+def _limits_turns(name: str) -> bool:
+    return definition(name).unit == "rad/s" and is_limit(definition(name))

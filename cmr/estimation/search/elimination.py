@@ -1,0 +1,151 @@
+"""Finish a search: drop what has become redundant or does not matter, make sure of the values, put in order."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.estimation.candidates import is_rough, locality, worth_naming
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect, held_out_gain, needed, why_not
+from cmr.estimation.search.inflation import Inflation
+from cmr.estimation.search.placement import explored
+from cmr.estimation.search.profile import polished
+from cmr.model.parameters import DEFINITIONS as PAPER
+
+CLEARLY = 3.0  # times what an effect must explain: with more to first order it is needed
+
+
+@dataclass(frozen=True)
+class Finished:
+    """The effects named, each judged beside all others, and the final fit with what is to be added to its doubts.
+
+    `dropped` are effects that did not stand this, and why.
+    """
+
+    named: list[SelectedEffect]
+    dropped: list[tuple[CandidateEffect, str]]
+    final: Fit
+    doubts: Mapping[str, float]
+
+
+def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, inflation: Inflation) -> Finished:
+    """Finish a search that named some effects, with `current` as its last fit."""
+    standing, small, final = _without_small(problem, named, current)
+    dropped = [(tested, TOO_SMALL) for tested in small]
+    doubts: dict[str, float] = {}
+    for one in standing:
+        final, doubt = _made_sure(problem, final, one)
+        doubts.update(doubt)
+    while standing:
+        alone = len(standing) == 1 and not dropped
+        standing = [_at(final, standing[0])] if alone else _beside_the_others(problem, standing, final, inflation)
+        reasons = [why_not(problem, one.before, one.candidate, inflation) for one in standing]
+        failing = [(one, why) for one, why in zip(standing, reasons, strict=True) if why not in ("", TOO_SMALL)]
+        if not failing:
+            break
+        worst, why = min(failing, key=lambda pair: pair[0].candidate.drop)
+        dropped.append((worst.candidate, why))
+        standing = [one for one in standing if one is not worst]
+        final = worst.before
+    both = {name: float(np.hypot(doubt, doubts.get(name, 0.0))) for name, doubt in problem.doubts(final).items()}
+    return Finished(standing, dropped, final, {**doubts, **both})
+
+
+def _made_sure(problem: Problem, fit: Fit, one: SelectedEffect) -> tuple[Fit, dict[str, float]]:
+    effect = one.candidate.effect
+    names = [parameter.name for parameter in effect.parameters]
+    if locality(effect) == "place":
+        return explored(problem, fit, names)
+    return polished(problem, fit, names) if is_rough(effect) else (fit, {})
+
+
+def _at(final: Fit, one: SelectedEffect) -> SelectedEffect:
+    """Return an effect that stands alone with its final values: what it explains is known."""
+    return replace(one, candidate=replace(one.candidate, values=final.values, fit=final))
+
+
+def _beside_the_others(
+    problem: Problem, standing: Sequence[SelectedEffect], final: Fit, inflation: Inflation
+) -> list[SelectedEffect]:
+    """Return each effect with what it explains beside all others, and the fit without it.
+
+    Where the effect is clearly needed, first order is enough for that. Errors of free runs are not linear enough.
+    """
+    fits = problem.without(final, [[one.candidate.effect] for one in standing])
+    clear = [
+        problem.by_moments and fit.squares - final.squares > CLEARLY * _least(one, inflation)
+        for one, fit in zip(standing, fits, strict=True)
+    ]
+    unsure = [number for number in range(len(standing)) if not clear[number]]
+    refits = problem.fits([_left_out(standing[number], final) for number in unsure], final.noise)
+    for number, fit in zip(unsure, refits, strict=True):
+        fits[number] = fit
+    return [_beside(problem, one, before, final) for one, before in zip(standing, fits, strict=True)]
+
+
+def _beside(problem: Problem, one: SelectedEffect, before: Fit, final: Fit) -> SelectedEffect:
+    drop, held_out = before.squares - final.squares, held_out_gain(problem, before, final)
+    candidate = CandidateEffect(one.candidate.effect, drop, final.values, final, held_out)
+    return replace(one, before=before, candidate=candidate)
+
+
+def _least(one: SelectedEffect, inflation: Inflation) -> float:
+    """Return the drop of the sum of squares below which an effect is redundant."""
+    return needed(one.candidate.effect) * inflation.of(one.candidate.effect.name)
+
+
+def _left_out(one: SelectedEffect, final: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return where a fit without an effect begins, and what is free in it.
+
+    What the paper's parameters were before the effect came in is nearer to what they are without it.
+    """
+    values, names = without(final, [one])
+    return {**values, **{name: value for name, value in one.before.values.items() if name in PAPER}}, names
+
+
+def _without_small(
+    problem: Problem, named: Sequence[SelectedEffect], current: Fit
+) -> tuple[list[SelectedEffect], list[CandidateEffect], Fit]:
+    """Return the effects that matter, those that do not, with their values, and the fit without these."""
+    matters = [_matters(problem, one, current) for one in named]
+    small = [one for one, does in zip(named, matters, strict=True) if not does]
+    if not small:
+        return list(named), [], current
+    fit = problem.fit(*without(current, small), current.noise, renew=0)
+    tested = [replace(one.candidate, values=current.values) for one in small]
+    return [one for one, does in zip(named, matters, strict=True) if does], tested, fit
+
+
+def _matters(problem: Problem, one: SelectedEffect, fit: Fit) -> bool:
+    names = [parameter.name for parameter in one.candidate.effect.parameters]
+    values, stds = {name: fit.values[name] for name in names}, {name: fit.std(name) for name in names}
+    return worth_naming(values, stds, problem.excitation)
+
+
+def pruned(
+    problem: Problem, named: list[SelectedEffect], current: Fit, inflation: Inflation
+) -> tuple[list[SelectedEffect], Fit]:
+    """Drop effects that the others have made redundant."""
+    drops = [
+        fit.squares - current.squares for fit in problem.without(current, [[one.candidate.effect] for one in named])
+    ]
+    clear = [problem.by_moments and drop > CLEARLY * _least(o, inflation) for o, drop in zip(named, drops, strict=True)]
+    unsure = [one for one, sure in zip(named, clear, strict=True) if not sure]
+    while unsure:
+        fits = problem.fits([without(current, [one]) for one in unsure], current.noise)
+        redundant = [f.squares - current.squares < _least(o, inflation) for f, o in zip(fits, unsure, strict=True)]
+        if not any(redundant):
+            break
+        first = redundant.index(True)
+        named = [one for one in named if one is not unsure[first]]
+        current, unsure = fits[first], unsure[first + 1 :]
+    return named, current
+
+
+def without(fit: Fit, effects: Sequence[SelectedEffect]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return the values of a fit, and the names of what is free in it, without some effects."""
+    own = {parameter.name for one in effects for parameter in one.candidate.effect.parameters}
+    values = {name: value for name, value in fit.values.items() if name not in own}
+    return values, tuple(name for name in fit.names if name not in own)

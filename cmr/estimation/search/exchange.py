@@ -1,0 +1,235 @@
+"""Exchange effects: up to two of those selected leave, up to two others come, where that explains the data better.
+
+Adding one effect at a time fails where effects explain each other's traces: unequal gain and unequal back-EMF are
+first taken for one asymmetry, two asymmetries may each need the other, and slip may be taken for two latencies. The
+screening gives the products of what all effects change in the white errors. From these, the sum of squares that any
+exchange would leave is known to first order without another run of the model; the best exchanges are then fitted.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from cmr.estimation.gauss_newton import Fit, moved
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.criteria import (
+    PER_FURTHER,
+    TOO_SMALL,
+    CandidateEffect,
+    SelectedEffect,
+    held_out_gain,
+    needed,
+    why_not,
+)
+from cmr.estimation.search.inflation import Inflation
+from cmr.estimation.search.linear import Left
+from cmr.estimation.search.placement import placed
+from cmr.estimation.search.screening import MOST_OF_A_LIMIT, Score, Screening, one_sided, start_of
+from cmr.model.catalogue import CATALOGUE, definition
+
+OWN = 1e-4  # of a change's square that must be its own beside the changes that it joins
+BEST_PAIRS = 60  # of each set of effects that leave
+LARGEST_SHARE = 5.0  # of the typical size: first order holds no further
+# By how much the predicted score may be worse than the present one, as first order is not exact; how many are fitted.
+WORSE_BY_ONE, FITTED_BY_ONE = 60.0, 6  # of exchanges in which one effect comes
+WORSE_BY_TWO, FITTED_BY_TWO = 10.0, 3  # in which two come
+WORSE_QUICKLY = 15.0  # by how much a quick fit may be worse
+BETTER = 2.0  # by which the score must fall; less is a tie
+
+
+@dataclass(frozen=True)
+class _Proposal:
+    """An exchange to first order: effects that leave; trials, by number, that come, with shares of their sizes.
+
+    `score` is the sum of squares, with a penalty for the effects.
+    """
+
+    leaving: tuple[str, ...]
+    trials: tuple[int, ...]
+    shares: tuple[float, ...]
+    score: float
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """An exchange that explains the data better: the effects that leave, those that come, and the fit with them."""
+
+    leaving: tuple[str, ...]
+    selected: tuple[SelectedEffect, ...]
+    fit: Fit
+
+    @property
+    def coming(self) -> list[str]:
+        """The names of the effects that come."""
+        return [one.candidate.effect.name for one in self.selected]
+
+
+def best_exchange(
+    problem: Problem, current: Fit, screening: Screening, named: Sequence[SelectedEffect], inflation: Inflation
+) -> Exchange | None:
+    """Return the best exchange whose effects are possible, None if none explains the data better."""
+    selected = [one.candidate.effect.name for one in named]
+    proposals = _proposals(screening, current, selected, inflation)
+    starts = _quickly_fitted(problem, current, screening, proposals)
+    penalties = [_penalty(one.leaving, _coming(screening, one), inflation) for one in proposals]
+    promising = [
+        number
+        for number, (_, squares) in enumerate(starts)
+        if squares + penalties[number] < current.squares + WORSE_QUICKLY
+    ]
+    fits = problem.fits([(starts[n][0], _names(current, screening, proposals[n])) for n in promising], current.noise)
+    found = sorted(zip(fits, promising, strict=True), key=lambda one: one[0].squares + penalties[one[1]])
+    for fit, number in found:
+        if fit.squares + penalties[number] > current.squares - BETTER * inflation.all:
+            return None
+        candidates = [_candidate(problem, fit, name) for name in _coming(screening, proposals[number])]
+        reasons = [why_not(problem, current, one, inflation) for one in candidates]
+        if all(reason in ("", TOO_SMALL) for reason in reasons):
+            come = tuple(SelectedEffect(one, (), current) for one in candidates)
+            return Exchange(proposals[number].leaving, come, fit)
+    return None
+
+
+def _quickly_fitted(
+    problem: Problem, current: Fit, screening: Screening, proposals: Sequence[_Proposal]
+) -> list[tuple[dict[str, float], float]]:
+    """Return values and sum of squares of each exchange, fitted as if what stays did as it does now."""
+    result: list[tuple[dict[str, float], float]] = [({}, np.inf)] * len(proposals)
+    for leaving in dict.fromkeys(one.leaving for one in proposals):
+        base = problem.without(current, [[CATALOGUE[name] for name in leaving]])[0] if leaving else current
+        numbers = [number for number, one in enumerate(proposals) if one.leaving == leaving]
+        starts = [_start(problem, current, base.names, screening, proposals[number]) for number in numbers]
+        own = [
+            [p.name for name in _coming(screening, proposals[n]) for p in CATALOGUE[name].parameters] for n in numbers
+        ]
+        for number, found in zip(numbers, problem.fit_beside(base, starts, own), strict=True):
+            result[number] = found
+    return result
+
+
+def _penalty(leaving: Sequence[str], coming: Sequence[str], inflation: Inflation) -> float:
+    """Return what effects that come must explain more than those that leave.
+
+    Each further effect must explain as much as one that is added by itself: thousands of exchanges are compared. A
+    simpler model may explain a little less (Schwarz, Annals of Statistics 6, 1978).
+    """
+    parameters = sum(len(CATALOGUE[name].parameters) for name in coming)
+    parameters -= sum(len(CATALOGUE[name].parameters) for name in leaving)
+    further = len(coming) - len(leaving)
+    if further <= 0:
+        return PER_FURTHER * parameters
+    enough = sorted(needed(CATALOGUE[name]) * inflation.of(name) for name in coming)
+    return float(sum(enough[-further:]))
+
+
+def _coming(screening: Screening, one: _Proposal) -> list[str]:
+    return list(dict.fromkeys(screening.trials[number].effect for number in one.trials))
+
+
+def _candidate(problem: Problem, fit: Fit, name: str) -> CandidateEffect:
+    """Return an effect of a fit as a candidate beside all others."""
+    own = {parameter.name for parameter in CATALOGUE[name].parameters}
+    values = {key: value for key, value in fit.values.items() if key not in own}
+    without = problem.fits([(values, [key for key in fit.names if key not in own])], fit.noise)[0]
+    drop = without.squares - fit.squares
+    return CandidateEffect(CATALOGUE[name], drop, fit.values, fit, held_out_gain(problem, without, fit))
+
+
+def _start(
+    problem: Problem, current: Fit, stay: Sequence[str], screening: Screening, one: _Proposal
+) -> dict[str, float]:
+    """Return the values with which the fit of an exchange begins; parameters that `stay` are moved to first order."""
+    own = {parameter.name for name in one.leaving for parameter in CATALOGUE[name].parameters}
+    result = {name: value for name, value in current.values.items() if name not in own}
+    result = moved(result, stay, screening.linear.step(stay, one.leaving, one.trials, one.shares))
+    for number, share in zip(one.trials, one.shares, strict=True):
+        trial = screening.trials[number]
+        start = start_of(Score(trial, 0.0, share))
+        start = dict(placed(problem, CATALOGUE[trial.effect], {**result, **start}, current.noise))
+        for parameter in CATALOGUE[trial.effect].parameters:
+            # Of two trials of one effect, each has another parameter that is not neutral.
+            if start[parameter.name] != parameter.neutral or parameter.name not in result:
+                result[parameter.name] = start[parameter.name]
+    return result
+
+
+def _names(current: Fit, screening: Screening, one: _Proposal) -> tuple[str, ...]:
+    """Return what is free in the fit of an exchange."""
+    own = {parameter.name for name in one.leaving for parameter in CATALOGUE[name].parameters}
+    coming = [parameter.name for name in _coming(screening, one) for parameter in CATALOGUE[name].parameters]
+    return (*(name for name in current.names if name not in own), *coming)
+
+
+def _proposals(screening: Screening, current: Fit, selected: Sequence[str], inflation: Inflation) -> list[_Proposal]:
+    """Return the most promising exchanges, the best first: one for each set of effects."""
+    found: dict[tuple[frozenset[str], frozenset[str]], _Proposal] = {}
+    for leaving in _subsets(selected):
+        own = {parameter.name for name in leaving for parameter in CATALOGUE[name].parameters}
+        left = screening.linear.beside([name for name in current.names if name not in own], leaving)
+        for one in (*_singles(screening, left, leaving, inflation), *_pairs(screening, left, leaving, inflation)):
+            key = frozenset(leaving), frozenset(_coming(screening, one))
+            if key not in found or one.score < found[key].score:
+                found[key] = one
+    ranked = sorted(found.values(), key=lambda one: one.score)
+    by_one = [one for one in ranked if len(one.trials) == 1 and one.score < current.squares + WORSE_BY_ONE]
+    by_two = [one for one in ranked if len(one.trials) == 2 and one.score < current.squares + WORSE_BY_TWO]
+    return [*by_one[:FITTED_BY_ONE], *by_two[:FITTED_BY_TWO]]
+
+
+def _subsets(selected: Sequence[str]) -> Iterator[tuple[str, ...]]:
+    yield ()
+    yield from ((name,) for name in selected)
+    yield from combinations(selected, 2)
+
+
+def _singles(screening: Screening, left: Left, leaving: tuple[str, ...], inflation: Inflation) -> Iterator[_Proposal]:
+    """Yield exchanges in which one trial comes for some effects."""
+    sizes = np.diag(left.normal)
+    for number in np.flatnonzero(sizes > OWN * screening.linear.sizes) if leaving else ():
+        share = float(-left.pulls[number] / sizes[number])
+        if _possible(screening, number, share):
+            squares = left.squares + share * float(left.pulls[number])
+            score = squares + _penalty(leaving, [screening.trials[number].effect], inflation)
+            yield _Proposal(leaving, (int(number),), (share,), score)
+
+
+def _pairs(screening: Screening, left: Left, leaving: tuple[str, ...], inflation: Inflation) -> Iterator[_Proposal]:
+    """Yield exchanges in which two trials come."""
+    normal, pulls, sizes = left.normal, left.pulls, np.diag(left.normal)
+    own = np.flatnonzero(sizes > OWN * screening.linear.sizes)
+    first, second = (own[index] for index in np.triu_indices(len(own), 1))
+    determinant = sizes[first] * sizes[second] - normal[first, second] ** 2
+    independent = determinant > OWN * sizes[first] * sizes[second]
+    first, second, determinant = first[independent], second[independent], determinant[independent]
+    share = -(sizes[second] * pulls[first] - normal[first, second] * pulls[second]) / determinant
+    other = -(sizes[first] * pulls[second] - normal[first, second] * pulls[first]) / determinant
+    squares = left.squares + share * pulls[first] + other * pulls[second]
+    # Most pairs explain too little, whatever their penalty; they are not looked at one by one.
+    for index in np.argsort(squares)[:BEST_PAIRS]:
+        numbers, shares = (int(first[index]), int(second[index])), (float(share[index]), float(other[index]))
+        possible = all(_possible(screening, number, part) for number, part in zip(numbers, shares, strict=True))
+        effects = sorted({screening.trials[number].effect for number in numbers})
+        if possible and _compatible(screening, numbers):
+            yield _Proposal(leaving, numbers, shares, float(squares[index]) + _penalty(leaving, effects, inflation))
+
+
+def _possible(screening: Screening, number: Any, share: float) -> bool:
+    """Tell whether a trial may come with this share of its size."""
+    trial = screening.trials[number]
+    if trial.threshold:
+        return 0.0 < share < MOST_OF_A_LIMIT
+    return abs(share) < LARGEST_SHARE / trial.portion and (share > 0.0 or not one_sided(trial))
+
+
+def _compatible(screening: Screening, numbers: tuple[int, ...]) -> bool:
+    """Tell whether two trials are of different effects, or of different parameters of one."""
+    switched = [_switched(screening.trials[number].values) for number in numbers]
+    return not switched[0] & switched[1]
+
+
+def _switched(values: Mapping[str, float]) -> set[str]:
+    known = [definition(name) for name in values]
+    return {one.name for one in known if one.switches and values[one.name] != one.neutral}

@@ -1,0 +1,85 @@
+"""Two parts of the data, one to be foretold by the other: two kinds of manoeuvre where there are two.
+
+What holds on circles need not hold on squares. Recordings are of one kind if they share their time alike among
+standing, straight driving, turns to either side and spins; a single recording is dealt out in blocks.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cmr.estimation.free_runs import BLOCK
+from cmr.estimation.prediction import Predictor
+from cmr.recordings.signal import Floats, Mask
+
+WINDOW = 0.5  # s over which motion is looked at
+STANDING = 0.05  # of the fastest wheel's speed
+STRAIGHT, SPINNING = 0.15, 3.0  # the wheels' difference over their sum, below and above
+SHARES = 5  # standing, straight, left, right, spinning
+UNLIKE = 0.3  # of the time that two kinds of manoeuvre must spend in another way
+ROUNDS = 10
+
+
+def two_parts(predictors: Sequence[Predictor]) -> Mask:
+    """Return which of two parts each error belongs to, (n,), segment by segment and signal by signal."""
+    if len({predictor.segment.recording for predictor in predictors}) > 1:
+        first = first_recordings(predictors)
+        return np.concatenate(
+            [np.full(len(times), first[p.segment.recording]) for p in predictors for times in p.times.values()]
+        )
+    return np.concatenate(
+        [
+            np.floor((times + predictor.segment.observations.time) / BLOCK).astype(np.int64) % 2 == 0
+            for predictor in predictors
+            for times in predictor.times.values()
+        ]
+    )
+
+
+def first_recordings(predictors: Sequence[Predictor]) -> dict[int, bool]:
+    """Return of each of several recordings, by number, whether it belongs to the first part."""
+    recordings = sorted({predictor.segment.recording for predictor in predictors})
+    shares = np.array([_shares([p for p in predictors if p.segment.recording == one]) for one in recordings])
+    return {one: bool(first) for one, first in zip(recordings, two_kinds(shares), strict=True)}
+
+
+def two_kinds(shares: Floats) -> Mask:
+    """Return which of two kinds each of n recordings is, (n,), from what it spends its time on, (n, SHARES).
+
+    Where all are of one kind, they are dealt out in turn. Two means are found from the two recordings least alike.
+    """
+    distance = 0.5 * np.abs(shares[:, None] - shares[None]).sum(axis=2)
+    centres = shares[list(np.unravel_index(np.argmax(distance), distance.shape))]
+    first = np.zeros(len(shares), np.bool_)
+    for _ in range(ROUNDS):
+        to_centres = np.abs(shares[:, None] - centres[None]).sum(axis=2)
+        first = to_centres[:, 0] <= to_centres[:, 1]
+        if first.all() or not first.any():
+            break
+        centres = np.stack([shares[first].mean(axis=0), shares[~first].mean(axis=0)])
+    apart = 0.5 * np.abs(centres[0] - centres[1]).sum()
+    if first.all() or not first.any() or apart < UNLIKE:
+        return np.asarray(np.arange(len(shares)) % 2 == 0)
+    return np.asarray(first)
+
+
+def _shares(predictors: Sequence[Predictor]) -> Floats:
+    """Return what shares of its time the robot stood, drove straight, turned left, turned right and spun, (SHARES,)."""
+    steps = np.concatenate([_steps(predictor) for predictor in predictors])
+    if len(steps) == 0:
+        return np.asarray(np.arange(SHARES) == 0, np.float64)
+    total, difference = steps.sum(axis=1), steps[:, 1] - steps[:, 0]
+    standing = np.max(np.abs(steps), axis=1) < STANDING * np.max(np.abs(steps))
+    turning = np.abs(difference) / np.maximum(np.abs(total), 1e-9)
+    kinds = np.select([standing, turning < STRAIGHT, turning > SPINNING, difference > 0.0], [0, 1, 4, 2], default=3)
+    return np.asarray(np.bincount(kinds, minlength=SHARES) / len(steps), np.float64)
+
+
+def _steps(predictor: Predictor) -> Floats:
+    """Return how far each wheel turned in each window [rad], (n, 2)."""
+    observations = predictor.segment.observations
+    borders = np.arange(0.0, observations.seconds, WINDOW)
+    if len(observations.wheel_time) == 0:
+        return np.empty((0, 2))
+    angles = np.stack([np.interp(borders, observations.wheel_time, wheel) for wheel in observations.wheel.T], axis=1)
+    return np.asarray(np.diff(angles, axis=0), np.float64)

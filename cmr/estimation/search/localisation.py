@@ -1,0 +1,97 @@
+"""When did a change happen, or where is a place that differs? All moments, and all places, are tested at once.
+
+What an effect does that acts always and everywhere is known; one that acts from a moment on, or within a disc, does
+the same there and nothing elsewhere, as its traces in the prediction errors last for a fraction of a second only.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.recordings.signal import Floats, Mask
+
+EDGE = 0.06  # of what an effect does in all; a change in the first or the last part would be an outlier
+CELL = 0.1  # m; places are told apart as finely
+RADII = (0.2, 0.3, 0.38, 0.46, 0.55)  # m
+MOST_CELLS = 1500
+FARTHEST = 1 << 31  # cells from the origin, and more than there are
+LARGEST_PART = 0.6  # of all that a place may hold, the rest being elsewhere, if everywhere would explain as much
+NOTHING = 1e-6
+
+
+@dataclass(frozen=True)
+class Local:
+    """Where an effect explains most: what it drops the sum of squares by, and the values that say when, or where."""
+
+    drop: float
+    values: dict[str, float]
+    inside: Mask
+
+
+NOWHERE = Local(0.0, {}, np.zeros(0, np.bool_))
+
+
+def best_moment(moves: Floats, rest: Floats, basis: Floats, time: Floats) -> Local:
+    """Return the moment [s] from which on some moves (n, m) together explain most of `rest` (n,).
+
+    `basis` (n, p), orthonormal, is what the model explains itself; `rest` is free of it. `time` (n,) is that of each.
+    What several moves explain is added up, as if they had nothing in common.
+    """
+    order = np.argsort(-time, kind="stable")
+    since = time[order]
+    drops, allowed = np.zeros(len(time)), np.ones(len(time), np.bool_)
+    for move in moves.T:
+        pulls, sizes = np.cumsum((move * rest)[order]), np.cumsum((move * move)[order])
+        along = np.cumsum(basis[order] * move[order, None], axis=0)
+        drops += _drops(pulls, sizes, along)
+        allowed &= (sizes > EDGE * sizes[-1]) & (sizes < (1.0 - EDGE) * sizes[-1])
+    best = int(np.argmax(np.where(allowed, drops, -1.0)))
+    moment = float(since[best])
+    return Local(float(drops[best]) if allowed.any() else 0.0, {"time": moment}, time >= moment)
+
+
+def best_place(moves: Floats, rest: Floats, basis: Floats, places: Floats) -> Local:
+    """Return the disc within which some moves (n, m) together explain most of `rest` (n,).
+
+    `places` (n, 2) [m] are those of each. What several moves explain is added up, as if they had nothing in common.
+    """
+    at = np.round(places / CELL).astype(np.int64)
+    numbers = at[:, 0] * FARTHEST + at[:, 1]
+    _, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)
+    cells = at[first]
+    best = Local(0.0, {}, np.zeros(len(moves), np.bool_))
+    if len(cells) > MOST_CELLS:
+        return best
+    sums = [_sums(move, rest, basis, inverse, len(cells)) for move in moves.T]
+    centres = cells * CELL
+    distance = np.hypot(*(centres[:, None] - centres[None]).transpose(2, 0, 1))
+    for radius in RADII:
+        near = (distance <= radius).astype(np.float64)
+        drops = np.sum([_drops_within(one, near) for one in sums], axis=0)
+        index = int(np.argmax(drops))
+        if drops[index] > best.drop:
+            inside = np.hypot(*(places - centres[index]).T) <= radius
+            values = {"x": float(centres[index, 0]), "y": float(centres[index, 1]), "radius": radius}
+            best = Local(float(drops[index]), values, inside)
+    return best
+
+
+def _sums(move: Floats, rest: Floats, basis: Floats, cell: np.typing.NDArray[np.int64], cells: int) -> Floats:
+    """Return the pull, the size and the shares along the basis of a move in each cell, shape (2 + p, cells)."""
+    columns = np.concatenate([[move * rest, move * move], basis.T * move])
+    return np.stack([np.bincount(cell, column, cells) for column in columns])
+
+
+def _drops_within(sums: Floats, near: Floats) -> Floats:
+    """Return by how much a move drops the squares in discs about each cell; `near` (cells, discs) is 1 within."""
+    within, everywhere = sums @ near, sums.sum(axis=1, keepdims=True)
+    drops, of_all = (_drops(one[0], one[1], one[2:].T) for one in (within, everywhere))
+    size, whole = within[1], everywhere[1]
+    nearly_all = (size > (1.0 - EDGE) * whole) | ((size > LARGEST_PART * whole) & (drops <= of_all))
+    return np.where(nearly_all, 0.0, drops)
+
+
+def _drops(pulls: Floats, sizes: Floats, along: Floats) -> Floats:
+    """Return by how much moves of these pulls (m,), sizes (m,) and shares along the basis (m, p) drop the squares."""
+    free = sizes - np.sum(along**2, axis=1)
+    return np.where(free > NOTHING + 1e-6 * sizes, pulls**2 / np.maximum(free, NOTHING), 0.0)

@@ -1,0 +1,233 @@
+"""Try every effect of the catalogue at once: how much of the prediction errors would it explain (score test)?
+
+The noise is taken from what is left when all effects together, and the parameters in use, have explained what they can
+(to first order): noise found beside a wrong model would swallow what the model gets wrong.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.estimation.candidates import Trial, lanes_of, step_of, trials
+from cmr.estimation.gauss_newton import inward
+from cmr.estimation.noise import Noise
+from cmr.estimation.prediction import Errors
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.inflation import NOTHING, Beside, Inflation, inflation_of, left_by
+from cmr.estimation.search.linear import Linear
+from cmr.estimation.search.localisation import NOWHERE, Local, best_moment, best_place
+from cmr.model.catalogue import CATALOGUE, definition
+from cmr.recordings.signal import Floats
+
+LARGEST_SHARE = 3.0  # of the typical size that the noise's model may use, and with which a fit may begin
+MOST_AT_ONCE = 1.5  # of a trial's size with which a fit of several parameters begins
+MOST_OF_A_LIMIT = 1.3  # of a trial's size that a limit's score may use
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a trial would explain: the drop of the sum of squared white errors, at this share of the trial's size."""
+
+    trial: Trial
+    drop: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Screening:
+    """The noise, the best score of each effect, best first, and the inflation of scores.
+
+    `traces` tells by effect how much of its typical size would show: the sum of squared white errors that it makes.
+    `linear` is what all `trials` do together, to first order.
+    """
+
+    noise: Noise
+    scores: tuple[Score, ...]
+    inflation: Inflation
+    traces: Mapping[str, float]
+    trials: tuple[Trial, ...]
+    linear: Linear
+
+
+def screen(
+    problem: Problem, values: Mapping[str, float], names: Sequence[str], selected: Sequence[str], noise: Noise | None
+) -> Screening:
+    """Score all effects but those `selected`, beside the free parameters `names` at `values`."""
+    attempts = trials(problem.excitation, [effect for effect in problem.effects if effect.name not in selected])
+    steps = [inward(name, values[name], step_of(name, values[name], problem.excitation)) for name in names]
+    sets = [dict(values)]
+    sets += [{**values, name: values[name] + step} for name, step in zip(names, steps, strict=True)]
+    sets += [_switched_off(values, name) for name in selected]
+    sets += [{**values, **trial.values} for trial in attempts]
+    errors = problem.errors(lanes_of(sets))
+    rows = problem.rows(errors)
+    off = list(range(1 + len(names), 1 + len(names) + len(selected)))
+    changes = [_changes(one) for one in errors]
+    explaining = [number for number in range(len(sets)) if number not in off]
+    without = [chosen([one], off)[0] for one in changes]
+    changes = chosen(changes, explaining) if off else changes
+    if noise is None:
+        plain = Noise.plain(problem.predictors, changes)
+        noise = noise_of_all(problem, changes, plain, _reaches(attempts, len(names)))
+    attempts, changes = _localised(problem, attempts, changes, len(names), noise, rows)
+    noise = noise_of_all(problem, changes, noise, _reaches(attempts, len(names)))
+    white = problem.made_white(changes, noise)
+    beside = Beside.of(white, len(names), problem.of_wheels)
+    linear = _linear(white, problem.made_white(without, noise) if off else white[:, :0], names, steps, selected)
+    sizes = beside.sizes
+    scores = [_score(trial, size, pull) for trial, size, pull in zip(attempts, sizes, beside.pulls, strict=True)]
+    best: dict[str, Score] = {}
+    for score in sorted(scores, key=lambda score: -score.drop):
+        best.setdefault(score.trial.effect, score)
+    best = {name: _together(score, scores) for name, score in best.items()}
+    traces: dict[str, float] = {}
+    usual = [number for number, trial in enumerate(attempts) if not trial.spare]
+    for number in usual:
+        effect = attempts[number].effect
+        traces[effect] = max(float(sizes[number]) / attempts[number].portion ** 2, traces.get(effect, 0.0))
+    inflation = inflation_of([attempts[n].effect for n in usual], beside.only(np.array(usual, np.int64)))
+    return Screening(noise, tuple(best.values()), inflation, traces, tuple(attempts), linear)
+
+
+def _switched_off(values: Mapping[str, float], effect: str) -> dict[str, float]:
+    own = {parameter.name for parameter in CATALOGUE[effect].parameters}
+    return {name: value for name, value in values.items() if name not in own}
+
+
+def _linear(
+    white: Floats, off: Floats, names: Sequence[str], steps: Sequence[float], selected: Sequence[str]
+) -> Linear:
+    """Return the products of all columns, from those of the errors, free parameters and trials, and of effects off."""
+    ends = 1 + len(names)
+    columns = np.concatenate([white[:, :ends], off, white[:, ends:]], axis=1)
+    return Linear(columns.T @ columns, tuple(names), np.array(steps), tuple(selected))
+
+
+def _together(best: Score, scores: Sequence[Score]) -> Score:
+    """Return the best score of an effect of a time or place with all its parameters at once, as far as each scores."""
+    if not best.trial.local:
+        return best
+    values = dict(best.trial.values)
+    for score in scores:
+        if score.trial.effect == best.trial.effect:
+            for name, value in score.trial.values.items():
+                known = definition(name)
+                if known.switches and value != known.neutral:
+                    share = float(np.clip(score.share, -MOST_AT_ONCE, MOST_AT_ONCE))
+                    values[name] = float(np.clip(value * share, known.lower, known.upper))
+    return Score(replace(best.trial, values=values), best.drop, 1.0)
+
+
+def _changes(errors: Errors) -> Errors:
+    """Return what each candidate but the first changes of the first one's errors, in the place of its own.
+
+    They are large, and so are written over.
+    """
+    for every in errors.of.values():
+        every[:, 1:] -= every[:, :1]
+    return errors
+
+
+def _localised(
+    problem: Problem, attempts: Sequence[Trial], changes: Sequence[Errors], free: int, noise: Noise, rows: Floats
+) -> tuple[list[Trial], list[Errors]]:
+    """Replace trials that act always or everywhere by those that act from the best moment on, or at the best place.
+
+    Returns the trials and their changes.
+    """
+    found = _locals(problem, attempts, changes, free, noise, rows)
+    kept, columns, masks = [], [*range(free + 1)], {}
+    for number, trial in enumerate(attempts):
+        local = found.get(trial.effect)
+        if local is not None:
+            if local.drop <= 0.0:
+                continue
+            where = {f"{trial.effect}_{quantity}": value for quantity, value in local.values.items()}
+            trial, masks[len(columns)] = replace(trial, values={**trial.values, **where}), local.inside
+        kept.append(trial)
+        columns.append(number + free + 1)
+    return kept, problem.masked(chosen(changes, columns), masks)
+
+
+def _locals(
+    problem: Problem, attempts: Sequence[Trial], changes: Sequence[Errors], free: int, noise: Noise, rows: Floats
+) -> dict[str, Local]:
+    """Return where each local effect explains most, by name; a moment is not looked for in several recordings."""
+    own = [number for number, trial in enumerate(attempts) if trial.local]
+    white = problem.made_white(chosen(changes, [*range(1 + free), *(1 + free + number for number in own)]), noise)
+    rest, basis = left_by(white, free)
+    effects = [attempts[number].effect for number in own]
+    result = {}
+    for effect, local in dict.fromkeys((attempts[number].effect, attempts[number].local) for number in own):
+        moves = white[:, [1 + free + number for number, name in enumerate(effects) if name == effect]]
+        if local == "place":
+            result[effect] = best_place(moves, rest, basis, rows[:, 1:])
+        else:
+            result[effect] = NOWHERE if problem.several else best_moment(moves, rest, basis, rows[:, 0])
+    return result
+
+
+def chosen(errors: Sequence[Errors], columns: Sequence[int]) -> list[Errors]:
+    """Return the errors of some candidates."""
+    return [
+        Errors({name: np.take(every, columns, axis=1) for name, every in one.of.items()}, one.motion) for one in errors
+    ]
+
+
+def _reaches(attempts: Sequence[Trial], free: int) -> Floats:
+    """Return how often each change may be made: free parameters as they like, trials up to LARGEST_SHARE."""
+    return np.array([np.inf] * free + [LARGEST_SHARE / trial.portion for trial in attempts])
+
+
+def noise_of_all(problem: Problem, changes: Sequence[Errors], noise: Noise, reaches: Floats) -> Noise:
+    """Return the noise that is left when all changes (c) together have explained what they can, to first order.
+
+    `noise` is what is known of it so far. Of each change, a share of about `reaches` (c,) is possible.
+    """
+    white = problem.made_white(changes, noise)
+    products = white.T @ white
+    normal, pulls = products[1:, 1:], products[1:, 0]
+    free = np.isinf(reaches)
+    prior = np.where(free, 1e-9 * np.diag(normal) + 1e-12, reaches**-2.0)
+    shares = np.asarray(-np.linalg.solve(normal + np.diag(prior), pulls), np.float64)
+    return problem.found([_explained(one, shares) for one in changes])
+
+
+def _explained(changes: Errors, shares: Floats) -> Errors:
+    """Return the errors (n, 1) left when each candidate but the first has explained its share."""
+    weights = np.append(1.0, shares)[:, None]
+    return Errors({name: every @ weights for name, every in changes.of.items()}, changes.motion)
+
+
+def _score(trial: Trial, size: float, pull: float) -> Score:
+    if size < NOTHING:
+        return Score(trial, 0.0, 0.0)
+    share = -pull / size
+    if trial.threshold:
+        share = min(share, MOST_OF_A_LIMIT)
+    if trial.threshold or one_sided(trial):
+        share = max(share, 0.0)
+    return Score(trial, float(-(2.0 * share * pull + share**2 * size)), float(share))
+
+
+def one_sided(trial: Trial) -> bool:
+    """Tell whether the effect has one sign only."""
+    switches = [
+        definition(name)
+        for name, value in trial.values.items()
+        if definition(name).switches and value != definition(name).neutral
+    ]
+    return all(parameter.lower == parameter.neutral for parameter in switches)
+
+
+def start_of(score: Score) -> dict[str, float]:
+    """Return the values from which a fit of a trial begins: its own, scaled by the share that the score found."""
+    result = dict(score.trial.values)
+    for name, value in score.trial.values.items():
+        known = definition(name)
+        if known.switches and not score.trial.threshold and value != known.neutral:
+            most = LARGEST_SHARE / score.trial.portion
+            share = float(np.clip(score.share, -most, most))
+            result[name] = float(np.clip(value * share, known.lower, known.upper))
+    return result

@@ -1,0 +1,284 @@
+"""Select the effects that the data show, and fit the model with them.
+
+From the paper's model on, the effect that explains most comes in, if it also predicts data on which it was not fitted.
+Then whatever the others explain as well leaves again, and effects are exchanged where others explain more. When nothing
+improves any more, each effect is judged once more beside all others.
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.estimation.gains import COARSE
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.chance import chance_on_commands, coarse_ticks, tick_of, with_jitter_as_rival
+from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect, needed, why_not
+from cmr.estimation.search.cross_validation import alternatives, elsewhere
+from cmr.estimation.search.elimination import finished, pruned
+from cmr.estimation.search.exchange import best_exchange
+from cmr.estimation.search.inflation import Inflation
+from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
+from cmr.estimation.search.screening import Screening, screen
+from cmr.estimation.search.trace import ADDED, REJECTED, REMOVED, REPLACED, Decision, Trace
+from cmr.model.catalogue import CATALOGUE
+
+ALIKE = 12.0  # drops that differ by less cannot be distinguished,
+ALIKE_SHARE = 0.02  # nor those that differ by less than this share
+MOST_EFFECTS = 12  # with those that are too small to be named
+MOST_STEPS = 30  # additions and exchanges
+LESS = "It explains less than the effect named."
+SMALLER_SHOWN = 0.5  # of the typical size: a drive in which less would not show leaves an effect unseen
+MOST_SMALL = 3  # such effects that are fitted to see what remains
+COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
+FREE_RUN_INFLATION = 1.5  # for how many samples errors of free runs count that last is known roughly
+EQUAL = 3.0  # log-likelihood by which effects must differ to be distinguished
+LEFT_BY_CHANCE = 0.05  # of what chance explains may be left, because the delays of single commands are rough
+NOTED = 4  # rejected effects of each step that the trace keeps
+
+
+@dataclass(frozen=True)
+class Search:
+    """What the search found: the paper's model fitted, the final fit, the effects in order, and the runners-up.
+
+    `problem` is what the final fit explains: the recordings without what effects of chance did to them. `doubts` are to
+    be added to the standard deviations of some parameters. `unseen` are effects that would not show in these drives.
+    `decisions` are the steps of the search.
+    """
+
+    problem: Problem
+    base: Fit
+    final: Fit
+    named: list[SelectedEffect]
+    others: list[tuple[CandidateEffect, str]]
+    inflation: float
+    doubts: Mapping[str, float]
+    unseen: tuple[str, ...]
+    decisions: tuple[Decision, ...] = ()
+
+
+def search(problem: Problem, base: Fit, say: Callable[[str], None]) -> Search:
+    """Select effects until nothing significant is left.
+
+    Effects of chance on the commands show in what the others leave. What they explain is taken out of the data, and
+    the search begins again.
+    """
+    trace = Trace()
+    found = _selected(problem, base, say, trace)
+    chance = None
+    if problem.by_moments and tick_of(problem) <= COARSE:
+        chance = chance_on_commands(problem, found.named, found.final, found.inflation)
+    if chance is None:
+        named = with_jitter_as_rival(problem, found.named, found.final, found.inflation)
+    else:
+        by_chance, cleaned = chance
+        name = by_chance.candidate.effect.name
+        say(f"Searching again without {name} ...")
+        trace.note(ADDED, [name], by_chance.candidate.drop, reason="Its traces are taken out; the search begins again.")
+        clean_base = cleaned.fit(base.values, base.names, found.final.noise, renew=0)
+        least = LEFT_BY_CHANCE * by_chance.candidate.drop / THRESHOLD
+        found = replace(_selected(cleaned, clean_base, say, trace, least), base=base)
+        named = with_jitter_as_rival(cleaned, [by_chance, *found.named], found.final, found.inflation)
+    coarse = coarse_ticks(problem, found.final)
+    if coarse:
+        trace.note(ADDED, ["encoder_quantisation"], coarse.candidate.drop, reason="The readings fall on few ticks.")
+        named = [*named, coarse]
+    named = sorted(named, key=lambda one: -one.candidate.drop)
+    return replace(found, named=named, decisions=tuple(trace.decisions))
+
+
+class _Selection:
+    """The model as it stands during a search: its fit, the effects selected, and what was rejected last."""
+
+    def __init__(self, problem: Problem, base: Fit, trace: Trace, least_inflation: float) -> None:
+        self.problem, self.trace = problem, trace
+        self.current = base
+        self.named: list[SelectedEffect] = []
+        self.others: list[tuple[CandidateEffect, str]] = []
+        self.inflation = Inflation(1.0)
+        self._least_inflation = least_inflation
+        self._visited: set[frozenset[str]] = {frozenset()}
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the effects selected."""
+        return [one.candidate.effect.name for one in self.named]
+
+    def screened(self) -> Screening:
+        """Screen all effects beside the model; the model is fitted with the noise that the screening found."""
+        screening = screen(
+            self.problem,
+            self.current.values,
+            self.current.names,
+            self.names,
+            self.current.noise if self.named else None,
+        )
+        self.current = self.problem.renewed(self.current, screening.noise)
+        inflation = screening.inflation.at_least(COARSE_INFLATION if tick_of(self.problem) > COARSE else 1.0)
+        inflation = replace(inflation, all=max(inflation.all, self._least_inflation))
+        self.inflation = inflation if self.problem.by_moments else Inflation(FREE_RUN_INFLATION)
+        return screening
+
+    def improved(self, screening: Screening) -> bool:
+        """Add the best effect or make the best exchange; tell whether there was one that leads to a new model."""
+        chosen, self.others = _next(self.problem, self.current, screening, self.inflation)
+        if chosen is not None and len(self.named) < MOST_EFFECTS:
+            assert chosen.candidate.fit is not None
+            self._note_added(chosen)
+            return self._moved_to([*self.named, chosen], chosen.candidate.fit)
+        self._note_rejected()
+        if not self.problem.by_moments:  # of effects alike in free runs, the one that predicts left-out data best stays
+            return False
+        exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
+        if exchange is None:
+            return False
+        what = f"{' and '.join(exchange.leaving)} left for it." if exchange.leaving else "Both are needed at once."
+        self.trace.note(REPLACED, exchange.coming, self.current.squares - exchange.fit.squares, reason=what)
+        stay = [one for one in self.named if one.candidate.effect.name not in exchange.leaving]
+        return self._moved_to([*stay, *exchange.selected], exchange.fit)
+
+    def _moved_to(self, named: list[SelectedEffect], fit: Fit) -> bool:
+        """Take another model without what is redundant in it; tell whether it is a new one."""
+        before = [one.candidate.effect.name for one in named]
+        if len(named) > 1:
+            named, fit = pruned(self.problem, named, fit, self.inflation)
+        after = frozenset(one.candidate.effect.name for one in named)
+        for name in before:
+            if name not in after:
+                self.trace.note(REMOVED, [name], float("nan"), reason="The others explain as much without it.")
+        if after in self._visited:
+            return False
+        self._visited.add(after)
+        self.named, self.current = named, fit
+        self.trace.step += 1
+        return True
+
+    def _note_added(self, chosen: SelectedEffect) -> None:
+        effect = chosen.candidate.effect
+        least = needed(effect) * self.inflation.of(effect.name)
+        self.trace.note(ADDED, [effect.name], chosen.candidate.drop, least, "It explains most.")
+
+    def _note_rejected(self) -> None:
+        for candidate, why in sorted(self.others, key=lambda other: -other[0].drop)[:NOTED]:
+            least = needed(candidate.effect) * self.inflation.of(candidate.effect.name)
+            self.trace.note(REJECTED, [candidate.effect.name], candidate.drop, least, why)
+
+
+def _selected(
+    problem: Problem, base: Fit, say: Callable[[str], None], trace: Trace, least_inflation: float = 1.0
+) -> Search:
+    """Select effects where none acts by chance; the inflation of what shows in the wheels is at least this."""
+    state = _Selection(problem, base, trace, least_inflation)
+    screening = state.screened()
+    for _ in range(MOST_STEPS):
+        taken = ", ".join(state.names) or "the paper's model"
+        say(f"Testing {len(CATALOGUE) - len(state.names)} effects beside {taken} ...")
+        if not state.improved(screening):
+            break
+        screening = state.screened()
+    last = finished(problem, state.named, state.current, state.inflation)
+    for candidate, why in last.dropped:
+        trace.note(REMOVED, [candidate.effect.name], candidate.drop, reason=why)
+    others = [*last.dropped, *state.others]
+    unseen = _unseen(problem, screening, [one.candidate.effect.name for one in last.named])
+    return Search(problem, base, last.final, last.named, others, state.inflation.all, last.doubts, unseen)
+
+
+def _next(
+    problem: Problem, current: Fit, screening: Screening, inflation: Inflation
+) -> tuple[SelectedEffect | None, list[tuple[CandidateEffect, str]]]:
+    """Return the effect to be added next, and why each of the others is not.
+
+    One that is too small may explain so much that others, which matter, are not promising beside it: these are then
+    fitted, too.
+    """
+    chosen, others = _choose(problem, current, ranked_fits(problem, current, screening), inflation)
+    significant = THRESHOLD * inflation.all
+    hiding = any(why == TOO_SMALL and PROMISING_SHARE * candidate.drop > significant for candidate, why in others)
+    if chosen is None and hiding:
+        known = [candidate for candidate, _ in others]
+        ranked = ranked_fits(problem, current, screening, significant, known)
+        return _choose(problem, current, ranked, inflation)
+    return chosen, others
+
+
+def _choose(
+    problem: Problem, current: Fit, ranked: list[CandidateEffect], inflation: Inflation
+) -> tuple[SelectedEffect | None, list[tuple[CandidateEffect, str]]]:
+    """Return the best effect that holds, with its rivals, and why each of the others is not added.
+
+    An effect that is too small to be named comes first if it explains more than one that is to be named: that one may
+    be its shadow.
+    """
+    others: list[tuple[CandidateEffect, str]] = []
+    chosen: CandidateEffect | None = None
+    for fitted in fit_where_asked(problem, current, ranked, inflation):
+        candidate, why = fitted, LESS
+        if chosen is None:
+            candidate, why = judged(problem, current, candidate, inflation)
+        if chosen is None and not why:
+            chosen = candidate
+        else:
+            others.append((candidate, why))
+    small = next((candidate for candidate, why in others if why == TOO_SMALL), None)
+    if chosen is None:
+        return None, others
+    if small is not None:
+        others = [(chosen, LESS), *(other for other in others if other[0] is not small)]
+        chosen = small
+    margin = max(ALIKE * inflation.of(chosen.effect.name), ALIKE_SHARE * chosen.drop)
+    close = [candidate for candidate, _ in others if chosen.drop - candidate.drop < margin]
+    if small is None and not problem.by_moments:
+        return _chosen_by_free_runs(problem, current, chosen, others, close)
+    rivals = tuple(one.effect.name for one in close if not why_not(problem, current, one, inflation))
+    return SelectedEffect(chosen, rivals, current), others
+
+
+def _chosen_by_free_runs(
+    problem: Problem,
+    current: Fit,
+    chosen: CandidateEffect,
+    others: list[tuple[CandidateEffect, str]],
+    close: list[CandidateEffect],
+) -> tuple[SelectedEffect, list[tuple[CandidateEffect, str]]]:
+    """Return the best of the effects that explain the same as the chosen one, with the rest of these as its rivals.
+
+    It is the one that explains the data best, those left out and those that were not; of equals, the catalogue's first.
+    """
+    whys = [judged(problem, current, one, Inflation(FREE_RUN_INFLATION)) for one in close]
+    alike = [chosen, *(one for one, why in whys if not why and alternatives(current, chosen.fit, one.fit))]
+    gains = [0.5 * one.drop + elsewhere(problem, current, one.fit).gain if one.fit else -np.inf for one in alike]
+    equals = [one for one, gain in zip(alike, gains, strict=True) if gain > max(gains) - EQUAL]
+    best = min(equals, key=lambda one: list(CATALOGUE).index(one.effect.name))
+    others = [(chosen, LESS) if one.effect is best.effect else (one, why) for one, why in others]
+    return SelectedEffect(best, tuple(one.effect.name for one in alike if one is not best), current), others
+
+
+def _unseen(problem: Problem, screening: Screening, named: Collection[str]) -> tuple[str, ...]:
+    """Return effects that these drives would not show at half their typical size, and those that cannot be tested."""
+    tested = {effect.name for effect in problem.effects}
+    shown = {
+        name
+        for name, effect in CATALOGUE.items()
+        if SMALLER_SHOWN**2 * screening.traces.get(name, np.inf) >= needed(effect) * screening.inflation.of(name)
+    }
+    return tuple(name for name in CATALOGUE if name not in named and not (name in tested and name in shown))
+
+
+def small_effects(found: Search) -> list[CandidateEffect]:
+    """Return the effects that the data show, but that are too small to be named; the MOST_SMALL largest."""
+    return [candidate for candidate, why in found.others if why == TOO_SMALL][:MOST_SMALL]
+
+
+def with_small_effects(found: Search) -> Fit:
+    """Return the final fit with the effects beside it that are there but too small to be named.
+
+    What they explain is not unexplained.
+    """
+    small = small_effects(found)
+    if not small:
+        return found.final
+    own = {name: one.values[name] for one in small for name in (p.name for p in one.effect.parameters)}
+    names: Sequence[str] = (*found.final.names, *own)
+    return found.problem.fit({**found.final.values, **own}, names, found.final.noise, renew=0)

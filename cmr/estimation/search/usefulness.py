@@ -1,0 +1,65 @@
+"""Names must not make free runs worse on data that they were not fitted on: those that do are taken back."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from cmr.diagnosis.unexplained_extending import Extended
+from cmr.estimation.gain import Gain
+from cmr.estimation.measured_gain import Measured
+from cmr.estimation.search.criteria import SelectedEffect
+from cmr.estimation.search.elimination import without
+from cmr.estimation.search.selection import Search
+
+# A gain that is surely less than the first, or, unless it is surely one, of any signal less than the second.
+WORSE, MUCH_WORSE = 0.95, 0.8
+TAKEN_BACK = "Free runs stray farther with it on data that it was not fitted on."
+
+
+def that_holds(whole: Extended, measure: Callable[[Extended], Measured]) -> tuple[Extended, Measured]:
+    """Return the model without the effects with which free runs stray farther, the weakest first, and its errors."""
+    whole = _as_the_paper_if_alone(whole)
+    measured = measure(whole)
+    while whole.term is None and _strays(measured.gain) and _fitted(whole.found):
+        whole = _as_the_paper_if_alone(replace(whole, found=_without(whole.found, _fitted(whole.found)[-1])))
+        measured = measure(whole)
+    return whole, measured
+
+
+def _as_the_paper_if_alone(whole: Extended) -> Extended:
+    """Return the paper's model for one in which nothing is left that extends it."""
+    alone = whole.term is None and not whole.found.named
+    return replace(whole, found=as_the_paper_has_it(whole.found)) if alone else whole
+
+
+def _strays(gain: Gain) -> bool:
+    if gain.interval[0] > 1.0:
+        return False
+    return gain.interval[1] < WORSE or any(ratio < MUCH_WORSE for ratio in gain.signals.values())
+
+
+def as_the_paper_has_it(found: Search) -> Search:
+    """Return what was found with the paper's model for the final one.
+
+    Both fits weigh the same data otherwise, by plain noise and by that which was found. So what lies between them is in
+    doubt, and what each of them leaves open.
+    """
+    doubts = {
+        name: math.hypot(found.final.std(name), found.final.values[name] - found.base.values[name])
+        for name in found.base.names
+    }
+    return replace(found, final=found.base, doubts=doubts)
+
+
+def _fitted(found: Search) -> list[SelectedEffect]:
+    """Return the effects that a fit knows, the strongest first; the others act by chance or are read off the data."""
+    return [one for one in found.named if not one.estimates]
+
+
+def _without(found: Search, weakest: SelectedEffect) -> Search:
+    return replace(
+        found,
+        final=found.problem.fit(*without(found.final, [weakest]), found.final.noise, renew=0),
+        named=[one for one in found.named if one is not weakest],
+        others=[(weakest.candidate, TAKEN_BACK), *found.others],
+    )

@@ -1,0 +1,191 @@
+"""Recordings on the observer's raster: what was sent, what was observations, and how well each reading is known."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.estimation.encoders import moved_on, tick_of, wheel_angles, within_tick
+from cmr.model.commands import Commands
+from cmr.model.observer import FOLLOWED, RESTART, Observations
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
+
+STEP = 0.01  # s of the raster
+LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is foretold
+LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
+SHORTEST_PIECE = 1.0  # s
+EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
+LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
+SIDES = ("left", "right")
+UNIFORM = 12.0**-0.5  # standard deviation of what is spread evenly over 1
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A part of a recording without gaps, as the observer takes it.
+
+    `wheel_doubt` [rad], shape (W, 2), is the standard deviation that the encoder's ticks leave of each reading;
+    `tick` [rad] their size, 0 where there are none. `first` [us] is the time of the grid's beginning, `recording` the
+    number of the recording to which it belongs.
+    """
+
+    observations: Observations
+    wheel_doubt: Floats
+    tick: float
+    first: int
+    recording: int
+
+    @property
+    def rolling(self) -> "Segment":
+        """The segment as if the robot had rolled as its wheels did, whatever it was commanded."""
+        if len(self.observations.given):
+            return self
+        borders = np.arange(self.observations.steps + 1) * self.observations.dt
+        angles = np.stack(
+            [np.interp(borders, self.observations.wheel_time, angle) for angle in self.observations.wheel.T], axis=1
+        )
+        return replace(
+            self, observations=replace(self.observations, given=np.diff(angles, axis=0) / self.observations.dt)
+        )
+
+    def with_commands_at(self, time: Floats) -> "Segment":
+        """Return the segment with commands that take effect at these times [s], shape (n,), increasing."""
+        commands = replace(self.observations.commands, time=time)
+        return replace(self, observations=replace(self.observations, commands=commands))
+
+
+def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
+    """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins anew."""
+    sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [recording.poses]
+    first = max(int(signal.utime[0]) for signal in sources)
+    last = min(int(signal.utime[-1]) for signal in sources)
+    breaks = sorted(gap for signal in sources for gap in _gaps(signal.utime, LONGEST_SILENCE))
+    borders = [first, *(time for gap in breaks for time in gap), last]
+    spans = zip(borders[::2], borders[1::2], strict=True)
+    tick = _tick(recording.wheels)
+    return [
+        _segment(recording, begin, end, first, splits, number, tick)
+        for begin, end in spans
+        if (end - begin) * SECONDS >= SHORTEST_PIECE
+    ]
+
+
+def _gaps(utime: Times, longest: float) -> list[tuple[int, int]]:
+    at = np.flatnonzero(np.diff(utime) > longest / SECONDS)
+    return [(int(utime[index]), int(utime[index + 1])) for index in at]
+
+
+def _tick(wheels: Signal) -> float:
+    """Return the size [rad] of the encoders' ticks: of the finer one, 0 where there are no readings."""
+    if len(wheels) == 0:
+        return 0.0
+    sizes = [tick_of(angle, wheels[f"ticks_{side}"]) for side, angle in zip(SIDES, wheel_angles(wheels), strict=True)]
+    return min((size for size in sizes if size > 0.0), default=0.0)
+
+
+def _segment(
+    recording: Recording, first: int, last: int, beginning: int, splits: Sequence[int], number: int, tick: float
+) -> Segment:
+    steps = int((last - first) * SECONDS / STEP)
+    end = first + int(steps * STEP / SECONDS)
+    wheels, gyro, poses = (s.between(first, end) for s in (recording.wheels, recording.gyro, recording.poses))
+    borders = first + np.round(np.arange(steps + 1) * (STEP / SECONDS)).astype(np.int64)
+    angle, use, doubt = _readings(wheels, tick)
+    pose = np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
+    psi = _start_speeds(wheels, first)
+    begins = pose[0] if len(pose) else np.zeros(3)
+    return Segment(
+        Observations(
+            dt=STEP,
+            steps=steps,
+            commands=_commands(recording.duty, first, end),
+            start=(float(begins[0]), float(begins[1]), float(begins[2]), *psi),
+            wheel_time=_seconds(wheels, first),
+            wheel=angle,
+            wheel_use=use,
+            gyro_time=_seconds(gyro, first),
+            gyro=np.ascontiguousarray(gyro["yaw_rate"]),
+            pose_time=_seconds(poses, first),
+            pose=np.ascontiguousarray(pose),
+            pose_use=_pose_use(poses.utime, splits),
+            given=_given(recording.wheels, borders) if len(recording.duty) == 0 else np.empty((0, 2)),
+            time=(first - beginning) * SECONDS,
+        ),
+        doubt,
+        tick,
+        first,
+        number,
+    )
+
+
+def _commands(duty: Signal, first: int, end: int) -> Commands:
+    """Return the commands from `first` to `end` [us], and those before that may still be under way."""
+    sent = duty.between(first - int(EARLIER / SECONDS), end)
+    return Commands(_seconds(sent, first), np.stack([sent["left"], sent["right"]], axis=1))
+
+
+def _seconds(signal: Signal, first: int) -> Floats:
+    """Return the time of each sample since `first` [us], in seconds."""
+    return np.asarray((signal.utime - first) * SECONDS, np.float64)
+
+
+def _readings(wheels: Signal, tick: float) -> tuple[Floats, np.typing.NDArray[np.uint8], Floats]:
+    """Return each reading's angle [rad], whether it tells something, and its doubt [rad], (W, 2).
+
+    An encoder that has just moved on has passed the edge of a tick since the reading before. One that says again what
+    it said tells nothing new, but for a wheel that rests: somewhere within the tick.
+    """
+    if len(wheels) == 0:
+        return np.empty((0, 2)), np.empty((0, 2), np.uint8), np.empty((0, 2))
+    angles = np.stack(wheel_angles(wheels), axis=1)
+    steps = np.diff(angles, axis=0, prepend=angles[:1])
+    seconds = (wheels.utime - wheels.utime[0]) * SECONDS
+    columns = [_side(angle, step, tick, seconds) for angle, step in zip(angles.T, steps.T, strict=True)]
+    reading, use, doubt = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
+    # The observer's wheels begin at angle 0, and it sees the first reading.
+    return reading - reading[:1], use, doubt
+
+
+def _side(angle: Floats, steps: Floats, tick: float, seconds: Floats) -> tuple[Floats, Mask, Floats]:
+    moved = moved_on(steps)
+    within, width = within_tick(steps, tick)
+    rests = ~moved & (_since_last(moved, seconds) >= LONGEST_REST)
+    spaced = _every(rests, seconds, LONGEST_REST)
+    return angle + within, (moved | spaced).astype(np.uint8), width * UNIFORM
+
+
+def _since_last(marks: Mask, seconds: Floats) -> Floats:
+    """Return how long ago [s] the last mark was, itself included."""
+    last = np.maximum.accumulate(np.where(marks, seconds, seconds[0]))
+    return np.asarray(seconds - last, np.float64)
+
+
+def _every(marks: Mask, seconds: Floats, interval: float) -> Mask:
+    """Return one mark of all that fall into the same interval [s]."""
+    number = np.floor(seconds / interval).astype(np.int64)
+    first = np.ones(len(marks), np.bool_)
+    first[1:] = number[1:] != number[:-1]
+    return marks & first
+
+
+def _pose_use(utime: Times, splits: Sequence[int]) -> np.typing.NDArray[np.uint8]:
+    use = np.full(len(utime), FOLLOWED, np.uint8)
+    use[:1] = RESTART
+    use[1:][np.diff(utime) > LONGEST_POSE_GAP / SECONDS] = RESTART
+    use[np.isin(utime, np.asarray(splits, np.int64))] = RESTART
+    return use
+
+
+def _start_speeds(wheels: Signal, first: int) -> tuple[float, float]:
+    """Return the wheel speeds [rad/s] at the beginning: means around it."""
+    near = wheels.between(first - int(0.1 / SECONDS), first + int(0.1 / SECONDS))
+    if len(near) == 0:
+        return 0.0, 0.0
+    return float(near["psi_left"].mean()), float(near["psi_right"].mean())
+
+
+def _given(wheels: Signal, borders: Times) -> Floats:
+    """Return the mean speed [rad/s] of each wheel over each step, from its encoder."""
+    angles = np.stack([np.interp(borders, wheels.utime, angle) for angle in wheel_angles(wheels)], axis=1)
+    return np.diff(angles, axis=0) / (np.diff(borders) * SECONDS)[:, None]

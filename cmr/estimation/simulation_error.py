@@ -1,0 +1,179 @@
+"""Judge models by the course that things take, not by each moment: for robots that no model describes moment by moment.
+
+Wheels that a controller of their own drives, stick, or rattle make errors from one reading to the next that have little
+to do with what the model lacks. A model that never moves foretells the next reading best, and the robot worst. Here
+the wheels' speeds run freely from the commands on; gyro and pose follow the measured wheels. Errors are not made white
+by their past: each counts as much less as they last (effective sample size; Bayley and Hammersley, J. R. Stat. Soc.
+Suppl. 8, 1946). They also come in bursts, after commands; standard deviations allow for that by blocks of time (Liang
+and Zeger, Biometrika 73, 1986).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cmr.estimation.candidates import Excitation, driving_parameters, lanes_of
+from cmr.estimation.gains import interval_of
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.noise import FOREIGN, LEAST_SIZE, SPANS, Noise, SignalNoise, size_found
+from cmr.estimation.prediction import WHEELS, Errors, Predictor
+from cmr.estimation.problem import Problem, nearer_to_neutral
+from cmr.model.observer import MOTION, Gains, Observer
+from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.recordings.signal import Floats, Mask
+
+MEMORY = 0.1  # s after which the angle of a wheel that runs freely has come to its encoder's: what counts is its speed
+STILL, TICKS = 0.5, 3.0  # s to either side in which a wheel that stands still turns by no more than so many ticks
+SMALLER = 2  # times a fit's start is tested nearer to none
+MOVING = 1e-3  # rad/s
+QUIET = 0.25  # s before and after a motion in which a gyro is not quiet
+PSI = [MOTION.index("psi_left"), MOTION.index("psi_right")]
+BURST = 3.0  # s; errors of one burst lie within a block, or two
+UNCORRELATED = 0.05  # correlation from which on errors no longer belong together
+
+
+class SimulationErrorProblem(Problem):
+    """Recordings to be explained by free runs."""
+
+    by_moments = False
+
+    def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation) -> None:
+        super().__init__(predictors, gains, excitation)
+        self._rolling = [Predictor(predictor.segment.rolling) for predictor in predictors]
+        self._free = Gains(min(1.0, interval_of(predictors) / MEMORY), 0.0, gains.position, gains.theta)
+
+    def errors(self, values: Mapping[str, Any]) -> list[Errors]:
+        """Return the errors of wheels that run freely, and of gyro and pose beside wheels as they were measured."""
+        of_pose, of_wheels = Observer(_of_rolling(values), self.gains), Observer(values, self._free)
+        result = []
+        for predictor, rolling in zip(self.predictors, self._rolling, strict=True):
+            rolled = rolling.errors_of(of_pose)
+            wheels = predictor.errors_of(of_wheels).of if any(name in predictor.times for name in WHEELS) else {}
+            both = {**wheels, **rolled.of}
+            result.append(Errors({name: both[name] for name in predictor.times}, rolled.motion))
+        return result
+
+    def found(self, errors: Sequence[Errors]) -> Noise:
+        """Return the noise that the errors of the first candidate in each segment show: how large, and how lasting.
+
+        Both wheels are believed alike: else the one that the model fits worse would soon count for nothing.
+        """
+        result: dict[str, SignalNoise] = {}
+        for group in (WHEELS, *((name,) for name in SPANS if name not in WHEELS)):
+            result |= self._group([name for name in group if any(name in p.times for p in self.predictors)], errors)
+        return Noise(result)
+
+    def _group(self, names: Sequence[str], errors: Sequence[Errors]) -> dict[str, SignalNoise]:
+        """Return the noise of signals that are of one size and last alike."""
+        pairs = [(n, p, e) for n in names for p, e in zip(self.predictors, errors, strict=True) if n in p.times]
+        if not pairs:
+            return {}
+        own = [error.of[name][:, 0] for name, _, error in pairs]
+        bases = [_sizes(name, predictor, error) for name, predictor, error in pairs]
+        shares = size_found(np.concatenate(own), np.concatenate(bases))
+        sizes = [np.sqrt(np.maximum(base @ shares, LEAST_SIZE**2)) for base in bases]
+        count = lasting([error / size for error, size in zip(own, sizes, strict=True)])
+        found = iter(np.sqrt(count) * size for size in sizes)
+        return {
+            name: SignalNoise(
+                np.zeros(0),
+                np.zeros(len(FOREIGN)),
+                tuple(next(found) if name in predictor.times else np.empty(0) for predictor in self.predictors),
+            )
+            for name in names
+        }
+
+    def doubts(self, fit: Fit) -> dict[str, float]:
+        """Return what standard deviations lack because errors come in bursts, by name."""
+        blocks = [
+            np.stack(
+                [np.full(len(times), p.segment.recording), np.floor((times + p.segment.observations.time) / BURST)],
+                axis=1,
+            )
+            for p in self.predictors
+            for times in p.times.values()
+        ]
+        lacking = np.diag(covariance_by_blocks(fit, np.concatenate(blocks)) - fit.covariance)
+        return dict(zip(fit.names, np.sqrt(np.maximum(lacking, 0.0)).tolist(), strict=True))
+
+    def renewed(self, fit: Fit, noise: Noise) -> Fit:
+        """Return the fit with another noise; the paper's model stays as it was found where the wheels turn."""
+        if set(fit.names) <= set(PAPER):
+            return Fit(fit.values, fit.names, *self.linear(fit.values, fit.names, noise), noise)
+        return super().renewed(fit, noise)
+
+    def fit_beside(
+        self, base: Fit, starts: Sequence[Mapping[str, float]], names: Sequence[Sequence[str]]
+    ) -> list[tuple[dict[str, float], float]]:
+        """Fit several models at once; see `Problem`. Each begins with as much of its effect as helps most."""
+        nearer = [[{**base.values, **start} for start in starts]]
+        for _ in range(SMALLER):
+            nearer.append([nearer_to_neutral(values, own) for values, own in zip(nearer[-1], names, strict=True)])
+        white = self.white(lanes_of([values for step in nearer for values in step]), base.noise)
+        best = np.argmin(np.sum(white**2, axis=0).reshape(len(nearer), len(starts)), axis=0)
+        return super().fit_beside(base, [nearer[step][model] for model, step in enumerate(best)], names)
+
+    def base(self, values: Mapping[str, float], names: Sequence[str]) -> Fit:
+        """Fit the paper's model where the wheels turn: it knows of no friction that holds a wheel with a duty on."""
+        turning = self.part(np.concatenate([_turning(p, name) for p in self.predictors for name in p.times]))
+        fit = turning.fit(values, names, self.found(self.errors(values)))
+        return self.renewed(fit, self.found(self.errors(fit.values)))
+
+
+def covariance_by_blocks(fit: Fit, blocks: Floats) -> Floats:
+    """Return the covariance (p, p) of the free parameters where errors of one block may have one cause.
+
+    Rows of `blocks`, shape (n, k), say which block each error belongs to.
+    """
+    _, number = np.unique(blocks, axis=0, return_inverse=True)
+    scores = np.zeros((int(number.max()) + 1, len(fit.names)))
+    np.add.at(scores, number.ravel(), fit.slopes * fit.rest[:, None])
+    return np.asarray(fit.covariance @ (scores.T @ scores) @ fit.covariance, np.float64)
+
+
+def _of_rolling(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values without those that mean nothing where the wheels' speeds are given; as many candidates."""
+    kept = {name: value for name, value in values.items() if name not in driving_parameters()}
+    candidates = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
+    return kept | {"wheel_radius": np.broadcast_to(np.asarray(values["wheel_radius"], np.float64), candidates)}
+
+
+def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
+    """Return what a signal's errors may grow with, shape (n, 3); a gyro is quiet while nothing moves."""
+    columns = np.zeros((len(predictor.times[name]), 3))
+    columns[:, 0] = 1.0
+    if name == "yaw_rate":
+        dt = predictor.segment.observations.dt
+        moves = np.any(np.abs(errors.motion[:, PSI]) > MOVING, axis=1)
+        near = np.convolve(moves, np.ones(2 * round(QUIET / dt) + 1), "same") > 0.0
+        index = np.minimum(np.round(predictor.times[name] / dt).astype(np.int64), len(near) - 1)
+        columns[near[index], :2] = [0.0, 1.0]
+        columns[:, 2] = np.sum(predictor.motion_at(errors.motion, name)[:, PSI] ** 2, axis=1)
+    return columns
+
+
+def _turning(predictor: Predictor, name: str) -> Mask:
+    """Return when a signal is not that of a wheel that stands still, (n,)."""
+    observations, times = predictor.segment.observations, predictor.times[name]
+    if name not in WHEELS:
+        return np.ones(len(times), np.bool_)
+    angle = observations.wheel[:, WHEELS.index(name)]
+    turned = np.interp(times + STILL, observations.wheel_time, angle) - np.interp(
+        times - STILL, observations.wheel_time, angle
+    )
+    return np.asarray(np.abs(turned) > TICKS * predictor.segment.tick)
+
+
+def lasting(errors: Sequence[Floats]) -> float:
+    """Return for how many samples errors, one array (n,) a segment, count as one: at least 1."""
+    longest = max(len(one) for one in errors)
+    length = 1 << int(np.ceil(np.log2(2 * longest)))
+    spectrum = sum(np.abs(np.fft.rfft(one, length)) ** 2 for one in errors)
+    covariance = np.fft.irfft(spectrum, length)[:longest]
+    if covariance[0] <= 0.0:
+        return 1.0
+    correlation = covariance[1:] / covariance[0]
+    ends = np.flatnonzero(correlation < UNCORRELATED)
+    together = correlation[: ends[0]] if len(ends) else correlation
+    return float(1.0 + 2.0 * np.sum(together))

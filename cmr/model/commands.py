@@ -1,0 +1,117 @@
+"""Commands as they take effect: each holds until the next.
+
+A step of the model takes constant duties. A step in which a command comes is split there, so that it need not come on a
+border: real processes send theirs at any time, and each robot has a delay of its own.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.compiled import compiled, inlined
+from cmr.model.compose import late
+from cmr.model.evaluating import evaluated
+
+Floats = NDArray[np.float64]
+# Of a step: the share of it after which a command comes, 0 where none does; duties before that, and behind.
+PROFILE = ("split", "first_left", "first_right", "left", "right")
+SHORTEST = 1e-3  # of a step; a command that comes nearer to a border comes with it
+
+
+@dataclass(frozen=True)
+class Commands:
+    """Commands sent at `time` [s], shape (n,), increasing, with the `duty` of both sides, shape (n, 2)."""
+
+    time: Floats
+    duty: Floats
+
+    def profile(self, dt: float, steps: int, delay: float = 0.0) -> Floats:
+        """Return the duties in each of `steps` of `dt` [s] from time 0 on, shape (steps, 5), columns PROFILE.
+
+        Each command takes effect `delay` [s] after its time; before the first, duties are not known: NaN. Without any
+        commands they are 0. Of several in one step, the one that changes the duties most splits it, and means count
+        before and behind.
+        """
+        result = np.zeros((steps, len(PROFILE)))
+        if len(self.time):
+            fill_profile(self.time, np.ascontiguousarray(self.duty), dt, delay, result)
+        return result
+
+
+@inlined
+def _place(time, delay, dt):  # type: ignore[no-untyped-def]
+    """Return after how many steps a command takes effect; one that comes near a border comes with it."""
+    place = (time + delay) / dt
+    whole = np.round(place)
+    return whole if abs(place - whole) < SHORTEST else place
+
+
+@compiled("void(f8[::1], f8[:, ::1], f8, f8, f8[:, ::1])")
+def fill_profile(time, duty, dt, delay, profile):  # type: ignore[no-untyped-def]
+    """Write the profile of commands, (steps, 5); see `Commands.profile`."""
+    count, number, left, right = len(time), 0, np.nan, np.nan  # the next command, and the duties in force
+    for step in range(len(profile)):
+        row = profile[step]
+        while number < count and _place(time[number], delay, dt) <= step:
+            left, right = duty[number, 0], duty[number, 1]
+            number += 1
+        row[1], row[2], largest, first = left, right, 0.0, number
+        while number < count and _place(time[number], delay, dt) < step + 1:
+            change = max(abs(duty[number, 0] - left), abs(duty[number, 1] - right))
+            if not change <= largest:  # or not known before
+                row[0], largest = _place(time[number], delay, dt) - step, change if change == change else np.inf
+            left, right = duty[number, 0], duty[number, 1]
+            number += 1
+        row[3], row[4] = left, right
+        if number > first + 1 and row[0] > 0.0:
+            _average(row, time, duty, dt, delay, step, first, number)
+
+
+@inlined
+def _average(row, time, duty, dt, delay, step, first, last):  # type: ignore[no-untyped-def]
+    """Write means of the duties before and behind the split of a step in which several commands come."""
+    split, since, left, right = row[0], 0.0, row[1], row[2]
+    row[1], row[2], row[3], row[4] = 0.0, 0.0, 0.0, 0.0
+    for number in range(first, last + 1):
+        until = _place(time[number], delay, dt) - step if number < last else 1.0
+        before = (min(until, split) - min(since, split)) / split
+        behind = (max(until, split) - max(since, split)) / (1.0 - split)
+        row[1] += before * left if before > 0.0 else 0.0
+        row[2] += before * right if before > 0.0 else 0.0
+        row[3] += behind * left if behind > 0.0 else 0.0
+        row[4] += behind * right if behind > 0.0 else 0.0
+        if number < last:
+            since, left, right = until, duty[number, 0], duty[number, 1]
+
+
+def fixed_delays(values: Mapping[str, Any]) -> Floats | None:
+    """Return by how long [s] commands are late for each candidate, (C,); None where chance acts on any of them.
+
+    `values` of parameters, by name, are arrays (C,).
+    """
+    given = {name: values[name] for name in _late_parameters() if name in values}
+    if not given:
+        return np.zeros(1)
+    lowest, highest = (_packet(given, random) for random in (1.0, 0.0))
+    if np.any(lowest["delay"] != highest["delay"]) or np.any(highest["lost"]):
+        return None
+    return np.asarray(lowest["delay"], np.float64)
+
+
+def _packet(given: Mapping[str, Any], random: float) -> dict[str, Any]:
+    """Return what becomes of a command whose random numbers are all the same; arrays (C,) by name."""
+    neutral = {name: DEFINITIONS[name].neutral for name in _late_parameters()}
+    zero = np.zeros(len(next(iter(given.values()))))
+    drawn = {"random_number": lambda *_stream: random, "seed": 0, "count": 0, "robot": 0}
+    stage = evaluated(tuple(effect.name for effect in late(CATALOGUE.values())), "packet")
+    return stage({**neutral, **given, **drawn, "delay": zero, "lost": zero > 0.0})
+
+
+@cache
+def _late_parameters() -> tuple[str, ...]:
+    return tuple(parameter.name for effect in late(CATALOGUE.values()) for parameter in effect.parameters)
