@@ -17,10 +17,10 @@ from cmr.diagnosis.result import (
     NamedEffect,
     Path,
     Residual,
-    Unexplained,
 )
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
 

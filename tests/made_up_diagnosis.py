@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 
-from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, Candidate, Diagnosis, Fitted, NamedEffect, Unexplained
+from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, Candidate, Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
 
 BASELINE = {"k2_over_k3": Estimate(118.0, 0.8), "k1": Estimate(0.054, 2e-4), "base_width": Estimate(0.172, 6e-4)}

@@ -16,7 +16,8 @@ import pytest
 from cmr.bus.bus import Bus
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.diagnosis.document import document, extended_file, write_document
-from cmr.diagnosis.result import UNEXPLAINED, Diagnosis, Fitted, Unexplained
+from cmr.diagnosis.result import UNEXPLAINED, Diagnosis, Fitted
+from cmr.estimation.unexplained.result import Unexplained
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFileError, load, sha256_of

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from cmr.diagnosis import unexplained_extending
-from cmr.diagnosis.result import Unexplained
+from cmr.estimation.unexplained import extending
+from cmr.estimation.unexplained.result import Unexplained
 
 PRESENT = Unexplained(present=True, signal="heading", regressors=("acceleration",), share=0.4)
 
@@ -22,9 +22,7 @@ def test_what_is_unexplained_remains_with_and_without_small_effects(
     fit, final = object(), object()
     found: Any = SimpleNamespace(problem=None, base=None, final=final, named=[])
     left = {id(fit): with_small, id(final): without}
-    monkeypatch.setattr(unexplained_extending, "with_small_effects", lambda _found: fit)
-    monkeypatch.setattr(
-        unexplained_extending, "remaining", lambda _study, of, _base: SimpleNamespace(unexplained=left[id(of)])
-    )
-    monkeypatch.setattr(unexplained_extending, "extension", lambda _study, _fit: None)
-    assert unexplained_extending.extended(found.problem, found).unexplained.present == expected
+    monkeypatch.setattr(extending, "with_small_effects", lambda _found: fit)
+    monkeypatch.setattr(extending, "remaining", lambda _study, of, _base: SimpleNamespace(unexplained=left[id(of)]))
+    monkeypatch.setattr(extending, "extension", lambda _study, _fit: None)
+    assert extending.extended(found.problem, found).unexplained.present == expected

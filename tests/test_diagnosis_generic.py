@@ -11,8 +11,6 @@ from cmr.diagnosis.document import document, extended_file
 from cmr.diagnosis.report import report_of
 from cmr.diagnosis.result import GENERIC, UNEXPLAINED, Diagnosis
 from cmr.diagnosis.summary import summary
-from cmr.diagnosis.unexplained_extending import WITHDRAWN, extended
-from cmr.diagnosis.unexplained_generic import extension, formula, improves
 from cmr.estimation.checks import looked_at
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
@@ -20,6 +18,8 @@ from cmr.estimation.preparation import prepare
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect
 from cmr.estimation.search.selection import Search
+from cmr.estimation.unexplained.extending import WITHDRAWN, extended
+from cmr.estimation.unexplained.generic import extension, formula, improves
 from cmr.model.catalogue import CATALOGUE
 from cmr.parameters.file import load
 from cmr.parameters.following import ParameterFollower

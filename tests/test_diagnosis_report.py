@@ -13,9 +13,10 @@ import pytest
 from cmr.diagnosis.report import report_of, write_report
 from cmr.diagnosis.report.binned import MOST_SAMPLES
 from cmr.diagnosis.report.pairs import pairs_of
-from cmr.diagnosis.result import VERDICTS, Diagnosis, Fitted, NamedEffect, Path, Residual, Unexplained
+from cmr.diagnosis.result import VERDICTS, Diagnosis, Fitted, NamedEffect, Path, Residual
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
 from tests.diagnosis_example import ALL, CANDIDATES, EFFECTS, FOUND, MOTION, RATE, STRANGE, path, residuals

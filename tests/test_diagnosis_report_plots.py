@@ -14,10 +14,11 @@ from cmr.diagnosis.report.pairs import pairs_of, pairs_without
 from cmr.diagnosis.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
 from cmr.diagnosis.report.tell_tale import REGRESSOR_WORDS, SIGNAL_WORDS, tell_tale
 from cmr.diagnosis.report.terms import SYMBOLS, UNITS, as_shown, regressor, signal_words
-from cmr.diagnosis.result import Diagnosis, GenericTerm
+from cmr.diagnosis.result import Diagnosis
 from cmr.diagnosis.words import REGRESSORS, SIGNALS
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.unexplained.result import GenericTerm
 from cmr.model.catalogue import CATALOGUE
 from tests.diagnosis_example import (
     EFFECTS,

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect, Unexplained
+from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
+from cmr.estimation.unexplained.result import Unexplained
 from tests.hidden_effects import rows, scoring
 from tests.hidden_effects.cases import EIGHT, Case
 from tests.hidden_effects.rows import Row

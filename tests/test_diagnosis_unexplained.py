@@ -7,7 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cmr.diagnosis.unexplained import (
+from cmr.diagnosis.words import REGRESSORS
+from cmr.estimation.checks import looked_at
+from cmr.estimation.noise import Noise, SignalNoise
+from cmr.estimation.prediction import SIGNALS, Errors, Predictor
+from cmr.estimation.preparation import prepare
+from cmr.estimation.segments import segments_of
+from cmr.estimation.unexplained.bursts import bursts
+from cmr.estimation.unexplained.remaining import (
     BURSTS,
     LEAST,
     SMALLEST_SHARE,
@@ -17,17 +24,10 @@ from cmr.diagnosis.unexplained import (
     remaining,
     spread_of,
 )
-from cmr.diagnosis.unexplained_bursts import bursts
-from cmr.diagnosis.unexplained_scores import Remainder, Score
-from cmr.diagnosis.unexplained_share import coloured, share_foretold
-from cmr.diagnosis.unexplained_terms import Term, drives_of, terms_for
-from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
-from cmr.diagnosis.words import REGRESSORS
-from cmr.estimation.checks import looked_at
-from cmr.estimation.noise import Noise, SignalNoise
-from cmr.estimation.prediction import SIGNALS, Errors, Predictor
-from cmr.estimation.preparation import prepare
-from cmr.estimation.segments import segments_of
+from cmr.estimation.unexplained.scores import Remainder, Score
+from cmr.estimation.unexplained.share import coloured, share_foretold
+from cmr.estimation.unexplained.terms import Term, drives_of, terms_for
+from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.model.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
@@ -298,6 +298,6 @@ def test_the_share_is_that_of_the_errors_themselves_and_never_negative() -> None
 
 def test_what_explains_next_to_nothing_of_the_errors_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     assert left_by("quadratic_drag").unexplained.share > SMALLEST_SHARE
-    monkeypatch.setattr("cmr.diagnosis.unexplained.share_foretold", lambda *_: 0.9 * SMALLEST_SHARE)
+    monkeypatch.setattr("cmr.estimation.unexplained.remaining.share_foretold", lambda *_: 0.9 * SMALLEST_SHARE)
     case = hidden_recording("quadratic_drag", seed=SEED)
     assert not remaining_of([case.recording], case.recording.parameters).unexplained.present

@@ -18,7 +18,7 @@ STEPS, STEP = 1500, 0.01
 
 def observations(**parameters: float) -> Observations:
     """Return what a robot with these parameters beside the paper's is told and says, without any noise."""
-    time = np.arange(STEPS) * STEP
+    time = np.asarray(np.arange(STEPS) * STEP, np.float64)
     left, right = 0.4 + 0.2 * np.sin(time), 0.4 - 0.2 * np.sin(0.7 * time)
     borders = np.asarray(np.arange(1, STEPS) * STEP, np.float64)
     at_poses = np.ascontiguousarray(borders[::4])
@@ -47,7 +47,8 @@ def test_without_gains_the_observer_drives_as_the_simulation_does() -> None:
     parameters = {**ROBOT, "coulomb_friction": 4.0, "turn_slip": 0.03}
     what = observations()
     moved = observe(what, parameters, FREE).motion
-    free = drive(*what.commands.duty.T, np.full(STEPS, STEP), RobotParameters.of(parameters), RobotState.at_rest())
+    left, right = what.commands.duty.T
+    free = drive(left, right, np.full(STEPS, STEP), RobotParameters.of(parameters), RobotState.at_rest())
     for name in ("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"):
         assert np.array_equal(moved[:, MOTION.index(name)], getattr(free, name)), name
 

@@ -21,13 +21,9 @@ from cmr.diagnosis.result import (
     Diagnosis,
     Evidence,
     Fitted,
-    GenericTerm,
     NamedEffect,
-    Unexplained,
 )
 from cmr.diagnosis.showing import paths_of, residuals_of
-from cmr.diagnosis.unexplained_extending import Extended, chance_of, extended
-from cmr.diagnosis.unexplained_generic import formula
 from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.estimation.checks import findings_of, looked_at, require_of_use_held_out
 from cmr.estimation.criterion import look
@@ -44,6 +40,9 @@ from cmr.estimation.search.selection import Search
 from cmr.estimation.search.shifts import moved, shifts
 from cmr.estimation.search.usefulness import that_holds
 from cmr.estimation.segments import Segment
+from cmr.estimation.unexplained.extending import Extended, chance_of, extended
+from cmr.estimation.unexplained.generic import formula
+from cmr.estimation.unexplained.result import GenericTerm, Unexplained
 from cmr.model.catalogue import CATALOGUE, definition, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters

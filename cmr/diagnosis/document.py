@@ -10,9 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cmr.diagnosis.result import GENERIC, Candidate, Diagnosis, Fitted, GenericTerm, NamedEffect, Unexplained
+from cmr.diagnosis.result import GENERIC, Candidate, Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.unexplained.result import GenericTerm, Unexplained
 from cmr.files import write_atomically
 from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS

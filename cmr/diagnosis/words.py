@@ -2,7 +2,7 @@
 
 import math
 
-from cmr.diagnosis.result import Unexplained
+from cmr.estimation.unexplained.result import Unexplained
 
 FEW = 0.1  # a share below which tenths of a percent are told
 SIGNALS = {

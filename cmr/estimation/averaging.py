@@ -9,7 +9,7 @@ about the means that it finds, with the noise that is left there.
 """
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,7 @@ ROUNDS = 3  # about the means that the round before found
 STEPS = 20_000  # of each random walk: one begins with the effects that were named, one with none
 FEW_STEPS = 8_000  # where the means alone are of interest
 RIDGE = 1e-9  # of a column's square
+LIKELY = 0.8  # probability above which a walk begins with an effect
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,14 @@ class Posterior:
 class Averaging:
     """A problem made linear about some values: white errors `rest` (n,), and their slopes by all parameters.
 
-    `flat` are parameters that are there in any case: the paper's, and those of effects that are no matter of degree.
+    Parameters that are there in any case: the paper's, and those of effects that are no matter of degree. One walk
+    begins with the effects that are `likely`, by name.
     """
 
-    def __init__(self, problem: Problem, fit: Fit, inflation: float) -> None:
+    def __init__(self, problem: Problem, fit: Fit, inflation: float, likely: Collection[str]) -> None:
         self._problem, self._noise, self._inflation = problem, fit.noise, inflation
         self._effects = [effect for effect in problem.effects if can_be_small(effect)]
+        self._likely = np.array([effect.name in likely for effect in self._effects], np.bool_)
         self._sizes = [parameter for effect in self._effects for parameter in effect.parameters if parameter.switches]
         sized = {parameter.name for parameter in self._sizes}
         self._flat = tuple(name for name in fit.names if name not in sized)
@@ -109,13 +112,11 @@ class Averaging:
         )
         one_sided = np.array([parameter.lower == parameter.neutral for parameter in self._sizes])
         scaled, pulled = normal * np.outer(scale, scale), pull * scale
-        there = np.zeros(len(self._effects), np.bool_)
-        np.logical_or.at(there, groups, start != 0.0)
         edges = neighbours(scaled, groups)
         random = np.random.default_rng(zlib.crc32(np.round(pulled, 6).tobytes()))
         chains = [
             walk(scaled, pulled, groups, one_sided, edges, PRESENT, begin, steps, random)
-            for begin in (there, np.zeros_like(there))
+            for begin in (self._likely, np.zeros_like(self._likely))
         ]
         means, squares, shares = (np.mean([chain[k] for chain in chains], axis=0) for k in range(3))
         spread = (squares - np.outer(means, means)) * np.outer(scale, scale)
@@ -123,18 +124,19 @@ class Averaging:
         return means * scale, spread, dict(zip(names, map(float, shares), strict=True))
 
     def _slab(self, name: str, value: float) -> float:
-        """Return the standard deviation of a size if the effect is present: larger for one that is seen to be larger."""
+        """Return the standard deviation of a size that is present: larger where it is seen to be larger."""
         return max(SPREAD * size(definition(name), self._problem.excitation), abs(value))
 
 
-def averaged(problem: Problem, fit: Fit, inflation: float) -> tuple[Posterior, Averaging]:
-    """Return the posterior about a fit, and the linear problem of the last round, to leave parts out of."""
-    averaging = Averaging(problem, fit, inflation)
+def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str]) -> tuple[Posterior, Averaging]:
+    """Return the posterior about a fit with effects `named`, and the linear problem of its last round."""
+    averaging = Averaging(problem, fit, inflation, named)
     for _ in range(ROUNDS - 1):
         found = averaging.posterior(steps=FEW_STEPS)
         noise = problem.found(problem.errors(found.values))
         about = Fit(found.values, fit.names, fit.rest, fit.slopes, noise)
-        averaging = Averaging(problem, about, inflation)
+        likely = [name for name, presence in found.presence.items() if presence > LIKELY]
+        averaging = Averaging(problem, about, inflation, likely)
     return averaging.posterior(), averaging
 
 

@@ -1,9 +1,9 @@
 """A random walk over sets of effects whose sizes have a normal posterior.
 
-The state is a set of effects with their sizes. A move switches one effect, or two that resemble each other, and draws the
-sizes of all that are on from their normal posterior; it is accepted by the ratio of the sets' probabilities, in which
-the sizes are integrated out, if all sizes have a sign that is possible (Metropolis and Hastings: the ratio of the target
-and the normal from which the sizes are drawn is the same wherever signs are possible).
+The state is a set of effects with their sizes. A move switches one effect, or two that resemble each other, and draws
+the sizes of all that are on from their normal posterior; it is accepted by the ratio of the sets' probabilities, in
+which the sizes are integrated out, if all sizes have a sign that is possible (Metropolis and Hastings: the ratio of the
+target and the normal from which the sizes are drawn is the same wherever signs are possible).
 """
 
 import numpy as np
@@ -87,10 +87,12 @@ def _walk(normal, pull, groups, one_sided, edges, odds, begin, moves, chances, d
     state, tried = begin.copy(), begin.copy()
     on, drawn = np.empty(MOST_ON, np.int64), np.empty(MOST_ON)
     factor, solved, sizes = np.empty((MOST_ON, MOST_ON)), np.empty(MOST_ON), np.zeros(count)
-    here, settled, kept = -np.inf, int(BURN_IN * len(moves)), 0
+    here, settled, kept, begun = -np.inf, int(BURN_IN * len(moves)), 0, False
     for step in range(len(moves)):
         tried[:] = state
-        if moves[step] < effects:
+        if step == 0:
+            pass  # the state that it begins with
+        elif moves[step] < effects:
             tried[moves[step]] = 1 - tried[moves[step]]
         else:
             for end in range(2):
@@ -105,7 +107,8 @@ def _walk(normal, pull, groups, one_sided, edges, odds, begin, moves, chances, d
         for effect in range(effects):
             there += odds if tried[effect] else 0.0
         there += _evidence(normal, pull, on, chosen, factor, solved)
-        if chances[step] < there - here:
+        # Until one state has been possible, none is refused for being unlikely.
+        if not begun or chances[step] < there - here:
             possible = True
             for i in range(chosen - 1, -1, -1):
                 value = solved[i] + draws[step, i]
@@ -115,7 +118,7 @@ def _walk(normal, pull, groups, one_sided, edges, odds, begin, moves, chances, d
                 possible &= drawn[i] > 0.0 or not one_sided[on[i]]
             if possible:
                 state[:] = tried
-                here = there
+                here, begun = there, True
                 sizes[:] = 0.0
                 for i in range(chosen):
                     sizes[on[i]] = drawn[i]

@@ -39,7 +39,7 @@ class Commands:
         """
         result = np.zeros((steps, len(PROFILE)))
         if len(self.time):
-            fill_profile(self.time, np.ascontiguousarray(self.duty), dt, delay, result)
+            fill_profile(np.ascontiguousarray(self.time), np.ascontiguousarray(self.duty), dt, delay, result)
         return result
 
 

@@ -22,6 +22,7 @@ from cmr.estimation.search.criteria import (
     SelectedEffect,
     held_out_gain,
     needed,
+    rarity,
     why_not,
 )
 from cmr.estimation.search.inflation import Inflation
@@ -119,10 +120,11 @@ def _penalty(leaving: Sequence[str], coming: Sequence[str], inflation: Inflation
     parameters = sum(len(CATALOGUE[name].parameters) for name in coming)
     parameters -= sum(len(CATALOGUE[name].parameters) for name in leaving)
     further = len(coming) - len(leaving)
+    rare = sum(map(rarity, coming)) - sum(map(rarity, leaving))
     if further <= 0:
-        return PER_FURTHER * parameters
+        return PER_FURTHER * parameters + rare
     enough = sorted(needed(CATALOGUE[name]) * inflation.of(name) for name in coming)
-    return float(sum(enough[-further:]))
+    return float(sum(enough[-further:])) + rare
 
 
 def _coming(screening: Screening, one: _Proposal) -> list[str]:

@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from cmr.diagnosis.unexplained_extending import Extended
 from cmr.estimation.gain import Gain
 from cmr.estimation.measured_gain import Measured
 from cmr.estimation.search.criteria import SelectedEffect
 from cmr.estimation.search.elimination import without
 from cmr.estimation.search.selection import Search
+from cmr.estimation.unexplained.extending import Extended
 
 # A gain that is surely less than the first, or, unless it is surely one, of any signal less than the second.
 WORSE, MUCH_WORSE = 0.95, 0.8

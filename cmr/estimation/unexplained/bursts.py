@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.diagnosis.unexplained_scores import Remainder
 from cmr.estimation.prediction import SIGNALS
+from cmr.estimation.unexplained.scores import Remainder
 
 SPAN = 0.5  # s
 LOUD = 8.0  # standard deviations of what a span of noise adds up to

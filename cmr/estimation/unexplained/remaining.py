@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.diagnosis.result import Unexplained
-from cmr.diagnosis.unexplained_bursts import Bursts, bursts
-from cmr.diagnosis.unexplained_scores import Score, foretold_by, remainder, scores
-from cmr.diagnosis.unexplained_share import share_foretold
-from cmr.diagnosis.unexplained_terms import drives_of
 from cmr.estimation.candidates import lanes_of
 from cmr.estimation.gains import COARSE
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.prediction import WHEELS
 from cmr.estimation.problem import Problem, tempered
+from cmr.estimation.unexplained.bursts import Bursts, bursts
+from cmr.estimation.unexplained.result import Unexplained
+from cmr.estimation.unexplained.scores import Score, foretold_by, remainder, scores
+from cmr.estimation.unexplained.share import share_foretold
+from cmr.estimation.unexplained.terms import drives_of
 
 LEAST, LEAST_SHARE = 40.0, 1e-3  # drop of the sum of squares, and share of it, from which a term is worth a word
 SURELY = 1.5  # as much, without the few moments that speak most for the term, is beyond doubt,

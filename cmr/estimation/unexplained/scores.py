@@ -11,12 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from cmr.diagnosis.unexplained_terms import Column, Drive, Term, terms_for
-from cmr.diagnosis.unexplained_traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import BLOCK, LARGE, Problem
+from cmr.estimation.unexplained.terms import Column, Drive, Term, terms_for
+from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.model.observer import MOTION
 from cmr.recordings.signal import Floats, Mask
 

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from cmr.diagnosis.result import Unexplained
-from cmr.diagnosis.unexplained import remaining
-from cmr.diagnosis.unexplained_generic import Extension, extension
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.measured_gain import measure
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, with_small_effects
+from cmr.estimation.unexplained.generic import Extension, extension
+from cmr.estimation.unexplained.remaining import remaining
+from cmr.estimation.unexplained.result import Unexplained
 
 SURPASSED = 0.8  # of some error of free runs with the named effects: so little must a term leave that does without them
 NOWHERE_WORSE = 1.03  # of each of these errors, and of those with both: so much it may leave

@@ -1,0 +1,1 @@
+"""What the effects found leave: whether structure remains, and a generic term for it."""
