@@ -18,7 +18,7 @@ from cmr.estimation.candidates import RANDOM, SENSED, is_limit, locality, size
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
-from cmr.estimation.sampling import neighbours, walk
+from cmr.estimation.sampling import walk
 from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
@@ -27,9 +27,9 @@ from cmr.recordings.signal import Floats, Mask
 PRESENT = 0.25  # prior probability that an effect is present
 SPREAD = 0.7  # of the typical size: standard deviation of the size of an effect that is present
 BELIEF = 0.6  # power of the likelihood: errors are neither quite white nor the model exact
-ROUNDS = 3  # about the means that the round before found
-STEPS = 20_000  # of each random walk: one begins with the effects that were named, one with none
-FEW_STEPS = 8_000  # where the means alone are of interest
+ROUNDS = 3  # each about the means that the round before found
+STEPS = 12_000  # of the random walk
+FEW_STEPS = 5_000  # where the means alone are of interest
 RIDGE = 1e-9  # of a column's square
 LIKELY = 0.8  # probability above which a walk begins with an effect
 
@@ -112,13 +112,9 @@ class Averaging:
         )
         one_sided = np.array([parameter.lower == parameter.neutral for parameter in self._sizes])
         scaled, pulled = normal * np.outer(scale, scale), pull * scale
-        edges = neighbours(scaled, groups)
-        random = np.random.default_rng(zlib.crc32(np.round(pulled, 6).tobytes()))
-        chains = [
-            walk(scaled, pulled, groups, one_sided, edges, PRESENT, begin, steps, random)
-            for begin in (self._likely, np.zeros_like(self._likely))
-        ]
-        means, squares, shares = (np.mean([chain[k] for chain in chains], axis=0) for k in range(3))
+        seed = zlib.crc32(np.round(pulled, 6).tobytes())
+        odds = np.full(len(self._effects), np.log(PRESENT / (1.0 - PRESENT)))
+        means, squares, shares = walk(scaled, pulled, groups, one_sided, odds, self._likely, steps, seed)
         spread = (squares - np.outer(means, means)) * np.outer(scale, scale)
         names = (effect.name for effect in self._effects)
         return means * scale, spread, dict(zip(names, map(float, shares), strict=True))

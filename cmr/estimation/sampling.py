@@ -4,6 +4,10 @@ The state is a set of effects with their sizes. A move switches one effect, or t
 the sizes of all that are on from their normal posterior; it is accepted by the ratio of the sets' probabilities, in
 which the sizes are integrated out, if all sizes have a sign that is possible (Metropolis and Hastings: the ratio of the
 target and the normal from which the sizes are drawn is the same wherever signs are possible).
+
+Sets that explain each other's traces lie far apart. So several walks go side by side, each believing the data less than
+the one before, and exchange their sets (parallel tempering; C. J. Geyer, Markov chain Monte Carlo maximum likelihood,
+Computing Science and Statistics 23, 1991). Only the first one counts.
 """
 
 import numpy as np
@@ -11,6 +15,7 @@ import numpy as np
 from cmr.model.compiled import compiled, inlined
 from cmr.recordings.signal import Floats, Mask
 
+BELIEFS = (1.0, 0.5, 0.25, 0.1)  # power of the likelihood in each walk
 MOST_ON = 40  # sizes at once
 RESEMBLING = 4  # of each effect: those whose changes are most like its own
 BURN_IN = 0.2  # of the steps
@@ -31,109 +36,131 @@ def neighbours(normal: Floats, groups: Indices) -> Indices:
 
 
 def walk(
-    normal: Floats,
-    pull: Floats,
-    groups: Indices,
-    one_sided: Mask,
-    edges: Indices,
-    present: float,
-    begin: Mask,
-    steps: int,
-    random: np.random.Generator,
+    normal: Floats, pull: Floats, groups: Indices, one_sided: Mask, odds: Floats, begin: Mask, steps: int, seed: int
 ) -> tuple[Floats, Floats, Floats]:
     """Return means (p,) and mean products (p, p) of the sizes, and how often each effect (e,) is on.
 
     The log-likelihood of sizes s is -s' `normal` s / 2 - `pull`' s; their prior is normal with variance 1, one half of
-    it where `one_sided` (p,). `groups` (p,) tells to which effect each size belongs. The walk begins with the effects
-    `begin` (e,) switched on; `present` is the prior probability of each.
+    it where `one_sided` (p,). `groups` (p,) tells to which effect each size belongs, `odds` (e,) the logarithm of the
+    prior odds of each effect. Every other walk begins with the effects `begin` (e,) switched on. The same `seed` gives
+    the same walk.
     """
     mean, products, shares = np.zeros(len(pull)), np.zeros((len(pull), len(pull))), np.zeros(len(begin))
-    moves = random.integers(0, len(begin) + len(edges), steps)
-    chances = np.log(random.uniform(size=steps))
-    draws = random.standard_normal((steps, MOST_ON))
+    states = np.zeros((len(BELIEFS), len(begin)), np.uint8)
+    states[::2] = begin
     _walk(
-        np.ascontiguousarray(normal), np.ascontiguousarray(pull), groups, one_sided.astype(np.uint8), edges,
-        float(np.log(present / (1.0 - present))), begin.astype(np.uint8), moves, chances, draws,
-        mean, products, shares,
+        np.ascontiguousarray(normal), np.ascontiguousarray(pull), groups, one_sided.astype(np.uint8), odds,
+        neighbours(normal, groups), np.array(BELIEFS), states, steps, seed, mean, products, shares,
     )  # fmt: skip
     return mean, products, shares
 
 
 @inlined
-def _evidence(normal, pull, on, count, factor, solved):  # type: ignore[no-untyped-def]
-    """Return the log of the probability of the sizes `on`, integrated out; fill the Cholesky factor and L^-1 pull."""
+def _switched_on(state, groups, on):  # type: ignore[no-untyped-def]
+    """Write the sizes that are on; return how many."""
+    count = 0
+    for index in range(len(groups)):
+        if state[groups[index]] and count < MOST_ON:
+            on[count] = index
+            count += 1
+    return count
+
+
+@inlined
+def _probability(belief, normal, pull, one_sided, odds, state, on, count, factor, solved):  # type: ignore[no-untyped-def]
+    """Return the log of a set's probability, the sizes integrated out; write the Cholesky factor L and L^-1 pull."""
     total = 0.0
+    for effect in range(len(state)):
+        total += odds[effect] if state[effect] else 0.0
     for i in range(count):
         for j in range(i + 1):
-            value = normal[on[i], on[j]] + (1.0 if i == j else 0.0)
+            value = belief * normal[on[i], on[j]] + (1.0 if i == j else 0.0)
             for k in range(j):
                 value -= factor[i, k] * factor[j, k]
             factor[i, j] = np.sqrt(value) if i == j else value / factor[j, j]
-        value = -pull[on[i]]
+        value = -belief * pull[on[i]]
         for k in range(i):
             value -= factor[i, k] * solved[k]
         solved[i] = value / factor[i, i]
-        total += 0.5 * solved[i] ** 2 - np.log(factor[i, i])
+        total += 0.5 * solved[i] ** 2 - np.log(factor[i, i]) + (np.log(2.0) if one_sided[on[i]] else 0.0)
     return total
 
 
+@inlined
+def _drawn(one_sided, on, count, factor, solved, drawn):  # type: ignore[no-untyped-def]
+    """Draw the sizes of a set from their normal posterior; tell whether all have a sign that is possible."""
+    possible = True
+    for i in range(count - 1, -1, -1):
+        value = solved[i] + np.random.normal()
+        for k in range(i + 1, count):
+            value -= factor[k, i] * drawn[k]
+        drawn[i] = value / factor[i, i]
+        possible &= drawn[i] > 0.0 or not one_sided[on[i]]
+    return possible
+
+
+@inlined
+def _keep(sizes, on, drawn, count):  # type: ignore[no-untyped-def]
+    sizes[:] = 0.0
+    for i in range(count):
+        sizes[on[i]] = drawn[i]
+
+
+@inlined
+def _add(state, sizes, mean, products, shares):  # type: ignore[no-untyped-def]
+    """Add a state to the sums."""
+    for effect in range(len(state)):
+        shares[effect] += state[effect]
+    for one in range(len(sizes)):
+        if sizes[one] != 0.0:
+            mean[one] += sizes[one]
+            for other in range(len(sizes)):
+                products[one, other] += sizes[one] * sizes[other]
+
+
 @compiled(
-    "void(f8[:, ::1], f8[::1], i8[::1], u1[::1], i8[:, ::1], f8, u1[::1], i8[::1], f8[::1], f8[:, ::1],"
+    "void(f8[:, ::1], f8[::1], i8[::1], u1[::1], f8[::1], i8[:, ::1], f8[::1], u1[:, ::1], i8, i8,"
     "f8[::1], f8[:, ::1], f8[::1])"
 )
-def _walk(normal, pull, groups, one_sided, edges, odds, begin, moves, chances, draws, mean, products, shares):  # type: ignore[no-untyped-def]
-    """Walk; see `walk`. `odds` is the log of the prior odds of an effect."""
-    count, effects = len(pull), len(begin)
-    state, tried = begin.copy(), begin.copy()
+def _walk(normal, pull, groups, one_sided, odds, edges, beliefs, states, steps, seed, mean, products, shares):  # type: ignore[no-untyped-def]
+    """Walk; see `walk`. `states` are the sets that each walk begins with."""
+    np.random.seed(seed)
+    walks, effects, sizes = len(beliefs), states.shape[1], np.zeros(len(pull))
+    here = np.full(walks, -np.inf)  # until a walk has come to a set that is possible, it takes any
     on, drawn = np.empty(MOST_ON, np.int64), np.empty(MOST_ON)
-    factor, solved, sizes = np.empty((MOST_ON, MOST_ON)), np.empty(MOST_ON), np.zeros(count)
-    here, settled, kept, begun = -np.inf, int(BURN_IN * len(moves)), 0, False
-    for step in range(len(moves)):
-        tried[:] = state
-        if step == 0:
-            pass  # the state that it begins with
-        elif moves[step] < effects:
-            tried[moves[step]] = 1 - tried[moves[step]]
-        else:
-            for end in range(2):
-                effect = edges[moves[step] - effects, end]
-                tried[effect] = 1 - tried[effect]
-        chosen, there = 0, 0.0
-        for index in range(count):
-            if tried[groups[index]] and chosen < MOST_ON:
-                on[chosen] = index
-                chosen += 1
-                there += np.log(2.0) if one_sided[index] else 0.0
-        for effect in range(effects):
-            there += odds if tried[effect] else 0.0
-        there += _evidence(normal, pull, on, chosen, factor, solved)
-        # Until one state has been possible, none is refused for being unlikely.
-        if not begun or chances[step] < there - here:
-            possible = True
-            for i in range(chosen - 1, -1, -1):
-                value = solved[i] + draws[step, i]
-                for k in range(i + 1, chosen):
-                    value -= factor[k, i] * drawn[k]
-                drawn[i] = value / factor[i, i]
-                possible &= drawn[i] > 0.0 or not one_sided[on[i]]
-            if possible:
-                state[:] = tried
-                here, begun = there, True
-                sizes[:] = 0.0
-                for i in range(chosen):
-                    sizes[on[i]] = drawn[i]
+    factor, solved = np.empty((MOST_ON, MOST_ON)), np.empty(MOST_ON)
+    tried, settled = np.empty(effects, np.uint8), int(BURN_IN * steps)
+    for step in range(steps):
+        for number in range(walks):
+            tried[:] = states[number]
+            move = np.random.randint(0, effects + len(edges)) if step else -1
+            if move >= effects:
+                for end in range(2):
+                    tried[edges[move - effects, end]] ^= 1
+            elif move >= 0:
+                tried[move] ^= 1
+            count = _switched_on(tried, groups, on)
+            there = _probability(beliefs[number], normal, pull, one_sided, odds, tried, on, count, factor, solved)
+            if np.log(np.random.random()) < there - here[number] and _drawn(one_sided, on, count, factor, solved, drawn):
+                states[number], here[number] = tried, there
+                if number == 0:
+                    _keep(sizes, on, drawn, count)
+        cold = np.random.randint(0, walks - 1)
+        count = _switched_on(states[cold], groups, on)
+        up = _probability(beliefs[cold + 1], normal, pull, one_sided, odds, states[cold], on, count, factor, solved)
+        possible = _drawn(one_sided, on, count, factor, solved, drawn)
+        count = _switched_on(states[cold + 1], groups, on)
+        down = _probability(beliefs[cold], normal, pull, one_sided, odds, states[cold + 1], on, count, factor, solved)
+        likely = np.log(np.random.random()) < up + down - here[cold] - here[cold + 1]
+        if likely and possible and _drawn(one_sided, on, count, factor, solved, drawn):
+            tried[:] = states[cold]
+            states[cold], states[cold + 1] = states[cold + 1], tried
+            here[cold], here[cold + 1] = down, up
+            if cold == 0:
+                _keep(sizes, on, drawn, count)
         if step >= settled:
-            kept += 1
-            for effect in range(effects):
-                shares[effect] += state[effect]
-            for one in range(count):
-                if sizes[one] != 0.0:
-                    mean[one] += sizes[one]
-                    for other in range(count):
-                        products[one, other] += sizes[one] * sizes[other]
-    for one in range(count):
-        mean[one] /= kept
-        for other in range(count):
-            products[one, other] /= kept
-    for effect in range(effects):
-        shares[effect] /= kept
+            _add(states[0], sizes, mean, products, shares)
+    kept = steps - settled
+    mean /= kept
+    products /= kept
+    shares /= kept
