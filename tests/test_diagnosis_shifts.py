@@ -1,4 +1,4 @@
-"""The shifts of the effects named add up to what lies between the paper's model and the extended one."""
+"""The shifts of the effects named add up to what lies between the paper's model and the one fitted with them."""
 
 from typing import Any
 
@@ -21,15 +21,15 @@ from tests.hidden_effects.cases import BEGINNING
 @pytest.mark.parametrize(
     "hidden", [("coulomb_friction",), ("coulomb_friction", "gyro_bias")], ids=lambda hidden: "-".join(hidden)
 )
-def test_shifts_add_up_to_what_lies_between_baseline_and_extended_model(hidden: tuple[str, ...]) -> None:
+def test_shifts_add_up_to_what_lies_between_baseline_and_extended_model_but_for_what_may_be_hidden(hidden: tuple[str, ...]) -> None:
     found = diagnose(hidden_recording(*hidden, manoeuvre=BEGINNING, seed=1002).recording)
     assert {effect.name for effect in found.effects} == set(hidden)
     assert found.baseline is not None
     assert found.extended is not None
     for name, before in found.baseline.estimates.items():
         together = sum(effect.shift[name] for effect in found.effects)
-        after = found.extended.estimates[name].value
-        assert together == pytest.approx(after - before.value, rel=1e-9, abs=1e-12 * after), name
+        after = found.extended.estimates[name]
+        assert together == pytest.approx(after.value - before.value, abs=after.std), name
     # Friction slows a robot down as a larger k1 would.
     friction = next(effect for effect in found.effects if effect.name == "coulomb_friction")
     assert friction.shift["k1"] < -0.02 * found.baseline.estimates["k1"].value

@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from cmr.diagnosis.next_experiment import (
     WITHOUT_POSES,
     experiment_to_explain,
@@ -25,25 +23,18 @@ from cmr.diagnosis.result import (
 )
 from cmr.diagnosis.showing import paths_of, residuals_of
 from cmr.diagnosis.words import regressor_name, signal_name
-from cmr.estimation.checks import findings_of, looked_at, require_of_use_held_out
-from cmr.estimation.criterion import look
-from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.estimation.estimates import Estimate
+from cmr.estimation.estimation import Estimation, estimate, fit_estimate, nominal_of
 from cmr.estimation.free_runs import WINDOW
 from cmr.estimation.gain import Gain
-from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured, measure
-from cmr.estimation.model_error import inexactness
-from cmr.estimation.preparation import Ready, prepare
-from cmr.estimation.problem import Problem
+from cmr.estimation.preparation import Ready
 from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect
 from cmr.estimation.search.selection import Search
 from cmr.estimation.search.shifts import moved, shifts
-from cmr.estimation.search.usefulness import that_holds
-from cmr.estimation.segments import Segment
-from cmr.estimation.unexplained.extending import Extended, chance_of, extended
+from cmr.estimation.unexplained.extending import Extended
 from cmr.estimation.unexplained.generic import formula
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained
-from cmr.model.catalogue import CATALOGUE, definition, definitions_of
+from cmr.model.catalogue import CATALOGUE, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
@@ -72,41 +63,20 @@ def diagnose(
     can be measured on one of `held_out`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    robot_id, nominal = recordings[0].robot_id, _nominal(recordings, nominal)
-    progress("Checking the data ...")
-    looked = looked_at(recordings, sources)
-    ready = prepare(looked, nominal)
-    problem = ready.problem
-    if problem is None:
-        return _refused(robot_id, ready, tuple(sources))
-    segments = [predictor.segment for predictor in problem.predictors]
-    unseen = looked_at(held_out, held_out_sources, "held-out recording")
-    require_of_use_held_out(unseen, path=any(len(segment.observations.pose) for segment in segments))
-    mended = [f"{one.name}: {one.note}" for one in unseen if one.note]
-    ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *mended))
-    whole = _searched(problem, ready, progress)
-    progress("Measuring the gain ...")
-    others = [segment for one in unseen for segment in one.segments]
-    whole, measured = that_holds(
-        whole, lambda one: measure(one.found.problem, one.found.base, one.final, chance_of(one.found), segments, others)
+    estimation = estimate(
+        recordings,
+        nominal_of(recordings, nominal),
+        held_out=held_out,
+        sources=sources,
+        held_out_sources=held_out_sources,
+        progress=progress,
     )
-    evidence = _evidence(segments, whole, [one.name for one in looked])
-    fitted = tuple(one.name for one in looked if not one.useless) if sources else ()
-    return _diagnosis(robot_id, ready, whole, measured, evidence, fitted)
-
-
-def _nominal(recordings: Sequence[Recording], given: ParameterFile | None) -> ParameterFile:
-    """Return the parameters given, else the first that a recording announces.
-
-    Raises EstimationError where no wheel radius is among them.
-    """
-    nominal = given or next((r.parameters for r in recordings if r.parameters is not None), None)
-    if nominal is None or not nominal.has("wheel_radius"):
-        raise EstimationError(
-            "The wheel radius is not known: the log announces no parameters. Give a file with at least wheel_radius "
-            "by --parameters."
-        )
-    return nominal
+    robot_id = recordings[0].robot_id
+    if estimation.whole is None:
+        return _refused(robot_id, estimation.ready, tuple(sources))
+    evidence = _evidence(estimation)
+    fitted = tuple(one.name for one in estimation.looked if not one.useless) if sources else ()
+    return _diagnosis(robot_id, estimation, evidence, fitted)
 
 
 def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis:
@@ -121,38 +91,30 @@ def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis
     )
 
 
-def _searched(problem: Problem, ready: Ready, progress: Callable[[str], None]) -> Extended:
-    """Search for effects, and look at what remains beside them where that can be judged."""
-    found = look(ready, progress)
-    progress("Looking at what remains ...")
-    return extended(problem, found) if found.problem.by_moments else Extended(found, Unexplained())
-
-
-def _evidence(segments: Sequence[Segment], whole: Extended, labels: Sequence[str]) -> Evidence:
+def _evidence(estimation: Estimation) -> Evidence:
     """Return what a report draws of the paper's model and of the extended one."""
-    models = whole.found.base.values, whole.final.values
+    assert estimation.whole is not None
+    models = estimation.found.base.values, estimation.whole.model.values
+    segments = [predictor.segment for predictor in estimation.found.problem.predictors]
+    labels = [one.name for one in estimation.looked]
     return Evidence(window=WINDOW, paths=paths_of(segments, *models, labels), residuals=residuals_of(segments, *models))
 
 
-def _diagnosis(
-    robot_id: int,
-    ready: Ready,
-    whole: Extended,
-    measured: Measured,
-    evidence: Evidence,
-    sources: tuple[str, ...],
-) -> Diagnosis:
-    found, unexplained = whole.found, _unexplained(whole, measured.gain)
+def _diagnosis(robot_id: int, estimation: Estimation, evidence: Evidence, sources: tuple[str, ...]) -> Diagnosis:
+    whole, measured, ready = estimation.whole, estimation.measured, estimation.ready
+    assert whole is not None
+    assert measured is not None
+    found, unexplained = estimation.found, _unexplained(whole.extended, measured.gain)
     named = zip(found.named, shifts(found), strict=True)
-    effects = tuple(_named(one, moved_by, found, robot_id) for one, moved_by in named)
+    effects = tuple(_named(one, moved_by, estimation, robot_id) for one, moved_by in named)
     verdict = EFFECTS_FOUND if effects else UNEXPLAINED if unexplained.present else NO_EFFECT
     return Diagnosis(
         robot_id=robot_id,
         verdict=verdict,
         sentence=_sentence(effects, unexplained, found),
         unexplained=unexplained,
-        baseline=_fitted(found.base, found, measured.before, measured.held_out_before),
-        extended=_fitted(whole.final, found, measured.after, measured.held_out_after),
+        baseline=_fitted(estimation.baseline, measured.before, measured.held_out_before),
+        extended=_fitted(estimation.estimates, measured.after, measured.held_out_after),
         gain=measured.gain,
         evidence=evidence,
         effects=effects,
@@ -160,14 +122,14 @@ def _diagnosis(
         checks=ready.checks,
         notes=ready.notes if found.problem.by_moments else (*ready.notes, BY_COURSES),
         next_experiment=_next(robot_id, effects, found, unexplained),
-        parameters=_parameters(found, whole.final, ready.unknown),
+        parameters=estimation.parameters,
         sources=sources,
         samples=len(found.final.rest),
     )
 
 
-def _fitted(fit: Fit, found: Search, path_rmse: float, held_out: float) -> Fitted:
-    return Fitted(estimates=_estimates(fit, found), path_rmse=path_rmse, held_out_path_rmse=held_out)
+def _fitted(estimates: Mapping[str, Estimate], path_rmse: float, held_out: float) -> Fitted:
+    return Fitted(estimates=estimates, path_rmse=path_rmse, held_out_path_rmse=held_out)
 
 
 def _candidate(tested: CandidateEffect, why_not: str, inflation: float) -> Candidate:
@@ -181,12 +143,12 @@ def _candidate(tested: CandidateEffect, why_not: str, inflation: float) -> Candi
     )
 
 
-def _named(one: SelectedEffect, moved_by: Mapping[str, float], found: Search, robot_id: int) -> NamedEffect:
-    effect = one.candidate.effect
+def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estimation, robot_id: int) -> NamedEffect:
+    effect, found = one.candidate.effect, estimation.found
     robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     names = [parameter.name for parameter in effect.parameters]
     rivals = one.rivals
-    estimates = {n: one.estimates[n] if n in one.estimates else _estimate(found.final, n, found) for n in names}
+    estimates = {n: one.estimates[n] if n in one.estimates else estimation.estimate(n) for n in names}
     return NamedEffect(
         name=effect.name,
         cause=effect.sentence({name: estimate.value for name, estimate in estimates.items()}),
@@ -227,32 +189,12 @@ def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
     term = whole.term
     if term is None:
         return whole.unexplained
-    estimates = {name: _estimate(term.fit, name, whole.found) for name in term.names}
+    estimates = {name: fit_estimate(term.fit, name, whole.found) for name in term.names}
     words = formula({name: estimate.value for name, estimate in estimates.items()})
     gain = term.gain if whole.found.named else gain
     moved_by = moved(whole.found.final, term.fit, whole.found.base.names)
     generic = GenericTerm(estimates=estimates, formula=words, held_out=term.held_out, gain=gain, shift=moved_by)
     return replace(whole.unexplained, generic=generic)
-
-
-def _parameters(found: Search, final: Fit, unknown: Sequence[str]) -> dict[str, float]:
-    """Return all values that the extended model runs with, but those that mean nothing."""
-    values = dict(final.values)
-    for one in found.named:
-        values.update({name: estimate.value for name, estimate in one.estimates.items()})
-    idle = {one.name for effect in CATALOGUE.values() if not effect.is_on(values) for one in effect.given}
-    known = {name: value for name, value in values.items() if name not in unknown and name not in idle}
-    return {name: value for name, value in known.items() if name in PAPER or value != definition(name).neutral}
-
-
-def _estimates(fit: Fit, found: Search) -> dict[str, Estimate]:
-    return {name: _estimate(fit, name, found) for name in fit.names}
-
-
-def _estimate(fit: Fit, name: str, found: Search) -> Estimate:
-    value = fit.values[name]
-    doubt = np.hypot(found.doubts.get(name, 0.0), inexactness(name, value, found.problem.excitation))
-    return Estimate(value, float(np.sqrt(found.inflation * fit.std(name) ** 2 + doubt**2)))
 
 
 def p_value(drop: float, parameters: int, inflation: float) -> float:

@@ -24,7 +24,8 @@ class NamedEffect:
     with all other effects named, `p_value` how often chance alone would give as much somewhere in the catalogue.
     `held_out` is the log-likelihood that it adds on data it was not fitted on. `shift` tells how far each parameter
     of the paper's model moved, in its unit, when the effect was added to the baseline with all effects ordered before
-    it: all shifts together, and that of a generic term, are what lies between baseline and extended model.
+    it. All shifts together, and that of a generic term, are what lies between the baseline and the fit with all of
+    them; the average over what may be hidden besides lies a little beside that fit.
     `indistinguishable_from` are effects that explain these data as well, `next_experiment` the manoeuvre that would
     tell them apart, or sharpen the estimate; None if nothing is left to find out.
     """

@@ -16,7 +16,6 @@ import numpy as np
 
 from cmr.estimation.candidates import RANDOM, SENSED, is_limit, locality, size
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
 from cmr.estimation.sampling import walk
 from cmr.model.catalogue import definition
@@ -24,12 +23,13 @@ from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.recordings.signal import Floats, Mask
 
-PRESENT = 0.25  # prior probability that an effect is present
+PRESENT = 0.2  # prior probability that an effect is present
 SPREAD = 0.7  # of the typical size: standard deviation of the size of an effect that is present
-BELIEF = 0.6  # power of the likelihood: errors are neither quite white nor the model exact
+BELIEF = 0.65  # power of the likelihood: errors are neither quite white nor the model exact
 ROUNDS = 3  # each about the means that the round before found
 STEPS = 12_000  # of the random walk
 FEW_STEPS = 5_000  # where the means alone are of interest
+NEAR = 0.5  # standard deviations within which slopes hold
 RIDGE = 1e-9  # of a column's square
 LIKELY = 0.8  # probability above which a walk begins with an effect
 
@@ -39,19 +39,23 @@ class Posterior:
     """What is known of the parameters, effects that may be hidden included.
 
     `values` are the posterior means by name, with what was not estimated; `names` (p) are those of the `covariance`
-    (p, p). `presence` tells the probability of each effect that could be averaged over.
+    (p, p). `presence` tells the probability of each effect that could be averaged over, `averaging` how it was found.
     """
 
     values: Mapping[str, float]
     names: tuple[str, ...]
     covariance: Floats
     presence: Mapping[str, float]
-    noise: Noise
+    averaging: "Averaging"
 
     def std(self, name: str) -> float:
         """Return the standard deviation of a parameter, in its unit."""
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
+
+    def values_without(self, left_out: Mask) -> Mapping[str, float]:
+        """Return the means that there would be without some white errors, shape (n,)."""
+        return self.averaging.posterior(left_out, FEW_STEPS).values
 
 
 class Averaging:
@@ -62,7 +66,7 @@ class Averaging:
     """
 
     def __init__(self, problem: Problem, fit: Fit, inflation: float, likely: Collection[str]) -> None:
-        self._problem, self._noise, self._inflation = problem, fit.noise, inflation
+        self._problem, self._inflation = problem, inflation
         self._effects = [effect for effect in problem.effects if can_be_small(effect)]
         self._likely = np.array([effect.name in likely for effect in self._effects], np.bool_)
         self._sizes = [parameter for effect in self._effects for parameter in effect.parameters if parameter.switches]
@@ -82,6 +86,12 @@ class Averaging:
         belief = min(BELIEF, 1.0 / self._inflation)
         return self._averaged(belief * products, belief * pulls, steps)
 
+    def is_about(self, found: Posterior) -> bool:
+        """Tell whether the means are so near to what the problem was made linear about that another round is idle."""
+        stds = np.sqrt(np.diag(found.covariance))
+        change = np.array([found.values[name] - self._start[name] for name in found.names])
+        return bool(np.all(np.abs(change) <= NEAR * stds))
+
     def _averaged(self, products: Floats, pulls: Floats, steps: int) -> Posterior:
         count = len(self._flat)
         flat = products[:count, :count] + np.diag(RIDGE * np.diag(products)[:count])
@@ -98,7 +108,7 @@ class Averaging:
         of_flat = np.linalg.inv(flat) + along @ spread @ along.T
         covariance = np.block([[of_flat, -along @ spread], [-spread @ along.T, spread]])
         bounded = {name: _bounded(name, value) for name, value in values.items()}
-        return Posterior(bounded, self._names, covariance, presence, self._noise)
+        return Posterior(bounded, self._names, covariance, presence, self)
 
     def _walked(
         self, normal: Floats, pull: Floats, start: Floats, steps: int
@@ -124,16 +134,18 @@ class Averaging:
         return max(SPREAD * size(definition(name), self._problem.excitation), abs(value))
 
 
-def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str]) -> tuple[Posterior, Averaging]:
-    """Return the posterior about a fit with effects `named`, and the linear problem of its last round."""
+def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str]) -> Posterior:
+    """Return the posterior about a fit with effects `named`."""
     averaging = Averaging(problem, fit, inflation, named)
     for _ in range(ROUNDS - 1):
         found = averaging.posterior(steps=FEW_STEPS)
+        if averaging.is_about(found):
+            break
         noise = problem.found(problem.errors(found.values))
         about = Fit(found.values, fit.names, fit.rest, fit.slopes, noise)
         likely = [name for name, presence in found.presence.items() if presence > LIKELY]
         averaging = Averaging(problem, about, inflation, likely)
-    return averaging.posterior(), averaging
+    return averaging.posterior()
 
 
 def can_be_small(effect: Effect) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from cmr.estimation.candidates import Excitation, step_of
 from cmr.estimation.noise import Noise
 from cmr.model.catalogue import definition
-from cmr.recordings.signal import Floats
+from cmr.recordings.signal import Floats, Mask
 
 T = TypeVar("T")
 Asking = Generator[Sequence[Mapping[str, float]], Floats, T]  # sets of values; their white errors (n, C); the result
@@ -53,6 +53,12 @@ class Fit:
         """Return the standard deviation of a free parameter, in its unit."""
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
+
+    def values_without(self, left_out: Mask) -> Mapping[str, float]:
+        """Return the values that the fit would have without some white errors, shape (n,), to first order."""
+        slopes, rest = self.slopes[~left_out], self.rest[~left_out]
+        step = np.asarray(-np.linalg.lstsq(slopes.T @ slopes, slopes.T @ rest, rcond=1e-10)[0], np.float64)
+        return moved(self.values, self.names, step)
 
 
 def fitted(start: Mapping[str, float], names: tuple[str, ...], noise: Noise, excitation: Excitation) -> Asking[Fit]:

@@ -2,17 +2,29 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from cmr.estimation.free_runs import BLOCK, Errors, Fold, alternating_spans, errors_of, joined
 from cmr.estimation.gain import Gain, gain_of, path_rmse
-from cmr.estimation.gauss_newton import Fit, moved
 from cmr.estimation.problem import Problem
 from cmr.estimation.segments import Segment
+from cmr.recordings.signal import Mask
 
 FOLDS = 4
 JITTER = "command_jitter"
+
+
+class Model(Protocol):
+    """Values by name, and those that there would be without some of the data: a fit, or a posterior."""
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """All values of parameters by name."""
+
+    def values_without(self, left_out: Mask) -> Mapping[str, float]:
+        """Return the values without some white errors, shape (n,)."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +40,8 @@ class Measured:
 
 def measure(
     problem: Problem,
-    base: Fit,
-    final: Fit,
+    base: Model,
+    final: Model,
     chance: Mapping[str, float],
     segments: Sequence[Segment],
     held_out: Sequence[Segment],
@@ -38,13 +50,13 @@ def measure(
 
     `chance` are values by name of effects that no fit has. The problem holds the segments as they were fitted.
     """
-    fits = (base, final)
-    models = tuple(_running(fit.values, chance if fit is final else {}) for fit in fits)
+    pair = (base, final)
+    models = tuple(_running(model.values, chance if model is final else {}) for model in pair)
     inside = _errors(segments, [[Fold(models)]] * len(segments))
     if held_out:
         outside = _errors(held_out, [[Fold(models)]] * len(held_out))
     else:
-        outside = _errors(segments, _folds(problem, fits, chance, segments))
+        outside = _errors(segments, _folds(problem, pair, chance, segments))
     before, after = (path_rmse(errors) for errors in inside)
     held_out_before, held_out_after = (path_rmse(errors) for errors in outside)
     return Measured(before, after, held_out_before, held_out_after, gain_of(*outside))
@@ -57,12 +69,14 @@ def _errors(segments: Sequence[Segment], folds: Sequence[Sequence[Fold]]) -> tup
 
 
 def _folds(
-    problem: Problem, fits: Sequence[Fit], chance: Mapping[str, float], segments: Sequence[Segment]
+    problem: Problem, pair: Sequence[Model], chance: Mapping[str, float], segments: Sequence[Segment]
 ) -> list[list[Fold]]:
     """Return for each segment its folds, with both models fitted without each."""
     rows = _row_folds(problem)
     models = [
-        tuple(_running(without(fit, rows == fold), chance if number else {}) for number, fit in enumerate(fits))
+        tuple(
+            _running(model.values_without(rows == fold), chance if number else {}) for number, model in enumerate(pair)
+        )
         for fold in range(FOLDS)
     ]
     spans = [alternating_spans(segment.observations.time + segment.observations.seconds, FOLDS) for segment in segments]
@@ -87,13 +101,6 @@ def _row_folds(problem: Problem) -> np.typing.NDArray[np.int64]:
             for times in predictor.times.values()
         ]
     )
-
-
-def without(fit: Fit, left_out: np.typing.NDArray[np.bool_]) -> dict[str, float]:
-    """Return the values that a fit would have without some white errors (n,), to first order."""
-    slopes, rest = fit.slopes[~left_out], fit.rest[~left_out]
-    step = np.asarray(-np.linalg.lstsq(slopes.T @ slopes, slopes.T @ rest, rcond=1e-10)[0], np.float64)
-    return moved(fit.values, fit.names, step)
 
 
 def _running(values: Mapping[str, float], chance: Mapping[str, float]) -> dict[str, float]:

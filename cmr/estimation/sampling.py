@@ -141,7 +141,9 @@ def _walk(normal, pull, groups, one_sided, odds, edges, beliefs, states, steps, 
                 tried[move] ^= 1
             count = _switched_on(tried, groups, on)
             there = _probability(beliefs[number], normal, pull, one_sided, odds, tried, on, count, factor, solved)
-            if np.log(np.random.random()) < there - here[number] and _drawn(one_sided, on, count, factor, solved, drawn):
+            if np.log(np.random.random()) < there - here[number] and _drawn(
+                one_sided, on, count, factor, solved, drawn
+            ):
                 states[number], here[number] = tried, there
                 if number == 0:
                     _keep(sizes, on, drawn, count)

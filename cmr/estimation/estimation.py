@@ -1,0 +1,169 @@
+"""Estimate a robot's parameters in the presence of whatever else its recordings show.
+
+Calibration and diagnosis both ask here, so that they give the same numbers for the same recordings: the data are
+checked and cut into segments, the paper's model is fitted, effects are searched for, what remains is looked at, names
+that do not hold on left-out data are taken back, and the parameters are averaged over what these drives may hide.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.estimation.candidates import size
+from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_use_held_out
+from cmr.estimation.criterion import look
+from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.measured_gain import Measured, measure
+from cmr.estimation.model_error import inexactness
+from cmr.estimation.preparation import Ready, prepare
+from cmr.estimation.search.selection import Search
+from cmr.estimation.segments import Segment
+from cmr.estimation.unexplained.extending import Extended, chance_of, extended
+from cmr.estimation.unexplained.result import Unexplained
+from cmr.estimation.usefulness import Whole, that_holds
+from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.parameters.file import ParameterFile
+from cmr.recordings.recording import Recording
+
+SEEN_IN_A_PATH = 0.02  # of the typical size: more of an effect that was not named changes a path that is predicted
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """What the recordings of one robot tell.
+
+    `ready` are the recordings as they were prepared, or why they were refused; then all else is None.
+    """
+
+    looked: tuple[Checked, ...]
+    ready: Ready
+    whole: Whole | None = None
+    measured: Measured | None = None
+
+    @property
+    def found(self) -> Search:
+        """What the search found."""
+        assert self.whole is not None
+        return self.whole.extended.found
+
+    @property
+    def segments(self) -> list[Segment]:
+        """The recordings cut into segments, before any are thinned."""
+        return [segment for one in self.looked if not one.useless for segment in one.segments]
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The parameters of the whole model: the paper's that the data tell, and those of effects in use."""
+        assert self.whole is not None
+        in_use = self.parameters
+        return {name: self.estimate(name) for name in self.whole.model.names if name in in_use}
+
+    @property
+    def baseline(self) -> dict[str, Estimate]:
+        """The parameters of the paper's model fitted alone."""
+        return {name: fit_estimate(self.found.base, name, self.found) for name in self.found.base.names}
+
+    def estimate(self, name: str) -> Estimate:
+        """Return a parameter of the whole model."""
+        assert self.whole is not None
+        if self.whole.average is None:
+            return fit_estimate(self.whole.extended.final, name, self.found)
+        average = self.whole.average
+        doubt = np.hypot(self.found.doubts.get(name, 0.0), self._inexactness(name))
+        return Estimate(average.values[name], float(np.hypot(average.std(name), doubt)))
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """All values that the whole model runs with, by name, but those that mean nothing.
+
+        Of effects that were not named those stay that change the predicted path.
+        """
+        assert self.whole is not None
+        values = dict(self.whole.model.values)
+        named: set[str] = set()
+        for one in self.found.named:
+            named.update(parameter.name for parameter in one.candidate.effect.parameters)
+            values.update({name: estimate.value for name, estimate in one.estimates.items()})
+        for effect in CATALOGUE.values() if self.whole.average else ():
+            own = {parameter.name: parameter for parameter in effect.parameters}
+            if not named & set(own) and (effect.is_sensor or not any(map(self._shows, own))):
+                values = {name: value for name, value in values.items() if name not in own}
+        idle = {one.name for effect in CATALOGUE.values() if not effect.is_on(values) for one in effect.given}
+        known = {name: v for name, v in values.items() if name not in self.ready.unknown and name not in idle}
+        return {name: value for name, value in known.items() if name in PAPER or value != definition(name).neutral}
+
+    def _shows(self, name: str) -> bool:
+        """Tell whether the mean of a parameter that was not named changes a path that is predicted."""
+        assert self.whole is not None
+        parameter = definition(name)
+        value = self.whole.model.values.get(name, parameter.neutral)
+        if not parameter.switches or value is None or parameter.neutral is None:
+            return False
+        return abs(value - parameter.neutral) > SEEN_IN_A_PATH * size(parameter, self.found.problem.excitation)
+
+    def _inexactness(self, name: str) -> float:
+        assert self.whole is not None
+        return inexactness(name, self.whole.model.values[name], self.found.problem.excitation)
+
+
+def estimate(
+    recordings: Sequence[Recording],
+    nominal: ParameterFile,
+    *,
+    held_out: Sequence[Recording] = (),
+    sources: Sequence[str] = (),
+    held_out_sources: Sequence[str] = (),
+    progress: Callable[[str], None] = lambda _sentence: None,
+) -> Estimation:
+    """Estimate one robot's parameters from one or more of its recordings; what is wrong with data is told in `ready`.
+
+    `nominal` gives at least wheel_radius. On `held_out` the gain is measured, and nothing is fitted. `sources` and
+    `held_out_sources` name the recordings. `progress` is told, in a sentence, what is being done.
+    Raises EstimationError where nothing can be fitted for a reason other than bad data.
+    """
+    progress("Checking the data ...")
+    looked = tuple(looked_at(recordings, sources))
+    ready = prepare(looked, nominal)
+    problem = ready.problem
+    if problem is None:
+        return Estimation(looked, ready)
+    segments = [predictor.segment for predictor in problem.predictors]
+    unseen = looked_at(held_out, held_out_sources, "held-out recording")
+    require_of_use_held_out(unseen, path=any(len(segment.observations.pose) for segment in segments))
+    mended = [f"{one.name}: {one.note}" for one in unseen if one.note]
+    ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *mended))
+    found = look(ready, progress)
+    progress("Looking at what remains ...")
+    whole = extended(problem, found) if found.problem.by_moments else Extended(found, Unexplained())
+    progress("Averaging over what these drives may hide ...")
+    others = [segment for one in unseen for segment in one.segments]
+
+    def measured(one: Whole) -> Measured:
+        found = one.extended.found
+        return measure(found.problem, found.base, one.model, chance_of(found), segments, others)
+
+    return Estimation(looked, ready, *that_holds(whole, measured))
+
+
+def nominal_of(recordings: Sequence[Recording], given: ParameterFile | None) -> ParameterFile:
+    """Return the parameters given, else the first that a recording announces.
+
+    Raises EstimationError where no wheel radius is among them.
+    """
+    nominal = given or next((r.parameters for r in recordings if r.parameters is not None), None)
+    if nominal is None or not nominal.has("wheel_radius"):
+        raise EstimationError(
+            "The wheel radius is not known: the log announces no parameters. Give a file with at least wheel_radius "
+            "by --parameters."
+        )
+    return nominal
+
+
+def fit_estimate(fit: Fit, name: str, found: Search) -> Estimate:
+    """Return a parameter of a fit, its deviation with what the search left in doubt."""
+    value = fit.values[name]
+    doubt = np.hypot(found.doubts.get(name, 0.0), inexactness(name, value, found.problem.excitation))
+    return Estimate(value, float(np.sqrt(found.inflation * fit.std(name) ** 2 + doubt**2)))
