@@ -15,7 +15,7 @@ from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_us
 from cmr.estimation.criterion import look
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured, measure
+from cmr.estimation.measured_gain import Measured, Model, measure
 from cmr.estimation.model_error import inexactness
 from cmr.estimation.preparation import Ready, prepare
 from cmr.estimation.search.selection import Search
@@ -141,9 +141,8 @@ def estimate(
     progress("Averaging over what these drives may hide ...")
     others = [segment for one in unseen for segment in one.segments]
 
-    def measured(one: Whole) -> Measured:
-        found = one.extended.found
-        return measure(found.problem, found.base, one.model, chance_of(found), segments, others)
+    def measured(one: Extended, model: Model) -> Measured:
+        return measure(one.found.problem, one.found.base, model, chance_of(one.found), segments, others)
 
     return Estimation(looked, ready, *that_holds(whole, measured))
 

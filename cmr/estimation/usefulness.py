@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from cmr.estimation.averaging import Posterior, averaged
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured
+from cmr.estimation.measured_gain import Measured, Model
 from cmr.estimation.search.criteria import SelectedEffect
 from cmr.estimation.search.elimination import without
 from cmr.estimation.search.selection import Search
@@ -31,25 +31,29 @@ class Whole:
         return self.extended.final if self.average is None else self.average
 
 
-def that_holds(extended: Extended, measure: Callable[[Whole], Measured]) -> tuple[Whole, Measured]:
-    """Return the model without the effects with which free runs stray farther, the weakest first, and its errors."""
-    whole = _whole(extended)
-    measured = measure(whole)
-    while whole.extended.term is None and _strays(measured.gain) and _fitted(whole.extended.found):
-        found = whole.extended.found
-        whole = _whole(replace(whole.extended, found=_without(found, _fitted(found)[-1])))
-        measured = measure(whole)
-    return whole, measured
+def that_holds(whole: Extended, measure: Callable[[Extended, Model], Measured]) -> tuple[Whole, Measured]:
+    """Return the model without the effects with which free runs stray farther, the weakest first, and its errors.
+
+    The fit with the names is judged, the average about it delivered: an average makes little of what is in doubt.
+    """
+    alone = _as_the_paper_if_alone(whole)
+    measured = measure(alone, alone.final)
+    while whole.term is None and _strays(measured.gain) and _fitted(whole.found):
+        whole = replace(whole, found=_without(whole.found, _fitted(whole.found)[-1]))
+        alone = _as_the_paper_if_alone(whole)
+        measured = measure(alone, alone.final)
+    found = whole.found
+    if not found.problem.by_moments:
+        return Whole(alone, None), measured
+    names = [one.candidate.effect.name for one in found.named]
+    average = averaged(found.problem, whole.final, found.inflation, names)
+    return Whole(whole, average), measure(whole, average)
 
 
-def _whole(extended: Extended) -> Whole:
-    """Return a model with its average; where there is none, and nothing extends it, the paper's."""
-    found = extended.found
-    if found.problem.by_moments:
-        names = [one.candidate.effect.name for one in found.named]
-        return Whole(extended, averaged(found.problem, extended.final, found.inflation, names))
-    alone = extended.term is None and not found.named
-    return Whole(replace(extended, found=as_the_paper_has_it(found)) if alone else extended, None)
+def _as_the_paper_if_alone(whole: Extended) -> Extended:
+    """Return the paper's model for one in which nothing is left that extends it."""
+    alone = whole.term is None and not whole.found.named
+    return replace(whole, found=as_the_paper_has_it(whole.found)) if alone else whole
 
 
 def _strays(gain: Gain) -> bool:
