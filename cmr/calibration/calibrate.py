@@ -1,221 +1,169 @@
-"""Decide what recordings can tell, and find it."""
+"""Calibrate a robot: the paper's three parameters, in the presence of whatever else its recordings show."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from cmr.calibration.fitting import PAPER_PARAMETERS, Fit, fit_by_path, fit_by_wheels_and_path
-from cmr.calibration.linear import WHEEL_FACTOR
-from cmr.calibration.preparing import Prepared, prepare
+from cmr.calibration.doubts import in_doubt
+from cmr.calibration.motors_alone import calibrate_motors, moves
+from cmr.calibration.paper import calibrate_by_paper
 from cmr.calibration.result import CalibrationResult
-from cmr.calibration.segments import MOVING_DUTY, Segment, heading_range, path_error, travelled
 from cmr.estimation.estimates import Estimate, EstimationError
-from cmr.estimation.signs import require_consistent_signs
+from cmr.estimation.estimation import Estimation, estimate, nominal_of
+from cmr.estimation.free_runs import Fold, errors_of, joined
+from cmr.estimation.gain import path_rmse
+from cmr.estimation.simulation_error import SimulationErrorProblem
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
-SHORTEST_TRAVEL = 0.3  # m; less says nothing about speed
-SMALLEST_RADIUS_ERROR = 0.02  # relative; a smaller contradiction of wheels and path may be slip
-SMALLEST_TURN = 0.5  # rad; less says nothing about the base width
+AVERAGE, PAPER = METHODS = ("average", "paper")
 LARGEST_RELATIVE_STD = 0.3  # an estimate with a larger standard deviation is a guess and is not given
-WORST_FACTOR = 3.0  # of wheel angles to the path; beyond it, or under one over it, something is wrong, not inexact
-WORST_PATH_ERROR = 0.1  # of the way driven; a larger one means that the model does not explain the drive
-CONFUSED = 0.95  # correlation from which on two parameters are called confused
+# Findings of the data checks that are worth telling though nothing was set aside.
+TOLD = ("pose_jumps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
+SMALLEST_RADIUS_ERROR = 0.02  # relative; a smaller contradiction of wheels and path may be slip
+RADIUS = (
+    "The wheels turn {factor:.3f} times as far as the path says. Check wheel_radius ({fitting:.4g} m would fit instead "
+    "of {radius:g} m) and the encoder's ticks per turn."
+)
 
 
 def calibrate(
     recordings: Recording | Sequence[Recording],
     nominal: ParameterFile | None = None,
     *,
-    first: Mapping[str, float] | None = None,
+    method: str = AVERAGE,
+    paper_only: bool = False,
 ) -> CalibrationResult:
     """Find the parameters of one robot from one or more of its recordings, of any manoeuvre.
 
-    `nominal` gives at least wheel_radius; by default it is what the recording announces. With commands and poses the
-    three parameters of the paper are found from the path, without commands wheel radius and base width from wheels
-    and poses, without poses the motor from the wheel speeds and the base width from the gyro. `first`, a good first
-    guess of the three parameters, saves the grid search.
-
-    What is fitted is the paper's model: effects that `nominal` has are left out, and the result says so.
+    `nominal` gives at least wheel_radius; by default it is what the recording announces. The parameters are averaged
+    over the effects that the recordings show or may hide (`cmr.estimation`), and the effects in use are part of the
+    result. With `paper_only` there are none: the three parameters are those that predict best by themselves. `method`
+    "paper" is the paper's: a grid search over the whole path. Recordings without wheels have no other.
     Raises EstimationError when nothing at all can be found, or when signals contradict one another.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     _require_one_robot(recordings)
-    nominal = nominal or next((r.parameters for r in recordings if r.parameters is not None), None)
-    if nominal is None or not nominal.has("wheel_radius"):
-        raise EstimationError(
-            "The wheel radius is not known: the log announces no parameters. Give a file with at least wheel_radius "
-            "by --parameters."
-        )
-    prepared = prepare(recordings)
-    if nominal.effects:
-        prepared = replace(prepared, notes=(*prepared.notes, _WITHOUT_EFFECTS.format(", ".join(nominal.effects))))
-        nominal = replace(nominal, effects=(), values={n: v for n, v in nominal.values.items() if n in DEFINITIONS})
-    segments = prepared.segments()
-    recordings = prepared.recordings
-    require_consistent_signs(recordings)
-    commanded = any(_commanded(recording) for recording in recordings)
-    has_wheels = all(len(recording.wheels) > 1 for recording in recordings)
-    on_the_spot = segments and _travel(segments) == 0.0 and heading_range(segments) >= SMALLEST_TURN and has_wheels
-    if segments and commanded and not on_the_spot:
-        return _by_path(prepared, segments, nominal, first)
-    if segments and has_wheels and not on_the_spot:
-        return _by_wheels_and_path(prepared, segments, nominal)
-    if has_wheels and any(np.any(r.wheels["psi_left"]) or np.any(r.wheels["psi_right"]) for r in recordings):
-        return _by_wheels(prepared, nominal, commanded)
-    raise EstimationError(
-        "Nothing to compare: it takes moving wheels (MOTOR_FEEDBACK_N), or poses (POSE_N) with commands, and the log "
-        f"has {_contents(recordings)}."
-    )
+    nominal = nominal_of(recordings, nominal)
+    if method == PAPER or not any(len(recording.wheels) for recording in recordings):
+        return calibrate_by_paper(recordings, nominal)
+    if not any(len(recording.poses) or moves(recording.gyro) for recording in recordings):
+        return calibrate_motors(recordings, nominal)
+    estimation = estimate(recordings, nominal)
+    if estimation.whole is None:
+        raise EstimationError(estimation.ready.refused)
+    return _alone(estimation, nominal) if paper_only else _in_presence(estimation, nominal)
 
 
-_WITHOUT_EFFECTS = (
-    "The calibration fits the model without effects: {} of the given parameters is not used, nor kept in a new file."
-)
+def _in_presence(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
+    """Return the result with all effects in use."""
+    estimates = estimation.estimates
+    return _result(estimation, nominal, estimation.parameters, estimates, "average", in_doubt(estimation))
 
 
-def _by_path(
-    prepared: Prepared, segments: list[Segment], nominal: ParameterFile, first: Mapping[str, float] | None
-) -> CalibrationResult:
-    """Grid search over the three parameters, then refinement: the paper's calibration."""
-    unidentified = {}
-    names, known = PAPER_PARAMETERS, {"wheel_radius": nominal.value("wheel_radius")}
-    if heading_range(segments) < SMALLEST_TURN:
-        unidentified["base_width"] = "the robot never turned"
-        names = ("k2_over_k3", "k1")
-        known["base_width"] = nominal.value("base_width") if nominal.has("base_width") else 1.0
-    fit = fit_by_path(prepared, segments, names, known, first)
-    factor = fit.refined.nuisance.get(WHEEL_FACTOR)
-    if factor is not None and not 1.0 / WORST_FACTOR < factor.value < WORST_FACTOR:
-        raise EstimationError(
-            f"The wheels turn {factor.value:.3g} times as far as the path says: check wheel_radius "
-            f"({known['wheel_radius']:g} m), the encoder's ticks per turn, and the poses (m, rad, y to the left)."
-        )
-    note = _radius_note(known["wheel_radius"], factor)
-    reason = "the speed hardly changed while the path was recorded"
-    return _result(prepared, fit, nominal, known, unidentified, reason, note)
+def _alone(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
+    """Return the three parameters that predict best without any effect.
 
-
-_UNEXPLAINED = (
-    "The model does not explain this drive: its path is {:.3g} m off, on a way of {:.3g} m. Do not use these numbers "
-    "before you know why: motors, encoders or axes of the poses swapped or mirrored, or a robot that slips."
-)
-
-
-def _by_wheels_and_path(prepared: Prepared, segments: list[Segment], nominal: ParameterFile) -> CalibrationResult:
-    """Wheel radius and base width from wheel angles and poses; the motor stays unknown."""
-    unidentified = dict.fromkeys(("k2_over_k3", "k1"), "no motor commands were recorded")
-    if _travel(segments) < SHORTEST_TRAVEL:
-        raise EstimationError("The robot did not travel: wheels and poses cannot be compared.")
-    known = {"k2_over_k3": 1.0, "k1": 1.0}
-    names: tuple[str, ...] = ("wheel_radius", "base_width")
-    if heading_range(segments) < SMALLEST_TURN:
-        unidentified["base_width"] = "the robot never turned"
-        names = ("wheel_radius",)
-    first = {"base_width": 4.0 * nominal.value("wheel_radius")} | known | _values(nominal)
-    fit = fit_by_wheels_and_path(prepared, segments, names, first)
-    return _result(prepared, fit, nominal, known, unidentified, "the path hardly depends on it", ())
+    Where none was found these are the most likely ones; else those with which free runs over short windows err least.
+    """
+    found = estimation.found
+    base, estimates = found.base, estimation.baseline
+    if found.named:
+        problem = estimation.ready.problem
+        assert problem is not None
+        courses = SimulationErrorProblem(problem.predictors, problem.gains, problem.excitation)
+        base = courses.base(estimation.ready.start, base.names)
+        doubts = courses.doubts(base)
+        estimates = {n: Estimate(base.values[n], float(np.hypot(base.std(n), doubts[n]))) for n in base.names}
+    parameters = {name: value for name, value in base.values.items() if name in DEFINITIONS}
+    parameters = {name: value for name, value in parameters.items() if name not in estimation.ready.unknown}
+    return _result(estimation, nominal, parameters, estimates, "three parameters alone", ())
 
 
 def _result(
-    prepared: Prepared,
-    fit: Fit,
+    estimation: Estimation,
     nominal: ParameterFile,
-    known: Mapping[str, float],
-    unidentified: dict[str, str],
-    reason: str,
-    notes: tuple[str, ...],
+    parameters: dict[str, float],
+    estimates: dict[str, Estimate],
+    method: str,
+    doubts: tuple[str, ...],
 ) -> CalibrationResult:
-    """Return the result of a fit to the path; `known` are values that the path is simulated with besides."""
-    found = fit.refined.estimates
-    estimates = _trusted(found, fit.correlation, unidentified, reason)
-    _require(estimates, unidentified)
-    given = dict(known) | _values(nominal)
-    kept = [list(found).index(name) for name in estimates]
-    after = _error(fit, given | {name: e.value for name, e in estimates.items()})
-    way = sum(travelled(segment.x, segment.y) for segment in fit.segments)
-    if after > WORST_PATH_ERROR * way:
-        notes = (*notes, _UNEXPLAINED.format(after, way))
-    return CalibrationResult(
-        robot_id=prepared.recordings[0].robot_id,
-        estimates=estimates,
-        unidentified=unidentified,
-        nominal=nominal,
-        method=fit.method,
-        samples=sum(len(segment.x) for segment in fit.segments),
-        covariance=fit.refined.covariance[np.ix_(kept, kept)],
-        path_rmse_before=_error(fit, given),
-        path_rmse_after=after,
-        notes=(*prepared.notes, *fit.notes, *notes),
-        segments=fit.segments,
-        grid=fit.grid,
-        by_wheels=fit.by_wheels,
-    )
-
-
-def _by_wheels(prepared: Prepared, nominal: ParameterFile, commanded: bool) -> CalibrationResult:
-    """The motor from commands and wheel speeds, the base width from wheels and gyro."""
-    from cmr.calibration.wheel_fit import fit_base_width, fit_motor  # needs SciPy, which is slow to import
-
-    recordings = prepared.recordings
-    unidentified: dict[str, str] = {}
-    estimates: dict[str, Estimate] = {}
-    if commanded:
-        estimates |= _trusted(fit_motor(recordings), None, unidentified, "the speed hardly changed")
-    else:
-        unidentified |= dict.fromkeys(("k2_over_k3", "k1"), "no motor commands were recorded")
-    if not all(len(recording.gyro) > 1 for recording in recordings):
-        unidentified["base_width"] = "neither poses nor a gyro were recorded"
-    elif sum(float(np.sum(np.abs(np.diff(r.wheels["psi_right"] - r.wheels["psi_left"])))) for r in recordings) == 0.0:
-        unidentified["base_width"] = "the robot never turned"
-    else:
-        width = {"base_width": fit_base_width(recordings, nominal.value("wheel_radius"))}
-        estimates |= _trusted(width, None, unidentified, "the robot hardly turned")
-    _require(estimates, unidentified)
-    return CalibrationResult(
-        robot_id=recordings[0].robot_id,
-        estimates=estimates,
-        unidentified=unidentified,
-        nominal=nominal,
-        method="wheel speeds",
-        samples=sum(len(recording.wheels) for recording in recordings),
-        covariance=np.diag([estimate.std**2 for estimate in estimates.values()]),
-        notes=prepared.notes,
-        by_wheels=not commanded,
-    )
-
-
-def _trusted(
-    found: Mapping[str, Estimate],
-    correlation: Floats | None,
-    unidentified: dict[str, str],
-    reason: str,
-) -> dict[str, Estimate]:
-    """Return the estimates that the information in the data determines; add the others to `unidentified`."""
+    unidentified = dict(estimation.ready.untold)
     trusted = {}
-    for row, (name, estimate) in enumerate(found.items()):
-        if 0.0 < estimate.value < math.inf and estimate.std <= LARGEST_RELATIVE_STD * estimate.value:
-            trusted[name] = estimate
-            continue
-        with_others = np.zeros(len(found)) if correlation is None else np.abs(correlation[row])
-        confused = [other for other, r in zip(found, with_others, strict=True) if r > CONFUSED and other != name]
-        told = f", and it cannot be told from {' and '.join(confused)}" if confused else ""
-        unidentified[name] = f"{reason}{told} (standard deviation {estimate.std:.2g} of {estimate.value:.3g})"
-    return trusted
-
-
-def _radius_note(radius: float, factor: Estimate | None) -> tuple[str, ...]:
-    """Tell when wheel speeds and path contradict each other: the given wheel radius is wrong, or the encoder scale."""
-    if factor is None or abs(factor.value - 1.0) < max(SMALLEST_RADIUS_ERROR, 3.0 * factor.std):
-        return ()
-    return (
-        f"The wheels turn {factor.value:.3f} times as far as the path says. Check wheel_radius "
-        f"({radius / factor.value:.4g} m would fit instead of {radius:g} m) and the encoder's ticks per turn.",
+    for name, one in estimates.items():
+        if name in DEFINITIONS and not one.std <= LARGEST_RELATIVE_STD * one.value:
+            unidentified[name] = f"The drive tells it to {100.0 * one.std / abs(one.value):.0f} % only."
+        else:
+            trusted[name] = one
+    if not set(trusted) & set(DEFINITIONS):
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
+        raise EstimationError(f"Nothing could be identified. {reasons}")
+    given = {name: value.value for name, value in nominal.values.items()}
+    before, after = _path_errors(estimation, given, parameters)
+    return CalibrationResult(
+        robot_id=nominal.robot_id if not estimation.looked else estimation.looked[0].recording.robot_id,
+        estimates={name: one for name, one in trusted.items() if name in DEFINITIONS},
+        unidentified=unidentified,
+        nominal=nominal,
+        method=method,
+        samples=len(estimation.found.final.rest),
+        covariance=_covariance(estimation, trusted),
+        path_rmse_before=before,
+        path_rmse_after=after,
+        notes=(*_notes(estimation), *_radius_note(nominal.value("wheel_radius"), estimates), *doubts),
+        recordings=tuple(one.recording for one in estimation.looked if not one.useless),
+        parameters=parameters,
+        effects={name: one for name, one in trusted.items() if name not in DEFINITIONS},
+        by_wheels=estimation.ready.rolling,
     )
+
+
+def _path_errors(estimation: Estimation, given: Mapping[str, float], found: Mapping[str, float]) -> tuple[float, float]:
+    """Return the path errors [m] of free runs with the given and with the found parameters; NaN where not known."""
+    known = [set(RobotParameters._fields) <= set(values) for values in (given, found)]
+    if not all(known[1:]):
+        return math.nan, math.nan
+    models = (given, found) if known[0] else (found, found)
+    segments = [predictor.segment for predictor in estimation.found.problem.predictors]
+    errors = zip(*(errors_of(segment, [Fold(models)]) for segment in segments), strict=True)
+    before, after = (path_rmse(joined(of_model)) for of_model in errors)
+    return (before if known[0] else math.nan), after
+
+
+def _covariance(estimation: Estimation, estimates: Mapping[str, Estimate]) -> Floats:
+    """Return the covariance of the paper's parameters among these; what is in doubt besides has no correlation."""
+    assert estimation.whole is not None
+    model = estimation.whole.model
+    names = [name for name in estimates if name in DEFINITIONS]
+    at = [model.names.index(name) for name in names]
+    covariance = np.array(model.covariance[np.ix_(at, at)], np.float64)
+    np.fill_diagonal(covariance, [estimates[name].std ** 2 for name in names])
+    return covariance
+
+
+def _notes(estimation: Estimation) -> tuple[str, ...]:
+    """Return sentences on the data, and on what the parameters were found in the presence of."""
+    told = [one.sentence for one in estimation.ready.checks if one.found and (one.check in TOLD or one.set_aside)]
+    causes = []
+    for one in estimation.found.named:
+        effect = one.candidate.effect
+        values = {parameter.name: estimation.estimate(parameter.name).value for parameter in effect.parameters}
+        causes.append(effect.sentence(values))
+    return tuple(dict.fromkeys([*told, *estimation.ready.notes, *causes]))
+
+
+def _radius_note(radius: float, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:
+    """Tell when both wheels together turn more or less than the path says: the given radius or the ticks are wrong."""
+    wrong = {"wheel_radius_scale": -1.0, "encoder_scale": 1.0}
+    for name, sign in wrong.items():
+        one = estimates.get(name)
+        if one is not None and abs(one.value) > max(SMALLEST_RADIUS_ERROR, 3.0 * one.std):
+            factor = (1.0 + one.value) ** sign
+            return (RADIUS.format(factor=factor, fitting=radius / factor, radius=radius),)
+    return ()
 
 
 def _require_one_robot(recordings: Sequence[Recording]) -> None:
@@ -225,39 +173,3 @@ def _require_one_robot(recordings: Sequence[Recording]) -> None:
         raise EstimationError("No recording was given.")
     if len(robots) > 1:
         raise EstimationError(f"The recordings are of robots {robots}; calibrate each robot by itself.")
-
-
-def _require(estimates: dict[str, Estimate], unidentified: dict[str, str]) -> None:
-    """Raise EstimationError when nothing at all was found."""
-    if not estimates:
-        raise EstimationError(
-            "Nothing could be identified. " + "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
-        )
-
-
-def _values(parameters: ParameterFile) -> dict[str, float]:
-    return {name: value.value for name, value in parameters.values.items()}
-
-
-def _travel(segments: list[Segment]) -> float:
-    """Return the length of the longest segment's path [m]."""
-    return max(travelled(segment.x, segment.y) for segment in segments)
-
-
-def _error(fit: Fit, values: Mapping[str, float]) -> float:
-    """Return the path error [m]; NaN where a parameter is not known."""
-    if not set(RobotParameters._fields) <= set(values):
-        return math.nan
-    parameters = RobotParameters.of(values)
-    paths = [s.follow_wheels(parameters) if fit.by_wheels else s.simulate(parameters) for s in fit.segments]
-    return path_error(fit.segments, paths)
-
-
-def _commanded(recording: Recording) -> bool:
-    duty = recording.duty
-    return len(duty) > 0 and bool(np.any(np.abs(duty["left"]) + np.abs(duty["right"]) > MOVING_DUTY))
-
-
-def _contents(recordings: Sequence[Recording]) -> str:
-    counts = {name: sum(len(getattr(r, name)) for r in recordings) for name in ("commands", "wheels", "gyro", "poses")}
-    return ", ".join(f"{count} {name}" for name, count in counts.items())

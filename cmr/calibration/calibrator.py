@@ -11,10 +11,11 @@ import numpy as np
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
-from cmr.calibration.calibrate import calibrate
+from cmr.calibration.calibrate import AVERAGE, calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage
 from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationResult
+from cmr.calibration.running import RunningFit
 from cmr.calibration.segments import LEAD
 from cmr.estimation.estimates import EstimationError
 from cmr.msg import calibration_status_t
@@ -28,25 +29,28 @@ FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to on
 HEARD = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
-SHARP = 0.05  # relative standard deviation of an estimate that the next one can start from
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
 
 
 class Calibrator:
     """The calibration of one robot.
 
-    `nominal` gives at least the wheel radius; None takes the newest parameters announced during the drive.
+    `nominal` gives at least the wheel radius; None takes the newest parameters announced during the drive. `method` and
+    `paper_only` are those of `calibrate`.
     `state` is one of the states of calibration_status_t; `result` is there once `fit` succeeded. `preview` is what the
     drive told when `look` was last called. `missing` says what the drive still lacks.
     """
 
-    def __init__(self, robot_id: int, nominal: ParameterFile | None = None) -> None:
+    def __init__(
+        self, robot_id: int, nominal: ParameterFile | None = None, *, method: str = AVERAGE, paper_only: bool = False
+    ) -> None:
         self.robot_id = robot_id
         self.state: int = calibration_status_t.WAITING
         self.result: CalibrationResult | None = None
         self.preview: CalibrationResult | None = None
         self.failure = ""
-        self._nominal = nominal
+        self._nominal, self._method, self._paper_only = nominal, method, paper_only
+        self._running = RunningFit(nominal)
         self._recorder = Recorder(robot_id)
         self._log: RobotMessages | None = None
         self._coverage = Coverage()
@@ -127,19 +131,15 @@ class Calibrator:
 
     def look(self, recording: Recording) -> None:
         """Estimate the parameters from the drive so far, `recording()` of a moment ago, for `status` to tell."""
-        known = self.preview.estimates if self.preview else {}
-        sharp = {name: e.value for name, e in known.items() if e.std < SHARP * e.value}
         try:
-            self.preview = calibrate(
-                recording, self._nominal, first=sharp if len(sharp) == len(PAPER_PARAMETERS) else None
-            )
+            self.preview = self._running.look(recording)
         except Exception:  # too little to tell, yet; what is wrong with a whole drive its fit will say
             self.preview = None
 
     def fit(self) -> CalibrationResult | None:
         """Find the parameters from what has been gathered; None on failure, which `failure` explains."""
         try:
-            self.result = calibrate(self.recording(), self._nominal)
+            self.result = calibrate(self.recording(), self._nominal, method=self._method, paper_only=self._paper_only)
         except EstimationError as error:
             self.failure = str(error)
         except Exception as error:  # a fit that breaks down must be told, not leave the process waiting for ever

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cmr.estimation.estimates import Estimate
+from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
+from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
 if TYPE_CHECKING:
@@ -18,19 +20,23 @@ if TYPE_CHECKING:
     from cmr.calibration.grid import Grid
     from cmr.calibration.segments import Segment
 
+EFFECTS = "effects in use: those that the drive shows, and what others that it may hide come to on average"
+
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationResult:
     """What was found of one robot.
 
-    `estimates` holds each identified parameter's value and standard deviation, which is its Cramer-Rao bound for the
-    noise found in the data. `covariance` [products of units] is that of `names`, in their order. `unidentified`
-    tells, by parameter, why the data do not determine it. `nominal` is what was known before, `samples` how many
-    measurements of the path (or of the wheels, without a path) were compared. `path_rmse_before` and
-    `path_rmse_after` are the root mean square distances [m] between the real path and the one simulated with the
-    nominal and with the found parameters, NaN where there is no path to compare. `notes` are sentences on what else
-    was noticed. `segments` are the drives compared, `grid` the error surface of the grid search, None without one;
-    `by_wheels` tells that the path follows the measured wheels, not the commands.
+    `estimates` holds each identified parameter's value and standard deviation. `covariance` [products of units] is that
+    of `names`, in their order. `unidentified` tells, by parameter, why the data do not determine it. `nominal` is what
+    was known before, `samples` how many measurements were compared. `path_rmse_before` and `path_rmse_after` are the
+    root mean square distances [m] between the real path and the one simulated freely with the nominal and with the
+    found parameters, over windows of 3 s (the paper's method: over the whole drive), NaN where there is no path to
+    compare. `notes` are sentences on what else was noticed. `parameters` are all values that the robot is to be
+    simulated with, `effects` the estimates of those of
+    effects in use, both by name; without any, they are the nominal values and the estimates. `recordings` are what was
+    compared, `segments` the same cut for the paper's method, `grid` the error surface of its grid search, None without
+    one; `by_wheels` tells that the path follows the measured wheels, not the commands.
     """
 
     robot_id: int
@@ -45,6 +51,9 @@ class CalibrationResult:
     notes: tuple[str, ...] = ()
     segments: list["Segment"] = field(default_factory=list, repr=False)
     grid: "Grid | None" = field(default=None, repr=False)
+    recordings: tuple[Recording, ...] = field(default=(), repr=False)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    effects: Mapping[str, Estimate] = field(default_factory=dict)
     by_wheels: bool = False
 
     @property
@@ -70,22 +79,21 @@ class CalibrationResult:
 
     @property
     def values(self) -> dict[str, float]:
-        """Nominal values, replaced by the estimates where there are any."""
-        known = {name: value.value for name, value in self.nominal.values.items()}
-        return known | {name: estimate.value for name, estimate in self.estimates.items()}
+        """Nominal values of the paper's parameters, replaced by what was found, and those of effects in use."""
+        known = {name: value.value for name, value in self.nominal.values.items() if name in DEFINITIONS}
+        return known | dict(self.parameters) | {name: estimate.value for name, estimate in self.estimates.items()}
 
     def parameter_file(self, provenance: Mapping[str, Any]) -> ParameterFile:
-        """Return the parameter file to write: estimates, and nominal values of what could not be identified."""
-        values: dict[str, Value] = {}
-        for name in DEFINITIONS:
-            if name in self.estimates:
-                values[name] = Value(self.estimates[name].value, self.estimates[name].std)
-            elif name in self.nominal.values:
-                values[name] = self.nominal.values[name]
+        """Return the parameter file to write: estimates with the effects in use, and nominal values of the rest."""
+        told = {**self.estimates, **self.effects}
+        values = {name: Value(value, told[name].std if name in told else None) for name, value in self.values.items()}
+        given = {name: self.nominal.values[name] for name in values if name in self.nominal.values}
+        values |= {name: value for name, value in given.items() if name not in told}
+        in_use = effects_on(self.values)
         found: dict[str, Any] = {"method": self.method, "samples": self.samples}
         if math.isfinite(self.path_rmse_after):
             found["path_rmse_m"] = round(self.path_rmse_after, 6)
-        return ParameterFile(self.robot_id, values, provenance={**provenance, **found})
+        return ParameterFile(self.robot_id, values, tuple(one.name for one in in_use), {**provenance, **found})
 
     def summary(self) -> str:
         """Return a table for a person."""
@@ -93,22 +101,28 @@ class CalibrationResult:
             f"Calibration of robot {self.robot_id}: {self.method}, {self.samples} samples",
             f"  {'parameter':13s} {'value':>11s} {'std':>9s} {'95 % interval':>24s}  unit",
         ]
-        for name, definition in DEFINITIONS.items():
+        for name, known in DEFINITIONS.items():
             if name in self.estimates:
                 estimate = self.estimates[name]
                 interval = "{:.5g} to {:.5g}".format(*estimate.interval)
-                lines.append(
-                    f"  {name:13s} {estimate.value:11.5g} {estimate.std:9.2g} {interval:>24s}  {definition.unit}"
-                )
+                lines.append(f"  {name:13s} {estimate.value:11.5g} {estimate.std:9.2g} {interval:>24s}  {known.unit}")
             elif name in self.unidentified:
                 lines.append(f"  {name:13s} not identifiable: {self.unidentified[name]}")
             elif name in self.nominal.values:
                 given = self.nominal.values[name].value
-                lines.append(f"  {name:13s} {given:11.5g} {'':9s} {'as given':>24s}  {definition.unit}")
+                lines.append(f"  {name:13s} {given:11.5g} {'':9s} {'as given':>24s}  {known.unit}")
+        effects = [name for name in self.values if name not in DEFINITIONS]
+        lines += ["", f"  {EFFECTS}"] if effects else []
+        lines += [self._line(name) for name in effects]
         if math.isfinite(self.path_rmse_after):
             before = f"{self.path_rmse_before:.4f} m" if math.isfinite(self.path_rmse_before) else "not known"
             lines.append(f"  path error    {before} before, {self.path_rmse_after:.4f} m after (root mean square)")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+    def _line(self, name: str) -> str:
+        """Return the line of an effect's parameter."""
+        deviation = f"{self.effects[name].std:9.2g}" if name in self.effects else " " * 9
+        return f"  {name:24s} {self.values[name]:11.4g} {deviation}  {definition(name).unit}"
 
     def plot(self) -> "Figure":
         """Return a figure: the path before and after, residuals in time, and the error surface of the grid."""

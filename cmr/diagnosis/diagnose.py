@@ -148,7 +148,7 @@ def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estim
     robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     names = [parameter.name for parameter in effect.parameters]
     rivals = one.rivals
-    estimates = {n: one.estimates[n] if n in one.estimates else estimation.estimate(n) for n in names}
+    estimates = {name: estimation.estimate(name) for name in names}
     return NamedEffect(
         name=effect.name,
         cause=effect.sentence({name: estimate.value for name, estimate in estimates.items()}),

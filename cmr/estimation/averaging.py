@@ -9,18 +9,18 @@ about the means that it finds, with the noise that is left there.
 """
 
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.estimation.candidates import RANDOM, SENSED, is_limit, locality, size
-from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.candidates import RANDOM, SENSED, is_limit, lanes_of, locality, size
+from cmr.estimation.gauss_newton import Fit, moves_of
+from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
 from cmr.estimation.sampling import walk
 from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
-from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.recordings.signal import Floats, Mask
 
 PRESENT = 0.2  # prior probability that an effect is present
@@ -29,6 +29,10 @@ BELIEF = 0.65  # power of the likelihood: errors are neither quite white nor the
 ROUNDS = 3  # each about the means that the round before found
 STEPS = 12_000  # of the random walk
 FEW_STEPS = 5_000  # where the means alone are of interest
+MUCH_WORSE = 1.2  # times the sum of squares
+# White errors that change by more, all but a share of them, while a slope is taken: it is then taken over less. Large
+# errors are made smaller, so that a slope over too much would promise too little.
+CHANGING, MOST = 1.0, 0.998
 NEAR = 0.5  # standard deviations within which slopes hold
 RIDGE = 1e-9  # of a column's square
 LIKELY = 0.8  # probability above which a walk begins with an effect
@@ -66,7 +70,7 @@ class Averaging:
     """
 
     def __init__(self, problem: Problem, fit: Fit, inflation: float, likely: Collection[str]) -> None:
-        self._problem, self._inflation = problem, inflation
+        self._problem, self._noise, self._inflation = problem, fit.noise, inflation
         self._effects = [effect for effect in problem.effects if can_be_small(effect)]
         self._likely = np.array([effect.name in likely for effect in self._effects], np.bool_)
         self._sizes = [parameter for effect in self._effects for parameter in effect.parameters if parameter.switches]
@@ -74,7 +78,7 @@ class Averaging:
         self._flat = tuple(name for name in fit.names if name not in sized)
         self._names = (*self._flat, *(parameter.name for parameter in self._sizes))
         self._start = {**{parameter.name: float(parameter.neutral or 0.0) for parameter in self._sizes}, **fit.values}
-        self._rest, self._slopes = problem.linear(self._start, self._names, fit.noise)
+        self._rest, self._slopes = _linear(problem, self._start, self._names, fit.noise)
         self._products, self._pulls = self._slopes.T @ self._slopes, self._slopes.T @ self._rest
 
     def posterior(self, left_out: Mask | None = None, steps: int = STEPS) -> Posterior:
@@ -91,6 +95,11 @@ class Averaging:
         stds = np.sqrt(np.diag(found.covariance))
         change = np.array([found.values[name] - self._start[name] for name in found.names])
         return bool(np.all(np.abs(change) <= NEAR * stds))
+
+    def explains(self, found: Posterior) -> bool:
+        """Tell whether the means explain the data; where these tell little, they may lie where slopes do not hold."""
+        white = self._problem.white(lanes_of([found.values]), self._noise)[:, 0]
+        return float(white @ white) < MUCH_WORSE * float(self._rest @ self._rest)
 
     def _averaged(self, products: Floats, pulls: Floats, steps: int) -> Posterior:
         count = len(self._flat)
@@ -139,13 +148,25 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
     averaging = Averaging(problem, fit, inflation, named)
     for _ in range(ROUNDS - 1):
         found = averaging.posterior(steps=FEW_STEPS)
-        if averaging.is_about(found):
+        if averaging.is_about(found) or not averaging.explains(found):
             break
         noise = problem.found(problem.errors(found.values))
         about = Fit(found.values, fit.names, fit.rest, fit.slopes, noise)
         likely = [name for name, presence in found.presence.items() if presence > LIKELY]
         averaging = Averaging(problem, about, inflation, likely)
     return averaging.posterior()
+
+
+def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:
+    """Return white errors (n,) and their slopes (n, p), over distances that suit the noise."""
+    rest, slopes = problem.linear(start, names, noise)
+    moves = moves_of(start, names, problem.excitation)
+    change = np.quantile(np.abs(slopes * moves), MOST, axis=0)
+    far = np.flatnonzero(change > CHANGING)
+    if len(far):
+        stride = CHANGING / change[far]
+        slopes[:, far] = problem.linear(start, [names[index] for index in far], noise, stride)[1]
+    return rest, slopes
 
 
 def can_be_small(effect: Effect) -> bool:
@@ -157,4 +178,4 @@ def can_be_small(effect: Effect) -> bool:
 
 def _bounded(name: str, value: float) -> float:
     known = definition(name)
-    return value if name in PAPER else float(np.clip(value, known.lower, known.upper))
+    return float(np.clip(value, known.lower, known.upper))

@@ -10,11 +10,17 @@ from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.checks import check
 from cmr.recordings.findings import Finding, Findings
+from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
 MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more cannot be true, none can be trusted
 LARGEST_LAG = 0.35  # s; a pose's clock that is further off is moved, a smaller difference may be named
+LEAST_LAG, SURELY = 0.02, 3.0  # s, and standard deviations, by which poses must be ahead of what they show
+# s that wheels lag their commands: at most, and usually. Commands whose clock is set right come a little early, so that
+# what is left is a delay.
+SLOWEST_MOTOR, USUAL_MOTOR = 0.5, 0.2
+SET_RIGHT = "The clock of the {what} is {late:.2f} s {where} that of the wheels: their times were set right."
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
 FEWEST = 2  # readings of a sensor from which it tells of a motion
 SHORTEST = 5.0  # s; what is named from less is chance
@@ -73,21 +79,33 @@ def _looked_at(recording: Recording, number: int, name: str) -> Checked:
 
 
 def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
-    """Return the recording with the clock of its poses set by that of the wheels, what the checks found, and a note.
+    """Return the recording with the clocks of poses and commands set by that of the wheels, the findings, and a note.
 
     The checks are those of the recording as it came, so that what was wrong stays told; they allow for a late clock.
-    Only a clock that is far off is touched. A pose that is a little late may be the fault of the localisation, and is
-    then a finding about it.
+    Only a clock that is far off is touched, or one that shows what has not happened yet. A pose that is a little late
+    may be the fault of the localisation, and is then a finding about it; so may be a command.
     """
     findings = check(recording)
+    notes = []
     lag = findings.lag("poses")
-    if lag is None or lag.reference != "wheels" or abs(lag.seconds) <= LARGEST_LAG:
-        return recording, findings, ""
-    late = round(lag.seconds / SECONDS)
-    poses = replace(recording.poses, utime=recording.poses.utime - late)
-    where = "behind" if late > 0 else "ahead of"
-    note = f"The poses' clock is {abs(lag.seconds):.2f} s {where} that of the wheels: their times were set right."
-    return replace(recording, poses=poses), replace(findings, splits=findings.splits - late), note
+    if lag is not None and lag.reference == "wheels" and not -_least(lag) <= lag.seconds <= LARGEST_LAG:
+        late = round(lag.seconds / SECONDS)
+        poses = replace(recording.poses, utime=recording.poses.utime - late)
+        recording, findings = replace(recording, poses=poses), replace(findings, splits=findings.splits - late)
+        notes.append(SET_RIGHT.format(what="poses", late=abs(lag.seconds), where="behind" if late > 0 else "ahead of"))
+    lag = findings.lag("wheels") if recording.duty is recording.commands else None
+    if lag is not None and not 0.0 <= lag.seconds <= SLOWEST_MOTOR:
+        early = round((lag.seconds - USUAL_MOTOR) / SECONDS)
+        commands = replace(recording.commands, utime=recording.commands.utime + early)
+        recording = replace(recording, commands=commands)
+        where = "behind" if early < 0 else "ahead of"
+        notes.append(SET_RIGHT.format(what="commands", late=abs(early * SECONDS), where=where))
+    return recording, findings, " ".join(notes)
+
+
+def _least(lag: Lag) -> float:
+    """Return by how much [s] a clock must surely be ahead to be touched."""
+    return max(LEAST_LAG, SURELY * lag.std)
 
 
 def _tells(segment: Segment) -> bool:

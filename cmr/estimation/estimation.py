@@ -67,8 +67,11 @@ class Estimation:
         return {name: fit_estimate(self.found.base, name, self.found) for name in self.found.base.names}
 
     def estimate(self, name: str) -> Estimate:
-        """Return a parameter of the whole model."""
+        """Return a parameter of the whole model, or of an effect of chance."""
         assert self.whole is not None
+        by_chance = [one.estimates[name] for one in self.found.named if name in one.estimates]
+        if by_chance:
+            return by_chance[0]
         if self.whole.average is None:
             return fit_estimate(self.whole.extended.final, name, self.found)
         average = self.whole.average

@@ -108,11 +108,11 @@ def _best_step(
 
 
 def linear(
-    values: Mapping[str, float], names: Sequence[str], excitation: Excitation, stride: float = 1.0
+    values: Mapping[str, float], names: Sequence[str], excitation: Excitation, stride: float | Floats = 1.0
 ) -> Asking[Linear]:
     """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`.
 
-    Slopes are taken over `stride` times the usual distance.
+    Slopes are taken over `stride` times the usual distance, that of all or of each (p,).
     """
     moves = moves_of(values, names, excitation, stride)
     white = yield [values, *one_by_one(values, names, moves)]
@@ -130,10 +130,12 @@ def sums_of_squares(white: Floats) -> Floats:
     return np.asarray(np.nan_to_num(np.einsum("nc,nc->c", white, white), nan=np.inf))
 
 
-def moves_of(values: Mapping[str, float], names: Sequence[str], excitation: Excitation, stride: float = 1.0) -> Floats:
+def moves_of(
+    values: Mapping[str, float], names: Sequence[str], excitation: Excitation, stride: float | Floats = 1.0
+) -> Floats:
     """Return by how much each parameter (p,) is moved to see what it does, times `stride`."""
-    usual = [(name, values[name], step_of(name, values[name], excitation)) for name in names]
-    return np.array([inward(name, value, stride * step) for name, value, step in usual])
+    steps = np.array([step_of(name, values[name], excitation) for name in names]) * stride
+    return np.array([inward(name, values[name], step) for name, step in zip(names, steps, strict=True)])
 
 
 def one_by_one(values: Mapping[str, float], names: Sequence[str], moves: Floats) -> list[dict[str, float]]:

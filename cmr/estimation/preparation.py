@@ -33,13 +33,21 @@ HARDLY_TURNED = "The robot hardly turned: its turns tell the base width to {doub
 TURNS = "A drive with turns tells it: a figure-eight, or cmr-pilot's rich_drive."
 WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing tells how the motors follow them: "
 
+WORST_FACTOR = 3.0  # of the wheels' way to that of the poses; beyond it, or under one over it, one of them is wrong
+SHORTEST_WAY = 0.3  # m; root of the sum of squares of the ways of each second
+CONTRADICTION = (
+    "The wheels turn {factor:.3g} times as far as the poses say: check wheel_radius ({radius:g} m), the encoder's "
+    "ticks per turn, and the poses (m, rad, y to the left)."
+)
+
 
 @dataclass(frozen=True)
 class Ready:
     """Recordings ready to be searched, with the paper's model fitted; or `refused`, a sentence that says why not.
 
     `start` are values of the paper's parameters, by name, that free runs speak for. `unknown` names those of which
-    neither the recordings nor the nominal parameters tell anything: their values mean nothing.
+    neither the recordings nor the nominal parameters tell anything: their values mean nothing. `untold` says, by name,
+    why the recordings do not tell a parameter of the paper.
     """
 
     problem: Problem | None
@@ -49,6 +57,7 @@ class Ready:
     refused: str = ""
     start: Mapping[str, float] = field(default_factory=dict)
     unknown: tuple[str, ...] = ()
+    untold: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def rolling(self) -> bool:
@@ -65,6 +74,7 @@ class _Start:
     unknown: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     refused: str = ""
+    untold: dict[str, str] = field(default_factory=dict)
 
 
 def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
@@ -78,15 +88,35 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
     ready = predictors([thinned(segment, every) for segment in segments])
     start = _start(ready, nominal)
     notes += start.notes
-    if start.refused:
-        return Ready(None, None, checks, notes, start.refused)
+    refused = start.refused or _contradiction(ready, start.values["wheel_radius"])
+    if refused:
+        return Ready(None, None, checks, notes, refused)
     gains = choose_gains(ready, start.values)
     errors = [predictor.errors(start.values, gains) for predictor in ready]
     excitation = _excitation(ready, start.values, errors)
     problem = Problem(ready, gains, excitation)
     base = problem.fit(start.values, start.names, Noise.plain(ready, errors), renew=0)
     problem.excitation = replace(excitation, parameters=base.values)
-    return Ready(problem, base, checks, notes, start=start.values, unknown=start.unknown)
+    return Ready(problem, base, checks, notes, start=start.values, unknown=start.unknown, untold=start.untold)
+
+
+def _contradiction(ready: Sequence[Predictor], radius: float) -> str:
+    """Return a sentence where wheels and poses tell of ways that cannot both be true; empty if they can.
+
+    Ways are those of each second: noise of the poses adds little to them, and a heading that drifts nothing.
+    """
+    by_wheels, by_poses = 0.0, 0.0
+    for one in (predictor.segment.observations for predictor in ready):
+        if len(one.pose_time) > 1 and not len(one.given):
+            seconds = np.arange(one.pose_time[0], one.pose_time[-1])
+            turned = np.interp(seconds, one.wheel_time, one.wheel.mean(axis=1))
+            place = [np.interp(seconds, one.pose_time, one.pose[:, axis]) for axis in (0, 1)]
+            by_wheels += radius**2 * float(np.sum(np.diff(turned) ** 2))
+            by_poses += float(np.sum(np.diff(place[0]) ** 2 + np.diff(place[1]) ** 2))
+    if max(by_wheels, by_poses) < SHORTEST_WAY**2:
+        return ""
+    factor = float(np.sqrt(by_wheels / max(by_poses, SHORTEST_WAY**2 / WORST_FACTOR**4)))
+    return "" if 1.0 / WORST_FACTOR < factor < WORST_FACTOR else CONTRADICTION.format(factor=factor, radius=radius)
 
 
 def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
@@ -120,6 +150,7 @@ def _add_width(start: _Start, ready: Sequence[Predictor], nominal: ParameterFile
         start.names = ("base_width",)
         return
     why = HARDLY_TURNED.format(doubt=100.0 * width.doubt) if width else NEVER_TURNED
+    start.untold["base_width"] = why
     if nominal.has("base_width"):
         start.values["base_width"] = nominal.value("base_width")
         start.notes = (f"{why} It stays at the nominal {nominal.value('base_width'):.4g} m. {TURNS}",)
@@ -130,6 +161,7 @@ def _add_width(start: _Start, ready: Sequence[Predictor], nominal: ParameterFile
 def _add_nominal_motor(start: _Start, nominal: ParameterFile) -> None:
     """Add the motors' parameters as they are given; else those of a typical robot, which stand for nothing."""
     names = " and ".join(MOTOR)
+    start.untold |= dict.fromkeys(MOTOR, "No motor commands were recorded.")
     if nominal.has(*MOTOR):
         start.values |= {name: nominal.value(name) for name in MOTOR}
         start.notes += (f"{WITHOUT_COMMANDS}{names} are the nominal ones.",)

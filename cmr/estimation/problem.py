@@ -177,9 +177,11 @@ class Problem:
         white = self.white(lanes_of(sets), fit.noise)
         return [_refitted(fit, values, white[:, index]) for index, values in enumerate(sets)]
 
-    def linear(self, values: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:
+    def linear(
+        self, values: Mapping[str, float], names: Sequence[str], noise: Noise, stride: float | Floats = 1.0
+    ) -> tuple[Floats, Floats]:
         """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`."""
-        return self._answered([linear(values, names, self.excitation)], noise)[0]
+        return self._answered([linear(values, names, self.excitation, stride)], noise)[0]
 
     def _answered(self, askings: Sequence[Asking[T]], noise: Noise) -> list[T]:
         """Give all that ask the white errors they ask for, until each has come to its result."""

@@ -1,18 +1,66 @@
-"""What wheels and gyro tell without any pose: the motor from commands and wheel speeds, the base from turns."""
+"""What wheels alone tell, without poses and without a gyro: the motors, from commands and wheel speeds."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from cmr.calibration.grid import TIME_CONSTANTS
-from cmr.estimation.encoders import wheel_angles
-from cmr.estimation.estimates import Estimate
+from cmr.calibration.result import CalibrationResult
+from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.estimation.signs import require_consistent_signs
 from cmr.model.motion import wheel_speeds
 from cmr.model.motor import wheel_angle_after
 from cmr.model.parameters import RobotParameters
+from cmr.parameters.file import ParameterFile
+from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal, hold
 
-GYRO_WINDOW = 0.5  # s; turns are compared over windows of this length
+LARGEST_RELATIVE_STD = 0.3  # an estimate with a larger standard deviation is a guess and is not given
+NOTHING = (
+    "Nothing to compare: it takes wheels that move (MOTOR_FEEDBACK_N) with commands (MOTOR_COMMAND_N), or with poses "
+    "(POSE_N) or a gyro (GYRO_N)."
+)
+WITHOUT_TURNS = "Neither poses nor a gyro that moves were recorded."
+
+
+def calibrate_motors(recordings: Sequence[Recording], nominal: ParameterFile) -> CalibrationResult:
+    """Find k2_over_k3 and k1 by the wheel speeds, for both motors alike; the base width stays unknown.
+
+    Raises EstimationError where nothing moved or nothing was commanded.
+    """
+    findings = [check(recording) for recording in recordings]
+    recordings = [found.cleaned(recording) for found, recording in zip(findings, recordings, strict=True)]
+    require_consistent_signs(recordings)
+    driven = [r for r in recordings if moves(r.wheels, "psi_left", "psi_right") and moves(r.duty, "left", "right")]
+    if not driven:
+        raise EstimationError(NOTHING)
+    found = fit_motor(driven)
+    estimates = {n: one for n, one in found.items() if one.std <= LARGEST_RELATIVE_STD * one.value}
+    hardly = {
+        n: f"The speed hardly changed (standard deviation {one.std:.2g} of {one.value:.3g})."
+        for n, one in found.items()
+        if n not in estimates
+    }
+    if not estimates:
+        raise EstimationError(f"Nothing could be identified. {' '.join(hardly.values())}")
+    return CalibrationResult(
+        robot_id=recordings[0].robot_id,
+        estimates=estimates,
+        unidentified={**hardly, "base_width": WITHOUT_TURNS},
+        nominal=nominal,
+        method="wheel speeds",
+        samples=sum(len(recording.wheels) for recording in driven),
+        covariance=np.diag([estimate.std**2 for estimate in estimates.values()]),
+        notes=tuple(dict.fromkeys(one.sentence for f in findings for one in f.all if one.found and one.set_aside)),
+    )
+
+
+def moves(signal: Signal, *names: str) -> bool:
+    """Tell whether a signal, or some fields of it, is ever other than it was."""
+    fields = [signal.fields[name] for name in names or signal.fields]
+    return len(signal) > 1 and any(bool(np.any(np.diff(values[np.isfinite(values)]))) for values in fields)
 
 
 def fit_motor(recordings: list[Recording], sides: tuple[str, ...] = ("left", "right")) -> dict[str, Estimate]:
@@ -58,33 +106,6 @@ def simulated_speeds(duty: Signal, wheels: Signal, side: str, parameters: RobotP
     angle = np.concatenate([[0.0], np.cumsum(wheel_angle_after(speeds[:-1], held, parameters, dt))])
     at = np.searchsorted(times, wheels.utime)
     return np.asarray(np.diff(angle[at]) / _spans(wheels)[1:])
-
-
-def fit_base_width(recordings: list[Recording], wheel_radius: float) -> Estimate:
-    """Fit base_width to the turns that the gyro saw, given the turns of the wheels; a constant gyro bias is allowed.
-
-    Its value and standard deviation are infinite where the gyro saw no turn, or nothing while the wheels were heard.
-    """
-    wheel_turns, gyro_turns, durations = [], [], []
-    for recording in recordings:
-        wheels, gyro = recording.wheels, recording.gyro
-        left, right = wheel_angles(wheels)
-        first, last = max(wheels.utime[0], gyro.utime[0]), min(wheels.utime[-1], gyro.utime[-1])
-        times = np.arange(first, last, int(GYRO_WINDOW / SECONDS))
-        spans = np.diff(gyro.utime) * SECONDS
-        heading = np.concatenate([[0.0], np.cumsum((gyro["yaw_rate"][1:] + gyro["yaw_rate"][:-1]) / 2.0 * spans)])
-        wheel_turns.append(np.diff(np.interp(times, wheels.utime, right - left)))
-        gyro_turns.append(np.diff(np.interp(times, gyro.utime, heading)))
-        durations.append(np.diff(times) * SECONDS)
-    design = np.column_stack([wheel_radius * np.concatenate(wheel_turns), np.concatenate(durations)])
-    turns = np.concatenate(gyro_turns)
-    if not np.any(turns) or not np.any(design[:, 0]):
-        return Estimate(np.inf, np.inf)
-    solution, *_ = np.linalg.lstsq(design, turns, rcond=None)
-    errors = turns - design @ solution
-    covariance = errors @ errors / max(len(errors) - 2, 1) * np.linalg.pinv(design.T @ design)
-    width = 1.0 / float(solution[0])
-    return Estimate(width, abs(float(np.sqrt(covariance[0, 0]))) * width**2)
 
 
 def _spans(wheels: Signal) -> Floats:

@@ -1,0 +1,80 @@
+"""Say which parameters a drive leaves in doubt, what may hide in them, and which second speed would tell."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cmr.estimation.averaging import Posterior
+from cmr.estimation.estimation import Estimation
+from cmr.model.catalogue import CATALOGUE
+from cmr.model.observer import Observations
+from cmr.recordings.signal import Floats
+
+# Relative standard deviations beyond which a parameter is in doubt: more than a drive at two speeds leaves usually.
+WIDE: Mapping[str, float] = {"k2_over_k3": 0.015, "k1": 0.006, "base_width": 0.008}
+HIDING = 0.4  # correlation from which on an effect that was not named hides in a parameter
+UNSURE = (0.03, 0.97)  # probabilities between which an effect may or may not be there
+ONE_SPEED = 1.6  # ratio of a drive's fast and slow wheel speeds below which it has one speed
+SLOW, FAST = 20.0, 80.0  # percentiles of the speeds while the robot moves
+RESTING = 0.1  # of the usual speed
+SLOWER, FASTER = 0.4, 2.5  # second speeds, as multiples of the first
+BRISK = 0.35  # m/s; a robot that went as fast is asked to go slower, else faster
+
+
+def in_doubt(estimation: Estimation) -> tuple[str, ...]:
+    """Return a sentence for each parameter of the paper that is in doubt, and one on the second speed."""
+    assert estimation.whole is not None
+    average = estimation.whole.average
+    if average is None:
+        return ()
+    told = estimation.estimates
+    wide = [name for name in WIDE if name in told and told[name].std > WIDE[name] * abs(told[name].value)]
+    sentences = [_sentence(name, told[name].std / abs(told[name].value), average) for name in wide]
+    speed = one_speed(estimation)
+    if wide and speed is not None:
+        second = (SLOWER if speed > BRISK else FASTER) * speed
+        narrower = " and ".join(wide) if len(wide) < 3 else "all three"
+        sentences.append(
+            f"The whole drive is near {speed:.2g} m/s. Half a minute more at {second:.1g} m/s, in the same drive or "
+            f"in another log, would narrow {narrower}."
+        )
+    return tuple(sentences)
+
+
+def _sentence(name: str, share: float, average: Posterior) -> str:
+    known = f"{name} is known to {100.0 * share:.2g} % only"
+    hiding = hiding_in(name, average)
+    if not hiding:
+        return f"{known}."
+    listed = ", ".join(f"{effect} (probability {average.presence[effect]:.2f})" for effect in hiding)
+    return f"{known}: {listed} may hide in it."
+
+
+def hiding_in(name: str, average: Posterior) -> list[str]:
+    """Return the effects that may or may not be there and that a parameter would go with, the most likely first."""
+    stds = np.sqrt(np.maximum(np.diag(average.covariance), 1e-300))
+    at = average.names.index(name)
+    hiding = []
+    for effect, presence in average.presence.items():
+        if UNSURE[0] < presence < UNSURE[1]:
+            own = [average.names.index(parameter.name) for parameter in CATALOGUE[effect].parameters]
+            if np.max(np.abs(average.covariance[at, own]) / (stds[at] * stds[own])) > HIDING:
+                hiding.append(effect)
+    return sorted(hiding, key=lambda effect: -average.presence[effect])
+
+
+def one_speed(estimation: Estimation) -> float | None:
+    """Return the speed [m/s] of a drive that has only one, else None."""
+    speeds = np.concatenate([_speeds(p.segment.observations) for p in estimation.found.problem.predictors])
+    usual = float(np.median(speeds)) if len(speeds) else 0.0
+    moving = speeds[speeds > RESTING * usual]
+    if usual <= 0.0 or not len(moving):
+        return None
+    slow, fast = np.percentile(moving, (SLOW, FAST))
+    return float(np.median(moving)) * estimation.found.base.values["wheel_radius"] if fast < ONE_SPEED * slow else None
+
+
+def _speeds(observations: Observations) -> Floats:
+    """Return the mean speed of both wheels [rad/s] between readings, (n,)."""
+    turned = np.mean(np.diff(observations.wheel, axis=0), axis=1)
+    return np.asarray(np.abs(turned) / np.diff(observations.wheel_time))
