@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cmr.calibration import CalibrationResult, EstimationError, calibrate
+from cmr.calibration.calibrate import PAPER
 from cmr.calibration.segments import segments_of
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value, parse
@@ -79,7 +80,7 @@ def test_without_commands_wheel_radius_and_base_width_are_found_and_the_motor_is
     assert set(result.estimates) == {"wheel_radius", "base_width"}
     assert result.estimates["wheel_radius"].value == pytest.approx(0.04, rel=0.005)
     assert result.estimates["base_width"].value == pytest.approx(TRUTH["base_width"], rel=0.005)
-    assert all("no motor commands" in result.unidentified[name] for name in ("k2_over_k3", "k1"))
+    assert all("No motor commands" in result.unidentified[name] for name in ("k2_over_k3", "k1"))
 
 
 def test_without_poses_motor_and_base_width_are_found_from_wheels_and_gyro() -> None:
@@ -115,19 +116,19 @@ def test_a_dead_gyro_leaves_the_base_width_unknown() -> None:
     assert "k1" in result.estimates
 
 
-def test_a_robot_that_turned_on_the_spot_is_calibrated_by_its_wheels() -> None:
+def test_a_robot_that_turned_on_the_spot_is_calibrated() -> None:
     def spin(share: float) -> tuple[float, float]:
         return (-0.2, 0.2) if share < 0.5 else (0.2, -0.2)
 
     result = calibrate(recording_of(messages(IDEAL, seconds=10.0, duties=spin)))
-    assert result.method == "wheel speeds"
+    assert result.method == "average"
     for name, estimate in result.estimates.items():
         assert estimate.value == pytest.approx(TRUTH[name], rel=0.02), name
 
 
-def test_the_path_error_told_is_that_of_the_parameters_given() -> None:
+def test_the_path_error_told_by_the_paper_s_method_is_that_of_the_whole_drive() -> None:
     recording = recording_of(messages(DEFAULT, seconds=8.0, duties=straight))
-    result = calibrate(recording)
+    result = calibrate(recording, method=PAPER)
     assert "base_width" not in result.estimates
     (segment,) = segments_of(recording)
     path = segment.simulate(RobotParameters.of(result.values))
@@ -145,8 +146,7 @@ def test_a_wrong_wheel_radius_is_told_and_the_path_is_still_right() -> None:
     given = ParameterFile(0, {"wheel_radius": Value(0.044)})
     result = calibrate(recording_of(messages(IDEAL)), given)
     assert result.path_rmse_after < 0.01
-    (note,) = result.notes
-    assert "0.04 m would fit instead of 0.044 m" in note
+    assert any("0.04 m would fit instead of 0.044 m" in note for note in result.notes)
 
 
 def test_two_recordings_tell_more_than_one() -> None:
@@ -179,7 +179,7 @@ def test_a_robot_that_stood_still_though_commanded_is_refused() -> None:
     for channel, message in drive:
         if channel.startswith("POSE"):
             message.x = message.y = message.theta = 0.0
-    with pytest.raises(EstimationError, match="did not travel"):
+    with pytest.raises(EstimationError, match="poses"):
         calibrate(recording_of(drive))
 
 
@@ -192,7 +192,7 @@ def test_the_log_on_disk_gives_the_same_numbers(
 
 def test_the_parameter_file_says_where_the_numbers_come_from(default_result: CalibrationResult) -> None:
     file = parse(default_result.parameter_file({"log": "run.lcm"}).to_yaml())
-    assert file.provenance["method"] == "grid+refine"
+    assert file.provenance["method"] == "average"
     assert file.provenance["log"] == "run.lcm"
     assert file.values["k1"].std == pytest.approx(default_result.estimates["k1"].std)
     assert file.value("wheel_radius") == 0.04

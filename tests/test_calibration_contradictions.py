@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cmr.calibration import EstimationError, calibrate
+from cmr.calibration.calibrate import PAPER
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal
@@ -70,14 +71,16 @@ def test_recordings_of_two_robots_are_not_one_robot(clean: Recording) -> None:
         calibrate([])
 
 
-def test_effects_of_the_given_parameters_are_left_out_and_that_is_said(clean: Recording) -> None:
+def test_effects_of_the_given_parameters_are_not_kept_unless_the_drive_shows_them(clean: Recording) -> None:
     values = {"wheel_radius": Value(0.04), "coulomb_friction": Value(4.0)}
     given = calibrate(clean, ParameterFile(0, values, effects=("coulomb_friction",)))
     plain = calibrate(clean, ParameterFile(0, {"wheel_radius": Value(0.04)}))
     assert given.estimates == plain.estimates
     assert given.path_rmse_after == plain.path_rmse_after
-    assert any("coulomb_friction" in note for note in given.notes)
-    assert given.parameter_file({}).effects == ()
+    assert "coulomb_friction" not in given.parameter_file({}).effects
+    by_paper = calibrate(clean, ParameterFile(0, values, effects=("coulomb_friction",)), method=PAPER)
+    assert any("coulomb_friction" in note for note in by_paper.notes)
+    assert by_paper.parameter_file({}).effects == ()
 
 
 def waves(time: Floats) -> tuple[Floats, Floats]:

@@ -21,7 +21,9 @@ from tests.hidden_effects.cases import BEGINNING
 @pytest.mark.parametrize(
     "hidden", [("coulomb_friction",), ("coulomb_friction", "gyro_bias")], ids=lambda hidden: "-".join(hidden)
 )
-def test_shifts_add_up_to_what_lies_between_baseline_and_extended_model_but_for_what_may_be_hidden(hidden: tuple[str, ...]) -> None:
+def test_shifts_add_up_to_what_lies_between_baseline_and_extended_model_but_for_what_may_be_hidden(
+    hidden: tuple[str, ...],
+) -> None:
     found = diagnose(hidden_recording(*hidden, manoeuvre=BEGINNING, seed=1002).recording)
     assert {effect.name for effect in found.effects} == set(hidden)
     assert found.baseline is not None

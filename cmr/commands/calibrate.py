@@ -11,7 +11,7 @@ from typing import Any
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CALIBRATION_STATUS, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE
-from cmr.calibration.calibrate import calibrate
+from cmr.calibration.calibrate import AVERAGE, METHODS, calibrate
 from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationResult
@@ -40,7 +40,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options = parser(
         "cmr-calibrate",
         "Find k2_over_k3, k1 and base_width of a real robot while it drives a figure-eight (both lobes), and write "
-        "them to its parameter file. With --log the same from an LCM event log.",
+        "them to its parameter file, with the effects that the drive shows. With --log the same from an LCM event log.",
         "cmr-calibrate --robot 0 --out robot_0.yaml\n  cmr-calibrate --log run.lcm --out robot_0.yaml",
     )
     options.add_argument(
@@ -64,6 +64,18 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "--out", type=Path, default=None, metavar="FILE", help="file to write; live: robot_N.yaml, log: only print"
     )
     options.add_argument(
+        "--paper-only",
+        action="store_true",
+        help="write the three values that predict best by themselves, and no effects",
+    )
+    options.add_argument(
+        "--method",
+        choices=METHODS,
+        default=AVERAGE,
+        help="average: over the effects that the drive shows or may hide (default); paper: a grid search over the "
+        "whole path, as in the paper, with its error surface in the picture",
+    )
+    options.add_argument(
         "--picture",
         type=Path,
         default=None,
@@ -83,7 +95,7 @@ def _nominal(path: Path | None) -> ParameterFile | None:
 def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     try:
         recordings = [_gather(path, options.robot, nominal).recording() for path in options.log]
-        result = calibrate(recordings, nominal)
+        result = calibrate(recordings, nominal, method=options.method, paper_only=options.paper_only)
     except (RecordingError, EstimationError) as error:
         raise CommandError(str(error)) from error
     print(result.summary())
@@ -109,7 +121,7 @@ def _gather(path: Path, robot_id: int | None, nominal: ParameterFile | None) -> 
 def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     robot_id = options.robot if options.robot is not None else 0
     path = options.out or Path(f"robot_{robot_id}.yaml")
-    calibrator = Calibrator(robot_id, nominal)
+    calibrator = Calibrator(robot_id, nominal, method=options.method, paper_only=options.paper_only)
     work = Work()
     report, look = Timer(STATUS_PERIOD), Timer(LOOK_PERIOD)
     finished_at: float | None = None

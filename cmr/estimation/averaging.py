@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.estimation.candidates import RANDOM, SENSED, is_limit, lanes_of, locality, size
+from cmr.estimation.candidates import NEVER_AHEAD, RANDOM, SENSED, is_limit, lanes_of, locality, size
 from cmr.estimation.gauss_newton import Fit, moves_of
 from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
@@ -26,15 +26,17 @@ from cmr.recordings.signal import Floats, Mask
 PRESENT = 0.2  # prior probability that an effect is present
 SPREAD = 0.7  # of the typical size: standard deviation of the size of an effect that is present
 BELIEF = 0.65  # power of the likelihood: errors are neither quite white nor the model exact
-ROUNDS = 3  # each about the means that the round before found
+ROUNDS, MOST_ROUNDS = 3, 6  # usually, and where slopes do not hold; each about the means that the round before found
 STEPS = 12_000  # of the random walk
 FEW_STEPS = 5_000  # where the means alone are of interest
-MUCH_WORSE = 1.2  # times the sum of squares
+# By how much the sum of squares may be larger than slopes say, and which share of what they promise.
+MISJUDGED, SHARE_MISJUDGED = 10.0, 0.1
+ALIKE = 0.6  # squared correlation from which an effect can stand for those found
+NEAR = 0.5  # standard deviations within which slopes hold
 # White errors that change by more, all but a share of them, while a slope is taken: it is then taken over less. Large
 # errors are made smaller, so that a slope over too much would promise too little.
 CHANGING, MOST = 1.0, 0.998
-NEAR = 0.5  # standard deviations within which slopes hold
-RIDGE = 1e-9  # of a column's square
+RIDGE = 1e-9  # of a column's square over all data: without them a parameter stays where it is
 LIKELY = 0.8  # probability above which a walk begins with an effect
 
 
@@ -96,14 +98,18 @@ class Averaging:
         change = np.array([found.values[name] - self._start[name] for name in found.names])
         return bool(np.all(np.abs(change) <= NEAR * stds))
 
-    def explains(self, found: Posterior) -> bool:
-        """Tell whether the means explain the data; where these tell little, they may lie where slopes do not hold."""
+    def foretells(self, found: Posterior) -> bool:
+        """Tell whether the errors at the means are what the slopes say: then another round would find the same."""
+        change = np.array([found.values[name] - self._start[name] for name in self._names])
+        foretold = self._rest + self._slopes @ change
         white = self._problem.white(lanes_of([found.values]), self._noise)[:, 0]
-        return float(white @ white) < MUCH_WORSE * float(self._rest @ self._rest)
+        worse = float(white @ white - foretold @ foretold)
+        better = float(self._rest @ self._rest - foretold @ foretold)
+        return worse < max(MISJUDGED, SHARE_MISJUDGED * better)
 
     def _averaged(self, products: Floats, pulls: Floats, steps: int) -> Posterior:
         count = len(self._flat)
-        flat = products[:count, :count] + np.diag(RIDGE * np.diag(products)[:count])
+        flat = products[:count, :count] + np.diag(RIDGE * np.diag(self._products)[:count])
         mixed = np.linalg.solve(flat, np.column_stack([products[:count, count:], pulls[:count]]))
         along, own = mixed[:, :-1], mixed[:, -1]
         start = np.array([self._start[parameter.name] for parameter in self._sizes])
@@ -123,13 +129,11 @@ class Averaging:
         self, normal: Floats, pull: Floats, start: Floats, steps: int
     ) -> tuple[Floats, Floats, dict[str, float]]:
         """Return mean and covariance of the sizes, and the probability of each effect."""
-        scale = np.array(
-            [self._slab(parameter.name, value) for parameter, value in zip(self._sizes, start, strict=True)]
-        )
+        scale = self._slabs(normal, start)
         groups = np.repeat(
             np.arange(len(self._effects)), [sum(p.switches for p in e.parameters) for e in self._effects]
         )
-        one_sided = np.array([parameter.lower == parameter.neutral for parameter in self._sizes])
+        one_sided = np.array([one.lower == one.neutral or one.name in NEVER_AHEAD for one in self._sizes])
         scaled, pulled = normal * np.outer(scale, scale), pull * scale
         seed = zlib.crc32(np.round(pulled, 6).tobytes())
         odds = np.full(len(self._effects), np.log(PRESENT / (1.0 - PRESENT)))
@@ -138,17 +142,25 @@ class Averaging:
         names = (effect.name for effect in self._effects)
         return means * scale, spread, dict(zip(names, map(float, shares), strict=True))
 
-    def _slab(self, name: str, value: float) -> float:
-        """Return the standard deviation of a size that is present: larger where it is seen to be larger."""
-        return max(SPREAD * size(definition(name), self._problem.excitation), abs(value))
+    def _slabs(self, normal: Floats, start: Floats) -> Floats:
+        """Return the standard deviations (p,) of sizes that are present.
+
+        They are larger where sizes are seen to be larger, and for an effect that would need so much to do alone what
+        those do that were found: else of two effects that can hardly be told apart the one found would stay for ever.
+        """
+        usual = SPREAD * np.array([size(definition(one.name), self._problem.excitation) for one in self._sizes])
+        does, squares = normal @ start, float(start @ normal @ start)
+        own = np.maximum(np.diag(normal), 1e-300)
+        alike = does**2 > ALIKE * own * max(squares, 1e-300)
+        return np.asarray(np.maximum(usual, np.maximum(np.abs(start), np.where(alike, np.abs(does) / own, 0.0))))
 
 
 def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str]) -> Posterior:
     """Return the posterior about a fit with effects `named`."""
     averaging = Averaging(problem, fit, inflation, named)
-    for _ in range(ROUNDS - 1):
+    for number in range(MOST_ROUNDS - 1):
         found = averaging.posterior(steps=FEW_STEPS)
-        if averaging.is_about(found) or not averaging.explains(found):
+        if averaging.foretells(found) and (number >= ROUNDS - 1 or averaging.is_about(found)):
             break
         noise = problem.found(problem.errors(found.values))
         about = Fit(found.values, fit.names, fit.rest, fit.slopes, noise)
@@ -165,7 +177,7 @@ def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], 
     far = np.flatnonzero(change > CHANGING)
     if len(far):
         stride = CHANGING / change[far]
-        slopes[:, far] = problem.linear(start, [names[index] for index in far], noise, stride)[1]
+        slopes[:, far] = problem.linear(start, [names[int(index)] for index in far], noise, stride)[1]
     return rest, slopes
 
 

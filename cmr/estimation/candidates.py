@@ -29,6 +29,7 @@ FOLDS = (0.5, 0.55, 0.6, 0.66, 0.72, 0.79, 0.87, 0.95, 1.05, 1.15, 1.26, 1.4)  #
 LATE, PORTION_OF_LATENCY = frozenset(("gyro_time",)), 0.4
 EVERYWHERE = 1e3  # m, radius of a place that holds all others
 RANDOM = ("command_jitter", "command_loss")  # show in the spread, not in the mean
+NEVER_AHEAD = ("gyro_latency", "pose_latency")  # what a sensor tells ahead of its moment cannot be foretold
 SENSED = ("encoder_quantisation",)  # read off the encoder's ticks
 # Stages of the model's step that end with the wheels' speeds; where these are given, they mean nothing.
 DRIVING = frozenset(
