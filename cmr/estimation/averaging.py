@@ -26,7 +26,7 @@ from cmr.recordings.signal import Floats, Mask
 PRESENT = 0.2  # prior probability that an effect is present
 SPREAD = 0.7  # of the typical size: standard deviation of the size of an effect that is present
 BELIEF = 0.65  # power of the likelihood: errors are neither quite white nor the model exact
-ROUNDS, MOST_ROUNDS = 3, 6  # usually, and where slopes do not hold; each about the means that the round before found
+ROUNDS, MOST_ROUNDS = 3, 6  # usually, and where slopes do not hold; each about what the one before found likeliest
 STEPS = 12_000  # of the random walk
 FEW_STEPS = 5_000  # where the means alone are of interest
 # By how much the sum of squares may be larger than slopes say, and which share of what they promise.
@@ -46,6 +46,7 @@ class Posterior:
 
     `values` are the posterior means by name, with what was not estimated; `names` (p) are those of the `covariance`
     (p, p). `presence` tells the probability of each effect that could be averaged over, `averaging` how it was found.
+    `likeliest` are the values with the likeliest set of effects.
     """
 
     values: Mapping[str, float]
@@ -53,6 +54,7 @@ class Posterior:
     covariance: Floats
     presence: Mapping[str, float]
     averaging: "Averaging"
+    likeliest: Mapping[str, float]
 
     def std(self, name: str) -> float:
         """Return the standard deviation of a parameter, in its unit."""
@@ -90,24 +92,30 @@ class Averaging:
             slopes = self._slopes[left_out]
             products, pulls = products - slopes.T @ slopes, pulls - slopes.T @ self._rest[left_out]
         belief = min(BELIEF, 1.0 / self._inflation)
-        return self._averaged(belief * products, belief * pulls, steps)
+        odds = np.full(len(self._effects), np.log(PRESENT / (1.0 - PRESENT)))
+        return self._averaged(belief * products, belief * pulls, odds, steps)
+
+    def likeliest(self, penalties: Mapping[str, float]) -> Mapping[str, float]:
+        """Return the values with the likeliest set of effects, each of which must explain as much as its penalty."""
+        odds = np.array([-0.5 * penalties[effect.name] / self._inflation for effect in self._effects])
+        return self._averaged(self._products / self._inflation, self._pulls / self._inflation, odds, STEPS).likeliest
 
     def is_about(self, found: Posterior) -> bool:
-        """Tell whether the means are so near to what the problem was made linear about that another round is idle."""
+        """Tell whether the likeliest values are so near to those it is linear about that another round is idle."""
         stds = np.sqrt(np.diag(found.covariance))
-        change = np.array([found.values[name] - self._start[name] for name in found.names])
+        change = np.array([found.likeliest[name] - self._start[name] for name in found.names])
         return bool(np.all(np.abs(change) <= NEAR * stds))
 
     def foretells(self, found: Posterior) -> bool:
-        """Tell whether the errors at the means are what the slopes say: then another round would find the same."""
-        change = np.array([found.values[name] - self._start[name] for name in self._names])
+        """Tell whether the errors at the likeliest values are what the slopes say."""
+        change = np.array([found.likeliest[name] - self._start[name] for name in self._names])
         foretold = self._rest + self._slopes @ change
-        white = self._problem.white(lanes_of([found.values]), self._noise)[:, 0]
+        white = self._problem.white(lanes_of([found.likeliest]), self._noise)[:, 0]
         worse = float(white @ white - foretold @ foretold)
         better = float(self._rest @ self._rest - foretold @ foretold)
         return worse < max(MISJUDGED, SHARE_MISJUDGED * better)
 
-    def _averaged(self, products: Floats, pulls: Floats, steps: int) -> Posterior:
+    def _averaged(self, products: Floats, pulls: Floats, odds: Floats, steps: int) -> Posterior:
         count = len(self._flat)
         flat = products[:count, :count] + np.diag(RIDGE * np.diag(self._products)[:count])
         mixed = np.linalg.solve(flat, np.column_stack([products[:count, count:], pulls[:count]]))
@@ -115,20 +123,23 @@ class Averaging:
         start = np.array([self._start[parameter.name] for parameter in self._sizes])
         normal = products[count:, count:] - products[count:, :count] @ along
         pull = pulls[count:] - products[count:, :count] @ own - normal @ start
-        mean, spread, presence = self._walked(normal, pull, start, steps)
-        values = dict(self._start)
-        values.update(zip((parameter.name for parameter in self._sizes), map(float, mean), strict=True))
-        step = -own - along @ (mean - start)
-        values.update({name: values[name] + float(change) for name, change in zip(self._flat, step, strict=True)})
+        mean, spread, presence, mode = self._walked(normal, pull, start, odds, steps)
+        values, likeliest = (self._with(sizes, -own - along @ (sizes - start)) for sizes in (mean, mode))
         of_flat = np.linalg.inv(flat) + along @ spread @ along.T
         covariance = np.block([[of_flat, -along @ spread], [-spread @ along.T, spread]])
-        bounded = {name: _bounded(name, value) for name, value in values.items()}
-        return Posterior(bounded, self._names, covariance, presence, self)
+        return Posterior(values, self._names, covariance, presence, self, likeliest)
+
+    def _with(self, sizes: Floats, step: Floats) -> dict[str, float]:
+        """Return the values with these sizes, and the flat parameters moved by a step."""
+        values = dict(self._start)
+        values.update(zip((parameter.name for parameter in self._sizes), sizes.tolist(), strict=True))
+        values.update({n: values[n] + change for n, change in zip(self._flat, step.tolist(), strict=True)})
+        return {name: _bounded(name, value) for name, value in values.items()}
 
     def _walked(
-        self, normal: Floats, pull: Floats, start: Floats, steps: int
-    ) -> tuple[Floats, Floats, dict[str, float]]:
-        """Return mean and covariance of the sizes, and the probability of each effect."""
+        self, normal: Floats, pull: Floats, start: Floats, odds: Floats, steps: int
+    ) -> tuple[Floats, Floats, dict[str, float], Floats]:
+        """Return mean and covariance of the sizes, the probability of each effect, and the likeliest sizes."""
         scale = self._slabs(normal, start)
         groups = np.repeat(
             np.arange(len(self._effects)), [sum(p.switches for p in e.parameters) for e in self._effects]
@@ -136,11 +147,13 @@ class Averaging:
         one_sided = np.array([one.lower == one.neutral or one.name in NEVER_AHEAD for one in self._sizes])
         scaled, pulled = normal * np.outer(scale, scale), pull * scale
         seed = zlib.crc32(np.round(pulled, 6).tobytes())
-        odds = np.full(len(self._effects), np.log(PRESENT / (1.0 - PRESENT)))
-        means, squares, shares = walk(scaled, pulled, groups, one_sided, odds, self._likely, steps, seed)
+        means, squares, shares, likeliest = walk(scaled, pulled, groups, one_sided, odds, self._likely, steps, seed)
         spread = (squares - np.outer(means, means)) * np.outer(scale, scale)
         names = (effect.name for effect in self._effects)
-        return means * scale, spread, dict(zip(names, map(float, shares), strict=True))
+        on, mode = np.flatnonzero(likeliest[groups]), np.zeros(len(scale))
+        mode[on] = np.linalg.solve(scaled[np.ix_(on, on)] + np.eye(len(on)), -pulled[on])
+        mode[one_sided] = np.maximum(mode[one_sided], 0.0)
+        return means * scale, spread, dict(zip(names, map(float, shares), strict=True)), mode * scale
 
     def _slabs(self, normal: Floats, start: Floats) -> Floats:
         """Return the standard deviations (p,) of sizes that are present.
@@ -162,9 +175,9 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
         found = averaging.posterior(steps=FEW_STEPS)
         if averaging.foretells(found) and (number >= ROUNDS - 1 or averaging.is_about(found)):
             break
-        noise = problem.found(problem.errors(found.values))
-        about = Fit(found.values, fit.names, fit.rest, fit.slopes, noise)
-        likely = [name for name, presence in found.presence.items() if presence > LIKELY]
+        values = found.likeliest
+        about = Fit(values, fit.names, fit.rest, fit.slopes, problem.found(problem.errors(values)))
+        likely = [effect.name for effect in problem.effects if effect.is_on(values)]
         averaging = Averaging(problem, about, inflation, likely)
     return averaging.posterior()
 

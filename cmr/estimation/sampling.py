@@ -37,8 +37,8 @@ def neighbours(normal: Floats, groups: Indices) -> Indices:
 
 def walk(
     normal: Floats, pull: Floats, groups: Indices, one_sided: Mask, odds: Floats, begin: Mask, steps: int, seed: int
-) -> tuple[Floats, Floats, Floats]:
-    """Return means (p,) and mean products (p, p) of the sizes, and how often each effect (e,) is on.
+) -> tuple[Floats, Floats, Floats, Mask]:
+    """Return means (p,) and mean products (p, p) of the sizes, how often each effect (e,) is on, and the likeliest set.
 
     The log-likelihood of sizes s is -s' `normal` s / 2 - `pull`' s; their prior is normal with variance 1, one half of
     it where `one_sided` (p,). `groups` (p,) tells to which effect each size belongs, `odds` (e,) the logarithm of the
@@ -48,11 +48,12 @@ def walk(
     mean, products, shares = np.zeros(len(pull)), np.zeros((len(pull), len(pull))), np.zeros(len(begin))
     states = np.zeros((len(BELIEFS), len(begin)), np.uint8)
     states[::2] = begin
+    likeliest = np.zeros(len(begin), np.uint8)
     _walk(
         np.ascontiguousarray(normal), np.ascontiguousarray(pull), groups, one_sided.astype(np.uint8), odds,
-        neighbours(normal, groups), np.array(BELIEFS), states, steps, seed, mean, products, shares,
+        neighbours(normal, groups), np.array(BELIEFS), states, steps, seed, mean, products, shares, likeliest,
     )  # fmt: skip
-    return mean, products, shares
+    return mean, products, shares, likeliest.astype(np.bool_)
 
 
 @inlined
@@ -120,16 +121,18 @@ def _add(state, sizes, mean, products, shares):  # type: ignore[no-untyped-def]
 
 @compiled(
     "void(f8[:, ::1], f8[::1], i8[::1], u1[::1], f8[::1], i8[:, ::1], f8[::1], u1[:, ::1], i8, i8,"
-    "f8[::1], f8[:, ::1], f8[::1])"
+    "f8[::1], f8[:, ::1], f8[::1], u1[::1])"
 )
-def _walk(normal, pull, groups, one_sided, odds, edges, beliefs, states, steps, seed, mean, products, shares):  # type: ignore[no-untyped-def]
+def _walk(  # type: ignore[no-untyped-def]
+    normal, pull, groups, one_sided, odds, edges, beliefs, states, steps, seed, mean, products, shares, likeliest
+):
     """Walk; see `walk`. `states` are the sets that each walk begins with."""
     np.random.seed(seed)
     walks, effects, sizes = len(beliefs), states.shape[1], np.zeros(len(pull))
     here = np.full(walks, -np.inf)  # until a walk has come to a set that is possible, it takes any
     on, drawn = np.empty(MOST_ON, np.int64), np.empty(MOST_ON)
     factor, solved = np.empty((MOST_ON, MOST_ON)), np.empty(MOST_ON)
-    tried, settled = np.empty(effects, np.uint8), int(BURN_IN * steps)
+    tried, settled, highest = np.empty(effects, np.uint8), int(BURN_IN * steps), -np.inf
     for step in range(steps):
         for number in range(walks):
             tried[:] = states[number]
@@ -160,6 +163,9 @@ def _walk(normal, pull, groups, one_sided, odds, edges, beliefs, states, steps, 
             here[cold], here[cold + 1] = down, up
             if cold == 0:
                 _keep(sizes, on, drawn, count)
+        if here[0] > highest:
+            highest = here[0]
+            likeliest[:] = states[0]
         if step >= settled:
             _add(states[0], sizes, mean, products, shares)
     kept = steps - settled

@@ -75,7 +75,7 @@ def best_exchange(
     selected = [one.candidate.effect.name for one in named]
     proposals = _proposals(screening, current, selected, inflation)
     starts = _quickly_fitted(problem, current, screening, proposals)
-    penalties = [_penalty(one.leaving, _coming(screening, one), inflation) for one in proposals]
+    penalties = [penalty_of(one.leaving, _coming(screening, one), inflation) for one in proposals]
     promising = [
         number
         for number, (_, squares) in enumerate(starts)
@@ -86,7 +86,7 @@ def best_exchange(
     for fit, number in found:
         if fit.squares + penalties[number] > current.squares - BETTER * inflation.all:
             return None
-        candidates = [_candidate(problem, fit, name) for name in _coming(screening, proposals[number])]
+        candidates = [candidate_of(problem, fit, name) for name in _coming(screening, proposals[number])]
         reasons = [why_not(problem, current, one, inflation) for one in candidates]
         if all(reason in ("", TOO_SMALL) for reason in reasons):
             come = tuple(SelectedEffect(one, (), current) for one in candidates)
@@ -111,7 +111,7 @@ def _quickly_fitted(
     return result
 
 
-def _penalty(leaving: Sequence[str], coming: Sequence[str], inflation: Inflation) -> float:
+def penalty_of(leaving: Sequence[str], coming: Sequence[str], inflation: Inflation) -> float:
     """Return what effects that come must explain more than those that leave.
 
     Each further effect must explain as much as one that is added by itself: thousands of exchanges are compared. A
@@ -131,7 +131,7 @@ def _coming(screening: Screening, one: _Proposal) -> list[str]:
     return list(dict.fromkeys(screening.trials[number].effect for number in one.trials))
 
 
-def _candidate(problem: Problem, fit: Fit, name: str) -> CandidateEffect:
+def candidate_of(problem: Problem, fit: Fit, name: str) -> CandidateEffect:
     """Return an effect of a fit as a candidate beside all others."""
     own = {parameter.name for parameter in CATALOGUE[name].parameters}
     values = {key: value for key, value in fit.values.items() if key not in own}
@@ -194,7 +194,7 @@ def _singles(screening: Screening, left: Left, leaving: tuple[str, ...], inflati
         share = float(-left.pulls[number] / sizes[number])
         if _possible(screening, number, share):
             squares = left.squares + share * float(left.pulls[number])
-            score = squares + _penalty(leaving, [screening.trials[number].effect], inflation)
+            score = squares + penalty_of(leaving, [screening.trials[number].effect], inflation)
             yield _Proposal(leaving, (int(number),), (share,), score)
 
 
@@ -215,7 +215,7 @@ def _pairs(screening: Screening, left: Left, leaving: tuple[str, ...], inflation
         possible = all(_possible(screening, number, part) for number, part in zip(numbers, shares, strict=True))
         effects = sorted({screening.trials[number].effect for number in numbers})
         if possible and _compatible(screening, numbers):
-            yield _Proposal(leaving, numbers, shares, float(squares[index]) + _penalty(leaving, effects, inflation))
+            yield _Proposal(leaving, numbers, shares, float(squares[index]) + penalty_of(leaving, effects, inflation))
 
 
 def _possible(screening: Screening, number: Any, share: float) -> bool:

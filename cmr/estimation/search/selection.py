@@ -17,8 +17,9 @@ from cmr.estimation.search.chance import chance_on_commands, coarse_ticks, tick_
 from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect, needed, why_not
 from cmr.estimation.search.cross_validation import alternatives, elsewhere
 from cmr.estimation.search.elimination import finished, pruned
-from cmr.estimation.search.exchange import best_exchange
+from cmr.estimation.search.exchange import Exchange, best_exchange
 from cmr.estimation.search.inflation import Inflation
+from cmr.estimation.search.leap import best_leap
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
 from cmr.estimation.search.screening import Screening, screen
 from cmr.estimation.search.trace import ADDED, REJECTED, REMOVED, REPLACED, Decision, Trace
@@ -131,6 +132,12 @@ class _Selection:
         if not self.problem.by_moments:  # of effects alike in free runs, the one that predicts left-out data best stays
             return False
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
+        return self._exchanged(exchange) or self._exchanged(
+            best_leap(self.problem, self.current, self.named, self.inflation)
+        )
+
+    def _exchanged(self, exchange: Exchange | None) -> bool:
+        """Make an exchange, if there is one; tell whether it leads to a new model."""
         if exchange is None:
             return False
         what = f"{' and '.join(exchange.leaving)} left for it." if exchange.leaving else "Both are needed at once."
