@@ -64,7 +64,7 @@ def test_what_was_believed_before_does_not_change_what_is_found(
 
 def test_a_robot_that_never_turned_has_no_base_width() -> None:
     result = calibrate(recording_of(messages(DEFAULT, seconds=8.0, duties=straight)))
-    assert "never turned" in result.unidentified["base_width"]
+    assert "turned" in result.unidentified["base_width"]
     assert set(result.estimates) == {"k2_over_k3", "k1"}
     assert result.estimates["k1"].value == pytest.approx(TRUTH["k1"], rel=0.03)
     # The file keeps what was given, without a deviation that nobody estimated.
@@ -124,6 +124,14 @@ def test_a_robot_that_turned_on_the_spot_is_calibrated() -> None:
     assert result.method == "average"
     for name, estimate in result.estimates.items():
         assert estimate.value == pytest.approx(TRUTH[name], rel=0.02), name
+
+
+def test_the_paper_s_method_says_how_far_it_can_be_trusted(default_drive: list[Message]) -> None:
+    result = calibrate(recording_of(default_drive), method=PAPER)
+    (trust,) = (note for note in result.notes if "trust" in note)
+    assert "its halves by themselves give k2_over_k3" in trust
+    for name, estimate in result.estimates.items():
+        assert estimate.value == pytest.approx(TRUTH[name], rel=0.03), name
 
 
 def test_the_path_error_told_by_the_paper_s_method_is_that_of_the_whole_drive() -> None:

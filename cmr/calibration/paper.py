@@ -72,15 +72,48 @@ def _by_path(
     fit = fit_by_path(prepared, segments, names, known, first)
     factor = fit.refined.nuisance.get(WHEEL_FACTOR)
     if factor is not None and not 1.0 / WORST_FACTOR < factor.value < WORST_FACTOR:
-        raise EstimationError(
-            f"The wheels turn {factor.value:.3g} times as far as the path says: check wheel_radius "
-            f"({known['wheel_radius']:g} m), the encoder's ticks per turn, and the poses (m, rad, y to the left)."
-        )
+        raise EstimationError(NOT_EXPLAINED.format(factor=factor.value, radius=known["wheel_radius"]))
     note = _radius_note(known["wheel_radius"], factor)
     reason = "the speed hardly changed while the path was recorded"
-    return _result(prepared, fit, nominal, known, unidentified, reason, note)
+    result = _result(prepared, fit, nominal, known, unidentified, reason, note)
+    return replace(result, notes=(*result.notes, _trust(prepared, names, known, fit, result)))
 
 
+def _trust(
+    prepared: Prepared, names: tuple[str, ...], known: Mapping[str, float], fit: Fit, result: CalibrationResult
+) -> str:
+    """Say how far the result can be trusted: how far the path strays, and how much both halves of the drive differ."""
+    way = sum(travelled(segment.x, segment.y) for segment in fit.segments)
+    strays = f"the simulated path strays {result.path_rmse_after:.2g} m on a way of {way:.3g} m"
+    first = {name: one.value for name, one in fit.refined.estimates.items()}
+    halves = []
+    for part in (0, 1):
+        half = replace(prepared, recordings=[_half(recording, part) for recording in prepared.recordings])
+        segments = half.segments()
+        if not segments:
+            return TRUST.format(strays)
+        halves.append(fit_by_path(half, segments, names, known, first).refined.estimates)
+    apart = [f"{name} {halves[0][name].value:.4g} and {halves[1][name].value:.4g}" for name in result.estimates]
+    return TRUST.format(f"{strays}, and its halves by themselves give {', '.join(apart)}")
+
+
+def _half(recording: Recording, part: int) -> Recording:
+    """Return the first or second half of a recording."""
+    signal = recording.poses
+    begin, end = int(signal.utime[0]), int(signal.utime[-1]) + 1
+    middle = (begin + end) // 2
+    return recording.between(*((begin, middle) if part == 0 else (middle, end)))
+
+
+TRUST = (
+    "How far to trust these numbers: {}. Where that is much, the robot is not quite as the paper's model has it; leave "
+    "out --method paper to find out how."
+)
+NOT_EXPLAINED = (
+    "The model does not explain the path of this drive as a whole: its wheels would turn {factor:.3g} times as far. "
+    "Unequal motors or wheels do that, and so do a wrong wheel_radius ({radius:g} m), ticks per turn or poses (m, rad, "
+    "y to the left). Leave out --method paper to find out which."
+)
 _UNEXPLAINED = (
     "The model does not explain this drive: its path is {:.3g} m off, on a way of {:.3g} m. Do not use these numbers "
     "before you know why: motors, encoders or axes of the poses swapped or mirrored, or a robot that slips."

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.estimation.candidates import NEVER_AHEAD, RANDOM, SENSED, is_limit, lanes_of, locality, size
+from cmr.estimation.candidates import NEVER_AHEAD, RANDOM, SENSED, is_limit, lanes_of, locality, rarity, size
 from cmr.estimation.gauss_newton import Fit, moves_of
 from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
@@ -92,7 +92,7 @@ class Averaging:
             slopes = self._slopes[left_out]
             products, pulls = products - slopes.T @ slopes, pulls - slopes.T @ self._rest[left_out]
         belief = min(BELIEF, 1.0 / self._inflation)
-        odds = np.full(len(self._effects), np.log(PRESENT / (1.0 - PRESENT)))
+        odds = np.array([np.log(PRESENT / (1.0 - PRESENT)) - 0.5 * rarity(effect.name) for effect in self._effects])
         return self._averaged(belief * products, belief * pulls, odds, steps)
 
     def likeliest(self, penalties: Mapping[str, float]) -> Mapping[str, float]:

@@ -40,6 +40,9 @@ DRIVING = frozenset(
 )
 OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
 AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # what only commands tell from the wheel radius itself
+# Wheels differ in size more often than their encoders, which are numbers in a data sheet, count wrongly; where nothing
+# tells both apart either explains the data. By so much must a rare one explain more.
+RARE, RARELY = frozenset({"encoder_scale", "encoder_asymmetry"}), 6.0
 SURE = 3.0  # standard deviations
 SMALLEST = 0.3  # of the typical size: less is not worth a name
 
@@ -224,6 +227,11 @@ def step_of(name: str, value: float, excitation: Excitation) -> float:
         return {"s": 0.2, "m": 0.03, "rad": 0.1}.get(parameter.unit, 0.01)
     usual = size(parameter, excitation)
     return 0.01 * abs(value) if is_limit(parameter) else 0.05 * usual
+
+
+def rarity(effect: str) -> float:
+    """Return how much more a rare effect must lower the sum of squares than another to be preferred to it."""
+    return RARELY if effect in RARE else 0.0
 
 
 def worth_naming(values: Mapping[str, float], stds: Mapping[str, float], excitation: Excitation) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cmr.estimation.candidates import USUAL_RATE, locality, worth_naming
+from cmr.estimation.candidates import USUAL_RATE, locality, rarity, worth_naming
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
@@ -20,9 +20,6 @@ THRESHOLD = 30.0  # drop of the sum of squares that one parameter must bring
 PER_PARAMETER = 5.0  # more for each further one
 OF_A_PLACE = 50.0  # more for the best of thousands of places: poses that err slowly make one stand out
 PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each further parameter must explain to be better
-# More for an encoder that counts wrongly: wheels differ in size more often than their encoders, which are numbers in a
-# data sheet, and without poses that tell both apart either explains the data.
-RARE, RARELY = frozenset({"encoder_scale", "encoder_asymmetry"}), 6.0
 ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
 AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
 TOO_SMALL = "It is too small to matter."
@@ -104,11 +101,6 @@ def needed(effect: Effect) -> float:
     """Return the drop of the sum of squares below which an effect may be chance."""
     chosen = OF_A_PLACE if locality(effect) == "place" else 0.0
     return THRESHOLD + PER_PARAMETER * (len(effect.parameters) - 1) + chosen
-
-
-def rarity(effect: str) -> float:
-    """Return how much more a rare effect must explain than another to be preferred to it."""
-    return RARELY if effect in RARE else 0.0
 
 
 def held_out_gain(problem: Problem, before: Fit, after: Fit) -> float:

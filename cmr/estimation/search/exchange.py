@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from cmr.estimation.candidates import rarity
 from cmr.estimation.gauss_newton import Fit, moved
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import (
@@ -22,7 +23,6 @@ from cmr.estimation.search.criteria import (
     SelectedEffect,
     held_out_gain,
     needed,
-    rarity,
     why_not,
 )
 from cmr.estimation.search.inflation import Inflation

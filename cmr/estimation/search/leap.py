@@ -7,9 +7,10 @@ through all sets; what it finds likeliest is fitted, and taken if it explains th
 from collections.abc import Sequence
 
 from cmr.estimation.averaging import Averaging
+from cmr.estimation.candidates import rarity
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, needed, rarity, why_not
+from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, needed, why_not
 from cmr.estimation.search.exchange import BETTER, Exchange, candidate_of, penalty_of
 from cmr.estimation.search.inflation import Inflation
 
