@@ -98,8 +98,9 @@ def gap_findings(recording: Recording) -> list[Finding]:
 
 def _damaged(signal: Signal) -> Mask:
     damaged = (signal.utime < 0) | (signal.utime > LATEST_UTIME)
-    for values in signal.fields.values():
-        damaged |= np.abs(values) > LARGEST_VALUE
+    for name, values in signal.fields.items():
+        if not name.endswith("utime"):
+            damaged |= np.abs(values) > LARGEST_VALUE
     return damaged
 
 
