@@ -11,10 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import Floats, Mask, Signal
+from cmr.recordings.signal import Floats, Mask, Signal, Times
 from tests.reference_plant import sensors
 from tests.reference_plant.drives import Commands, raster, true_motion, utime
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, Manoeuvre, in_turn, rich_drive
@@ -92,7 +93,7 @@ def timed_drive(
         commands=Signal(utime(stamps), {"left": duties[:, 0], "right": duties[:, 1]}),
         sent=Commands(effect, sent[:, 0], sent[:, 1]),
         read=(read, stamped),
-        applied_utime=utime(effect + 0.5 * held[:, 0]) if chain.tells_when else np.zeros(len(effect)),
+        applied_utime=utime(effect + 0.5 * held[:, 0]) * chain.tells_when,
     )
     first = np.flatnonzero(np.diff(newest, prepend=-1) > 0)
     return TimedDrive(recording, effect[first] - stamps[newest[first]], lost)
@@ -109,7 +110,7 @@ def _turns(seconds: float, rate: float, busy: float, random: np.random.Generator
     return due + late
 
 
-def _not_lost(newest: "np.typing.NDArray[np.int64]", lost: Mask) -> "np.typing.NDArray[np.int64]":
+def _not_lost(newest: NDArray[np.int64], lost: Mask) -> NDArray[np.int64]:
     """Return the newest command that was not lost."""
     last_there = np.maximum.accumulate(np.where(lost, -1, np.arange(len(lost))))
     return np.where(newest >= 0, last_there[newest], -1)
@@ -136,7 +137,7 @@ def _recorded(
     commands: Signal,
     sent: Commands,
     read: tuple[Floats, Floats],
-    applied_utime: Floats,
+    applied_utime: Times,
 ) -> Recording:
     p = plant_parameters(hidden)
     read_at, stamped = read

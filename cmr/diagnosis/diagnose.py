@@ -48,6 +48,7 @@ from cmr.model.catalogue import CATALOGUE, definition, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
+from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
 BY_COURSES = (  # whose errors last, and go with much by chance
@@ -93,7 +94,9 @@ def diagnose(
     )
     evidence = _evidence(segments, whole, [one.name for one in looked])
     fitted = tuple(one.name for one in looked if not one.useless) if sources else ()
-    return _diagnosis(robot_id, ready, whole, measured, evidence, fitted)
+    told = {one.name: lateness_of(one.recording) for one in looked if not one.useless}
+    lateness = {name: one for name, one in told.items() if one is not None}
+    return _diagnosis(robot_id, ready, whole, measured, evidence, fitted, lateness)
 
 
 def _nominal(recordings: Sequence[Recording], given: ParameterFile | None) -> ParameterFile:
@@ -142,6 +145,7 @@ def _diagnosis(
     measured: Measured,
     evidence: Evidence,
     sources: tuple[str, ...],
+    lateness: Mapping[str, Lateness],
 ) -> Diagnosis:
     found, unexplained = whole.found, _unexplained(whole, measured.gain)
     named = zip(found.named, shifts(found), strict=True)
@@ -164,6 +168,7 @@ def _diagnosis(
         parameters=_parameters(found, whole.final, ready.unknown),
         sources=sources,
         samples=len(found.final.rest),
+        lateness=lateness,
     )
 
 
