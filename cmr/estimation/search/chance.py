@@ -14,7 +14,6 @@ from cmr.estimation.search.command_timing import (
     JITTER,
     LOSS,
     MEANS,
-    Loss,
     Timing,
     effective_size,
     largest_delay,
@@ -22,7 +21,7 @@ from cmr.estimation.search.command_timing import (
     without_jitter,
     without_loss,
 )
-from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect, SelectedEffect
+from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect
 from cmr.model.catalogue import CATALOGUE
 
 LATE = (*MEANS, "slew_limit")  # as which jitter shows as long as its spread is not looked at
@@ -35,16 +34,25 @@ READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
 
 def chance_on_commands(
-    problem: Problem, named: Sequence[SelectedEffect], final: Fit
+    problem: Problem,
+    named: Sequence[SelectedEffect],
+    others: Sequence[tuple[CandidateEffect, str]],
+    final: Fit,
 ) -> tuple[SelectedEffect, Problem] | None:
-    """Return jitter or loss of commands where the final fit leaves their traces, and the problem without them."""
-    timing = timing_of(problem, final)
+    """Return jitter or loss of commands where the final fit leaves their traces, and the problem without them.
+
+    A delay among `others`, which is there but too small to be named, may be the mean of jitter that is not.
+    """
+    late = [one for one in named if one.candidate.effect.name in LATE]
+    small = [one for one, why in others if why == TOO_SMALL and one.effect.name in MEANS and one.fit is not None]
+    beside = final
+    if not late and small:
+        late, beside = [SelectedEffect(small[0], (), final)], small[0].fit or final
+    timing = timing_of(problem, beside)
     if timing is None:
         return None
-    late = [one for one in named if one.candidate.effect.name in LATE]
-    jitter = _jitter(problem, final, late, timing) if late else None
-    loss = timing.loss() if jitter is None else None
-    return jitter or (_lost(problem, final, timing, loss) if loss else None)
+    jitter = _jitter(problem, beside, late, timing) if late else None
+    return jitter or _lost(problem, final, timing)
 
 
 def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], final: Fit) -> list[SelectedEffect]:
@@ -104,10 +112,12 @@ def _jitter(
     return _selected(JITTER, estimate, gained, rivals, late[0].before), cleaned
 
 
-def _lost(problem: Problem, final: Fit, timing: Timing, loss: Loss) -> tuple[SelectedEffect, Problem] | None:
+def _lost(problem: Problem, final: Fit, timing: Timing) -> tuple[SelectedEffect, Problem] | None:
     """Return the loss of commands, if it is there and matters."""
-    matters = worth_naming({LOSS: loss.share + PERHAPS * loss.std}, {}, problem.excitation)
-    if not matters or loss.drop < SURE_LOSS:
+    loss = timing.loss()
+    if loss is None or loss.drop < SURE_LOSS:
+        return None
+    if not worth_naming({LOSS: loss.share + PERHAPS * loss.std}, {}, problem.excitation):
         return None
     cleaned = without_loss(problem, timing, loss)
     return _selected(LOSS, Estimate(loss.share, loss.std), loss.drop, (), final), cleaned

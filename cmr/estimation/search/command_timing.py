@@ -27,9 +27,12 @@ SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tested
 UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which delays that are all alike may seem to differ
 OUTLIERS = np.array([0.001, 0.003, 0.01, 0.03])  # shares of commands of which any delay may be told
 OUTLYING = 0.05  # s, the standard deviation of theirs
-UNSURE = 0.25  # of the period: standard deviation of the other commands' delays, as long as nothing is known of them
-TOLD = 4.0  # times its variance that the square of what is looked for must be, for a command to count
+# Of the period: standard deviation of the other commands' delays while one is looked at. More hides jitter; with less,
+# the neighbours of a command that was held up seem lost.
+UNSURE_OF_LOSS, UNSURE_OF_JITTER = 0.25, 0.1
+TOLD = 1.0  # times its variance that the square of what is looked for must be, for a command to count
 FEWEST_TOLD = 10
+SHARED = 2.0  # times its deviation a share may be off: neighbours are told by the same readings (8 made-up drives)
 LEAST = 1e-3  # 1/s^2; a delay of which so little is told is not told
 SIDES = ("psi_left", "psi_right")
 AGES = 200  # at which the age of the command in force is reckoned
@@ -67,7 +70,7 @@ class Timing:
 
     def loss(self) -> Loss | None:
         """Return the loss that explains the delays best; None if too little is told."""
-        late, variance = self._alone((UNSURE * self.period) ** 2)
+        late, variance = self._alone((UNSURE_OF_LOSS * self.period) ** 2)
         told = self.gaps**2 > TOLD * variance
         if np.count_nonzero(told) < FEWEST_TOLD:
             return None
@@ -80,7 +83,7 @@ class Timing:
             shares += [(share, there, lost) for share in LOSSES]
         best, law, density = _best(laws, late, variance)
         share, there, lost = shares[law]
-        std = 1.0 / float(np.sqrt(np.sum(((lost - there) / density) ** 2)))
+        std = SHARED / float(np.sqrt(np.sum(((lost - there) / density) ** 2)))
         which = np.zeros(len(told), np.bool_)
         which[told] = share * lost > 0.5 * density
         return Loss(float(share), std, 2.0 * (best - steady), which)
@@ -94,7 +97,7 @@ class Timing:
         from scipy.special import ndtr
 
         sizes = SIZES if size is None else np.array([size])
-        late, variance = self._alone((size or self.period) ** 2 / 12.0)
+        late, variance = self._alone((UNSURE_OF_JITTER * self.period) ** 2)
         told = sizes[-1] ** 2 > TOLD * variance
         if np.count_nonzero(told) < FEWEST_TOLD:
             return float(sizes[0]), 0.0

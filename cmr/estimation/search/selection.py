@@ -68,7 +68,7 @@ def search(problem: Problem, base: Fit, say: Callable[[str], None]) -> Search:
     found = _selected(problem, base, say, trace)
     chance = None
     if problem.by_moments and tick_of(problem) <= COARSE:
-        chance = chance_on_commands(problem, found.named, found.final)
+        chance = chance_on_commands(problem, found.named, found.others, found.final)
     if chance is None:
         named = with_jitter_as_rival(problem, found.named, found.final)
     else:
