@@ -28,7 +28,7 @@ LATE = (*MEANS, "slew_limit")  # as which jitter shows as long as its spread is 
 ALIKE = 12.0  # log-likelihoods (twice) that differ by less cannot be distinguished
 MAYBE_CHANCE = 10.0  # drop from which the delays of single commands show; below THRESHOLD both names stand
 STD_OF_JITTER = 0.05  # of its size: how delays are spread is not known
-SURE_LOSS = 20.0  # drop from which commands are lost
+SURE_LOSS = 12.0  # drop from which commands are lost
 PERHAPS = 2.0  # standard deviations by which the share counted may be too small: that commands are lost is sure
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 

@@ -32,6 +32,8 @@ OUTLYING = 0.05  # s, the standard deviation of theirs
 UNSURE_OF_LOSS, UNSURE_OF_JITTER = 0.25, 0.1
 TOLD = 1.0  # times its variance that the square of what is looked for must be, for a command to count
 FEWEST_TOLD = 10
+PARTS = 4  # of a recording
+PAUSE = 1.5  # times the period that lie between two commands where one was held up
 SHARED = 2.0  # times its deviation a share may be off: neighbours are told by the same readings (8 made-up drives)
 LEAST = 1e-3  # 1/s^2; a delay of which so little is told is not told
 SIDES = ("psi_left", "psi_right")
@@ -71,22 +73,22 @@ class Timing:
     def loss(self) -> Loss | None:
         """Return the loss that explains the delays best; None if too little is told."""
         late, variance = self._alone((UNSURE_OF_LOSS * self.period) ** 2)
-        told = self.gaps**2 > TOLD * variance
+        told = self._steady & (self.gaps**2 > TOLD * variance)
         if np.count_nonzero(told) < FEWEST_TOLD:
             return None
         late, variance, gaps = late[told] - np.median(late[told]), variance[told], self.gaps[told]
-        steady, _, _ = _best([_normal(late, variance + size**2) for size in UNEVEN], late, variance)
+        _, _, steady = _best([_normal(late, variance + size**2) for size in UNEVEN], late, variance)
         laws, shares = [], []
         for size in UNEVEN:
             there, lost = (_normal(late - of, variance + size**2) for of in (0.0, gaps))
             laws += [(1.0 - share) * there + share * lost for share in LOSSES]
             shares += [(share, there, lost) for share in LOSSES]
-        best, law, density = _best(laws, late, variance)
+        _, law, density = _best(laws, late, variance)
         share, there, lost = shares[law]
         std = SHARED / float(np.sqrt(np.sum(((lost - there) / density) ** 2)))
         which = np.zeros(len(told), np.bool_)
         which[told] = share * lost > 0.5 * density
-        return Loss(float(share), std, 2.0 * (best - steady), which)
+        return Loss(float(share), std, _throughout(2.0 * np.log(density / steady)), which)
 
     def jitter(self, size: float | None = None) -> tuple[float, float]:
         """Return the size [s] of delays that are spread evenly, and by how much that explains them better than none.
@@ -111,6 +113,12 @@ class Timing:
     def delays(self, size: float) -> tuple[Floats, ...]:
         """Return the most likely delay [s] of each segment's commands if delays are spread over this size [s]."""
         return tuple(np.split(self._solved(size**2 / 12.0)[1], self.splits[1:-1]))
+
+    @property
+    def _steady(self) -> Mask:
+        """Which commands came neither before nor after a pause: a driver may have been held up while it sent them."""
+        paused = self.gaps > PAUSE * self.period
+        return ~(paused | np.roll(paused, 1))
 
     def _alone(self, variance: float) -> tuple[Floats, Floats]:
         """Return the delay [s] of each command and its variance as the errors alone tell; others have this variance."""
@@ -139,6 +147,15 @@ def timing_of(problem: Problem, fit: Fit) -> Timing | None:
 def _normal(late: Floats, variance: Floats) -> Floats:
     """Return the density of a normal distribution about 0."""
     return np.asarray(np.exp(-0.5 * late**2 / variance) / np.sqrt(2.0 * np.pi * variance))
+
+
+def _throughout(drops: Floats) -> float:
+    """Return the sum of what each command drops, in order of time, as if no part of the recording stood out.
+
+    A computer that was held up for some seconds makes a burst of late commands; where they are lost, they are always.
+    """
+    parts = [float(part.sum()) for part in np.array_split(drops, PARTS)]
+    return (sum(parts) - max(parts)) * PARTS / (PARTS - 1)
 
 
 def _best(laws: Sequence[Floats], late: Floats, variance: Floats) -> tuple[float, int, Floats]:
