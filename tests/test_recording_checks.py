@@ -48,6 +48,7 @@ FAULTS = {
     "cut_off",
     "gaps",
     "uneven_rates",
+    "held_up_readings",
     "damaged_log",
     "rejected_messages",
     "unusable_messages",
@@ -263,7 +264,7 @@ def test_sensors_broken_in_any_way_neither_stop_the_checks_nor_make_them_overflo
         whole = Recording(0, **signals)  # type: ignore[arg-type]
         findings = check(whole)
         values = {
-            name: [of for key, of in signal.fields.items() if key != "applied_utime"]
+            name: [of for key, of in signal.fields.items() if not key.endswith("utime")]
             for name, signal in signals.items()
         }
         assert findings["damaged_samples"].found == sum(

@@ -10,6 +10,7 @@ from cmr.model.commands import Commands
 from cmr.model.observer import FOLLOWED, RESTART, Observations
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
+from cmr.recordings.time_checks import held_up
 
 STEP = 0.01  # s of the raster
 LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is foretold
@@ -17,7 +18,6 @@ LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
 SHORTEST_PIECE = 1.0  # s
 EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
-LONGEST_DOUBT = 0.003  # s; a reading whose moment is known less well is passed over
 SIDES = ("left", "right")
 UNIFORM = 12.0**-0.5  # standard deviation of what is spread evenly over 1
 
@@ -93,7 +93,7 @@ def _segment(
     wheels, gyro, poses = (s.between(first, end) for s in (recording.wheels, recording.gyro, recording.poses))
     borders = first + np.round(np.arange(steps + 1) * (STEP / SECONDS)).astype(np.int64)
     angle, use, doubt = _readings(wheels, tick)
-    use[_held_up(wheels)] = 0
+    use[held_up(wheels)] = 0
     pose = np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
     psi = _start_speeds(wheels, first)
     begins = pose[0] if len(pose) else np.zeros(3)
@@ -147,15 +147,6 @@ def _readings(wheels: Signal, tick: float) -> tuple[Floats, np.typing.NDArray[np
     reading, use, doubt = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
     # The observer's wheels begin at angle 0, and it sees the first reading.
     return reading - reading[:1], use, doubt
-
-
-def _held_up(wheels: Signal) -> Mask:
-    """Tell of which readings nobody knows the moment: those that came long after they are said to have been taken.
-
-    The driver stamps a reading midway between question and answer; it may have been taken at any time between them.
-    """
-    late = (wheels.fields.get("received_utime", wheels.utime) - wheels.utime) * SECONDS
-    return late > np.median(late) + LONGEST_DOUBT if len(late) else np.zeros(0, np.bool_)
 
 
 def _side(angle: Floats, steps: Floats, tick: float, seconds: Floats) -> tuple[Floats, Mask, Floats]:
