@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t
@@ -42,6 +42,14 @@ class _Connection:
     unarmed: str  # why the motors must not turn; "" when they may
     requests: list[Request[Telemetry]]  # the telemetry that this device has
     turn: int = 0
+
+
+class _Applied(NamedTuple):
+    """The duty of each side that the device acknowledged, and when it took it [us since the Unix epoch]."""
+
+    left: float
+    right: float
+    utime: int
 
 
 class Motors(Device):
@@ -243,8 +251,8 @@ class Motors(Device):
         if not was_doubtful:
             self._read_telemetry(connection)
 
-    def _drive(self, connection: _Connection) -> tuple[tuple[float, float], int]:
-        """Send the duty in force; return what was acknowledged, left first, and the status that goes with it."""
+    def _drive(self, connection: _Connection) -> tuple[_Applied, int]:
+        """Send the duty in force; return what was acknowledged, and the status that goes with it."""
         connection.unarmed = self._refusal or connection.unarmed
         self._act(connection)
         self._strays = self._port.strays
@@ -261,15 +269,16 @@ class Motors(Device):
         request = connection.controller.drive(*self._wiring.channels(*duties))
         if any(duties):  # zero is never too late
             request = replace(request, not_after=now + DUTY_LIFETIME)
-        acknowledged = self._ask(request).value
+        answer = self._ask(request)
+        acknowledged = answer.value
         self._last_driven = time.monotonic()
         if max(map(abs, duties)) > TAKEN_FOR_ZERO and not any(acknowledged):
             self._ramp.reset()  # the controller holds the motors by itself: when it lets go, they begin at zero
         else:
             self._ramp.acknowledge()
-        return self._wiring.forward(*acknowledged), drive.status
+        return _Applied(*self._wiring.forward(*acknowledged), utime_at(answer.measured)), drive.status
 
-    def _read_encoders(self, connection: _Connection, applied: tuple[float, float], status: int) -> None:
+    def _read_encoders(self, connection: _Connection, applied: _Applied, status: int) -> None:
         answer = self._ask(connection.controller.read_encoders())
         self._last_counted = time.monotonic()
         if self._port.strays != self._strays:
@@ -285,7 +294,7 @@ class Motors(Device):
         telemetry: Telemetry,
         answer: Answer[Any],
         motion: WheelMotion,
-        applied: tuple[float, float],
+        applied: _Applied,
         status: int,
     ) -> Any:
         # A jump is told with the next believable reading, because it has itself no velocity to publish.
@@ -300,14 +309,15 @@ class Motors(Device):
             ticks_right=motion.ticks[1],
             psi_left=motion.psi[0],
             psi_right=motion.psi[1],
-            applied_left=applied[0],
-            applied_right=applied[1],
+            applied_left=applied.left,
+            applied_right=applied.right,
             current_left=currents[0],
             current_right=currents[1],
             battery_voltage=telemetry.get("battery_voltage", math.nan),
             temperature=telemetry.get("temperature", math.nan),
             status=status,
             received_utime=utime_at(answer.arrived),
+            applied_utime=applied.utime,
         )
 
     def _read_telemetry(self, connection: _Connection) -> None:

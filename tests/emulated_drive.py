@@ -116,4 +116,5 @@ def _feedback(utime: int, counts: tuple[float, float], psi: list[float], left: f
         temperature=math.nan,
         status=0,
         received_utime=utime,
+        applied_utime=0,
     )

@@ -9,6 +9,7 @@ from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
+from cmr.recordings.lateness import Lateness
 
 BASELINE = {"k2_over_k3": Estimate(118.0, 0.8), "k1": Estimate(0.054, 2e-4), "base_width": Estimate(0.172, 6e-4)}
 REFITTED = {**BASELINE, "base_width": Estimate(0.161, 5e-4)}
@@ -62,5 +63,6 @@ DIAGNOSIS = Diagnosis(
     },
     sources=("circles.lcm", "squares.lcm"),
     samples=6000,
+    lateness={"circles.lcm": Lateness(0.011, 0.0004, 0.006, 900, 0.002, 500)},
 )
 BAD = Diagnosis(robot_id=4, verdict=BAD_DATA, sentence="The robot never moved.", checks=(FAULT,))

@@ -14,7 +14,7 @@ FIELDS: dict[str, dict[str, Any]] = {
     "MOTOR_FEEDBACK": {
         **{"ticks_left": 2**40, "ticks_right": -7, "psi_left": 0.1, "psi_right": -math.inf, "status": 9},
         **{"applied_left": 0.5, "applied_right": 0.0, "current_left": math.nan, "current_right": math.nan},
-        **{"battery_voltage": 12.1, "temperature": math.nan, "received_utime": START + 9},
+        **{"battery_voltage": 12.1, "temperature": math.nan, "received_utime": START + 9, "applied_utime": START - 2},
     },
     "GYRO": {"yaw_rate": -0.3, "valid": 1, "received_utime": START + 5},
     "POSE": {"x": 1.5, "y": 1e-300, "theta": math.pi},

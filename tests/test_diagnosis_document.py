@@ -16,7 +16,9 @@ import pytest
 from cmr.bus.bus import Bus
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.diagnosis.document import document, extended_file, write_document
+from cmr.diagnosis.report import report_of
 from cmr.diagnosis.result import UNEXPLAINED, Diagnosis, Fitted
+from cmr.diagnosis.summary import summary
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.msg import process_status_t
@@ -116,6 +118,7 @@ def test_the_extended_model_tells_what_was_given_and_not_fitted(tmp_path: Path) 
 def test_what_goes_beyond_schema_1_is_what_the_documentation_says(tmp_path: Path) -> None:
     content = written(DIAGNOSIS, tmp_path)
     beyond = {"sentence", "notes", "next_experiment", "candidates", "sources", "samples", "generic_term"}
+    beyond |= {"command_lateness"}
     assert set(content) - set(SCHEMA_1) - {"data_checks"} == beyond
     documentation = document.__doc__ or ""
     assert all(f"`{name}`" in documentation for name in beyond)
@@ -263,3 +266,18 @@ def test_cmr_sim_runs_the_extended_file_as_it_is(url: str, tmp_path: Path) -> No
     finally:
         process.kill()
         process.wait()
+
+
+def test_how_late_commands_took_effect_is_told_in_words_and_in_numbers(tmp_path: Path) -> None:
+    (told,) = written(DIAGNOSIS, tmp_path)["command_lateness"]
+    assert told["sentence"] == (
+        "Commands take effect 11 ms after their stamp, +- 6.0 ms; of 500 that can be judged, 0.2 % never took effect."
+    )
+    assert (told["source"], told["mean_s"], told["spread_s"], told["lost_share"]) == (
+        "circles.lcm",
+        0.011,
+        0.006,
+        0.002,
+    )
+    assert told["sentence"] in " ".join(summary(DIAGNOSIS).split())
+    assert told["sentence"] in report_of(DIAGNOSIS)

@@ -95,7 +95,7 @@ def test_what_has_no_fixed_length_is_refused_with_what_is_allowed(text: str) -> 
 
 
 def test_our_own_feedback_type_can_be_described() -> None:
-    text = "int64_t utime; int32_t robot_id; int64_t ticks[2]; double rest[8]; int32_t status; int64_t received_utime;"
+    text = "int64_t utime; int32_t robot_id; int64_t ticks[2]; double rest[8]; int32_t status; int64_t since[2];"
     names = motor_feedback_t.__slots__
-    numbers = {name: 0 if name in ("utime", "status", "received_utime") else 1 for name in names}
+    numbers = {name: 0 if name.endswith("utime") or name == "status" else 1 for name in names}
     assert len(make(motor_feedback_t, **numbers).encode()) == message_bytes(parse_layout(text))

@@ -48,6 +48,7 @@ class Hour:
         self.note("battery", (12.4,))
         speed = 10 * RADIANS / (TURN / 1e6)
         truth: dict[str, Any] = {"utime": self.utime, "received_utime": self.utime + 1000, "robot_id": 0, "status": 0}
+        truth |= {"applied_utime": self.utime - 3000}
         truth |= {"ticks_left": count, "ticks_right": count, "psi_left": speed, "psi_right": speed}
         truth |= {"applied_left": 8192 / 32767, "applied_right": 8192 / 32767, "battery_voltage": 12.4}
         truth |= dict.fromkeys(("current_left", "current_right", "temperature"), math.nan)

@@ -24,7 +24,7 @@ WIRE = {
     "motor_command_t": "int64_t utime; int32_t robot_id; double left; double right",
     "motor_feedback_t": """int64_t utime; int32_t robot_id; int64_t ticks_left; int64_t ticks_right; double psi_left;
         double psi_right; double applied_left; double applied_right; double current_left; double current_right;
-        double battery_voltage; double temperature; int32_t status; int64_t received_utime""",
+        double battery_voltage; double temperature; int32_t status; int64_t received_utime; int64_t applied_utime""",
     "gyro_t": "int64_t utime; int32_t robot_id; double yaw_rate; int8_t valid; int64_t received_utime",
     "pose_xyt_t": "int64_t utime; int32_t robot_id; double x; double y; double theta",
     "waypoints_t": "int64_t utime; int32_t robot_id; int32_t n; double x[n]; double y[n]",
@@ -264,3 +264,14 @@ def test_a_count_that_lies_is_corrupt(n: int) -> None:
     with pytest.raises(RejectedMessage) as rejected:
         decode(channel, data[:16] + n.to_bytes(4, "big", signed=True) + data[20:])
     assert rejected.value.reason == "corrupt"
+
+
+def test_feedback_from_before_it_told_when_the_duty_was_sent_is_read_as_before() -> None:
+    stream = next(stream for stream in STREAMS if stream.name == "MOTOR_FEEDBACK")
+    channel, data = sample(stream)
+    before = bytes.fromhex("17ee2f1946253fa0") + data[8:-8]
+    message = decode(channel, before).message
+    assert (message.utime, message.received_utime, message.applied_utime) == (1, 1, 0)
+    assert decode(channel, before + b"more").message.applied_utime == 0
+    with pytest.raises(RejectedMessage, match="corrupt"):
+        decode(channel, before[:-1])

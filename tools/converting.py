@@ -173,6 +173,7 @@ class _Converter:
         for side in SIDES:
             fields[f"ticks_{side}"] = fields[f"ticks_{side}"].astype(np.int64)
         fields["received_utime"] = table.received_utime
+        fields["applied_utime"] = np.zeros_like(table.received_utime)
         return self._batch(MOTOR_FEEDBACK, table, fields, keep, status=0)
 
     def _gyro(self, gyro: Group) -> Batch:

@@ -8,6 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 
+from cmr.bus.older import as_of_today
 from cmr.commands.command_line import CommandError
 from cmr.recordings.events import Event, EventReader
 
@@ -54,13 +55,14 @@ def damage_sentence(log: EventReader) -> str:
 
 
 def reading(log: EventReader, progress: "Progress") -> Iterator[Event]:
-    """Yield the events of a log, and show how much of it has been read."""
+    """Yield the events of a log, messages of older types as those of today, and show how much of it has been read."""
     before = 0
     for count, event in enumerate(log):
         if count % EVENTS_BETWEEN_LOOKS_AT_THE_CLOCK == 0:
             progress.show(log.position - before)
             before = log.position
-        yield event
+        data = as_of_today(event.data)
+        yield event if data is event.data else event._replace(data=data)
     progress.show(log.position - before)
 
 

@@ -5,6 +5,7 @@ from functools import lru_cache
 from struct import Struct
 from typing import Any, NamedTuple
 
+from cmr.bus.older import as_of_today
 from cmr.bus.streams import SELF_TESTS, STREAMS, identify
 from cmr.recordings.events import Event
 from cmr.tools.events import channel_chooser
@@ -70,7 +71,7 @@ class Changes:
 
         Messages that are not of our types keep their bytes, and so do those that are too short.
         """
-        data = event.data
+        data = as_of_today(event.data)
         plan = self._plan_of(event.channel, data[:FINGERPRINT_BYTES])
         if len(data) < plan.needed or not (plan.robot_id or new_utime):
             return plan.channel, data
@@ -80,7 +81,9 @@ class Changes:
         if new_utime is not None:
             for offset in plan.utime_offsets:
                 [utime] = UTIME.unpack_from(data, offset)
-                UTIME.pack_into(changed, offset, min(max(new_utime(utime), -LARGEST_UTIME), LARGEST_UTIME))
+                if utime:  # 0 stands for a time that is not known
+                    moved = min(max(new_utime(utime), -LARGEST_UTIME), LARGEST_UTIME)
+                    UTIME.pack_into(changed, offset, moved)
         return plan.channel, bytes(changed)
 
     def _make_plan(self, channel: str, fingerprint: bytes) -> _Plan:

@@ -5,6 +5,7 @@ from collections import deque
 from functools import cache
 from typing import Any, NamedTuple
 
+from cmr.bus.older import as_of_today
 from cmr.bus.streams import Stream, identify
 from cmr.tools.replay_changes import FINGERPRINT_BYTES, TYPES
 
@@ -82,6 +83,7 @@ class Statistics:
 
     def handle(self, utime: int, channel: str, data: bytes) -> None:
         """Take a message that arrived at `utime` [us]."""
+        data = as_of_today(data)
         state = self._channels.get(channel)
         if state is None:
             state = self._channels[channel] = _Channel(channel, utime)

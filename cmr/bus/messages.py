@@ -3,6 +3,7 @@
 import time
 from typing import Any, NamedTuple
 
+from cmr.bus.older import as_of_today
 from cmr.bus.streams import Stream, identify
 from cmr.bus.world_state import WorldState
 from cmr.msg import world_state_t
@@ -69,6 +70,7 @@ def decode(channel: str, data: bytes) -> Received:
     if identity is None:
         raise RejectedMessage("unknown_channel", f"{channel} is not a channel of CMR")
     stream, robot_id = identity
+    data = as_of_today(data)
     if data[:8] != stream.message_type._get_packed_fingerprint():
         raise RejectedMessage("foreign", f"{channel} carries a type other than {stream.message_type.__name__}")
     try:

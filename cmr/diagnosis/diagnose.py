@@ -38,6 +38,7 @@ from cmr.model.catalogue import CATALOGUE, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
+from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
 BY_COURSES = (  # whose errors last, and go with much by chance
@@ -76,7 +77,9 @@ def diagnose(
         return _refused(robot_id, estimation.ready, tuple(sources))
     evidence = _evidence(estimation)
     fitted = tuple(one.name for one in estimation.looked if not one.useless) if sources else ()
-    return _diagnosis(robot_id, estimation, evidence, fitted)
+    told = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
+    lateness = {name: one for name, one in told.items() if one is not None}
+    return _diagnosis(robot_id, estimation, evidence, fitted, lateness)
 
 
 def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis:
@@ -100,7 +103,13 @@ def _evidence(estimation: Estimation) -> Evidence:
     return Evidence(window=WINDOW, paths=paths_of(segments, *models, labels), residuals=residuals_of(segments, *models))
 
 
-def _diagnosis(robot_id: int, estimation: Estimation, evidence: Evidence, sources: tuple[str, ...]) -> Diagnosis:
+def _diagnosis(
+    robot_id: int,
+    estimation: Estimation,
+    evidence: Evidence,
+    sources: tuple[str, ...],
+    lateness: Mapping[str, Lateness],
+) -> Diagnosis:
     whole, measured, ready = estimation.whole, estimation.measured, estimation.ready
     assert whole is not None
     assert measured is not None
@@ -125,6 +134,7 @@ def _diagnosis(robot_id: int, estimation: Estimation, evidence: Evidence, source
         parameters=estimation.parameters,
         sources=sources,
         samples=len(found.final.rest),
+        lateness=lateness,
     )
 
 

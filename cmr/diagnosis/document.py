@@ -19,6 +19,7 @@ from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.findings import Finding
+from cmr.recordings.lateness import Lateness
 
 SCHEMA = 1
 METHOD = "diagnosis"
@@ -33,8 +34,9 @@ def document(diagnosis: Diagnosis) -> Document:
     Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `next_experiment`, what
     to drive next; `candidates`, the effects that were tested and not named, and why not; `sources` and `samples`, what
     was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the
-    `sentence` of each data check; and `generic_term`, which extends the model without naming a cause, or null. Its
-    `shift` and those of all effects add up to what lies between the parameters of `baseline` and `extended`.
+    `sentence` of each data check; `command_lateness`, measured in each recording whose driver tells what it applied;
+    and `generic_term`, which extends the model without naming a cause, or null. Its `shift` and those of all effects
+    add up to what lies between the parameters of `baseline` and `extended`.
     Parameters without a standard deviation were given, not fitted.
     Raises KeyError for a parameter that the catalogue does not know.
     """
@@ -49,6 +51,7 @@ def document(diagnosis: Diagnosis) -> Document:
         "gain": _gain(diagnosis.gain),
         "unexplained": _unexplained(diagnosis.unexplained),
         "generic_term": _generic(diagnosis.unexplained.generic),
+        "command_lateness": [_lateness(name, one) for name, one in diagnosis.lateness.items()],
         "data_checks": [_data_check(finding) for finding in diagnosis.checks],
         "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],
         "notes": list(diagnosis.notes),
@@ -168,6 +171,20 @@ def _data_check(finding: Finding) -> Document:
         "check": finding.check,
         "found": int(finding.found),
         "sentence": finding.sentence if finding.found else None,
+    }
+
+
+def _lateness(name: str, lateness: Lateness) -> Document:
+    return {
+        "source": name,
+        "sentence": lateness.sentence,
+        "mean_s": _finite(lateness.mean),
+        "std_s": _finite(lateness.std),
+        "spread_s": _finite(lateness.spread),
+        "changes": lateness.changes,
+        "lost_share": lateness.lost if lateness.judged else None,
+        "lost_std": lateness.lost_std if lateness.judged else None,
+        "judged": lateness.judged,
     }
 
 

@@ -8,6 +8,7 @@ from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
+from cmr.recordings.lateness import Lateness
 from cmr.recordings.signal import Floats
 
 EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
@@ -130,7 +131,8 @@ class Diagnosis:
     that with the effects named and any generic term, both None with bad data. `parameters` holds all values the
     extended model runs with, by name. `checks` tells what was wrong with the data, `notes` are sentences on what else a
     reader should know, `next_experiment` what to do next if nothing, or not enough, was found. `sources` names the
-    recordings, `samples` counts what the models were fitted to.
+    recordings, `samples` counts what the models were fitted to. `lateness` tells how late commands took effect, by the
+    name of the recording in which it was measured.
     """
 
     robot_id: int
@@ -149,6 +151,14 @@ class Diagnosis:
     evidence: Evidence = NOTHING_TO_DRAW
     sources: tuple[str, ...] = ()
     samples: int = 0
+    lateness: Mapping[str, Lateness] = field(default_factory=dict)
+
+    @property
+    def lateness_sentences(self) -> list[str]:
+        """How late commands took effect, in words; of several recordings, each sentence says in which."""
+        if len(self.lateness) == 1:
+            return [one.sentence for one in self.lateness.values()]
+        return [f"{name}: {one.sentence}" for name, one in self.lateness.items()]
 
     @property
     def is_extended(self) -> bool:

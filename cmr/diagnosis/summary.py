@@ -19,10 +19,11 @@ def summary(diagnosis: Diagnosis) -> str:
     """Return the verdict in a sentence, a table of the effects, the gain, and what to do next."""
     told = {effect.next_experiment for effect in diagnosis.effects}
     following = [f"Next: {diagnosis.next_experiment}"] if diagnosis.next_experiment not in {None, *told} else []
+    told_beside = [*_gain(diagnosis), *diagnosis.lateness_sentences, *_faults(diagnosis)]
     parts = [
         _wrapped(f"Robot {diagnosis.robot_id}: {diagnosis.sentence}"),
         _table(diagnosis.effects) if diagnosis.effects else "",
-        "\n".join(map(_wrapped, [*_gain(diagnosis), *_faults(diagnosis), *diagnosis.notes, *following])),
+        "\n".join(map(_wrapped, [*told_beside, *diagnosis.notes, *following])),
     ]
     return "\n\n".join(part for part in parts if part)
 

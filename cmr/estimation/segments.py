@@ -10,6 +10,7 @@ from cmr.model.commands import Commands
 from cmr.model.observer import FOLLOWED, RESTART, Observations
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
+from cmr.recordings.time_checks import held_up
 
 STEP = 0.01  # s of the raster
 LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is foretold
@@ -92,6 +93,7 @@ def _segment(
     wheels, gyro, poses = (s.between(first, end) for s in (recording.wheels, recording.gyro, recording.poses))
     borders = first + np.round(np.arange(steps + 1) * (STEP / SECONDS)).astype(np.int64)
     angle, use, doubt = _readings(wheels, tick)
+    use[held_up(wheels)] = 0
     pose = np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
     psi = _start_speeds(wheels, first)
     begins = pose[0] if len(pose) else np.zeros(3)

@@ -39,7 +39,8 @@ class Commands:
         """
         result = np.zeros((steps, len(PROFILE)))
         if len(self.time):
-            fill_profile(np.ascontiguousarray(self.time), np.ascontiguousarray(self.duty), dt, delay, result)
+            time, duty = np.ascontiguousarray(self.time), np.ascontiguousarray(self.duty)
+            fill_profile(time, duty, dt, delay, result)
         return result
 
 

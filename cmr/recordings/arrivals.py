@@ -41,7 +41,17 @@ class Kept:
 COMMANDS = Kept(MOTOR_COMMAND, ("left", "right"), finite=("left", "right"))
 WHEELS = Kept(
     MOTOR_FEEDBACK,
-    ("ticks_left", "ticks_right", "psi_left", "psi_right", "applied_left", "applied_right"),
+    (
+        "ticks_left",
+        "ticks_right",
+        "psi_left",
+        "psi_right",
+        "applied_left",
+        "applied_right",
+        "applied_utime",
+        "received_utime",
+        "status",
+    ),
     finite=("ticks_left", "ticks_right", "psi_left", "psi_right"),
     measured=True,
 )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from cmr.bus.messages import RejectedMessage, decode
+from cmr.bus.older import as_of_today
 from cmr.bus.streams import PARAMETERS, SELF_TESTS, identify
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
 from cmr.recordings.events import EventReader
@@ -59,7 +60,7 @@ class SignalGatherer:
 
     def take(self, number: int, data: bytes) -> None:
         """Take one encoded message; as in the generated decoder, bytes beyond the type's are of no account."""
-        size = self._layout.itemsize
+        size, data = self._layout.itemsize, as_of_today(data)
         if not data.startswith(self._fingerprint):
             self._rejected[self._channel, "foreign"] += 1
         elif len(data) < size:

@@ -11,7 +11,7 @@ from cmr.recordings.heading_checks import turned_headings
 from cmr.recordings.lags import Lag, lags_of
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
-from cmr.recordings.time_checks import damaged_samples, gap_findings, log_findings, rates_of
+from cmr.recordings.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
 from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
 
 SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
@@ -36,7 +36,7 @@ def check(recording: Recording) -> Findings:
     findings = [*_pose_findings(faults), turned, *sensors, *gyro]
     findings = [_over_all(finding, damaged, recording) for finding in findings]
     findings += [damaged, *_lag_findings(lags), *motion_findings(sound)]
-    findings += [*gap_findings(sound), *log_findings(sound)]
+    findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     return Findings(tuple(findings), sound.poses.utime[faults.jumps], tuple(lags), rates_of(sound))
 
 

@@ -14,7 +14,7 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
 from cmr.recordings.batch import read_robots
 from cmr.recordings.log import LogReader
-from cmr.recordings.signal import Floats, Mask, Signal, Times
+from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 
 __all__ = [
     "Floats",
@@ -27,6 +27,8 @@ __all__ = [
     "read_log",
     "read_messages",
 ]
+
+OLDEST_APPLIED = 0.5  # s before the wheels are read; no driver sends a duty that long before
 
 
 class RecordingError(Exception):
@@ -72,14 +74,30 @@ class Recording:
 
     @property
     def duty(self) -> Signal:
-        """The drive of each side (fields left, right) [duty]: what was really sent, else what was commanded."""
+        """The drive of each side (fields left, right) [duty]: what was really sent, and when, else what was commanded.
+
+        What was sent has the field status, too: the driver's condition, as in motor_feedback_t. Where the driver does
+        not tell when it sent a duty, it is that of the feedback that tells it.
+        """
         sent = np.isfinite(self.wheels["applied_left"]) & np.isfinite(self.wheels["applied_right"])
         if not sent.any():
             return self.commands
-        return Signal(
-            self.wheels.utime[sent],
-            {"left": self.wheels["applied_left"][sent], "right": self.wheels["applied_right"][sent]},
-        )
+        utime = np.maximum.accumulate(self._applied_utime[sent])
+        new = np.diff(utime, prepend=utime[0] - 1) > 0
+        fields = {side: self.wheels[f"applied_{side}"] for side in ("left", "right")}
+        fields["status"] = self._told("status")
+        return Signal(utime[new], {name: values[sent][new] for name, values in fields.items()})
+
+    @property
+    def _applied_utime(self) -> Times:
+        """When the duty that each feedback tells was sent [us]; the feedback's own time where that is not known."""
+        utime, told = self.wheels.utime, self._told("applied_utime")
+        known = (told <= utime) & (utime - told < OLDEST_APPLIED / SECONDS)
+        return np.where(known, told, utime).astype(np.int64)
+
+    def _told(self, name: str) -> Floats:
+        """What each feedback tells; 0 where it was recorded without."""
+        return self.wheels.fields.get(name, np.zeros(len(self.wheels)))
 
     @property
     def signals(self) -> dict[str, Signal]:

@@ -11,6 +11,7 @@ LARGEST_VALUE = 1e9  # of any quantity: a larger one is a damaged one
 GAP_PERIODS, SHORTEST_GAP = 5.0, 0.1  # a gap is longer than so many periods and than so many seconds
 UNEVEN = 0.5  # an interval that differs by more than this share from the usual one
 UNEVEN_SHARE = 0.1  # of the intervals; where more are uneven, the rate is
+LONGEST_DOUBT = 0.003  # s; a reading whose moment is known less well tells nothing of a motion
 REPEATED = "of a time that was there before"
 
 
@@ -62,6 +63,27 @@ def log_findings(recording: Recording) -> list[Finding]:
     ]
 
 
+def held_up(wheels: Signal) -> Mask:
+    """Tell of which readings nobody knows the moment: those that came long after they are said to have been taken.
+
+    The driver stamps a reading midway between question and answer; it may have been taken at any time between them.
+    """
+    late = (wheels.fields.get("received_utime", wheels.utime) - wheels.utime) * SECONDS
+    late = np.where(np.isfinite(late), late, 0.0)
+    return np.asarray(late > np.median(late) + LONGEST_DOUBT) if len(late) else np.zeros(0, np.bool_)
+
+
+def held_up_finding(recording: Recording) -> Finding:
+    """Count the readings of the wheels whose moment nobody knows; the duties that they tell are used."""
+    found = int(np.count_nonzero(held_up(recording.wheels)))
+    return Finding(
+        "held_up_readings",
+        found,
+        f"{counted(found, 'reading')} of the wheels came more than {1e3 * LONGEST_DOUBT:.0f} ms later than usual, "
+        "so that nobody knows when they were taken: the computer, or an adapter, held them up. They are passed over.",
+    )
+
+
 def rates_of(recording: Recording) -> dict[str, float]:
     """Return how often each recorded signal came [Hz]: by the median interval."""
     return {
@@ -98,8 +120,9 @@ def gap_findings(recording: Recording) -> list[Finding]:
 
 def _damaged(signal: Signal) -> Mask:
     damaged = (signal.utime < 0) | (signal.utime > LATEST_UTIME)
-    for values in signal.fields.values():
-        damaged |= np.abs(values) > LARGEST_VALUE
+    for name, values in signal.fields.items():
+        if not name.endswith("utime"):
+            damaged |= np.abs(values) > LARGEST_VALUE
     return damaged
 
 

@@ -133,4 +133,5 @@ def _feedback(utime: int, robot_id: int, ticks: Floats, psi: Floats, duties: tup
         temperature=math.nan,
         status=0,
         received_utime=utime,
+        applied_utime=utime,
     )

@@ -110,7 +110,7 @@ def write_log(path: Path, drive: Recording, copies: int = 1) -> None:
         utime, i = EPOCH + k * STEP, k % samples
         wheels = rows["wheels"][i]
         ticks = {name: int(wheels[name]) for name in ("ticks_left", "ticks_right")}
-        wheels = wheels | unknown | ticks | {"status": 0, "received_utime": utime}
+        wheels = wheels | unknown | ticks | {"status": 0, "received_utime": utime, "applied_utime": utime}
         for stream, message in (
             (MOTOR_COMMAND, make(motor_command_t, utime=utime, robot_id=0, **rows["commands"][i])),
             (MOTOR_FEEDBACK, make(motor_feedback_t, utime=utime, robot_id=0, **wheels)),

@@ -9,16 +9,17 @@ from cmr.diagnosis.result import BAD_DATA, Diagnosis
 
 
 def data(diagnosis: Diagnosis) -> Html:
-    """Return what was wrong with the data, in sentences, and which checks found nothing."""
+    """Return what was wrong with the data, in sentences, how late commands were, and which checks found nothing."""
     faults = [[code(check.check), f"{check.found:,}", check.sentence] for check in diagnosis.checks if check.found]
     clean = tuple(check.check for check in diagnosis.checks if not check.found)
+    late = joined(*map(paragraph, diagnosis.lateness_sentences))
     listed = quiet(f"{len(clean)} checks found nothing: ", codes(clean), ".") if clean else Html("")
     if not faults:
         sound = diagnosis.verdict != BAD_DATA
         told = "No check of the data found a fault." if sound else "Why they cannot be used stands at the top."
         words = paragraph(told) if clean else Html("")
-        return section("The data", words, listed)
-    return section("The data", table(("check", "found", "what it means"), faults, numbers=(1,)), listed)
+        return section("The data", words, late, listed)
+    return section("The data", table(("check", "found", "what it means"), faults, numbers=(1,)), late, listed)
 
 
 def provenance(diagnosis: Diagnosis) -> Html:

@@ -13,50 +13,59 @@ from cmr.estimation.problem import Problem
 from cmr.estimation.search.command_timing import (
     JITTER,
     LOSS,
-    Spread,
+    MEANS,
+    Timing,
+    effective_size,
     largest_delay,
-    period_of,
-    share_lost,
-    spread_of,
+    timing_of,
     without_jitter,
     without_loss,
 )
-from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect, SelectedEffect
+from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect
 from cmr.model.catalogue import CATALOGUE
 
-LATE = ("command_delay", "electrical_lag", "slew_limit")  # as which jitter shows as long as its spread is not looked at
-MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
+LATE = (*MEANS, "slew_limit")  # as which jitter shows as long as its spread is not looked at
 ALIKE = 12.0  # log-likelihoods (twice) that differ by less cannot be distinguished
 MAYBE_CHANCE = 10.0  # drop from which the delays of single commands show; below THRESHOLD both names stand
 STD_OF_JITTER = 0.05  # of its size: how delays are spread is not known
-LEFT_BY_LATE = 0.003  # of what a fixed delay explains may be left in the spread
-SURE_LOSS = 100.0  # drop from which commands are lost; clocks that are not quite even leave some spread, too
+SURE_LOSS = 12.0  # drop from which commands are lost
 PERHAPS = 2.0  # standard deviations by which the share counted may be too small: that commands are lost is sure
 READ_OFF = 1e-3  # relative standard deviation of what is read off the data
 
 
 def chance_on_commands(
-    problem: Problem, named: Sequence[SelectedEffect], final: Fit, inflation: float
+    problem: Problem,
+    named: Sequence[SelectedEffect],
+    others: Sequence[tuple[CandidateEffect, str]],
+    final: Fit,
 ) -> tuple[SelectedEffect, Problem] | None:
-    """Return jitter or loss of commands where the final fit leaves their traces, and the problem without them."""
+    """Return jitter or loss of commands where the final fit leaves their traces, and the problem without them.
+
+    A delay among `others`, which is there but too small to be named, may be the mean of jitter that is not.
+    """
     late = [one for one in named if one.candidate.effect.name in LATE]
-    spread = spread_of(JITTER if late else LOSS, problem, final)
-    return _of_chance(problem, final, inflation, late, spread) if spread else None
+    small = [one for one, why in others if why == TOO_SMALL and one.effect.name in MEANS and one.fit is not None]
+    beside = final
+    if not late and small:
+        late, beside = [SelectedEffect(small[0], (), final)], small[0].fit or final
+    timing = timing_of(problem, beside)
+    if timing is None:
+        return None
+    jitter = _jitter(problem, beside, late, timing) if late else None
+    return jitter or _lost(problem, final, timing)
 
 
-def with_jitter_as_rival(
-    problem: Problem, named: Sequence[SelectedEffect], final: Fit, inflation: float
-) -> list[SelectedEffect]:
+def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], final: Fit) -> list[SelectedEffect]:
     """Return the effects; delays whose spread the data do not tell have jitter among their rivals.
 
     So have those that jitter itself may leave traces of, where it is named or a rival.
     """
     coarse = tick_of(problem) > COARSE
-    spread = None
+    timing = None
     if any(one.candidate.effect.name in LATE for one in named) and not coarse and problem.by_moments:
-        spread = spread_of(JITTER, problem, final)
-    if coarse or spread:
-        named = [_perhaps_jitter(one, final, inflation, spread) for one in named]
+        timing = timing_of(problem, final)
+    if coarse or timing:
+        named = [_perhaps_jitter(one, final, timing) for one in named]
     there = any(JITTER in (one.candidate.effect.name, *one.rivals) for one in named)
     shadows = [there and one.candidate.effect.name in LATE and JITTER not in one.rivals for one in named]
     return [
@@ -65,41 +74,53 @@ def with_jitter_as_rival(
     ]
 
 
-def _perhaps_jitter(one: SelectedEffect, final: Fit, inflation: float, jitter: Spread | None) -> SelectedEffect:
+def _perhaps_jitter(one: SelectedEffect, final: Fit, timing: Timing | None) -> SelectedEffect:
     """Return a delay with jitter among its rivals, unless the spread of what follows commands contradicts it.
 
-    `jitter` is None where ticks are too coarse to see single commands.
+    `timing` is None where ticks are too coarse to see single commands.
     """
     if one.candidate.effect.name not in MEANS:
         return one
     mean = sum(final.values[parameter.name] for parameter in one.candidate.effect.parameters)
-    excluded = jitter is not None and jitter.drop_at(2.0 * mean) < -ALIKE * inflation
+    excluded = timing is not None and timing.jitter(_size(mean, timing))[1] < -ALIKE
     return one if excluded else replace(one, rivals=(*one.rivals, JITTER))
 
 
-def _of_chance(
-    problem: Problem, final: Fit, inflation: float, late: Sequence[SelectedEffect], spread: Spread
-) -> tuple[SelectedEffect, Problem] | None:
-    """Return jitter or loss of commands, if the spread shows it, and the problem without it.
+def _size(mean: float, timing: Timing) -> float:
+    """Return over how long [s] the delays of commands are spread that seem late by `mean` [s] because of jitter."""
+    return effective_size(largest_delay(mean, timing.period), timing.period)
 
-    `spread` is that of jitter where effects named make commands `late`, else that of loss.
-    """
-    of_late = max((one.candidate.drop for one in late), default=0.0)
-    if late and spread.drop > max(MAYBE_CHANCE * inflation, LEFT_BY_LATE * of_late):
-        value = final.values
-        mean = sum(value.get(parameter.name, 0.0) for one in late for parameter in one.candidate.effect.parameters)
-        mean = mean if all(one.candidate.effect.name in MEANS for one in late) else 0.5 * spread.value
-        drop = spread.drop + of_late
-        rivals = tuple(one.candidate.effect.name for one in late) if spread.drop < THRESHOLD else ()
-        # The mean of the delays is known better than their spread.
-        size = largest_delay(mean, period_of(problem))
-        largest = Estimate(size, STD_OF_JITTER * size)
-        return _selected(JITTER, largest, drop, rivals, late[0].before), without_jitter(problem, spread, mean)
-    share, std = share_lost(problem, spread) if not late else (0.0, 0.0)
-    matters = worth_naming({LOSS: share + PERHAPS * std}, {}, problem.excitation)
-    if matters and spread.drop > SURE_LOSS * inflation:
-        return _selected(LOSS, Estimate(share, std), spread.drop, (), final), without_loss(problem, spread)
-    return None
+
+def _jitter(
+    problem: Problem, final: Fit, late: Sequence[SelectedEffect], timing: Timing
+) -> tuple[SelectedEffect, Problem] | None:
+    """Return jitter in place of the effects that make commands `late`, if delays are spread as it spreads them."""
+    names = [one.candidate.effect.name for one in late]
+    mean = sum(final.values[parameter.name] for one in late for parameter in one.candidate.effect.parameters)
+    if all(name in MEANS for name in names):
+        size, drop = timing.jitter(_size(mean, timing))
+    else:  # how late commands are in the mean is not told
+        size, drop = timing.jitter()
+        mean = 0.5 * size
+    if drop < MAYBE_CHANCE:
+        return None
+    # The mean of the delays is known better than their spread.
+    largest = largest_delay(mean, timing.period)
+    rivals = tuple(names) if drop < THRESHOLD else ()
+    estimate, gained = Estimate(largest, STD_OF_JITTER * largest), drop + max(one.candidate.drop for one in late)
+    cleaned = without_jitter(problem, timing.delays(size), mean)
+    return _selected(JITTER, estimate, gained, rivals, late[0].before), cleaned
+
+
+def _lost(problem: Problem, final: Fit, timing: Timing) -> tuple[SelectedEffect, Problem] | None:
+    """Return the loss of commands, if it is there and matters."""
+    loss = timing.loss()
+    if loss is None or loss.drop < SURE_LOSS:
+        return None
+    if not worth_naming({LOSS: loss.share + PERHAPS * loss.std}, {}, problem.excitation):
+        return None
+    cleaned = without_loss(problem, timing, loss)
+    return _selected(LOSS, Estimate(loss.share, loss.std), loss.drop, (), final), cleaned
 
 
 def coarse_ticks(problem: Problem, final: Fit) -> SelectedEffect | None:

@@ -1,13 +1,14 @@
-"""Commands that come late each by another time, or not at all: seen in the spread of what follows a change.
+"""Commands that come late each by another time, or not at all: seen in what follows each change of the duty.
 
 Each command that changes the duty leaves a trace in the wheels' prediction errors if it takes effect late; its size is
-the delay. The delays of all commands are unknowns with a common mean and spread, and what remains is white noise: a
-linear model with random effects (Laird and Ware, Biometrics 38, 1982), whose likelihood needs one banded matrix.
-A fixed delay has no spread; uniform jitter has a spread of its mean over root three; a lost command comes one
-period late.
+the delay. The delays of all commands are unknowns, and what remains is white noise: a linear model with random effects
+(Laird and Ware, Biometrics 38, 1982). What it tells of each command, the others being unsure, is compared with laws by
+which delays may come: all alike; spread evenly, which is jitter; some late until the next command, which is loss. A
+computer that was held up for a moment makes outliers, which any law may have. So neither they nor a recording whose
+stamps are a little off make jitter or loss of a delay.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,116 +18,158 @@ from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Errors, Predictor
 from cmr.estimation.problem import Problem
-from cmr.recordings.signal import Floats
+from cmr.recordings.signal import Floats, Mask
 
 REACH = 0.5  # s after which a command's delay has left no trace
 LEAST_CHANGE = 1e-3  # duty
-SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tested
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tested
-FINE = 1e-3  # share of the value to which the best one is found
+SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tested
+UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which delays that are all alike may seem to differ
+OUTLIERS = np.array([0.001, 0.003, 0.01, 0.03])  # shares of commands of which any delay may be told
+OUTLYING = 0.05  # s, the standard deviation of theirs
+# Of the period: standard deviation of the other commands' delays while one is looked at. More hides jitter; with less,
+# the neighbours of a command that was held up seem lost.
+UNSURE_OF_LOSS, UNSURE_OF_JITTER = 0.25, 0.1
+TOLD = 1.0  # times its variance that the square of what is looked for must be, for a command to count
+FEWEST_TOLD = 10
+PARTS = 4  # of a recording
+PAUSE = 1.5  # times the period that lie between two commands where one was held up
+SHARED = 2.0  # times its deviation a share may be off: neighbours are told by the same readings (8 made-up drives)
+LEAST = 1e-3  # 1/s^2; a delay of which so little is told is not told
 SIDES = ("psi_left", "psi_right")
-TOLD = 40.0  # squared white errors that a lost command makes from which it is told by itself
-FEWEST_LOST = 3
 AGES = 200  # at which the age of the command in force is reckoned
 MOST_OVERTAKEN = 100.0  # times the seeming delay: no jitter is larger
+MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
 JITTER, LOSS = "command_jitter", "command_loss"
 
 
 @dataclass(frozen=True)
-class Spread:
-    """An effect of chance on the commands: its parameter's value and std, and by how much it drops -2 log-likelihood.
+class Loss:
+    """The share of commands that take effect with the next one only, and its standard deviation.
 
-    `delays` [s] are those of each segment's commands, as far as they show; `drop_at` tells the drop at another value.
-    `weights` (n,) tell how much each command counts.
+    `drop` is by how much it drops -2 log-likelihood, `lost` tells of each command of all segments whether it was.
     """
 
-    value: float
+    share: float
     std: float
     drop: float
-    delays: tuple[Floats, ...]
-    drop_at: Callable[[float], float]
-    weights: Floats
+    lost: Mask
 
 
 @dataclass(frozen=True)
-class _Traces:
-    """What delays leave: normal matrix, upper banded (bands, n), right side (n,), first command of each segment."""
+class Timing:
+    """What the errors beside a fit tell of the delay of each command of a problem, beyond the mean delay in the fit.
+
+    Normal matrix, upper banded (bands, n), and right side (n,) of the delays [s]; `gaps` [s], (n,), until the next
+    command, `splits` the number of each segment's first. `period` [s] is the usual time between commands.
+    """
 
     banded: Floats
     right: Floats
+    gaps: Floats
     splits: tuple[int, ...]
+    period: float
 
-    def likelihood(self, mean: float, variance: float) -> float:
-        """Return twice the log-likelihood of delays of this mean [s] and variance, over that of none."""
-        total = _times(self.banded, np.full(len(self.right), mean))
-        fixed = float(2.0 * self.right @ np.full(len(self.right), mean) - mean * total.sum())
-        if variance <= 0.0:
-            return fixed
-        factor, solved = self._solved(self.right - total, variance)
-        gained = float((self.right - total) @ solved)
-        return fixed + gained - 2.0 * float(np.sum(np.log(factor[-1]))) - len(self.right) * float(np.log(variance))
+    def loss(self) -> Loss | None:
+        """Return the loss that explains the delays best; None if too little is told."""
+        late, variance = self._alone((UNSURE_OF_LOSS * self.period) ** 2)
+        told = self._steady & (self.gaps**2 > TOLD * variance)
+        if np.count_nonzero(told) < FEWEST_TOLD:
+            return None
+        late, variance, gaps = late[told] - np.median(late[told]), variance[told], self.gaps[told]
+        _, _, steady = _best([_normal(late, variance + size**2) for size in UNEVEN], late, variance)
+        laws, shares = [], []
+        for size in UNEVEN:
+            there, lost = (_normal(late - of, variance + size**2) for of in (0.0, gaps))
+            laws += [(1.0 - share) * there + share * lost for share in LOSSES]
+            shares += [(share, there, lost) for share in LOSSES]
+        _, law, density = _best(laws, late, variance)
+        share, there, lost = shares[law]
+        std = SHARED / float(np.sqrt(np.sum(((lost - there) / density) ** 2)))
+        which = np.zeros(len(told), np.bool_)
+        which[told] = share * lost > 0.5 * density
+        return Loss(float(share), std, _throughout(2.0 * np.log(density / steady)), which)
 
-    def delays(self, mean: float, variance: float) -> Floats:
-        """Return the most likely delay [s] of each command."""
-        return mean + self._solved(self.right - _times(self.banded, np.full(len(self.right), mean)), variance)[1]
+    def jitter(self, size: float | None = None) -> tuple[float, float]:
+        """Return the size [s] of delays that are spread evenly, and by how much that explains them better than none.
 
-    def _solved(self, right: Floats, variance: float) -> tuple[Floats, Floats]:
+        The size is the most likely one, or as it is given. The second, twice a log-likelihood, is 0 if too little is
+        told.
+        """
+        from scipy.special import ndtr
+
+        sizes = SIZES if size is None else np.array([size])
+        late, variance = self._alone((UNSURE_OF_JITTER * self.period) ** 2)
+        told = sizes[-1] ** 2 > TOLD * variance
+        if np.count_nonzero(told) < FEWEST_TOLD:
+            return float(sizes[0]), 0.0
+        late, variance = late[told] - np.median(late[told]), variance[told]
+        steady, _, _ = _best([_normal(late, variance + uneven**2) for uneven in UNEVEN], late, variance)
+        std = np.sqrt(variance + UNEVEN[0] ** 2)
+        laws = [(ndtr((late + 0.5 * of) / std) - ndtr((late - 0.5 * of) / std)) / of for of in sizes]
+        best, law, _ = _best(laws, late, variance)
+        return float(sizes[law]), 2.0 * (best - steady)
+
+    def delays(self, size: float) -> tuple[Floats, ...]:
+        """Return the most likely delay [s] of each segment's commands if delays are spread over this size [s]."""
+        return tuple(np.split(self._solved(size**2 / 12.0)[1], self.splits[1:-1]))
+
+    @property
+    def _steady(self) -> Mask:
+        """Which commands came neither before nor after a pause: a driver may have been held up while it sent them."""
+        paused = self.gaps > PAUSE * self.period
+        return ~(paused | np.roll(paused, 1))
+
+    def _alone(self, variance: float) -> tuple[Floats, Floats]:
+        """Return the delay [s] of each command and its variance as the errors alone tell; others have this variance."""
+        factor, solved = self._solved(variance)
+        precision = np.maximum(1.0 / _inverse_diagonal(factor) - 1.0 / variance, LEAST)
+        return solved * (1.0 + 1.0 / (variance * precision)), 1.0 / precision
+
+    def _solved(self, variance: float) -> tuple[Floats, Floats]:
+        """Return the Cholesky factor of the delays' precision, banded, and their most likely values."""
         from scipy.linalg import cho_solve_banded, cholesky_banded
 
         damped = self.banded.copy()
         damped[-1] += 1.0 / variance
         factor = cholesky_banded(damped)
-        return factor, cho_solve_banded((factor, False), right)
+        return factor, cho_solve_banded((factor, False), self.right)
 
 
-def spread_of(name: str, problem: Problem, fit: Fit) -> Spread | None:
-    """Return what JITTER about the mean delay, or LOSS, would explain beside a fit; None where it cannot be told."""
-    segments = [predictor for predictor in problem.predictors if len(predictor.segment.observations.commands.time) > 1]
-    if len(segments) != len(problem.predictors) or not any(SIDES[0] in predictor.times for predictor in segments):
+def timing_of(problem: Problem, fit: Fit) -> Timing | None:
+    """Return what is told of the delays of commands beside a fit; None where nothing is."""
+    commanded = [len(predictor.segment.observations.commands.time) > 1 for predictor in problem.predictors]
+    if not all(commanded) or not any(SIDES[0] in predictor.times for predictor in problem.predictors):
         return None
-    traces = _traces(problem, fit, problem.errors(fit.values))
-    if name == JITTER:
-        return _spread(traces, SIZES, lambda size: (0.0, size**2 / 12.0))
-    period = period_of(problem)
-    return _spread(traces, LOSSES, lambda share: loss_of(share, period))
+    return _timing(problem, fit, problem.errors(fit.values))
 
 
-def _spread(traces: _Traces, sizes: Floats, law: Callable[[float], tuple[float, float]]) -> Spread:
-    def drop_at(value: float) -> float:
-        return traces.likelihood(*law(value))
+def _normal(late: Floats, variance: Floats) -> Floats:
+    """Return the density of a normal distribution about 0."""
+    return np.asarray(np.exp(-0.5 * late**2 / variance) / np.sqrt(2.0 * np.pi * variance))
 
-    value, drop, std = _peak(drop_at, sizes)
-    delays = traces.delays(*law(value))
-    weights = _times(traces.banded, np.ones(len(traces.right)))
-    return Spread(value, std, drop, tuple(np.split(delays, traces.splits[1:-1])), drop_at, weights)
+
+def _throughout(drops: Floats) -> float:
+    """Return the sum of what each command drops, in order of time, as if no part of the recording stood out.
+
+    A computer that was held up for some seconds makes a burst of late commands; where they are lost, they are always.
+    """
+    parts = [float(part.sum()) for part in np.array_split(drops, PARTS)]
+    return (sum(parts) - max(parts)) * PARTS / (PARTS - 1)
+
+
+def _best(laws: Sequence[Floats], late: Floats, variance: Floats) -> tuple[float, int, Floats]:
+    """Return the largest log-likelihood of several densities with outliers, which it is, and it with its outliers."""
+    outlying = _normal(late, variance + OUTLYING**2)
+    mixed = [(1.0 - share) * law + share * outlying for law in laws for share in OUTLIERS]
+    likelihoods = [float(np.sum(np.log(density))) for density in mixed]
+    best = int(np.argmax(likelihoods))
+    return likelihoods[best], best // len(OUTLIERS), mixed[best]
 
 
 def period_of(problem: Problem) -> float:
     """Return the usual time [s] from one command to the next."""
     return float(np.median(np.concatenate([np.diff(p.segment.observations.commands.time) for p in problem.predictors])))
-
-
-def share_lost(problem: Problem, spread: Spread) -> tuple[float, float]:
-    """Return the share of commands that came one period late, and its standard deviation; (0, 0) if hardly any did.
-
-    Commands count that change enough to tell each by itself. Their delays are drawn towards the mean of all, by as much
-    as each is unsure; that is undone.
-    """
-    period = period_of(problem)
-    mean, variance = loss_of(spread.value, period)
-    told = spread.weights * period**2 > TOLD
-    drawn = spread.weights / (spread.weights + 1.0 / variance)
-    delays = mean + (np.concatenate(spread.delays) - mean)[told] / drawn[told]
-    number, lost = len(delays), int(np.count_nonzero(delays > 0.5 * period))
-    if lost < FEWEST_LOST:
-        return 0.0, 0.0
-    share = lost / number
-    return share, float(np.sqrt(share * (1.0 - share) / number))
-
-
-def loss_of(share: float, period: float) -> tuple[float, float]:
-    """Return mean [s] and variance of the delays when a share of commands comes one `period` [s] late."""
-    return share * period, share * (1.0 - share) * period**2
 
 
 def largest_delay(mean: float, period: float) -> float:
@@ -153,15 +196,28 @@ def _seeming_delay(largest: float, period: float) -> float:
     return older
 
 
-def without_jitter(problem: Problem, spread: Spread, mean: float) -> Problem:
+def effective_size(largest: float, period: float) -> float:
+    """Return the size [s] of a uniform distribution that is as wide as the delays after which commands take effect.
+
+    They are evenly spread up to `largest` [s], but a newer command may overtake: then it is that one's effect.
+    """
+    times = (np.arange(20 * AGES) + 0.5) / (20 * AGES) * largest
+    later = np.ones(len(times))  # probability that none has come by then
+    for number in range(int(largest / period) + 1):
+        later *= np.clip(1.0 - (times - number * period) / largest, 0.0, 1.0)
+    step = times[1] - times[0]
+    mean, square = float(np.sum(later) * step), float(np.sum(2.0 * times * later) * step)
+    return float(np.sqrt(12.0 * max(square - mean**2, 0.0)))
+
+
+def without_jitter(problem: Problem, delays: Sequence[Floats], mean: float) -> Problem:
     """Return the problem with commands that take effect when they seem to have; `mean` [s] is their mean delay."""
-    return _taken(problem, [np.maximum(mean + delays, 0.0) for delays in spread.delays])
+    return _taken(problem, [np.maximum(mean + of, 0.0) for of in delays])
 
 
-def without_loss(problem: Problem, spread: Spread) -> Problem:
+def without_loss(problem: Problem, timing: Timing, loss: Loss) -> Problem:
     """Return the problem with the commands that seem lost coming with the next one."""
-    period = period_of(problem)
-    return _taken(problem, [np.where(delays > 0.5 * period, period, 0.0) for delays in spread.delays])
+    return _taken(problem, np.split(np.where(loss.lost, timing.gaps, 0.0), timing.splits[1:-1]))
 
 
 def _taken(problem: Problem, delays: Sequence[Floats]) -> Problem:
@@ -173,14 +229,15 @@ def _taken(problem: Problem, delays: Sequence[Floats]) -> Problem:
     return Problem(predictors, problem.gains, problem.excitation)
 
 
-def _traces(problem: Problem, fit: Fit, errors: Sequence[Errors]) -> _Traces:
+def _timing(problem: Problem, fit: Fit, errors: Sequence[Errors]) -> Timing:
     from scipy.sparse import csr_matrix
 
-    blocks, splits = [], [0]
+    blocks, gaps, splits = [], [], [0]
+    mean = sum(fit.values.get(name, 0.0) for name in MEANS)
     for number, (predictor, error) in enumerate(zip(problem.predictors, errors, strict=True)):
         white = fit.noise.white(number, predictor, error)
         commands = predictor.segment.observations.commands
-        packets, changes = commands.time, np.diff(commands.duty, axis=0, prepend=commands.duty[:1])
+        packets, changes = commands.time + mean, np.diff(commands.duty, axis=0, prepend=commands.duty[:1])
         normal = csr_matrix((len(packets), len(packets)))
         right = np.zeros(len(packets))
         for side, name in enumerate(SIDES):
@@ -189,10 +246,12 @@ def _traces(problem: Problem, fit: Fit, errors: Sequence[Errors]) -> _Traces:
             normal = normal + design.T @ design
             right += design.T @ white[name][:, 0]
         blocks.append((normal, right))
+        gaps.append(np.diff(commands.time, append=commands.time[-1:]))
         splits.append(splits[-1] + len(packets))
     bands = max(_bandwidth(normal) for normal, _ in blocks)
     banded = np.concatenate([_banded(normal, bands) for normal, _ in blocks], axis=1)
-    return _Traces(banded, np.concatenate([right for _, right in blocks]), tuple(splits))
+    rights = np.concatenate([right for _, right in blocks])
+    return Timing(banded, rights, np.concatenate(gaps), tuple(splits), period_of(problem))
 
 
 def _response(
@@ -252,27 +311,18 @@ def _banded(normal: Any, bands: int) -> Floats:
     return result
 
 
-def _times(banded: Floats, vector: Floats) -> Floats:
-    """Return the product of a symmetric matrix in upper banded form with a vector."""
-    bands = len(banded) - 1
-    result = banded[-1] * vector
+def _inverse_diagonal(factor: Floats) -> Floats:
+    """Return the diagonal of the inverse of a matrix whose Cholesky factor is given, in the upper banded form.
+
+    Only that part of the inverse is reckoned which lies within the bands (Takahashi, Fagan and Chen, 1973).
+    """
+    bands, size = len(factor) - 1, factor.shape[1]
+    rows = np.zeros((size, bands))  # of the factor behind its diagonal, divided by that
     for offset in range(1, bands + 1):
-        row = banded[bands - offset, offset:]
-        result[:-offset] += row * vector[offset:]
-        result[offset:] += row * vector[:-offset]
-    return np.asarray(result)
-
-
-def _peak(function: Callable[[float], float], sizes: Floats) -> tuple[float, float, float]:
-    """Return where a likelihood is largest, how large, and the standard deviation that its curvature tells."""
-    from scipy.optimize import minimize_scalar
-
-    values = [function(float(size)) for size in sizes]
-    best = int(np.argmax(values))
-    low, high = np.log(sizes[max(best - 1, 0)]), np.log(sizes[min(best + 1, len(sizes) - 1)])
-    found = minimize_scalar(
-        lambda x: -function(float(np.exp(x))), bounds=(low, high), method="bounded", options={"xatol": FINE}
-    )
-    value, step = float(np.exp(found.x)), 0.03
-    curvature = (2.0 * -found.fun - function(value * (1 + step)) - function(value * (1 - step))) / (step * value) ** 2
-    return value, float(-found.fun), float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else float("inf")
+        rows[: size - offset, offset - 1] = factor[bands - offset, offset:] / factor[-1, : size - offset]
+    inverse, result = np.zeros((bands + 1, bands + 1)), np.empty(size)
+    for index in range(size - 1, -1, -1):
+        inverse[1:, 1:] = inverse[:-1, :-1].copy()
+        inverse[0, 1:] = inverse[1:, 0] = -inverse[1:, 1:] @ rows[index]
+        inverse[0, 0] = result[index] = 1.0 / factor[-1, index] ** 2 - rows[index] @ inverse[1:, 0]
+    return result

@@ -69,9 +69,9 @@ def search(problem: Problem, base: Fit, say: Callable[[str], None]) -> Search:
     found = _selected(problem, base, say, trace)
     chance = None
     if problem.by_moments and tick_of(problem) <= COARSE:
-        chance = chance_on_commands(problem, found.named, found.final, found.inflation)
+        chance = chance_on_commands(problem, found.named, found.others, found.final)
     if chance is None:
-        named = with_jitter_as_rival(problem, found.named, found.final, found.inflation)
+        named = with_jitter_as_rival(problem, found.named, found.final)
     else:
         by_chance, cleaned = chance
         name = by_chance.candidate.effect.name
@@ -80,7 +80,7 @@ def search(problem: Problem, base: Fit, say: Callable[[str], None]) -> Search:
         clean_base = cleaned.fit(base.values, base.names, found.final.noise, renew=0)
         least = LEFT_BY_CHANCE * by_chance.candidate.drop / THRESHOLD
         found = replace(_selected(cleaned, clean_base, say, trace, least), base=base)
-        named = with_jitter_as_rival(cleaned, [by_chance, *found.named], found.final, found.inflation)
+        named = with_jitter_as_rival(cleaned, [by_chance, *found.named], found.final)
     coarse = coarse_ticks(problem, found.final)
     if coarse:
         trace.note(ADDED, ["encoder_quantisation"], coarse.candidate.drop, reason="The readings fall on few ticks.")
