@@ -10,7 +10,7 @@ about the means that it finds, with the noise that is left there.
 
 import zlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats, Mask
 
 PRESENT = 0.2  # prior probability that an effect is present
+UNCERTAIN, CERTAIN = float(np.log(PRESENT / (1.0 - PRESENT))), 1e3  # logarithms of odds
+HALF = 0.5
 SPREAD = 0.7  # of the typical size: standard deviation of the size of an effect that is present
 BELIEF = 0.65  # power of the likelihood: errors are neither quite white nor the model exact
 ROUNDS, MOST_ROUNDS = 3, 6  # usually, and where slopes do not hold; each about what the one before found likeliest
@@ -46,7 +48,7 @@ class Posterior:
 
     `values` are the posterior means by name, with what was not estimated; `names` (p) are those of the `covariance`
     (p, p). `presence` tells the probability of each effect that could be averaged over, `averaging` how it was found.
-    `likeliest` are the values with the likeliest set of effects.
+    `likeliest` are the values with the likeliest set of effects, `certain` those that were not averaged over.
     """
 
     values: Mapping[str, float]
@@ -55,6 +57,7 @@ class Posterior:
     presence: Mapping[str, float]
     averaging: "Averaging"
     likeliest: Mapping[str, float]
+    certain: tuple[str, ...] = ()
 
     def std(self, name: str) -> float:
         """Return the standard deviation of a parameter, in its unit."""
@@ -63,17 +66,25 @@ class Posterior:
 
     def values_without(self, left_out: Mask) -> Mapping[str, float]:
         """Return the means that there would be without some white errors, shape (n,)."""
-        return self.averaging.posterior(left_out, FEW_STEPS).values
+        return self.averaging.posterior(left_out, FEW_STEPS, self.certain).values
 
 
 class Averaging:
     """A problem made linear about some values: white errors `rest` (n,), and their slopes by all parameters.
 
     Parameters that are there in any case: the paper's, and those of effects that are no matter of degree. One walk
-    begins with the effects that are `likely`, by name.
+    begins with the effects that are `likely`, by name. `seen` are the values of a fit that show how large sizes are; by
+    default those of `fit`.
     """
 
-    def __init__(self, problem: Problem, fit: Fit, inflation: float, likely: Collection[str]) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        fit: Fit,
+        inflation: float,
+        likely: Collection[str],
+        seen: Mapping[str, float] | None = None,
+    ) -> None:
         self._problem, self._noise, self._inflation = problem, fit.noise, inflation
         self._effects = [effect for effect in problem.effects if can_be_small(effect)]
         self._likely = np.array([effect.name in likely for effect in self._effects], np.bool_)
@@ -81,18 +92,20 @@ class Averaging:
         sized = {parameter.name for parameter in self._sizes}
         self._flat = tuple(name for name in fit.names if name not in sized)
         self._names = (*self._flat, *(parameter.name for parameter in self._sizes))
+        self._seen = fit.values if seen is None else seen
         self._start = {**{parameter.name: float(parameter.neutral or 0.0) for parameter in self._sizes}, **fit.values}
         self._rest, self._slopes = _linear(problem, self._start, self._names, fit.noise)
         self._products, self._pulls = self._slopes.T @ self._slopes, self._slopes.T @ self._rest
 
-    def posterior(self, left_out: Mask | None = None, steps: int = STEPS) -> Posterior:
-        """Return the posterior, from all errors or without those `left_out`, shape (n,)."""
+    def posterior(self, left_out: Mask | None = None, steps: int = STEPS, certain: Collection[str] = ()) -> Posterior:
+        """Return the posterior, from all errors or without those `left_out`, shape (n,), with `certain` effects."""
         products, pulls = self._products, self._pulls
         if left_out is not None:
             slopes = self._slopes[left_out]
             products, pulls = products - slopes.T @ slopes, pulls - slopes.T @ self._rest[left_out]
         belief = min(BELIEF, 1.0 / self._inflation)
-        odds = np.array([np.log(PRESENT / (1.0 - PRESENT)) - 0.5 * rarity(effect.name) for effect in self._effects])
+        names = [effect.name for effect in self._effects]
+        odds = np.array([CERTAIN if n in certain else UNCERTAIN - 0.5 * rarity(n) for n in names])
         return self._averaged(belief * products, belief * pulls, odds, steps)
 
     def likeliest(self, penalties: Mapping[str, float]) -> Mapping[str, float]:
@@ -123,7 +136,7 @@ class Averaging:
         start = np.array([self._start[parameter.name] for parameter in self._sizes])
         normal = products[count:, count:] - products[count:, :count] @ along
         pull = pulls[count:] - products[count:, :count] @ own - normal @ start
-        mean, spread, presence, mode = self._walked(normal, pull, start, odds, steps)
+        mean, spread, presence, mode = self._walked(normal, pull, odds, steps)
         values, likeliest = (self._with(sizes, -own - along @ (sizes - start)) for sizes in (mean, mode))
         of_flat = np.linalg.inv(flat) + along @ spread @ along.T
         covariance = np.block([[of_flat, -along @ spread], [-spread @ along.T, spread]])
@@ -137,10 +150,10 @@ class Averaging:
         return {name: _bounded(name, value) for name, value in values.items()}
 
     def _walked(
-        self, normal: Floats, pull: Floats, start: Floats, odds: Floats, steps: int
+        self, normal: Floats, pull: Floats, odds: Floats, steps: int
     ) -> tuple[Floats, Floats, dict[str, float], Floats]:
         """Return mean and covariance of the sizes, the probability of each effect, and the likeliest sizes."""
-        scale = self._slabs(normal, start)
+        scale = self._slabs(normal)
         groups = np.repeat(
             np.arange(len(self._effects)), [sum(p.switches for p in e.parameters) for e in self._effects]
         )
@@ -155,21 +168,25 @@ class Averaging:
         mode[one_sided] = np.maximum(mode[one_sided], 0.0)
         return means * scale, spread, dict(zip(names, map(float, shares), strict=True)), mode * scale
 
-    def _slabs(self, normal: Floats, start: Floats) -> Floats:
+    def _slabs(self, normal: Floats) -> Floats:
         """Return the standard deviations (p,) of sizes that are present.
 
         They are larger where sizes are seen to be larger, and for an effect that would need so much to do alone what
         those do that were found: else of two effects that can hardly be told apart the one found would stay for ever.
         """
         usual = SPREAD * np.array([size(definition(one.name), self._problem.excitation) for one in self._sizes])
-        does, squares = normal @ start, float(start @ normal @ start)
+        seen = np.array([self._seen.get(one.name, 0.0) for one in self._sizes])
+        does, squares = normal @ seen, float(seen @ normal @ seen)
         own = np.maximum(np.diag(normal), 1e-300)
         alike = does**2 > ALIKE * own * max(squares, 1e-300)
-        return np.asarray(np.maximum(usual, np.maximum(np.abs(start), np.where(alike, np.abs(does) / own, 0.0))))
+        return np.asarray(np.maximum(usual, np.maximum(np.abs(seen), np.where(alike, np.abs(does) / own, 0.0))))
 
 
 def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str]) -> Posterior:
-    """Return the posterior about a fit with effects `named`."""
+    """Return the posterior about a fit with effects `named`.
+
+    Those of them that are more likely there than not are there: what is averaged over is what may be hidden besides.
+    """
     averaging = Averaging(problem, fit, inflation, named)
     for number in range(MOST_ROUNDS - 1):
         found = averaging.posterior(steps=FEW_STEPS)
@@ -178,8 +195,9 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
         values = found.likeliest
         about = Fit(values, fit.names, fit.rest, fit.slopes, problem.found(problem.errors(values)))
         likely = [effect.name for effect in problem.effects if effect.is_on(values)]
-        averaging = Averaging(problem, about, inflation, likely)
-    return averaging.posterior()
+        averaging = Averaging(problem, about, inflation, likely, fit.values)
+    certain = [name for name in named if found.presence.get(name, 0.0) > HALF]
+    return replace(averaging.posterior(certain=certain), certain=tuple(certain))
 
 
 def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:

@@ -40,9 +40,10 @@ DRIVING = frozenset(
 )
 OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
 AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # what only commands tell from the wheel radius itself
-# Wheels differ in size more often than their encoders, which are numbers in a data sheet, count wrongly; where nothing
-# tells both apart either explains the data. By so much must a rare one explain more.
-RARE, RARELY = frozenset({"encoder_scale", "encoder_asymmetry"}), 6.0
+# Wheels differ in size more often than their encoders, which are numbers in a data sheet, count wrongly; commands come
+# late more often than small motors have a lag of their own of 10 ms. Where nothing tells both apart either explains the
+# data. By so much must a rare one explain more.
+RARE, RARELY = frozenset({"encoder_scale", "encoder_asymmetry", "electrical_lag"}), 6.0
 SURE = 3.0  # standard deviations
 SMALLEST = 0.3  # of the typical size: less is not worth a name
 

@@ -1,41 +1,63 @@
 """Leap to another set of effects: the likeliest that a random walk over all sets finds.
 
 Exchanges of two effects at a time end where three or four explain each other's traces. The walk of the averages goes
-through all sets; what it finds likeliest is fitted, and taken if it explains the data better.
+through all sets; what it finds likeliest is fitted, and taken if it explains the data better. It is asked about the
+model as it stands, and about one that knows nothing of the way that led there.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from cmr.estimation.averaging import Averaging
+from cmr.estimation.averaging import Averaging, can_be_small
 from cmr.estimation.candidates import rarity
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, needed, why_not
 from cmr.estimation.search.exchange import BETTER, Exchange, candidate_of, penalty_of
 from cmr.estimation.search.inflation import Inflation
+from cmr.model.catalogue import CATALOGUE
 
 BY_ITS_SIZE = 8.0  # of what an effect must explain, the walk asks so much already: sizes are spread (Occam's factor)
 
 
-def best_leap(problem: Problem, current: Fit, named: Sequence[SelectedEffect], inflation: Inflation) -> Exchange | None:
-    """Return the exchange that leads to the likeliest set of effects, None where it explains the data no better."""
-    here = {one.candidate.effect.name for one in named}
+def best_leap(
+    problem: Problem, current: Fit, named: Sequence[SelectedEffect], inflation: Inflation, afar: Averaging
+) -> Exchange | None:
+    """Return the exchange that leads to the likeliest set of effects, None where it explains the data no better.
+
+    The set is that about the model as it stands, or that about one found without it, `afar`.
+    """
     penalties = {
         effect.name: needed(effect) * inflation.of(effect.name) + rarity(effect.name) - BY_ITS_SIZE
         for effect in problem.effects
     }
-    values = Averaging(problem, current, inflation.all, here).likeliest(penalties)
-    there = {effect.name: effect for effect in problem.effects if effect.is_on(values)}
+    near = Averaging(problem, current, inflation.all, [_name(one) for one in named])
+    for values in (near.likeliest(penalties), afar.likeliest(penalties)):
+        exchange = _exchange(problem, current, named, inflation, values)
+        if exchange is not None:
+            return exchange
+    return None
+
+
+def _exchange(
+    problem: Problem,
+    current: Fit,
+    named: Sequence[SelectedEffect],
+    inflation: Inflation,
+    values: Mapping[str, float],
+) -> Exchange | None:
+    """Return the exchange that leads to the effects that some values switch on, if it explains the data better."""
+    here = {_name(one) for one in named if can_be_small(one.candidate.effect)}
+    there = {effect.name: effect for effect in problem.effects if can_be_small(effect) and effect.is_on(values)}
     leaving, coming = sorted(here - set(there)), sorted(set(there) - here)
     if not leaving and not coming:
         return None
-    kept = [name for name in current.names if not any(_is_of(name, one) for one in named if _name(one) in leaving)]
+    lost = {parameter.name for name in leaving for parameter in CATALOGUE[name].parameters}
     own = [parameter.name for name in coming for parameter in there[name].parameters]
-    start = {name: value for name, value in values.items() if name in current.values or name in own}
-    for one in named:
-        if _name(one) in leaving:
-            start = {name: value for name, value in start.items() if not _is_of(name, one)}
-    fit = problem.fits([(start, (*kept, *own))], current.noise)[0]
+    names = (*(name for name in current.names if name not in lost), *own)
+    # What a linear problem from afar does not have, as limits and places, is as it stands.
+    start = {name: value for name, value in current.values.items() if name not in lost}
+    start.update({name: values[name] for name in names if name in values})
+    fit = problem.fits([(start, names)], current.noise)[0]
     if fit.squares + penalty_of(leaving, coming, inflation) > current.squares - BETTER * inflation.all:
         return None
     candidates = [candidate_of(problem, fit, name) for name in coming]
@@ -46,7 +68,3 @@ def best_leap(problem: Problem, current: Fit, named: Sequence[SelectedEffect], i
 
 def _name(one: SelectedEffect) -> str:
     return one.candidate.effect.name
-
-
-def _is_of(name: str, one: SelectedEffect) -> bool:
-    return any(parameter.name == name for parameter in one.candidate.effect.parameters)

@@ -7,9 +7,11 @@ improves any more, each effect is judged once more beside all others.
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from cmr.estimation.averaging import Averaging, averaged
 from cmr.estimation.gains import COARSE
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
@@ -94,12 +96,17 @@ class _Selection:
 
     def __init__(self, problem: Problem, base: Fit, trace: Trace, least_inflation: float) -> None:
         self.problem, self.trace = problem, trace
-        self.current = base
+        self._base = self.current = base
         self.named: list[SelectedEffect] = []
         self.others: list[tuple[CandidateEffect, str]] = []
         self.inflation = Inflation(1.0)
         self._least_inflation = least_inflation
         self._visited: set[frozenset[str]] = {frozenset()}
+
+    @cached_property
+    def _afar(self) -> Averaging:
+        """The linear problem about the likeliest model that is found from the paper's on, without any search."""
+        return averaged(self.problem, self._base, 1.0, ()).averaging
 
     @property
     def names(self) -> list[str]:
@@ -133,7 +140,7 @@ class _Selection:
             return False
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
         return self._exchanged(exchange) or self._exchanged(
-            best_leap(self.problem, self.current, self.named, self.inflation)
+            best_leap(self.problem, self.current, self.named, self.inflation, self._afar)
         )
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
