@@ -38,6 +38,9 @@ NEAR = 0.5  # standard deviations within which slopes hold
 # White errors that change by more, all but a share of them, while a slope is taken: it is then taken over less. Large
 # errors are made smaller, so that a slope over too much would promise too little.
 CHANGING, MOST = 1.0, 0.998
+# Relative error of slopes: what is left of a column beside others that do nearly the same is not known better, and no
+# reason to go far from what was seen.
+INEXACT = 1e-2
 RIDGE = 1e-9  # of a column's square over all data: without them a parameter stays where it is
 LIKELY = 0.8  # probability above which a walk begins with an effect
 
@@ -135,7 +138,13 @@ class Averaging:
         along, own = mixed[:, :-1], mixed[:, -1]
         start = np.array([self._start[parameter.name] for parameter in self._sizes])
         normal = products[count:, count:] - products[count:, :count] @ along
-        pull = pulls[count:] - products[count:, :count] @ own - normal @ start
+        unsure = INEXACT**2 * np.diag(products)[count:]
+        seen = np.array([self._seen.get(one.name, one.neutral or 0.0) for one in self._sizes])
+        pull = pulls[count:] - products[count:, :count] @ own - normal @ start - unsure * seen
+        # Of an effect of which less is its own the data say nothing: it may be there, in either direction.
+        told = np.diag(normal) > unsure
+        normal = (normal + np.diag(unsure)) * np.outer(told, told)
+        pull = pull * told
         mean, spread, presence, mode = self._walked(normal, pull, odds, steps)
         values, likeliest = (self._with(sizes, -own - along @ (sizes - start)) for sizes in (mean, mode))
         of_flat = np.linalg.inv(flat) + along @ spread @ along.T

@@ -92,7 +92,7 @@ class Recording:
     def _applied_utime(self) -> Times:
         """When the duty that each feedback tells was sent [us]; the feedback's own time where that is not known."""
         utime, told = self.wheels.utime, self._told("applied_utime")
-        known = (told <= utime) & (utime - told < OLDEST_APPLIED / SECONDS)
+        known = (told > 0) & (told <= utime) & (utime - told < OLDEST_APPLIED / SECONDS)
         return np.where(known, told, utime).astype(np.int64)
 
     def _told(self, name: str) -> Floats:
