@@ -14,10 +14,11 @@ from typing import Any
 
 import pytest
 
+from cmr import threads
 from cmr.commands.command_line import guarded
 from cmr.commands.diagnose import main
 from cmr.diagnosis.job import Job, Outcome, Telling
-from cmr.diagnosis.many import THREADS, Pool, distinct_names, jobs_of
+from cmr.diagnosis.many import Pool, distinct_names, jobs_of
 from cmr.diagnosis.result import EFFECTS_FOUND
 from cmr.recordings.recording import RecordingError
 from tests.logs_of_robots import write_logs
@@ -104,8 +105,8 @@ def pretend(job: Job, tell: Telling) -> Outcome:
         time.sleep(PATIENCE)
     if what == "fail":
         return Outcome(folder=job.folder, failure="It cannot be done.")
-    threads = tuple(sorted({os.environ.get(name, "as many as there are") for name in THREADS}))
-    return Outcome(folder=job.folder, verdict=EFFECTS_FOUND, effects=(str(os.getpid()), *threads), ratio=2.0)
+    told = tuple(sorted({os.environ.get(name, "as many as there are") for name in threads.ALL}))
+    return Outcome(folder=job.folder, verdict=EFFECTS_FOUND, effects=(str(os.getpid()), *told), ratio=2.0)
 
 
 def jobs_named(folder: Path, *names: str) -> list[Job]:

@@ -13,6 +13,7 @@ RECORDED = {*BUS, "parameters", "model", "recordings"}
 KNOWN: dict[str, set[str]] = {
     "colours": set(),
     "files": set(),
+    "threads": set(),
     "msg": set(),
     "model": set(),
     "bus": {"msg"},
@@ -23,10 +24,10 @@ KNOWN: dict[str, set[str]] = {
     "estimation": {*RECORDED, "manoeuvres"},
     "calibration": {*RECORDED, "colours", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
-    "diagnosis": {*RECORDED, "colours", "files", "manoeuvres", "estimation"},
+    "diagnosis": {*RECORDED, "colours", "files", "threads", "manoeuvres", "estimation"},
     "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
     "team": {*RECORDED, "world"},
-    "fidelity": {*RECORDED, "colours", "files", "estimation", "calibration", "diagnosis", "team"},
+    "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
     "sweep": {*RECORDED, "colours", "scenario", "team", "world"},
     "view": {*RECORDED, "colours", "world"},
     "commands": {
@@ -42,7 +43,7 @@ KNOWN: dict[str, set[str]] = {
             "fidelity",
             "sweep",
         },
-        *("camera", "view"),
+        *("camera", "view", "threads"),
     },
     "tools": {*RECORDED, "colours", "commands"},
 }

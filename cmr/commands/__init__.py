@@ -9,8 +9,9 @@ import signal
 import sys
 from importlib import import_module
 
-# Our matrices are small: threads of linear algebra would cost more than they save. To be set before NumPy is imported.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from cmr.threads import one_thread_for_linear_algebra
+
+one_thread_for_linear_algebra()
 
 
 def run(module: str) -> int:

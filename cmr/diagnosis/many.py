@@ -13,13 +13,12 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from types import TracebackType
 
+from cmr import threads
 from cmr.diagnosis.job import Job, Outcome, Telling, robots_in
 from cmr.recordings.recording import RecordingError
 
 Work = Callable[[Job, Telling], Outcome]
 
-# One process for each core: threads of linear algebra inside them would only be in each other's way.
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 # Processes are started afresh, not forked: a fork would inherit the threads' locks in the state they happen to be in.
 START = multiprocessing.get_context("spawn")
 
@@ -110,7 +109,8 @@ class Pool:
         self._workers: list[_Worker] = []
 
     def __enter__(self) -> "Pool":
-        for name in THREADS:
+        # One process for each core: threads inside them would only be in each other's way.
+        for name in threads.ALL:
             os.environ[name] = "1"
         return self
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from cmr.estimation.nonnegative import nonnegative
 from cmr.estimation.prediction import POSE_SIGNALS, Errors, Predictor
 from cmr.model.compiled import compiled
 from cmr.model.observer import MOTION
@@ -172,8 +173,6 @@ def _past(values: Floats, spans: Sequence[int]) -> Floats:
 
 def size_found(rest: Floats, sizes: Floats) -> Floats:
     """Return shares (3,) with which `sizes` (n, 3) explain the squares of `rest` best (gamma likelihood)."""
-    from scipy.optimize import nnls
-
     squares = rest**2
     weights = np.ones(len(rest)) / max(float(np.mean(squares)), LEAST_SIZE**2)
     rows = np.ascontiguousarray(sizes.T)
@@ -182,8 +181,7 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
     for _ in range(ROUNDS):
         scaled = rows / scale[:, None] * weights
         normal, right = scaled @ scaled.T, scaled @ (squares * weights)
-        factor = np.linalg.cholesky(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)))
-        result = nnls(factor.T, np.linalg.solve(factor, right))[0] / scale
+        result = nonnegative(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)), right) / scale
         fitted = np.maximum(result @ rows, 1e-3 * np.mean(squares) + LEAST_SIZE**2)
         weights = 1.0 / fitted
     result[0] = max(result[0], 1e-3 * float(np.mean(squares)))

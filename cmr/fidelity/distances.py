@@ -48,10 +48,10 @@ class Closing:
 
 
 def wasserstein(a: Floats, b: Floats) -> float:
-    """Return Wasserstein's distance between two sets of values."""
-    from scipy.stats import wasserstein_distance  # slow to import
-
-    return float(wasserstein_distance(a, b))
+    """Return Wasserstein's distance between two sets of values: what lies between their distribution functions."""
+    values = np.sort(np.concatenate([a, b]))
+    below_a, below_b = (np.searchsorted(np.sort(one), values[:-1], side="right") / len(one) for one in (a, b))
+    return float(np.sum(np.abs(below_a - below_b) * np.diff(values)))
 
 
 def distance(real: Floats, other: Floats, seed: int = 0) -> Distance:

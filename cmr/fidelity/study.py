@@ -15,6 +15,7 @@ from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.connection import wait
 from threading import Thread
 
+from cmr import threads
 from cmr.fidelity.preparing import OTHERS, calibrated, diagnosed, moved_by
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile
@@ -28,9 +29,6 @@ PREPARATIONS = (UNCALIBRATED, CALIBRATED, DIAGNOSED, POPULATION)
 PREPARED = "prepared"
 SETS = (REAL_A, REAL_B, *PREPARATIONS)
 LABORATORIES = 3  # of each number: one for either set of real teams, the third for all preparations alike
-
-# One process for each core: threads of linear algebra inside them would only be in each other's way.
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 Scores = Mapping[str, float]  # of one experiment, by metric, and PREPARED
 
@@ -136,11 +134,11 @@ def gathered(done: Mapping[Task, Scores]) -> dict[str, list[Scores]]:
 
 @contextmanager
 def _single_threads() -> Iterator[None]:
-    """Let processes started meanwhile compute with one thread each."""
+    """Let processes started meanwhile compute with one thread each: more would only be in each other's way."""
     # A study that is killed, as any may be, needs no word about semaphores, which are tidied up all the same.
     os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+    before = {name: os.environ.get(name) for name in threads.ALL}
+    os.environ.update(dict.fromkeys(threads.ALL, "1"))
     try:
         yield
     finally:
