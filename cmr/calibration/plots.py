@@ -2,14 +2,17 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cmr.calibration.grid import Grid
+from cmr.calibration.preparing import prepare
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.segments import Segment
 from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.estimation import free_runs
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 from cmr.recordings.signal import Floats
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
 
 SLICES = (("k2_over_k3", "k1"), ("k1", "base_width"), ("k2_over_k3", "base_width"))
 BEFORE_COLOUR, RIGHT_COLOUR, REFINED_COLOUR = "#9db4f0", "#d8581f", "#ffd700"  # pale blue, orange, gold
+WINDOW_OF_ERRORS = free_runs.WINDOW  # s
 WINDOW = 0.1  # s over which wheel speeds are averaged; over less, the steps of an encoder hide all else
 LEVELS = 25  # of the error surface
 COARSE_TICKS, FINE_TICKS = (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)  # of a logarithmic axis
@@ -37,6 +41,8 @@ def figure_of(result: CalibrationResult) -> "Figure":
     """
     from matplotlib.figure import Figure  # slow to import, and few want a picture
 
+    if not result.segments and result.recordings and math.isfinite(result.path_rmse_after):
+        result = replace(result, segments=prepare(result.recordings).segments())
     grid = result.grid if result.grid is not None and _slices(result.grid) else None
     figure = Figure(figsize=(16.0, 9.5 if grid else 5.5), dpi=100, layout="constrained")
     if not result.segments:
@@ -73,10 +79,11 @@ def _draw_drives(figure: "SubFigure", result: CalibrationResult, before: Paths, 
     columns = [*(["before"] if before else []), "after"]
     rows = ["errors", "wheels"] if wheels else ["errors"]
     axes = figure.subplot_mosaic([[*columns, row] for row in rows])
+    over = f"over {WINDOW_OF_ERRORS:g} s" if result.recordings else "over the whole drive"
     if before:
-        _draw_path(axes["before"], result.segments, before, "before calibration", result.path_rmse_before)
+        _draw_path(axes["before"], result.segments, before, "before calibration", result.path_rmse_before, over)
     if after:
-        _draw_path(axes["after"], result.segments, after, "after calibration", result.path_rmse_after)
+        _draw_path(axes["after"], result.segments, after, "after calibration", result.path_rmse_after, over)
         _draw_position_errors(axes["errors"], result.segments, before, after)
     if after and wheels:
         _draw_wheel_residuals(axes["wheels"], result.segments, after)
@@ -85,14 +92,16 @@ def _draw_drives(figure: "SubFigure", result: CalibrationResult, before: Paths, 
         axes["wheels"].sharex(axes["errors"])
 
 
-def _draw_path(axes: "Axes", segments: list[Segment], paths: list[Trajectory], title: str, error: float) -> None:
-    """Draw real and simulated positions of all segments."""
+def _draw_path(
+    axes: "Axes", segments: list[Segment], paths: list[Trajectory], title: str, error: float, over: str
+) -> None:
+    """Draw real and simulated positions of all segments; the path `error` [m] is that `over` some time."""
     real = _joined([s.x for s in segments]), _joined([s.y for s in segments])
     simulated = _joined([p.x for p in paths]), _joined([p.y for p in paths])
     axes.plot(*real, color=REAL_COLOUR, linewidth=4.0, label="real robot")
     axes.plot(*simulated, color=TWIN_COLOUR, linewidth=1.4, label="simulated robot")
     axes.plot([s.x[0] for s in segments], [s.y[0] for s in segments], "o", color="black", markersize=5, label="start")
-    axes.set_title(f"{title}\npath error {error:.3g} m (root mean square)")
+    axes.set_title(f"{title}\npath error {error:.3g} m (root mean square {over})")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cmr.estimation.estimates import Estimate
+from cmr.estimation.free_runs import WINDOW
 from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
@@ -116,7 +117,10 @@ class CalibrationResult:
         lines += [self._line(name) for name in effects]
         if math.isfinite(self.path_rmse_after):
             before = f"{self.path_rmse_before:.4f} m" if math.isfinite(self.path_rmse_before) else "not known"
-            lines.append(f"  path error    {before} before, {self.path_rmse_after:.4f} m after (root mean square)")
+            over = f"over {WINDOW:g} s" if self.recordings else "over the whole drive"
+            lines.append(
+                f"  path error    {before} before, {self.path_rmse_after:.4f} m after (root mean square {over})"
+            )
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
 
     def _line(self, name: str) -> str:
