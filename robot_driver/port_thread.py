@@ -1,22 +1,16 @@
 """One thread that owns one port: opens it, works with the device, and gets it back after it was lost."""
 
-import os
 import threading
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from types import TracebackType
 
+from robot_driver.host import Running
 from robot_driver.serial_port import PortLost, SerialPort
 
 FIRST_PAUSE = 0.1  # s before the first attempt to get a lost device back; doubled each time
 LONGEST_PAUSE = 1.0  # s
 STOP_TIMEOUT = 0.8  # s; a thread that hangs must not keep the process alive: the device's own watchdog stops it
-
-
-def go_first() -> None:
-    """Have this thread run before all that is not urgent, where the system permits it."""
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
 
 
 class Device(ABC):
@@ -54,19 +48,20 @@ class PortThread:
         self.device = device
         self.failure: Exception | None = None
         self._lost = f"Waiting for the device at {port.path}."
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=port.path, daemon=True)
+        self._stop = port.host.event()
+        self._thread: Running | None = None
 
     def __enter__(self) -> "PortThread":
         self.port.open()
-        self._thread.start()
+        self._thread = self.port.host.start(self._run, self.port.path)
         return self
 
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         self.ask_to_stop()
-        self._thread.join(STOP_TIMEOUT)
+        if self._thread is not None:
+            self._thread.join(STOP_TIMEOUT)
 
     def ask_to_stop(self) -> None:
         """Have the thread end soon; leaving waits for it."""
@@ -83,7 +78,6 @@ class PortThread:
         return self._lost or self.device.problem
 
     def _run(self) -> None:
-        go_first()
         pause = FIRST_PAUSE
         while not self._stop.is_set():
             try:

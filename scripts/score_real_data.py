@@ -26,8 +26,8 @@ from pathlib import Path
 import numpy as np
 
 from cmr.calibration import calibrate
-from cmr.calibration.scoring import EndErrors, end_errors, path_rmse, pieces, root_mean_square, wheel_speed_errors
 from cmr.calibration.motors_alone import fit_motor
+from cmr.calibration.scoring import EndErrors, end_errors, path_rmse, pieces, root_mean_square, wheel_speed_errors
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats, Recording
 from cmr.tools.import_log import main as import_log

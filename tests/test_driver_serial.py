@@ -12,7 +12,7 @@ from cmr.msg import motor_feedback_t
 from robot_driver.controllers.roboclaw import DRIVE_BOTH
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.faults import DELAY, Faults
-from robot_driver.port_thread import go_first
+from robot_driver.host import go_first
 from robot_driver.rhythm import Rhythm, quantile
 from tests.driver_bench import Bench, NotedRhythm, bench, bench_apart, number, wait_for
 from tests.exchanges import Exchanges
