@@ -37,10 +37,13 @@ class Line(Protocol):
         """Give the port up."""
 
 
-class Running(Protocol):
-    """A thread that has been started."""
+class Worker(Protocol):
+    """A thread."""
 
-    def join(self, timeout: float) -> None:
+    def start(self) -> None:
+        """Begin."""
+
+    def join(self, timeout: float | None = None) -> None:
         """Wait until it has ended, for up to `timeout` seconds."""
 
 
@@ -89,23 +92,21 @@ class Host:
         """Return a mailbox for up to so many pieces."""
         return _Queue(most)
 
-    def start(self, work: Callable[[], None], name: str) -> Running:
-        """Begin a thread that runs before all that is not urgent, where the system permits it."""
+    def thread(self, work: Callable[[], None], name: str) -> Worker:
+        """Return a thread, not started yet, that runs before all that is not urgent, where the system permits it."""
 
         def urgent() -> None:
             go_first()
             work()
 
-        thread = threading.Thread(target=urgent, name=name, daemon=True)
-        thread.start()
-        return thread
+        return threading.Thread(target=urgent, name=name, daemon=True)
 
     def open_line(self, path: str, baud_rate: int, *, lock_out: bool) -> Line:
         """Open a serial port (8N1, no flow control), for this program alone; `lock_out` others by the kernel, too.
 
         Raises one of PORT_ERRORS, or ValueError.
         """
-        return _Terminal(path, baud_rate, lock_out=lock_out)
+        return Terminal(path, baud_rate, lock_out=lock_out)
 
 
 THIS_COMPUTER = Host()
@@ -117,7 +118,7 @@ def go_first() -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
 
 
-class _Terminal:
+class Terminal:
     """A serial port of this computer."""
 
     def __init__(self, path: str, baud_rate: int, *, lock_out: bool) -> None:
@@ -128,15 +129,22 @@ class _Terminal:
             with suppress(*PORT_ERRORS):
                 fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
 
+    def fileno(self) -> int:
+        """Return its file descriptor."""
+        return int(self._serial.fileno())
+
     def write(self, data: bytes) -> None:
+        """Write all of it."""
         self._serial.write(data)
 
     def read(self, most: int, timeout: float) -> bytes:
+        """Return what has arrived, as soon as there is any."""
         if not select.select([self._serial.fileno()], [], [], max(timeout, 0.0))[0]:
             return b""
         return bytes(self._serial.read(most))
 
     def close(self) -> None:
+        """Give the port up."""
         with suppress(*PORT_ERRORS):
             self._serial.close()
 

@@ -5,7 +5,6 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 from types import TracebackType
 
-from robot_driver.host import Running
 from robot_driver.serial_port import PortLost, SerialPort
 
 FIRST_PAUSE = 0.1  # s before the first attempt to get a lost device back; doubled each time
@@ -49,19 +48,18 @@ class PortThread:
         self.failure: Exception | None = None
         self._lost = f"Waiting for the device at {port.path}."
         self._stop = port.host.event()
-        self._thread: Running | None = None
+        self._thread = port.host.thread(self._run, port.path)
 
     def __enter__(self) -> "PortThread":
         self.port.open()
-        self._thread = self.port.host.start(self._run, self.port.path)
+        self._thread.start()
         return self
 
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         self.ask_to_stop()
-        if self._thread is not None:
-            self._thread.join(STOP_TIMEOUT)
+        self._thread.join(STOP_TIMEOUT)
 
     def ask_to_stop(self) -> None:
         """Have the thread end soon; leaving waits for it."""
