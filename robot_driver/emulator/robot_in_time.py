@@ -95,7 +95,7 @@ class RobotInTime:
                 heapq.heappop(self._events)[2]()
             elif self._motion_capture is not None and self._motion_capture.wake_time <= due:
                 pose = self._motion_capture.wake(due)
-                self._schedule(pose.time, partial(self._on_pose, pose))
+                self._schedule(pose.ready, partial(self._on_pose, pose))
             else:
                 line = min(self._lines.values(), key=lambda line: line.device.wake_time)
                 self._send(line, line.device.wake(due))
