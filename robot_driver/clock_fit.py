@@ -7,6 +7,7 @@ convex hull. The sensor's rate is its own, whatever it says; a few per cent arou
 
 from bisect import bisect
 from collections import deque
+from collections.abc import Callable
 
 WINDOW = 30.0  # s of readings that a line is fitted to; over that time no quartz drifts noticeably
 RATE_TOLERANCE = 0.05  # share by which a sensor's rate may differ from its nominal one
@@ -76,7 +77,8 @@ class ClockFit:
             self._add(point)
         self._arrivals.append(points[-1])
         self._count_missing()
-        return [min(round(self._line_at(number + self._missing)), latest) for number, latest in readings]
+        line = self._line()
+        return [min(round(line(number + self._missing)), latest) for number, latest in readings]
 
     def _count_missing(self) -> None:
         """See whether readings were lost unnoticed: then all that has come since is late by whole periods."""
@@ -113,10 +115,12 @@ class ClockFit:
         while len(hull) > 2 and hull[0][0] < oldest:
             hull.popleft()
 
-    def _line_at(self, number: int) -> float:
-        """Return the time on the highest line of the middle's slope that no reading lies below."""
+    def _line(self) -> Callable[[int], float]:
+        """Return the highest line of the middle's slope that no reading lies below: times by numbers."""
         slope = self._slope()
-        return min(time + slope * (number - at) for at, time in self._hull)
+        begin = self._hull[0][0]
+        _, at, time = min([(time - slope * (at - begin), at, time) for at, time in self._hull])
+        return lambda number: time + slope * (number - at)
 
     def _difference_of_halves(self) -> float:
         """Return by what share of a period readings come less often in one half of them than in the other."""

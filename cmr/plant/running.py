@@ -91,8 +91,10 @@ class RunningRobot:
     def advance(self, time: float) -> None:
         """Let the world go on until `time` [s]; a time that has passed changes nothing."""
         while self.time < time:
-            end = min(time, self.time + MOST_STEPS * STEP)
-            steps = max(1, math.ceil((end - self.time) / STEP - 1e-6))
+            end, steps = time, 1
+            if time - self.time > STEP:
+                end = min(time, self.time + MOST_STEPS * STEP)
+                steps = max(1, math.ceil((end - self.time) / STEP - 1e-6))
             go_on(self._records, self.carried, self._duties, (self.time, end), self._noise, self._next_draws(steps))
             self.time = end
 

@@ -38,14 +38,28 @@ class WireLine:
         self.name = name
         self.device = device
         self.adapter = adapter
+        self.wake_time = device.wake_time  # changes only by what the device is given, or does
         self.busy_to_device = 0.0
         self.busy_to_client = 0.0
+
+    def receive(self, data: bytes, time: float) -> list[Transmission]:
+        """Have the device take bytes of which the last has arrived at `time`."""
+        sent = self.device.receive(data, time)
+        self.wake_time = self.device.wake_time
+        return sent
+
+    def wake(self, time: float) -> list[Transmission]:
+        """Have the device act of its own accord."""
+        sent = self.device.wake(time)
+        self.wake_time = self.device.wake_time
+        return sent
 
 
 class RobotInTime:
     """The plant, the devices and cameras that look at it, and all that is on its way between them.
 
-    The plant is moved to the exact time of each event: a request's last byte has arrived, a sample is due. What a
+    The plant is moved to the exact time at which somebody looks: a request's last byte has arrived, a sample is
+    due. What a
     device sends goes to `deliver(name, data)`, what the cameras see to `on_pose`, each when it is there.
     """
 
@@ -64,6 +78,7 @@ class RobotInTime:
         self._lines = {
             name: WireLine(name, device, adapters.get(name, NoAdapter())) for name, device in devices.items()
         }
+        self._in_order = list(self._lines.values())
         self._deliver = deliver
         self._motion_capture = motion_capture
         self._on_pose = on_pose
@@ -76,29 +91,36 @@ class RobotInTime:
             line = self._lines[name]
             arrival = max(start, line.busy_to_device) + len(data) * line.device.byte_time
             line.busy_to_device = arrival
-            self._schedule(arrival, lambda: self._send(line, line.device.receive(data, arrival)))
+            self._schedule(arrival, partial(self._receive, line, data, arrival))
 
     def next_due(self) -> float:
         """Return the time of the earliest event or of the first device to act."""
         due = self._events[0][0] if self._events else math.inf
         if self._motion_capture is not None:
             due = min(due, self._motion_capture.wake_time)
-        for line in self._lines.values():
-            due = min(due, line.device.wake_time)
+        for line in self._in_order:
+            if line.wake_time < due:
+                due = line.wake_time
         return due
 
-    def let_happen(self, now: float) -> None:
-        """Do everything that is due by `now`, in order of time."""
+    def let_happen(self, now: float) -> float:
+        """Do everything that is due by `now`, in order of time; return when the next is due."""
         while (due := self.next_due()) <= now:
-            self.plant.advance(due)
             if self._events and self._events[0][0] <= due:
                 heapq.heappop(self._events)[2]()
-            elif self._motion_capture is not None and self._motion_capture.wake_time <= due:
+                continue
+            self.plant.advance(due)
+            if self._motion_capture is not None and self._motion_capture.wake_time <= due:
                 pose = self._motion_capture.wake(due)
                 self._schedule(pose.ready, partial(self._on_pose, pose))
             else:
-                line = min(self._lines.values(), key=lambda line: line.device.wake_time)
-                self._send(line, line.device.wake(due))
+                line = min(self._in_order, key=_wake_time)
+                self._send(line, line.wake(due))
+        return due
+
+    def _receive(self, line: WireLine, data: bytes, arrival: float) -> None:
+        self.plant.advance(arrival)
+        self._send(line, line.receive(data, arrival))
 
     def _send(self, line: WireLine, transmissions: list[Transmission]) -> None:
         """Hand bytes to the client when they have come up the wire, after those that are still on it."""
@@ -111,3 +133,7 @@ class RobotInTime:
 
     def _schedule(self, moment: float, action: Callable[[], object]) -> None:
         heapq.heappush(self._events, (moment, next(self._order), action))
+
+
+def _wake_time(line: WireLine) -> float:
+    return line.wake_time

@@ -240,7 +240,7 @@ class Settings:
         for name, value in self.effects.items():
             if name not in EFFECT_PARAMETERS:
                 raise SettingsError(f"effects.{name} is unknown. Known are: {', '.join(EFFECT_PARAMETERS)}.")
-            _require(abs(value) < math.inf, self, f"effects.{name}", "a finite number")
+            _require(not math.isnan(value), self, f"effects.{name}", "a number")
 
     @property
     def plant(self) -> PlantParameters:
@@ -339,7 +339,10 @@ def _build(section: type[Section], values: Any, where: str) -> Section:
 def _numbers(values: Any, name: str) -> Effects:
     if not isinstance(values, dict):
         raise SettingsError(f"{name} must be a section with some of: {', '.join(EFFECT_PARAMETERS)}.")
-    return {str(key): float(_scalar(float, value, f"{name}.{key}")) for key, value in values.items()}
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise SettingsError(f"{name}.{key} must be a number, not {value!r}.")
+    return {str(key): float(value) for key, value in values.items()}  # infinity is the neutral value of some
 
 
 def _scalar(kind: type, value: Any, name: str) -> Any:

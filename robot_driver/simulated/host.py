@@ -48,6 +48,8 @@ class SimulatedHost(Host):
         self._order = itertools.count(1)
         self._running = _Thread("main", seed)
         self._threads = [self._running]
+        self._following = self._running  # who goes on first, unless somebody was woken since
+        self._woken = True
         self._failures: list[BaseException] = []
 
     def plug_in(self, robot: RobotInTime, adapters: dict[str, UsbAdapter | OwnUsb]) -> None:
@@ -159,23 +161,23 @@ class SimulatedHost(Host):
             if thread.waits_for is reason:
                 due = self._now + self.lateness.of_waking(thread.random)
                 thread.due, thread.waits_for = min(thread.due, (due, next(self._order))), None
+                self._woken = True
 
     def _let_happen(self) -> _Thread:
         """Let time pass until a thread goes on; return it."""
+        due = self._robot.next_due() if self._robot is not None else math.inf
         while True:
-            following = min(self._threads, key=_due)
-            happens = NEVER
-            if self._robot is not None:
-                due = self._robot.next_due()
-                happens = SWITCHED_ON + math.ceil(due * SECOND) if due < math.inf else NEVER
-            if following.due[0] < happens or happens == NEVER:
+            if self._woken or self._following.ended:
+                self._following, self._woken = min(self._threads, key=_due), False
+            following = self._following
+            happens = SWITCHED_ON + math.ceil(due * SECOND) if due < math.inf else NEVER
+            if following.due[0] < happens or self._robot is None:
                 assert following.due[0] < NEVER, "all threads wait for ever"
                 self._now = max(self._now, following.due[0])
-                following.waits_for = None
+                following.waits_for, self._woken = None, True
                 return following
-            assert self._robot is not None
             self._now = max(self._now, happens)
-            self._robot.let_happen(due)
+            due = self._robot.let_happen(due)
 
     def _hand_over(self, thread: _Thread) -> None:
         self._running = thread
