@@ -46,9 +46,10 @@ def make(message_type: Any, **fields: Any) -> Any:
     """
     message = message_type()
     names, counted = _fields(message_type)
-    wrong = (fields.keys() ^ names) - set(counted.values())
-    if wrong:
-        raise TypeError(f"{message_type.__name__}: fields missing or unknown: {', '.join(sorted(wrong))}")
+    if counted or fields.keys() != names:
+        wrong = (fields.keys() ^ names) - set(counted.values())
+        if wrong:
+            raise TypeError(f"{message_type.__name__}: fields missing or unknown: {', '.join(sorted(wrong))}")
     for count_field in set(counted.values()):
         lengths = {name: len(fields[name]) for name, field in counted.items() if field == count_field}
         if len(set(lengths.values())) > 1:

@@ -60,6 +60,18 @@ def go_on(
         carried[2 * SIDE + k] = body[k]
 
 
+@compiled_once
+def switch(records: Any, carried: Floats, duties: Floats) -> None:
+    """Have duties (left, right) reach the motors at once, as far as nothing delays them; change `carried`."""
+    p, c = records[0], carried
+    wanted = wanted_duties(p, duties[0], duties[1])
+    for side in range(2):
+        k = SIDE * side
+        now = Side(c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5], c[k + 6], c[k + 7], c[k + 8], c[k + 9])
+        now = switched(p, now, wanted[side])
+        carried[k], carried[k + 1] = now[0], now[1]
+
+
 class RunningRobot:
     """The plant at `time` [s since it was at rest at `pose`]; `carried` is ordered as PLACES.
 
@@ -87,6 +99,7 @@ class RunningRobot:
     def drive(self, left: float, right: float) -> None:
         """Have the motors get these duties from now on."""
         self._duties[:] = left, right
+        switch(self._records, self.carried, self._duties)
 
     def advance(self, time: float) -> None:
         """Let the world go on until `time` [s]; a time that has passed changes nothing."""
@@ -100,6 +113,7 @@ class RunningRobot:
 
     def _load(self) -> None:
         """Compile or load what lets time pass before anybody waits for it."""
+        switch(self._records, self.carried.copy(), self._duties)
         go_on(self._records, self.carried.copy(), self._duties, (0.0, STEP), self._noise, np.zeros((1, 6)))
 
     def _next_draws(self, steps: int) -> Floats:

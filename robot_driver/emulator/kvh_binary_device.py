@@ -52,12 +52,8 @@ class KvhBinaryDevice:
         self._line = b""
         self._sequence = 0
         self._invalid_messages = 0
+        self._period = 1.0 / own.rate  # what the device takes for the time between two messages (s)
         self.wake_time = time + self._period / self._pace
-
-    @property
-    def _period(self) -> float:
-        """What the device takes for the time between two messages (s)."""
-        return 1.0 / int(self.kept["DR"])
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
         """Take bytes of which the last has arrived at `time`; answer every command that they complete."""
@@ -114,6 +110,7 @@ class KvhBinaryDevice:
         self.kept[name] = value
         self.writes += 1
         if name == "DR":
+            self._period = 1.0 / int(value)
             self._invalid_messages = INVALID_AFTER_RATE_CHANGE
 
 

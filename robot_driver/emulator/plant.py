@@ -32,10 +32,18 @@ class Wheel:
         """The angle since the start (rad)."""
         return float(self._carried[self._phi])
 
+    @angle.setter
+    def angle(self, angle: float) -> None:
+        self._carried[self._phi] = angle
+
     @property
     def velocity(self) -> float:
         """The velocity (rad/s)."""
         return float(self._carried[self._psi])
+
+    @velocity.setter
+    def velocity(self, velocity: float) -> None:
+        self._carried[self._psi] = velocity
 
     @property
     def duty(self) -> float:
@@ -75,15 +83,27 @@ class Plant:
         """The true x (m)."""
         return float(self._running.carried[PLACES["x"]])
 
+    @x.setter
+    def x(self, value: float) -> None:
+        self._running.carried[PLACES["x"]] = value
+
     @property
     def y(self) -> float:
         """The true y (m)."""
         return float(self._running.carried[PLACES["y"]])
 
+    @y.setter
+    def y(self, value: float) -> None:
+        self._running.carried[PLACES["y"]] = value
+
     @property
     def theta(self) -> float:
         """The true heading (rad)."""
         return float(self._running.carried[PLACES["theta"]])
+
+    @theta.setter
+    def theta(self, value: float) -> None:
+        self._running.carried[PLACES["theta"]] = value
 
     def theta_at(self, time: float) -> float:
         """Return the heading at a time up to gyro_latency ago (rad); times never go back."""

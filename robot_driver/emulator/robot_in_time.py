@@ -74,6 +74,8 @@ class RobotInTime:
         on_pose: Callable[[Pose], None] = lambda _pose: None,
     ) -> None:
         self.plant = plant
+        self.now = 0.0  # the time of what happened last
+        self.until = 0.0
         adapters = adapters or {}
         self._lines = {
             name: WireLine(name, device, adapters.get(name, NoAdapter())) for name, device in devices.items()
@@ -103,9 +105,14 @@ class RobotInTime:
                 due = line.wake_time
         return due
 
-    def let_happen(self, now: float) -> float:
-        """Do everything that is due by `now`, in order of time; return when the next is due."""
-        while (due := self.next_due()) <= now:
+    def let_happen(self, until: float) -> float:
+        """Do everything that is due by `until`, in order of time; return when the next is due.
+
+        What happens may set `until` to an earlier time.
+        """
+        self.until = until
+        while (due := self.next_due()) <= self.until:
+            self.now = due
             if self._events and self._events[0][0] <= due:
                 heapq.heappop(self._events)[2]()
                 continue

@@ -9,7 +9,7 @@ from typing import Any
 
 from cmr.bus.messages import make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, WORLD_STATE
-from cmr.msg import motor_command_t, pose_xyt_t
+from cmr.msg import gyro_t, motor_command_t, pose_xyt_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour, make_behaviour
@@ -24,7 +24,7 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.robot_in_time import RobotInTime
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings, load_settings
-from robot_driver.simulated.bus import SimulatedBus, taken
+from robot_driver.simulated.bus import Inbox, SimulatedBus, taken
 from robot_driver.simulated.host import START_UTIME, SimulatedHost
 from robot_driver.simulated.usb import Lateness, OwnUsb, UsbAdapter
 
@@ -92,6 +92,7 @@ class SimulatedDrive:
             devices = {name: FaultyLine(device, self.faults, self.seed) for name, device in devices.items()}
 
         def publish(pose: Pose) -> None:
+            host.follow_robot()
             message = make(
                 pose_xyt_t,
                 utime=host.utime_of_robot(pose.time),
@@ -147,7 +148,7 @@ class SimulatedDrive:
         estimator.parameters = parameters.robot_parameters if parameters else None
         inbox = bus.subscribe(*(stream.channel(self.robot_id) for stream in (MOTOR_FEEDBACK, GYRO, POSE)))
         for utime in steadily(host, PILOT_RATE, done):
-            for channel, message in taken(inbox):
+            for channel, message in without_superseded_rates(taken(inbox)):
                 estimator.handle(message.utime, channel, message)
                 pilot.handle(message.utime, channel, message)
             me = Robot(estimator.utime, self.robot_id, REAL, estimator.state)
@@ -158,6 +159,16 @@ class SimulatedDrive:
                 break
         stop = make(motor_command_t, utime=host.utime(), robot_id=self.robot_id, left=0.0, right=0.0)
         bus.publish(MOTOR_COMMAND, stop, self.robot_id)
+
+
+def without_superseded_rates(messages: Inbox) -> Inbox:
+    """Return the messages without those of the gyro that another one follows: an estimate takes the newest rate."""
+    kept: Inbox = []
+    for channel, message in messages:
+        if kept and kept[-1][0] == channel and isinstance(message, gyro_t) and message.valid:
+            kept.pop()
+        kept.append((channel, message))
+    return kept
 
 
 def steadily(host: SimulatedHost, rate: float, done: Any) -> Iterator[int]:

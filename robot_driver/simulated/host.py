@@ -58,8 +58,14 @@ class SimulatedHost(Host):
         self._lines = {name: SimulatedLine(self, name, adapter) for name, adapter in adapters.items()}
 
     def arrive(self, name: str, data: bytes) -> None:
-        """Have bytes arrive at a port, now."""
+        """Have bytes of the robot arrive at a port."""
+        self.follow_robot()
         self._lines[name].arrive(data)
+
+    def follow_robot(self) -> None:
+        """Let time pass until what the robot does just now; called before anybody here sees it."""
+        assert self._robot is not None
+        self._now = max(self._now, SWITCHED_ON + math.ceil(self._robot.now * SECOND))
 
     def robot_time(self) -> float:
         """Return the time since the robot was switched on (s)."""
@@ -162,22 +168,24 @@ class SimulatedHost(Host):
                 due = self._now + self.lateness.of_waking(thread.random)
                 thread.due, thread.waits_for = min(thread.due, (due, next(self._order))), None
                 self._woken = True
+                if self._robot is not None:
+                    self._robot.until = min(self._robot.until, (thread.due[0] - SWITCHED_ON) / SECOND)
 
     def _let_happen(self) -> _Thread:
         """Let time pass until a thread goes on; return it."""
-        due = self._robot.next_due() if self._robot is not None else math.inf
+        robot = self._robot
         while True:
             if self._woken or self._following.ended:
                 self._following, self._woken = min(self._threads, key=_due), False
             following = self._following
-            happens = SWITCHED_ON + math.ceil(due * SECOND) if due < math.inf else NEVER
-            if following.due[0] < happens or self._robot is None:
-                assert following.due[0] < NEVER, "all threads wait for ever"
-                self._now = max(self._now, following.due[0])
-                following.waits_for, self._woken = None, True
-                return following
-            self._now = max(self._now, happens)
-            due = self._robot.let_happen(due)
+            if robot is not None:
+                robot.let_happen((following.due[0] - SWITCHED_ON) / SECOND)
+            if self._woken:
+                continue
+            assert following.due[0] < NEVER, "all threads wait for ever"
+            self._now = max(self._now, following.due[0])
+            following.waits_for, self._woken = None, True
+            return following
 
     def _hand_over(self, thread: _Thread) -> None:
         self._running = thread
