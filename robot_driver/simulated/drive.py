@@ -71,7 +71,7 @@ class SimulatedDrive:
             ]
             for thread in threads:
                 thread.start()
-            host.sleep(self.seconds)
+            host.run(self.seconds)
             done.set()
             for thread in threads:
                 thread.join(ENDING)

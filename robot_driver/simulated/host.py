@@ -135,6 +135,7 @@ class SimulatedHost(Host):
                 work()
             except BaseException as failure:  # told by check()
                 self._failures.append(failure)
+                self.wake(self)
             finally:
                 thread.ended = True
                 self._threads.remove(thread)
@@ -143,6 +144,12 @@ class SimulatedHost(Host):
 
         threading.Thread(target=run, name=name, daemon=True).start()
         return thread
+
+    def run(self, seconds: float) -> None:
+        """Let everybody else go on for so long, or until one of them fails."""
+        if not self._failures:
+            self.wait(seconds, self)
+        self.check()
 
     def check(self) -> None:
         """Raise what ended a thread, if it was a failure."""
