@@ -1,6 +1,7 @@
 """From the monotonic clock, which measures, to the time of day, which messages carry."""
 
 import time
+from collections.abc import Callable
 
 SAMPLES = 3  # comparisons of the two clocks; another thread may run in the midst of one
 
@@ -19,12 +20,13 @@ def utime_at(monotonic_nanoseconds: int) -> int:
 class Stamps:
     """Times of day of one stream of messages: strictly increasing, whatever happens to the clocks meanwhile."""
 
-    def __init__(self) -> None:
+    def __init__(self, utime_at: Callable[[int], int] = utime_at) -> None:
+        self._utime_at = utime_at
         self._last = 0
 
     def next(self, monotonic_nanoseconds: int) -> int:
         """Return the time of day (us) of a moment, but later than all before it."""
-        self._last = max(utime_at(monotonic_nanoseconds), self._last + 1)
+        self._last = max(self._utime_at(monotonic_nanoseconds), self._last + 1)
         return self._last
 
 

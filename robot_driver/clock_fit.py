@@ -7,6 +7,7 @@ convex hull. The sensor's rate is its own, whatever it says; a few per cent arou
 
 from bisect import bisect
 from collections import deque
+from collections.abc import Callable
 
 WINDOW = 30.0  # s of readings that a line is fitted to; over that time no quartz drifts noticeably
 RATE_TOLERANCE = 0.05  # share by which a sensor's rate may differ from its nominal one
@@ -34,6 +35,7 @@ class ClockFit:
 
     def __init__(self, nominal_rate: float, unnoticed: int = 1) -> None:
         self._nominal = 1e9 / nominal_rate  # ns
+        self._slowest = self._nominal / (1 + RATE_TOLERANCE)  # ns; the smallest slope
         self._hull: deque[Point] = deque()
         self._step = unnoticed
         self._arrivals: deque[Point] = deque(maxlen=SLIP_BEFORE + SLIP_AFTER)  # the last reading of each
@@ -75,22 +77,26 @@ class ClockFit:
         for point in points:
             self._add(point)
         self._arrivals.append(points[-1])
-        self._count_missing()
-        return [min(round(self._line_at(number + self._missing)), latest) for number, latest in readings]
+        line = self._line()
+        newest, latest = points[-1]
+        # Those before are no earlier than the line, so that what is missing delays the newest by as much, at least.
+        if latest - line(newest) >= SLIP * self._step * self._slowest and self._count_missing():
+            line = self._line()
+        return [min(round(line(number + self._missing)), latest) for number, latest in readings]
 
-    def _count_missing(self) -> None:
-        """See whether readings were lost unnoticed: then all that has come since is late by whole periods."""
+    def _count_missing(self) -> bool:
+        """Tell whether readings were lost unnoticed: then all that has come since is late by whole periods."""
         newest, _ = self._arrivals[-1]
         if (
             len(self._arrivals) < SLIP_BEFORE + SLIP_AFTER
             or newest - self._hull[0][0] < SLIP_FROM * 1e9 / self._nominal
         ):
-            return
+            return False
         slope = self._slope()
         lateness = [latest - slope * (number - newest) for number, latest in self._arrivals]
         steps = (min(lateness[SLIP_BEFORE:]) - min(lateness[:SLIP_BEFORE])) / (self._step * slope)
         if steps < SLIP:
-            return
+            return False
         missing = self._step * round(steps)
         self._missing += missing
         since = [self._arrivals.pop() for _ in range(SLIP_AFTER)][::-1]
@@ -99,6 +105,7 @@ class ClockFit:
         for number, latest in since:
             self._arrivals.append((number + missing, latest))
             self._add(self._arrivals[-1])
+        return True
 
     def _begin_anew(self) -> None:
         self._hull.clear()
@@ -113,10 +120,12 @@ class ClockFit:
         while len(hull) > 2 and hull[0][0] < oldest:
             hull.popleft()
 
-    def _line_at(self, number: int) -> float:
-        """Return the time on the highest line of the middle's slope that no reading lies below."""
+    def _line(self) -> Callable[[int], float]:
+        """Return the highest line of the middle's slope that no reading lies below: times by numbers."""
         slope = self._slope()
-        return min(time + slope * (number - at) for at, time in self._hull)
+        begin = self._hull[0][0]
+        _, at, time = min([(time - slope * (at - begin), at, time) for at, time in self._hull])
+        return lambda number: time + slope * (number - at)
 
     def _difference_of_halves(self) -> float:
         """Return by what share of a period readings come less often in one half of them than in the other."""

@@ -8,16 +8,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from cmr.bus.messages import now_utime
 from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, Stream
 from cmr.parameters.following import ParameterFollower
 from robot_driver.battery import Thresholds
-from robot_driver.clock import seconds_since_boot
 from robot_driver.command_gate import CommandGate
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.encoders import FASTEST_WHEEL, Wiring
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros import GYROS, Gyro
+from robot_driver.host import THIS_COMPUTER, Host
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits
@@ -55,7 +54,8 @@ class Driver:
     port cannot be opened. On leaving, the motors have been stopped, acknowledged where the device answers.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, host: Host = THIS_COMPUTER) -> None:
+        self._host = host
         self.follower = ParameterFollower(settings.robot, settings.parameters)
         self.warnings = " ".join(filter(None, map(numbering_warning, (settings.port, settings.gyro_port or ""))))
         self._robot_id = settings.robot
@@ -64,7 +64,7 @@ class Driver:
         self._last_turn: float | None = None
         controller_type = CONTROLLERS[settings.controller]
         port_type = StreamPort if controller_type.streams else SerialPort
-        port = port_type(settings.port, settings.baud or controller_type.default_baud_rate)
+        port = port_type(settings.port, settings.baud or controller_type.default_baud_rate, host)
         self._motors = Motors(
             port,
             controller_type,
@@ -105,7 +105,7 @@ class Driver:
 
         At the first turn the process has to hear the bus already.
         """
-        now = seconds_since_boot()
+        now = self._host.seconds_since_boot()
         if self._last_turn is None:
             self._gate.note_listening(now)
         elif now - self._last_turn > HELD_UP:
@@ -117,9 +117,11 @@ class Driver:
     def handle(self, utime: int, channel: str, message: Any) -> None:
         """Take a message from the bus."""
         if channel == MOTOR_COMMAND.channel(self._robot_id):
-            self._gate.offer(utime, message.left, message.right, now=seconds_since_boot(), utime=now_utime())
+            self._gate.offer(
+                utime, message.left, message.right, now=self._host.seconds_since_boot(), utime=self._host.utime()
+            )
         elif channel == ESTOP.channel():
-            self._gate.take_estop(bool(message.engaged), utime, utime=now_utime())
+            self._gate.take_estop(bool(message.engaged), utime, utime=self._host.utime())
         elif self.follower.handle(utime, channel, message):
             self._use_parameters()
 
@@ -179,7 +181,7 @@ def _gyro(settings: Settings, port: SerialPort) -> tuple[SerialPort, type[Gyro]]
     """Return where the gyro is read and what it is: on a port of its own, or overheard on the controller's."""
     if settings.gyro_port is not None:
         gyro_type = GYROS[settings.gyro or "dsp3000"]
-        return SerialPort(settings.gyro_port, settings.gyro_baud or gyro_type.baud_rate), gyro_type
+        return SerialPort(settings.gyro_port, settings.gyro_baud or gyro_type.baud_rate, port.host), gyro_type
     on_board = CONTROLLERS[settings.controller].gyro
     if on_board is not None and isinstance(port, StreamPort) and settings.gyro in (None, BOARD):
         return OverheardPort(port), on_board

@@ -2,7 +2,6 @@
 
 import math
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +9,7 @@ from typing import Any
 
 from cmr.bus.messages import make
 from cmr.msg import gyro_t
-from robot_driver.clock import Stamps, utime_at
+from robot_driver.clock import Stamps
 from robot_driver.clock_fit import ClockFit
 from robot_driver.gyros import Gyro, GyroReading
 from robot_driver.port_thread import Device
@@ -38,6 +37,7 @@ class GyroDevice(Device):
         self, port: SerialPort, gyro_type: type[Gyro], *, robot_id: int, sign: int, publish: Callable[[Any], None]
     ) -> None:
         self._port = port
+        self._host = port.host
         self._gyro_type = gyro_type
         self._gyro = gyro_type()
         self._robot_id = robot_id
@@ -47,7 +47,7 @@ class GyroDevice(Device):
         self._last_reading = self._last_valid = self._last_request = 0.0
         self._last_sign = 0.0  # when the gyro last said something that was waited for
         self._heard: int | None = None  # when readings came last since the gyro was woken up (monotonic ns)
-        self._stamps = Stamps()
+        self._stamps = Stamps(port.host.utime_at)
         self._clock_fit: ClockFit | None = None
         self._count = 0
 
@@ -64,11 +64,11 @@ class GyroDevice(Device):
     def turn(self, stop: threading.Event) -> None:  # noqa: ARG002 - a read does not take long
         """Publish what has come; wake the gyro up when nothing has come for a while."""
         data = self._port.read(READ_SIZE, LONGEST_READ)
-        arrived = time.monotonic_ns()
+        arrived = self._host.monotonic_ns()
         readings = self._gyro.feed(data)
         if readings:
             self._take(readings, arrived)
-        now = time.monotonic()
+        now = self._host.monotonic()
         if request := self._gyro.next_request():
             self._ask(request)
             self._last_sign = now
@@ -89,7 +89,7 @@ class GyroDevice(Device):
 
     def _ask(self, request: bytes) -> None:
         self._port.write(request)
-        self._last_request = time.monotonic()
+        self._last_request = self._host.monotonic()
 
     def _take(self, readings: list[GyroReading], arrived: int) -> None:
         """Publish readings: as not valid where they follow a gap, or where it is not sure when they were taken."""
@@ -116,8 +116,8 @@ class GyroDevice(Device):
         invalid = sum(not reading.valid for reading in readings)
         self.counts["not valid"] += invalid
         if invalid < len(readings):
-            self._last_valid = time.monotonic()
-        if time.monotonic() - self._last_valid < INVALID_LIMIT:
+            self._last_valid = self._host.monotonic()
+        if self._host.monotonic() - self._last_valid < INVALID_LIMIT:
             return ""
         return (
             f"The gyro at {self._port.path} says that its readings are not valid. Wait until it has started; if that "
@@ -128,7 +128,7 @@ class GyroDevice(Device):
         """Have the gyro go on sending readings, should it be in the midst of telling how it is set."""
         for _ in range(FAREWELLS if self._gyro.farewell else 0):
             self._port.write(self._gyro.farewell)
-            time.sleep(FAREWELL_PAUSE)
+            self._host.sleep(FAREWELL_PAUSE)
 
     def _wake_up(self) -> None:
         """Begin anew with a gyro of which nothing is known."""
@@ -166,5 +166,5 @@ class GyroDevice(Device):
             robot_id=self._robot_id,
             yaw_rate=self._sign * pace * reading.yaw_rate,
             valid=int(reading.valid),
-            received_utime=utime_at(arrived),
+            received_utime=self._host.utime_at(arrived),
         )

@@ -2,7 +2,6 @@
 
 import math
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t
 from robot_driver.battery import Thresholds
-from robot_driver.clock import Stamps, seconds_since_boot, utime_at
+from robot_driver.clock import Stamps
 from robot_driver.command_gate import CommandGate, Drive
 from robot_driver.controllers import BadReply, Controller, Request, Telemetry
 from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, WheelMotion, Wiring
@@ -76,8 +75,9 @@ class Motors(Device):
     ) -> None:
         self.fastest_wheel = FASTEST_WHEEL
         self.faults = 0
-        self.rhythm = Rhythm()
+        self.rhythm = Rhythm(port.host.monotonic)
         self._port = port
+        self._host = port.host
         self._controller_type = controller_type
         self._gate = gate
         self._robot_id = robot_id
@@ -89,7 +89,7 @@ class Motors(Device):
         self._publish = publish
         self._connection: _Connection | None = None
         self._jumps_told = 0
-        self._stamps = Stamps()
+        self._stamps = Stamps(port.host.utime_at)
         self._last_driven = 0.0
         self._last_counted = 0.0
         self._refusal = ""  # why this device must not be driven, whatever connection is made
@@ -104,7 +104,7 @@ class Motors(Device):
 
     def connect(self, stop: threading.Event) -> None:
         """Stop the motors, learn what the device is, arm it; from here on a new command is needed."""
-        controller = self._controller_type()
+        controller = self._new_controller()
         self._port.resynchronise()
         self._insist(controller.drive(0.0, 0.0), stop)
         self._insist(controller.identify(), stop)
@@ -117,29 +117,29 @@ class Motors(Device):
         self._act(self._connection)
         self._gate.clear()
         self._ramp.reset()
-        self._due = self._last_driven = self._last_counted = time.monotonic()
+        self._due = self._last_driven = self._last_counted = self._host.monotonic()
 
     def turn(self, stop: threading.Event) -> None:
         """Send the duty, read the encoders, and one slow reading; if all is answered, wait for the next turn's time."""
         assert self._connection is not None
         self.rhythm.note_turn()
         try:
-            if time.monotonic() - self._last_driven > HUSH:
+            if self._host.monotonic() - self._last_driven > HUSH:
                 self._look(self._connection)
             self._serve(self._connection)
         except BadReply:
             self._recover()
             # Try again at once: at a low rate, silence would last too long before what is wrong can be known.
-            self._due = min(self._due, time.monotonic() - self._period)
+            self._due = min(self._due, self._host.monotonic() - self._period)
         except CountersReset as reset:
             raise PortLost(self._reset("its encoder counts began anew at zero")) from reset
         self._refusal = self._refusal or self._connection.controller.objection
-        if time.monotonic() - self._last_driven > SILENCE_LIMIT:
+        if self._host.monotonic() - self._last_driven > SILENCE_LIMIT:
             raise PortLost(self._silence())
-        if time.monotonic() - self._last_counted > BLIND_LIMIT:
+        if self._host.monotonic() - self._last_counted > BLIND_LIMIT:
             raise PortLost(f"The controller at {self._port.path} takes duties, but tells no encoder counts.")
-        self._due = max(self._due + self._period, time.monotonic() - self._period)
-        stop.wait(max(self._due - time.monotonic(), 0.0))
+        self._due = max(self._due + self._period, self._host.monotonic() - self._period)
+        stop.wait(max(self._due - self._host.monotonic(), 0.0))
 
     def leave(self) -> None:
         """Stop the motors and have it acknowledged.
@@ -147,14 +147,14 @@ class Motors(Device):
         Where it is not, whatever is sent may keep the device's watchdog content while it understands nothing: then
         it has to be left alone until that stops the motors.
         """
-        controller = self._connection.controller if self._connection else self._controller_type()
+        controller = self._connection.controller if self._connection else self._new_controller()
         self._connection = None
         self.rest = 0.0
         self.rhythm.pause()
-        give_up = time.monotonic() + STOPPING
+        give_up = self._host.monotonic() + STOPPING
         # In doubt, the first acknowledgement may be of another duty. What is not acknowledged waits for its next turn.
         wanted = controller.stops() * (2 if self._doubtful else 1)
-        while wanted and time.monotonic() < give_up:
+        while wanted and self._host.monotonic() < give_up:
             request = wanted.pop(0)
             try:
                 self._port.exchange(request)
@@ -163,6 +163,11 @@ class Motors(Device):
                 wanted.append(request)
         if wanted:
             self.rest = controller.watchdog_seconds + SILENCE_OF_OURS
+
+    def _new_controller(self) -> Controller:
+        controller = self._controller_type()
+        controller.monotonic_ns = self._host.monotonic_ns
+        return controller
 
     def _count_on(self, controller: Controller, stop: threading.Event) -> None:
         """Decide how ticks go on: a device that still has the watchdog it was given once was not reset, and counts on.
@@ -208,9 +213,9 @@ class Motors(Device):
                 if stop.is_set() or not self._answers(controller):
                     raise
                 continue
-            self._health.take(request, answer, time.monotonic())
+            self._health.take(request, answer, self._host.monotonic())
             answered.append(request)
-        return requests if self._health.missing(time.monotonic()) else answered
+        return requests if self._health.missing(self._host.monotonic()) else answered
 
     def _look(self, connection: _Connection) -> None:
         """See that the device, which may have been reset, is still armed.
@@ -257,7 +262,7 @@ class Motors(Device):
         self._act(connection)
         self._strays = self._port.strays
         self._port.discard_strays()  # it takes a while, after which something else may be wanted
-        now = seconds_since_boot()
+        now = self._host.seconds_since_boot()
         drive = self._gate.drive(now)
         if connection.unarmed:
             drive = Drive(0.0, 0.0, drive.status | motor_feedback_t.STATUS_NOT_ARMED)
@@ -271,22 +276,22 @@ class Motors(Device):
             request = replace(request, not_after=now + DUTY_LIFETIME)
         answer = self._ask(request)
         acknowledged = answer.value
-        self._last_driven = time.monotonic()
+        self._last_driven = self._host.monotonic()
         if max(map(abs, duties)) > TAKEN_FOR_ZERO and not any(acknowledged):
             self._ramp.reset()  # the controller holds the motors by itself: when it lets go, they begin at zero
         else:
             self._ramp.acknowledge()
-        return _Applied(*self._wiring.forward(*acknowledged), utime_at(answer.measured)), drive.status
+        return _Applied(*self._wiring.forward(*acknowledged), self._host.utime_at(answer.measured)), drive.status
 
     def _read_encoders(self, connection: _Connection, applied: _Applied, status: int) -> None:
         answer = self._ask(connection.controller.read_encoders())
-        self._last_counted = time.monotonic()
+        self._last_counted = self._host.monotonic()
         if self._port.strays != self._strays:
             raise BadReply("More than an acknowledgement was answered to a duty.")
         counts = self._wiring.forward_counts(*answer.value)
         motion = self._encoders.update(counts, answer.measured, self.fastest_wheel)
         if motion is not None:
-            telemetry = self._health.recent(time.monotonic())
+            telemetry = self._health.recent(self._host.monotonic())
             self._publish(self._feedback(telemetry, answer, motion, applied, status))
 
     def _feedback(
@@ -316,7 +321,7 @@ class Motors(Device):
             battery_voltage=telemetry.get("battery_voltage", math.nan),
             temperature=telemetry.get("temperature", math.nan),
             status=status,
-            received_utime=utime_at(answer.arrived),
+            received_utime=self._host.utime_at(answer.arrived),
             applied_utime=applied.utime,
         )
 
@@ -329,7 +334,7 @@ class Motors(Device):
             return
         request = connection.requests[slot]
         answer = self._ask(request).value
-        self._health.take(request, answer, time.monotonic())
+        self._health.take(request, answer, self._host.monotonic())
 
     def _check_watchdog(self, connection: _Connection) -> None:
         """Read the device's watchdog back again: a device that was reset meanwhile has none.
@@ -347,14 +352,14 @@ class Motors(Device):
 
     def _act(self, connection: _Connection) -> None:
         """Hold or release the motors by what the controller has told, or told no more, and say what is wrong."""
-        health = self._health.act(time.monotonic())
+        health = self._health.act(self._host.monotonic())
         self.problem = " ".join(filter(None, (connection.unarmed, health)))
 
     def _ask(self, request: Request[T]) -> Answer[T]:
-        asked = time.monotonic()
+        asked = self._host.monotonic()
         answer = self._port.exchange(request)
         if request.data and not request.ends_in_silence:  # else it was known already, or it took a silence to know it
-            self.rhythm.round_trips.append(time.monotonic() - asked)
+            self.rhythm.round_trips.append(self._host.monotonic() - asked)
         return answer
 
     def _insist(self, request: Request[T], stop: threading.Event, attempts: int = ATTEMPTS) -> T:

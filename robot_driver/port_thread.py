@@ -1,6 +1,5 @@
 """One thread that owns one port: opens it, works with the device, and gets it back after it was lost."""
 
-import os
 import threading
 from abc import ABC, abstractmethod
 from contextlib import suppress
@@ -11,12 +10,6 @@ from robot_driver.serial_port import PortLost, SerialPort
 FIRST_PAUSE = 0.1  # s before the first attempt to get a lost device back; doubled each time
 LONGEST_PAUSE = 1.0  # s
 STOP_TIMEOUT = 0.8  # s; a thread that hangs must not keep the process alive: the device's own watchdog stops it
-
-
-def go_first() -> None:
-    """Have this thread run before all that is not urgent, where the system permits it."""
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
 
 
 class Device(ABC):
@@ -54,8 +47,8 @@ class PortThread:
         self.device = device
         self.failure: Exception | None = None
         self._lost = f"Waiting for the device at {port.path}."
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=port.path, daemon=True)
+        self._stop = port.host.event()
+        self._thread = port.host.thread(self._run, port.path)
 
     def __enter__(self) -> "PortThread":
         self.port.open()
@@ -83,7 +76,6 @@ class PortThread:
         return self._lost or self.device.problem
 
     def _run(self) -> None:
-        go_first()
         pause = FIRST_PAUSE
         while not self._stop.is_set():
             try:

@@ -2,6 +2,7 @@
 
 import time
 from collections import deque
+from collections.abc import Callable
 
 REMEMBERED = 1000  # turns and round trips; 10 s at 100 Hz
 
@@ -9,14 +10,15 @@ REMEMBERED = 1000  # turns and round trips; 10 s at 100 Hz
 class Rhythm:
     """Periods between turns and round-trip times of requests (s), the most recent ones; safe between two threads."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self.periods: deque[float] = deque(maxlen=REMEMBERED)
         self.round_trips: deque[float] = deque(maxlen=REMEMBERED)
         self._last_turn: float | None = None
 
     def note_turn(self) -> None:
         """Note that a turn begins now."""
-        now = time.monotonic()
+        now = self._clock()
         if self._last_turn is not None:
             self.periods.append(now - self._last_turn)
         self._last_turn = now

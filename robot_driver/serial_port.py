@@ -4,31 +4,23 @@ Every failure of the device, however the libraries report it, becomes `PortLost`
 """
 
 import errno
-import fcntl
 import math
 import os
 import re
-import select
-import termios
-import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-import serial
 from serial.tools import list_ports
 
-from robot_driver.clock import seconds_since_boot
 from robot_driver.controllers import BadReply, Request
+from robot_driver.host import PORT_ERRORS, THIS_COMPUTER, Host, Line
 
 T = TypeVar("T")
 
-# pyserial lets termios.error out of its flushing calls; it is neither of the others.
-PORT_ERRORS = (serial.SerialException, OSError, termios.error)
 BITS_PER_BYTE = 10  # 8N1: start bit, eight data bits, stop bit
 REPLY_MARGIN = 0.020  # s on top of the time on the wire: USB adapters hold bytes back for up to 16 ms
-WRITE_TIMEOUT = 0.1  # s
 PACKET_GAP = 0.010  # s of silence after which a device drops a half-received packet
 RESYNC_LIMIT = 0.1  # s; a device that never stops talking is not waited for
 PSEUDO_TERMINALS = "/dev/pts/"
@@ -50,17 +42,18 @@ class Answer(Generic[T]):
 
 
 class SerialPort:
-    """The port at `path` (8N1, no flow control). One thread at a time may use it.
+    """The port at `path` of `host` (8N1, no flow control). One thread at a time may use it.
 
     `strays` counts the times that bytes were waiting, as a request was to be made, which none had asked for.
     """
 
-    def __init__(self, path: str, baud_rate: int) -> None:
+    def __init__(self, path: str, baud_rate: int, host: Host = THIS_COMPUTER) -> None:
         self.path = path
+        self.host = host
         self.baud_rate = baud_rate
         self.strays = 0
         self._stable: str | None = None
-        self._serial: serial.Serial | None = None
+        self._line: Line | None = None
         self._last_traffic = -math.inf  # when, on the monotonic clock, the last byte was on the wire (s)
 
     def wire_time(self, byte_count: int) -> float:
@@ -73,28 +66,23 @@ class SerialPort:
         A numbered port is opened again by its stable name: its number may belong to another device by then.
         Raises PortLost.
         """
-        if self._serial is not None:
+        if self._line is not None:
             return
         path = self._stable or self.path
+        # The kernel keeps its lock on a pseudo-terminal after we are gone, until its other end closes.
+        lock_out = not os.path.realpath(self.path).startswith(PSEUDO_TERMINALS)
         try:
-            self._serial = serial.Serial(path, self.baud_rate, timeout=0, write_timeout=WRITE_TIMEOUT, exclusive=True)
+            self._line = self.host.open_line(path, self.baud_rate, lock_out=lock_out)
         except (*PORT_ERRORS, ValueError) as error:
             raise PortLost(why_not_open(path, error)) from error
         if NUMBERED.fullmatch(self.path):
             self._stable = stable_name(self.path)
-        with suppress(*PORT_ERRORS, ValueError):  # most adapters have no such mode
-            self._serial.set_low_latency_mode(True)
-        # The kernel keeps this lock on a pseudo-terminal after we are gone, until its other end closes.
-        if not os.path.realpath(self.path).startswith(PSEUDO_TERMINALS):
-            with suppress(*PORT_ERRORS):
-                fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
 
     def close(self) -> None:
         """Close the port; it may be opened again."""
-        if self._serial is not None:
-            with suppress(*PORT_ERRORS):
-                self._serial.close()
-            self._serial = None
+        if self._line is not None:
+            self._line.close()
+            self._line = None
 
     def write(self, data: bytes) -> None:
         """Write a whole packet in one go.
@@ -103,7 +91,7 @@ class SerialPort:
         """
         try:
             self._opened().write(data)
-            self._last_traffic = time.monotonic() + self.wire_time(len(data))
+            self._last_traffic = self.host.monotonic() + self.wire_time(len(data))
         except PORT_ERRORS as error:
             raise self._lost(error) from error
 
@@ -112,15 +100,14 @@ class SerialPort:
 
         Raises PortLost.
         """
-        port = self._opened()
+        line = self._opened()
         try:
-            if not select.select([port.fileno()], [], [], max(timeout, 0.0))[0]:
-                return b""
-            data = port.read(most)
-            self._last_traffic = time.monotonic()
-            return data
+            data = line.read(most, timeout)
         except PORT_ERRORS as error:
             raise self._lost(error) from error
+        if data:
+            self._last_traffic = self.host.monotonic()
+        return data
 
     def exchange(self, request: Request[T]) -> Answer[T]:
         """Ask a device, and what follows from its answer or from its silence; return the answer.
@@ -147,9 +134,9 @@ class SerialPort:
 
         A silence that lasts already counts. Raises PortLost.
         """
-        give_up = time.monotonic() + RESYNC_LIMIT
-        while time.monotonic() < give_up:
-            if not self.read(4096, self._last_traffic + PACKET_GAP - time.monotonic()):
+        give_up = self.host.monotonic() + RESYNC_LIMIT
+        while self.host.monotonic() < give_up:
+            if not self.read(4096, self._last_traffic + PACKET_GAP - self.host.monotonic()):
                 return
 
     def discard_strays(self) -> None:
@@ -163,38 +150,38 @@ class SerialPort:
 
     def _send(self, request: Request[T]) -> None:
         """Write a request, unless it is out of date: then BadReply is raised. Raises PortLost."""
-        if seconds_since_boot() > request.not_after:
+        if self.host.seconds_since_boot() > request.not_after:
             raise BadReply(f"{request.name} was held up for so long that it is not sent any more.")
         self.write(request.data)
 
     def _ask(self, request: Request[T]) -> Answer[T]:
         """Make one request, and return what it is answered. Raises BadReply and PortLost."""
         self.discard_strays()
-        sent = time.monotonic_ns()
+        sent = self.host.monotonic_ns()
         self._send(request)
         began, reply = None, b""
         deadline = self._last_traffic + self.wire_time(request.longest_reply) + REPLY_MARGIN
         while (missing := request.missing(reply)) > 0:
-            data = self.read(missing, deadline - time.monotonic())
+            data = self.read(missing, deadline - self.host.monotonic())
             if not data and reply and request.ends_in_silence:
                 break
             if not data:
                 raise BadReply(f"{request.name}: {len(reply)} bytes came in time, at least {missing} are missing.")
             reply += data
-            began = began or time.monotonic_ns() - int(1e9 * self.wire_time(len(data)))
-            piece_deadline = time.monotonic() + REPLY_MARGIN
+            began = began or self.host.monotonic_ns() - int(1e9 * self.wire_time(len(data)))
+            piece_deadline = self.host.monotonic() + REPLY_MARGIN
             deadline = piece_deadline if request.ends_in_silence else max(deadline, piece_deadline)
-        arrived = time.monotonic_ns()
+        arrived = self.host.monotonic_ns()
         # The device looks between the last byte of the request and the first of the reply: midway, as both ends'
         # delays are alike. A reply is longer than its request, so the middle of the whole exchange would be late.
         asked = sent + int(1e9 * self.wire_time(len(request.data)))
         answered = began or arrived
         return Answer(request.parse(reply), (asked + answered) // 2, arrived)
 
-    def _opened(self) -> serial.Serial:
-        if self._serial is None:
+    def _opened(self) -> Line:
+        if self._line is None:
             raise PortLost(f"{self.path} is not open.")
-        return self._serial
+        return self._line
 
     def _lost(self, error: Exception) -> PortLost:
         return PortLost(f"The device at {self.path} is gone ({error}). Check the cable and the power.")

@@ -1,12 +1,11 @@
 """The port of a board that talks all the time: one asks it for something, others listen to all it says."""
 
-import queue
-import time
 from collections.abc import Callable
 from typing import TypeVar
 
 from robot_driver.controllers import Request
 from robot_driver.gyro_device import LONGEST_DELAY
+from robot_driver.host import THIS_COMPUTER, Host
 from robot_driver.serial_port import Answer, SerialPort
 
 T = TypeVar("T")
@@ -22,8 +21,8 @@ class StreamPort(SerialPort):
     What nobody asked for is no fault here, so there is nothing to get back in step with.
     """
 
-    def __init__(self, path: str, baud_rate: int) -> None:
-        super().__init__(path, baud_rate)
+    def __init__(self, path: str, baud_rate: int, host: Host = THIS_COMPUTER) -> None:
+        super().__init__(path, baud_rate, host)
         self.listeners: list[Callable[[bytes], None]] = []
 
     def read(self, most: int, timeout: float) -> bytes:
@@ -40,17 +39,17 @@ class StreamPort(SerialPort):
         board's clock says what cannot be, a reading was taken when it arrived. Raises PortLost.
         """
         self._send(request)
-        deadline = time.monotonic() + PATIENCE
+        deadline = self.host.monotonic() + PATIENCE
         reply = b""
         while (missing := request.missing(reply)) > 0:
-            remaining = max(deadline - time.monotonic(), 0.0)
+            remaining = max(deadline - self.host.monotonic(), 0.0)
             data = self.read(missing, remaining)
             if not data and not remaining:  # nothing came in time, nor while this process was held up
                 break
             if data and request.ends_in_silence:
-                deadline = time.monotonic() + SILENCE
+                deadline = self.host.monotonic() + SILENCE
             reply += data
-        arrived = time.monotonic_ns()
+        arrived = self.host.monotonic_ns()
         value = request.parse(reply)
         measured = request.measured() if request.measured else arrived
         believed = 0 <= arrived - measured < LONGEST_DELAY
@@ -67,8 +66,8 @@ class OverheardPort(SerialPort):
     """A second pair of ears on `port`: reads all that comes there while it is open, and writes nothing."""
 
     def __init__(self, port: StreamPort) -> None:
-        super().__init__(port.path, port.baud_rate)
-        self._pieces: queue.Queue[bytes] = queue.Queue(MOST_UNHEARD)
+        super().__init__(port.path, port.baud_rate, port.host)
+        self._pieces = port.host.mailbox(MOST_UNHEARD)
         port.listeners.append(self._hear)
 
     def open(self) -> None:
@@ -82,11 +81,8 @@ class OverheardPort(SerialPort):
 
     def read(self, most: int, timeout: float) -> bytes:  # noqa: ARG002 - pieces are as long as they came
         """Return the next piece; b"" when none has come after `timeout` seconds."""
-        try:
-            return self._pieces.get(timeout=max(timeout, 0.0))
-        except queue.Empty:
-            return b""
+        return self._pieces.get(timeout)
 
     def _hear(self, data: bytes) -> None:
-        if data and not self._pieces.full():
+        if data:
             self._pieces.put(data)

@@ -33,8 +33,9 @@ from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import Settings, load_settings
 from robot_driver.encoders import Wiring
+from robot_driver.host import go_first
 from robot_driver.motors import Motors
-from robot_driver.port_thread import PortThread, go_first
+from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits
 from robot_driver.rhythm import Rhythm
 from robot_driver.serial_port import SerialPort

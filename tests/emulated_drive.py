@@ -17,7 +17,8 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import Settings, load_settings
 
 TRUTH = load_settings().truth
-DEFAULT, IDEAL = load_settings(), load_settings().ideal()
+DEFAULT = dataclasses.replace(load_settings(), effects={})  # but both its motors and all its wheels are alike
+IDEAL = DEFAULT.ideal()
 EPOCH = 1_700_000_000_000_000  # us
 NOMINAL = ParameterFile(
     0, {"wheel_radius": Value(0.04), "k2_over_k3": Value(80.0), "k1": Value(0.065), "base_width": Value(0.2)}

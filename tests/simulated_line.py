@@ -16,23 +16,17 @@ from robot_driver.command_gate import LISTENING_TIME, CommandGate
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.emulator.device import Device, Transmission
 from robot_driver.encoders import Wiring
+from robot_driver.host import Host
 from robot_driver.motors import Motors
 from robot_driver.ramp import Limits
 from robot_driver.serial_port import SerialPort
 from robot_driver.stream_port import StreamPort
 
 START = 1000.0  # s
-CLOCKS = (
-    "robot_driver.motors.time",
-    "robot_driver.rhythm.time",
-    "robot_driver.serial_port.time",
-    "robot_driver.stream_port.time",
-    "robot_driver.controllers.mbot.board.time",
-)
 
 
-class Clock:
-    """Stands for the module `time` (s); `at` are things to be done at a time, in order."""
+class Clock(Host):
+    """The time of all that drives motors (s); `at` are things to be done at a time, in order."""
 
     def __init__(self) -> None:
         self.now = START
@@ -43,6 +37,9 @@ class Clock:
 
     def monotonic_ns(self) -> int:
         return round(1e9 * self.now)
+
+    def seconds_since_boot(self) -> float:
+        return self.now
 
     def go_on(self, until: float) -> None:
         while self.at and self.at[0][0] <= until:
@@ -148,7 +145,7 @@ class Bench:
         self.wanted = (1.0, 1.0)
         self.feedback: list[Any] = []
         port_type = Stream if CONTROLLERS[controller].streams else Packets
-        self.line = port_type("a simulated line", 115200)
+        self.line = port_type("a simulated line", 115200, clock)
         self.line.place(device, clock)
         self.gate = CommandGate()
         self.motors = Motors(
@@ -193,11 +190,6 @@ def steepest(driven: list[tuple[float, tuple[float, float]]]) -> float:
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+def clock() -> Clock:
     """The time of all that drives motors."""
-    result = Clock()
-    for name in CLOCKS:
-        monkeypatch.setattr(name, result)
-    for module in ("motors", "serial_port"):
-        monkeypatch.setattr(f"robot_driver.{module}.seconds_since_boot", result.monotonic)
-    return result
+    return Clock()

@@ -28,7 +28,8 @@ from robot_driver.emulator.settings import load_settings
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros.dsp3000 import SETTLING, Dsp3000
 from robot_driver.gyros.kvh_binary import SEQUENCE, KvhBinary
-from robot_driver.port_thread import PortThread, go_first
+from robot_driver.host import go_first
+from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
 from tests.driver_bench import PunctualEngine, number, wait_for
 from tests.test_dsp3000_protocol import scattered

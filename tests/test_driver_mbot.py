@@ -127,7 +127,7 @@ def test_wheels_and_gyro_are_measured_through_one_port(tmp_path: Path, exchanges
 def test_measurements_keep_the_boards_pace_though_its_clock_is_set_again_and_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("robot_driver.controllers.mbot.board.time.monotonic_ns", lambda: 20_000_000_000)
+    monkeypatch.setattr(MBot, "monotonic_ns", lambda _board: 20_000_000_000)
     settings = load_settings().ideal()
     device = MBotDevice(settings, Plant(settings))
     mbot, gyro, chance, told = MBot(), MBotGyro(), random.Random(0), -math.inf

@@ -22,8 +22,9 @@ from robot_driver.battery import Thresholds
 from robot_driver.clock import seconds_since_boot
 from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.encoders import Wiring
+from robot_driver.host import go_first
 from robot_driver.motors import Motors
-from robot_driver.port_thread import PortThread, go_first
+from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits
 from robot_driver.serial_port import PortLost, SerialPort
 from tests.driver_bench import open_gate

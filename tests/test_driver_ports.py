@@ -13,6 +13,7 @@ from cmr.msg import process_status_t
 from robot_driver import port_thread, serial_port
 from robot_driver.controllers import Request
 from robot_driver.driver import Driver, Settings
+from robot_driver.host import Terminal
 from robot_driver.port_thread import Device, PortThread
 from robot_driver.serial_port import PortLost, SerialPort, numbering_warning
 from robot_driver.stream_port import PATIENCE, StreamPort
@@ -136,7 +137,9 @@ def test_a_fault_of_the_program_while_a_device_is_left_is_not_hidden(silent_port
 
 
 def is_exclusive(port: SerialPort) -> bool:
-    return bool(int.from_bytes(fcntl.ioctl(port._opened().fileno(), TIOCGEXCL, bytes(4)), sys.byteorder))
+    line = port._opened()
+    assert isinstance(line, Terminal)
+    return bool(int.from_bytes(fcntl.ioctl(line.fileno(), TIOCGEXCL, bytes(4)), sys.byteorder))
 
 
 def test_12_the_kernel_refuses_a_port_to_all_others_but_not_a_pseudo_terminal(

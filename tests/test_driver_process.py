@@ -2,6 +2,7 @@
 
 import errno
 import os
+import threading
 import time
 import tty
 from pathlib import Path
@@ -46,7 +47,9 @@ def test_9_the_attempts_to_stop_a_silent_device_end_in_time(silent_port: str, co
     driver = Driver(Settings(port=silent_port, controller=controller))
     with driver:
         wait_for(lambda: "does not answer" in driver.problems())
-    assert not any(thread._thread.is_alive() for thread in driver._threads)
+    workers = [thread._thread for thread in driver._threads]
+    assert not any(isinstance(worker, threading.Thread) and worker.is_alive() for worker in workers)
+    assert all(isinstance(worker, threading.Thread) for worker in workers)
 
 
 def test_parameters_in_use_say_how_fast_wheels_can_turn(silent_port: str, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Promises 1 to 5 and 17: a bad line costs time, but never a wrong datum, the rhythm, or the process."""
 
 import os
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -12,7 +13,8 @@ from cmr.msg import motor_feedback_t
 from robot_driver.controllers.roboclaw import DRIVE_BOTH
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.faults import DELAY, Faults
-from robot_driver.port_thread import go_first
+from robot_driver.host import go_first
+from robot_driver.port_thread import PortThread
 from robot_driver.rhythm import Rhythm, quantile
 from tests.driver_bench import Bench, NotedRhythm, bench, bench_apart, number, wait_for
 from tests.exchanges import Exchanges
@@ -73,13 +75,20 @@ def test_2_lost_replies_do_not_upset_the_rhythm(tmp_path: Path, stalls: Stalls) 
     assert within <= 1.5
 
 
+def thread_of(served: PortThread) -> threading.Thread:
+    """Return the thread of the operating system that serves a port of the real computer."""
+    worker = served._thread
+    assert isinstance(worker, threading.Thread)
+    return worker
+
+
 def test_2_what_serves_a_port_goes_first_where_it_may(tmp_path: Path) -> None:
     ours = os.sched_getscheduler(0)
     with ThreadPoolExecutor(1) as elsewhere:
         elsewhere.submit(go_first).result()
         best = elsewhere.submit(os.sched_getscheduler, 0).result()
     with bench(tmp_path) as run:
-        assert os.sched_getscheduler(run.thread._thread.native_id or 0) == best
+        assert os.sched_getscheduler(thread_of(run.thread).native_id or 0) == best
     assert best in (os.SCHED_RR, ours)
     assert os.sched_getscheduler(0) == ours
 
@@ -91,7 +100,7 @@ def test_2_what_may_not_go_first_serves_all_the_same(tmp_path: Path, monkeypatch
     monkeypatch.setattr(os, "sched_setscheduler", forbid)
     with bench(tmp_path) as run:
         run.until_moving()
-        assert os.sched_getscheduler(run.thread._thread.native_id or 0) == os.sched_getscheduler(0)
+        assert os.sched_getscheduler(thread_of(run.thread).native_id or 0) == os.sched_getscheduler(0)
 
 
 def test_3_after_damage_it_is_back_in_step_and_publishes_only_what_is_true(tmp_path: Path) -> None:

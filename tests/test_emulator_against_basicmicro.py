@@ -42,7 +42,7 @@ class Truth:
 
     @classmethod
     def of(cls, plant: Plant) -> "Truth":
-        left, right = plant._duty_left, plant._duty_right
+        left, right = plant.left.duty, plant.right.duty
         return cls(
             round(1000.0 * plant.time),
             _pair(math.floor(count) % 2**32 for count in plant.encoder_counts()),

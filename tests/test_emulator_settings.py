@@ -28,6 +28,14 @@ def test_a_file_says_only_what_differs(tmp_path: Path) -> None:
     assert settings.imperfections.slip_noise.effective == load_settings().imperfections.slip_noise.size
 
 
+def test_effects_are_hidden_by_name_and_count_instead_of_the_imperfection_of_that_name(tmp_path: Path) -> None:
+    settings = load_settings(written(tmp_path, "effects: {backlash: 0.1, coulomb_friction: 7, current_limit: .inf}\n"))
+    assert (settings.plant.backlash, settings.plant.coulomb_friction) == (0.1, 7.0)
+    assert settings.plant.motor_gain_asymmetry == load_settings().plant.motor_gain_asymmetry != 0.0
+    assert settings.plant.turn_slip == settings.imperfections.turn_slip.size
+    assert settings.ideal().effects == {}
+
+
 def test_an_empty_file_is_the_default_robot(tmp_path: Path) -> None:
     assert load_settings(written(tmp_path, "# nothing\n")) == load_settings()
 
@@ -35,6 +43,9 @@ def test_an_empty_file_is_the_default_robot(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
+        ("effects: {backslash: 0.1}", "effects.backslash is unknown. Known are: battery_sag"),
+        ("effects: {backlash: wide}", "effects.backlash must be a number, not 'wide'"),
+        ("effects: 3", "effects must be a section with some of: "),
         ("wheel: 3", "wheel is unknown. Known are: seed, robot"),
         ("robot: {wheel_radios: 3}", "robot.wheel_radios is unknown. Known are: wheel_radius"),
         ("imperfections: {gyro_bias: {sise: 1}}", "imperfections.gyro_bias.sise is unknown. Known are: enabled, size"),

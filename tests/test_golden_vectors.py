@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import re
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -115,7 +114,7 @@ def test_both_ends_pack_an_mbot_frame_as_the_boards_own_daemon_does() -> None:
 
 
 def test_the_driver_tells_an_mbot_duties_and_the_time_in_golden_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(board, "time", SimpleNamespace(monotonic_ns=lambda: 7000))
+    monkeypatch.setattr(MBot, "monotonic_ns", lambda _board: 7000)
     told = MBot().drive(0.5, 0.25).data  # the right wheel is mirrored
     assert told.lstrip(b"\0") == board.REPEATED * golden.MBOT_DUTIES + golden.MBOT_TIME
     assert MBot().drive(0.0, 0.0).data.lstrip(b"\0").startswith(golden.MBOT_STOP[:11])

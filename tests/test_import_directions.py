@@ -16,6 +16,7 @@ KNOWN: dict[str, set[str]] = {
     "threads": set(),
     "msg": set(),
     "model": set(),
+    "plant": set(),  # the judge of the model, with which it shares no code
     "bus": {"msg"},
     "parameters": {*BUS, "files", "model"},
     "camera": {"msg", "files"},

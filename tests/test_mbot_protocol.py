@@ -12,7 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from robot_driver.controllers import BadReply, Request
-from robot_driver.controllers.mbot import MBot, MBotGyro, board
+from robot_driver.controllers.mbot import MBot, MBotGyro
 from robot_driver.controllers.mbot.board import REPEATED
 from robot_driver.controllers.mbot.clock import JITTER, SteadyClock
 from robot_driver.controllers.mbot.frames import LAYOUTS, START, Frame, FrameReader, Topic, packed
@@ -46,7 +46,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     result = Clock(7)
-    monkeypatch.setattr(board, "time", result)
+    monkeypatch.setattr(MBot, "monotonic_ns", result.monotonic_ns)
     return result
 
 

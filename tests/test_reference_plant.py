@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cmr.calibration import calibrate
+from cmr.plant.parameters import plant_parameters
 from cmr.recordings.signal import Floats
 from tests.reference_plant import NEUTRAL, REALISTIC, TYPICAL, Commands, Noise, drive, packets, recording
 from tests.reference_plant.drives import Pose, arrivals, true_motion, utime
@@ -18,7 +19,6 @@ from tests.reference_plant.manoeuvres import (
     reversals,
     rich_drive,
 )
-from tests.reference_plant.parameters import plant_parameters
 from tests.reference_plant.steering import steered
 
 RATE = NEUTRAL.k1 * NEUTRAL.k2_over_k3  # 1/s, one over the motor's time constant

@@ -19,7 +19,7 @@ from tests.small_teams import BELIEVED, NUMBERS, line_of_three
 
 LABORATORY = Laboratory(NUMBERS, seed=5)
 EXACT = Laboratory(NUMBERS, size=0.0)  # real robots are just as believed
-IMPERFECT = {"coulomb_friction": 5.0, "static_friction": 1.0, "battery_sag": 0.03, "command_delay": 0.03}
+IMPERFECT = {"coulomb_friction": 5.0, "static_friction": 1.0, "command_delay": 0.03}
 IMPERFECT |= {"turn_slip": 0.01, "longitudinal_slip": 0.002}
 
 

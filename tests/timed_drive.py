@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.parameters.file import ParameterFile, Value
+from cmr.plant import sensors
+from cmr.plant.parameters import plant_parameters
+from cmr.plant.sensors import Noise
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Mask, Signal, Times
-from tests.reference_plant import sensors
 from tests.reference_plant.drives import Commands, raster, true_motion, utime
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, Manoeuvre, in_turn, rich_drive
-from tests.reference_plant.parameters import plant_parameters
-from tests.reference_plant.sensors import Noise
 
 STEP = 1e-3  # s of the plant
 NOISE = Noise(torque=0.2, ticks_per_turn=2048.0, gyro=0.005, position=0.003, heading=math.radians(0.3))

@@ -1,6 +1,7 @@
 """Make, encode and decode messages; whatever is not ours or is damaged is named, never passed on."""
 
 import time
+from functools import cache
 from typing import Any, NamedTuple
 
 from cmr.bus.older import as_of_today
@@ -45,11 +46,11 @@ def make(message_type: Any, **fields: Any) -> Any:
     Raises TypeError for a field that is missing or unknown, ValueError for arrays of unequal length.
     """
     message = message_type()
-    dimensions = dict(zip(message.__slots__, message.__dimensions__, strict=True))
-    counted = {name: length[0] for name, length in dimensions.items() if length is not None}
-    wrong = (set(fields) ^ set(dimensions)) - set(counted.values())
-    if wrong:
-        raise TypeError(f"{message_type.__name__}: fields missing or unknown: {', '.join(sorted(wrong))}")
+    names, counted = _fields(message_type)
+    if counted or fields.keys() != names:
+        wrong = (fields.keys() ^ names) - set(counted.values())
+        if wrong:
+            raise TypeError(f"{message_type.__name__}: fields missing or unknown: {', '.join(sorted(wrong))}")
     for count_field in set(counted.values()):
         lengths = {name: len(fields[name]) for name, field in counted.items() if field == count_field}
         if len(set(lengths.values())) > 1:
@@ -58,6 +59,13 @@ def make(message_type: Any, **fields: Any) -> Any:
     for name, value in fields.items():
         setattr(message, name, value)
     return message
+
+
+@cache
+def _fields(message_type: Any) -> tuple[frozenset[str], dict[str, str]]:
+    """Return the names of all fields, and of those that are arrays with the field that counts their entries."""
+    dimensions = dict(zip(message_type.__slots__, message_type.__dimensions__, strict=True))
+    return frozenset(dimensions), {name: length[0] for name, length in dimensions.items() if length is not None}
 
 
 def decode(channel: str, data: bytes) -> Received:

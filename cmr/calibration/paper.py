@@ -189,7 +189,9 @@ def _require(estimates: dict[str, Estimate], unidentified: dict[str, str]) -> No
     """Raise EstimationError when nothing at all was found."""
     if not estimates:
         raise EstimationError(
-            "Nothing could be identified. " + "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
+            "The paper's method identifies nothing: the robot is not quite as its model has it, or the drive tells too "
+            f"little ({'; '.join(f'{name}: {reason}' for name, reason in unidentified.items())}). Leave out --method "
+            "paper to find out which."
         )
 
 

@@ -1,8 +1,8 @@
 """The physics of real robots in a team: motors, friction, wheels on the ground, in steps of 1 ms, compiled.
 
 It shares no code with `cmr.model`, whose judge it is: another integrator, friction with reversals, slip, noise. The
-laws are those of `robot_driver.emulator.plant`, which keeps the time of one robot and is too slow for many; a test
-holds the two against each other.
+laws are those of `cmr.plant`, which keeps the time of one robot and is too slow for many; a test holds the two against
+each other. Only the battery differs: here the load shrinks with the voltage.
 """
 
 import math

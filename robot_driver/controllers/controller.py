@@ -1,6 +1,7 @@
 """What the driver asks of a motor controller that answers when it is spoken to."""
 
 import math
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -75,7 +76,8 @@ class Controller(ABC):
     motors by itself. `essential`: the keys of Telemetry that every such device tells, and without which the motors
     must not turn. `streams`: the device talks all the time, asked or not. `gyro` is the gyro on the same board; it
     overhears all that comes. `other_baud_rates` are those at which such a device is looked for if it does not answer at
-    the default one. `objection` is a sentence on why the device must not be driven, as soon as what it says
+    the default one. `monotonic_ns` is the driver's clock, which some devices are told. `objection` is a sentence on
+    why the device must not be driven, as soon as what it says
     shows that; else "".
     """
 
@@ -87,6 +89,7 @@ class Controller(ABC):
     streams = False
     gyro: type[Gyro] | None = None
     objection = ""
+    monotonic_ns: Callable[[], int] = staticmethod(time.monotonic_ns)
 
     @abstractmethod
     def identify(self) -> Request[str]:

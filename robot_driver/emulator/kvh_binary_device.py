@@ -6,6 +6,7 @@ section 5, commands in sections 7 and 8, among them that settings are kept in no
 
 import math
 import struct
+import zlib
 
 from robot_driver.emulator.device import Transmission, byte_time
 from robot_driver.emulator.plant import Plant
@@ -51,12 +52,8 @@ class KvhBinaryDevice:
         self._line = b""
         self._sequence = 0
         self._invalid_messages = 0
+        self._period = 1.0 / own.rate  # what the device takes for the time between two messages (s)
         self.wake_time = time + self._period / self._pace
-
-    @property
-    def _period(self) -> float:
-        """What the device takes for the time between two messages (s)."""
-        return 1.0 / int(self.kept["DR"])
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
         """Take bytes of which the last has arrived at `time`; answer every command that they complete."""
@@ -113,6 +110,7 @@ class KvhBinaryDevice:
         self.kept[name] = value
         self.writes += 1
         if name == "DR":
+            self._period = 1.0 / int(value)
             self._invalid_messages = INVALID_AFTER_RATE_CHANGE
 
 
@@ -124,17 +122,9 @@ def self_test_message() -> bytes:
 
 def crc_mpeg2(data: bytes) -> int:
     """Return CRC-32/MPEG-2: polynomial 0x04C11DB7, initial value 0xFFFFFFFF, nothing reflected or inverted."""
-    register = 0xFFFFFFFF
-    for byte in data:
-        register = (register << 8) & 0xFFFFFFFF ^ _CRC_OF_TOP_BYTE[register >> 24 ^ byte]
-    return register
+    # The same polynomial as the CRC-32 of zlib, which reflects bytes and register and inverts the register.
+    reflected = zlib.crc32(data.translate(_MIRRORED)) ^ 0xFFFFFFFF
+    return int.from_bytes(reflected.to_bytes(4, "little").translate(_MIRRORED), "big")
 
 
-def _crc_of_top_byte(byte: int) -> int:
-    register = byte << 24
-    for _ in range(8):
-        register = (register << 1) & 0xFFFFFFFF ^ (0x04C11DB7 if register >> 31 else 0)
-    return register
-
-
-_CRC_OF_TOP_BYTE = [_crc_of_top_byte(byte) for byte in range(256)]
+_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))

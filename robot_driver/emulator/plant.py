@@ -1,84 +1,54 @@
-"""The physics of the emulated robot: motors, friction, wheels on the ground. It knows no wire and no clock.
+"""The emulated robot's plant: cmr.plant as the settings want it, as controllers and sensors see it.
 
-Ideal motion, for side i: domega_i = k2_over_k3 V_i - k1 k2_over_k3 psi_i, v = r (psi_left + psi_right) / 2,
-dtheta/dt = r (psi_right - psi_left) / b. Each imperfection vanishes exactly where its size is 0.
+Every effect and all physics are in cmr.plant; here is what a settings file says, what happens to commands on their
+way, and what the battery and the encoders show.
 """
 
 import math
 from collections import deque
 from random import Random
 
+from cmr.plant.parameters import PlantParameters
+from cmr.plant.running import PLACES, STEP, RunningRobot
+from cmr.plant.sensors import MISCOUNTING_SPEEDS
 from robot_driver.emulator.settings import Settings
 
-STEP = 0.001  # s; a hundredth of what the motors take to answer, so a second-order step errs by parts in 1e5
-STATIC_FADE = 0.5  # rad/s; the speed at which static friction has fallen to a third and the ground is felt fully
+__all__ = ["STEP", "Plant", "Wheel"]
+
+TURN = 2.0 * math.pi
+SLIP_TIME, SLIP_SPEED = 0.2, 0.3  # s, m/s; at this speed slip_noise of so many seconds' memory has its size
+REFERENCE_ENERGY = 10.0  # s of full load; battery_drift is the share of the voltage lost then
 
 
 class Wheel:
-    """The motor and the wheels of one side: `angle` (rad, since the start) and `velocity` (rad/s), forward positive."""
+    """The wheels of one side: what its shaft has turned and how fast it turns, forward positive."""
 
-    def __init__(self, settings: Settings, random: Random) -> None:
-        robot, imperfections = settings.robot, settings.imperfections
-        self.angle = 0.0
-        self.velocity = 0.0
-        self._gain = robot.k2_over_k3
-        self._damping = robot.k1 * robot.k2_over_k3
-        self._coulomb = imperfections.coulomb_friction.effective
-        self._static = imperfections.static_friction.effective
-        self._noise_size = imperfections.torque_noise.effective
-        self._noise_time = imperfections.torque_noise.correlation_time
-        self._random = random
-        self._noise = self._noise_size * random.gauss(0.0, 1.0)
+    def __init__(self, robot: RunningRobot, side: str) -> None:
+        self._carried = robot.carried
+        self._phi, self._psi, self._u = (PLACES[f"{name}_{side}"] for name in ("phi", "psi", "u"))
 
-    def advance(self, voltage: float, duration: float) -> float:
-        """Turn for `duration` (s) at `voltage` (share of full drive); return the angle turned (rad)."""
-        # Uneven gears and ground are felt by a wheel that turns; they do not set off one that rests.
-        felt = min(1.0, abs(self.velocity) / STATIC_FADE)
-        torque = self._gain * voltage + felt * self._next_noise(duration)
-        turned, remaining = 0.0, duration
-        while remaining > 0.0:
-            direction = self._direction(torque)
-            if direction == 0.0:
-                break
-            velocity = self._second_order_step(torque, direction, remaining)
-            if velocity * direction < 0.0 and self._coulomb + self._static > 0.0:
-                # Friction changes sign with the motion: stop at the reversal and see whether the wheel sticks.
-                until_rest = remaining * self.velocity / (self.velocity - velocity)
-                turned += 0.5 * self.velocity * until_rest
-                self.velocity = 0.0
-                remaining -= until_rest
-            else:
-                turned += 0.5 * (self.velocity + velocity) * remaining
-                self.velocity = velocity
-                remaining = 0.0
-        self.angle += turned
-        return turned
+    @property
+    def angle(self) -> float:
+        """The angle since the start (rad)."""
+        return float(self._carried[self._phi])
 
-    def _direction(self, torque: float) -> float:
-        """Return +1 or -1 for the sense of the motion, 0 for a wheel that friction holds."""
-        if self.velocity == 0.0:
-            return 0.0 if abs(torque) <= self._coulomb + self._static else math.copysign(1.0, torque)
-        return math.copysign(1.0, self.velocity)
+    @angle.setter
+    def angle(self, angle: float) -> None:
+        self._carried[self._phi] = angle
 
-    def _second_order_step(self, torque: float, direction: float, duration: float) -> float:
-        """Return the velocity after `duration` by Heun's method."""
-        slope = self._acceleration(self.velocity, torque, direction)
-        slope_ahead = self._acceleration(self.velocity + duration * slope, torque, direction)
-        return self.velocity + 0.5 * duration * (slope + slope_ahead)
+    @property
+    def velocity(self) -> float:
+        """The velocity (rad/s)."""
+        return float(self._carried[self._psi])
 
-    def _acceleration(self, velocity: float, torque: float, direction: float) -> float:
-        friction = self._coulomb
-        if self._static:
-            friction += self._static * math.exp(-((velocity / STATIC_FADE) ** 2))
-        return torque - self._damping * velocity - direction * friction
+    @velocity.setter
+    def velocity(self, velocity: float) -> None:
+        self._carried[self._psi] = velocity
 
-    def _next_noise(self, duration: float) -> float:
-        """Return the next value of an Ornstein-Uhlenbeck process, exact for any `duration`."""
-        if self._noise_size:
-            kept = math.exp(-duration / self._noise_time)
-            fresh = self._noise_size * math.sqrt(1.0 - kept * kept)
-            self._noise = kept * self._noise + fresh * self._random.gauss(0.0, 1.0)
-        return self._noise
+    @property
+    def duty(self) -> float:
+        """The duty that reaches the motor."""
+        return float(self._carried[self._u])
 
 
 class Plant:
@@ -89,97 +59,137 @@ class Plant:
 
     def __init__(self, settings: Settings) -> None:
         robot, imperfections = settings.robot, settings.imperfections
-        self.time = 0.0
-        self.x, self.y, self.theta = robot.x, robot.y, robot.theta
-        self.left = Wheel(settings, Random(f"{settings.seed} torque left"))
-        self.right = Wheel(settings, Random(f"{settings.seed} torque right"))
+        self.parameters: PlantParameters = settings.plant
+        torque = imperfections.torque_noise
+        slip = imperfections.slip_noise.effective / math.sqrt(2.0 * SLIP_TIME * SLIP_SPEED)
+        noise = (torque.effective, torque.correlation_time, slip, SLIP_TIME)
+        pose = (robot.x, robot.y, robot.theta)
+        self._running = RunningRobot(self.parameters, pose, noise, settings.seed % 2**63)
+        self.left, self.right = Wheel(self._running, "left"), Wheel(self._running, "right")
         self._robot = robot
         self._electrics = settings.electrics
-        self._duty_left = self._duty_right = 0.0
         self._commands: deque[tuple[float, float, float]] = deque()
-        self._command_delay = imperfections.command_delay.effective
-        self._sag = imperfections.battery_sag.effective
-        self._turn_slip = imperfections.turn_slip.effective
-        self._longitudinal_slip = imperfections.longitudinal_slip.effective
-        self._slip_noise = imperfections.slip_noise.effective
-        self._slip_random = Random(f"{settings.seed} slip")
-        quantisation = imperfections.encoder_quantisation
-        self._disc = quantisation.ticks_per_turn if quantisation.enabled else None
+        self._commands_random = Random(f"{settings.seed} commands")
+        self._turned, self._counted, self._counted_at = [0.0, 0.0], [0.0, 0.0], 0.0
+        self._headings: deque[tuple[float, float]] = deque([(0.0, robot.theta)])
+
+    @property
+    def time(self) -> float:
+        """The time since the robot was switched on (s)."""
+        return self._running.time
+
+    @property
+    def x(self) -> float:
+        """The true x (m)."""
+        return float(self._running.carried[PLACES["x"]])
+
+    @x.setter
+    def x(self, value: float) -> None:
+        self._running.carried[PLACES["x"]] = value
+
+    @property
+    def y(self) -> float:
+        """The true y (m)."""
+        return float(self._running.carried[PLACES["y"]])
+
+    @y.setter
+    def y(self, value: float) -> None:
+        self._running.carried[PLACES["y"]] = value
+
+    @property
+    def theta(self) -> float:
+        """The true heading (rad)."""
+        return float(self._running.carried[PLACES["theta"]])
+
+    @theta.setter
+    def theta(self, value: float) -> None:
+        self._running.carried[PLACES["theta"]] = value
+
+    def theta_at(self, time: float) -> float:
+        """Return the heading at a time up to gyro_latency ago (rad); times never go back."""
+        headings = self._headings
+        if self.parameters.gyro_latency == 0.0 or time >= self.time:
+            return self.theta
+        while len(headings) > 2 and headings[1][0] <= time:
+            headings.popleft()
+        (begin, old), (end, new) = headings[0], headings[min(1, len(headings) - 1)]
+        return old if not begin < time <= end else old + (new - old) * (time - begin) / (end - begin)
 
     def command(self, left: float, right: float) -> None:
-        """Drive each side with this duty, -1 to 1, from now on (later by the command delay)."""
+        """Drive each side with this duty, -1 to 1, from now on; later, or never, where commands are late or lost."""
         left, right = (max(-1.0, min(1.0, duty)) for duty in (left, right))
-        if self._command_delay:
-            self._commands.append((self.time + self._command_delay, left, right))
+        p, random = self.parameters, self._commands_random
+        if p.command_loss > 0.0 and random.random() < p.command_loss:
+            return
+        effective = self.time + p.command_delay + (p.command_jitter * random.random() if p.command_jitter else 0.0)
+        while self._commands and self._commands[-1][0] >= effective:
+            self._commands.pop()  # it comes after a newer one, and is ignored
+        if effective > self.time:
+            self._commands.append((effective, left, right))
         else:
-            self._duty_left, self._duty_right = left, right
+            self._running.drive(left, right)
 
     def advance(self, time: float) -> None:
         """Let the world go on until `time` (s); a time that has passed changes nothing."""
-        while self.time < time:
-            end = min(self.time + STEP, time)
-            if self._commands:
-                effective, left, right = self._commands[0]
-                if effective <= self.time:
-                    self._commands.popleft()
-                    self._duty_left, self._duty_right = left, right
-                    continue
-                end = min(end, effective)
-            self._step(end - self.time)
-            self.time = end
+        while self._commands and self._commands[0][0] <= time:
+            effective, left, right = self._commands.popleft()
+            self._go_on(effective)
+            self._running.drive(left, right)
+        self._go_on(time)
 
     def encoder_counts(self) -> tuple[float, float]:
         """Return the counts of both encoders since the start; whole numbers of the disc's positions."""
-        return self._counts(self.left.angle), self._counts(self.right.angle)
+        self._count()
+        p = self.parameters
+        scale = (1.0 + p.encoder_scale) / TURN
+        left = self._positions(self._counted[0] * scale * (1.0 + p.encoder_asymmetry))
+        return left, self._positions(self._counted[1] * scale * (1.0 - p.encoder_asymmetry))
 
     def encoder_speeds(self) -> tuple[float, float]:
         """Return the velocity of both encoders in counts per second."""
-        scale = self._robot.ticks_per_turn / (2.0 * math.pi)
+        scale = self._robot.ticks_per_turn / TURN
         return self.left.velocity * scale, self.right.velocity * scale
 
     def motor_currents(self) -> tuple[float, float]:
         """Return the current through both motors in A; positive drives forward."""
         supply, stall, k1 = self._supply(), self._electrics.stall_current, self._robot.k1
-        left = stall * (supply * self._duty_left - k1 * self.left.velocity)
-        return left, stall * (supply * self._duty_right - k1 * self.right.velocity)
+        left, right = (stall * (supply * wheel.duty - k1 * wheel.velocity) for wheel in (self.left, self.right))
+        return left, right
 
     def battery_voltage(self) -> float:
         """Return the voltage at the controller in V."""
         return self._electrics.battery_voltage * self._supply()
 
-    def _counts(self, angle: float) -> float:
-        turns, ticks = angle / (2.0 * math.pi), self._robot.ticks_per_turn
-        if self._disc is None:
-            return turns * ticks
-        return math.floor(turns * self._disc) * ticks / self._disc
+    def _go_on(self, time: float) -> None:
+        self._running.advance(time)
+        if self.parameters.gyro_latency:
+            self._headings.append((self.time, self.theta))
+            while self._headings[0][0] < self.time - 2.0 * self.parameters.gyro_latency - STEP:
+                self._headings.popleft()
+
+    def _count(self) -> None:
+        """Have the encoders count what the shafts have turned; some miss a share of it at speed (encoder_miscount)."""
+        turned = [self.left.angle, self.right.angle]
+        share, seconds = self.parameters.encoder_miscount, self.time - self._counted_at
+        if share == 0.0:
+            self._counted = turned
+        elif seconds > 0.0:
+            slow, fast = MISCOUNTING_SPEEDS
+            for side in (0, 1):
+                step = turned[side] - self._turned[side]
+                missed = share * min(1.0, max(0.0, (abs(step) / seconds - slow) / (fast - slow)))
+                self._counted[side] += step * (1.0 - missed)
+        self._turned, self._counted_at = turned, self.time
+
+    def _positions(self, turns: float) -> float:
+        ticks, disc = self._robot.ticks_per_turn, self.parameters.encoder_quantisation
+        return turns * ticks if math.isinf(disc) else math.floor(turns * disc) * ticks / disc
 
     def _supply(self) -> float:
-        """Return the voltage that the battery holds under the present load, as a share of that without load.
-
-        A chopper draws duty times the motor's current, u (s u - k1 psi) of the stall current, from the battery;
-        with source resistance R that gives s = 1 - R sum(u (s u - k1 psi)), solved here for s.
-        """
-        left, right = self._duty_left, self._duty_right
-        induced = self._robot.k1 * (left * self.left.velocity + right * self.right.velocity)
-        return min(1.0, (1.0 + self._sag * induced) / (1.0 + self._sag * (left * left + right * right)))
-
-    def _step(self, duration: float) -> None:
-        supply = self._supply()
-        way_left = self._way_on_ground(self.left, supply * self._duty_left, duration)
-        way_right = self._way_on_ground(self.right, supply * self._duty_right, duration)
-        turn = (way_right - way_left) / self._robot.base_width
-        # Base width b (1 + k abs(w)): w (1 + k abs(w)) = w_0, solved for w so that nothing happens at k = 0.
-        turn *= 2.0 / (1.0 + math.sqrt(1.0 + 4.0 * self._turn_slip * abs(turn) / duration))
-        way, heading = 0.5 * (way_left + way_right), self.theta + 0.5 * turn
-        self.x += way * math.cos(heading)
-        self.y += way * math.sin(heading)
-        self.theta += turn
-
-    def _way_on_ground(self, wheel: Wheel, voltage: float, duration: float) -> float:
-        """Turn a wheel; return the way in m that it pulls its side of the robot forward."""
-        before = wheel.velocity
-        turned = wheel.advance(voltage, duration)
-        way = self._robot.wheel_radius * (turned - self._longitudinal_slip * (wheel.velocity - before))
-        if self._slip_noise:
-            way += self._slip_noise * math.sqrt(abs(way)) * self._slip_random.gauss(0.0, 1.0)
-        return way
+        """Return the voltage of the battery as a share of that without load, when full: 1 - R q, less what is drawn."""
+        p = self.parameters
+        if p.battery_sag == 0.0 and p.battery_drift == 0.0:
+            return 1.0
+        load = sum(max(0.0, w.duty * (w.duty - 0.8 * p.k1 * w.velocity)) for w in (self.left, self.right))
+        drawn = float(self._running.carried[PLACES["energy"]])
+        return (1.0 - p.battery_sag * load) * (1.0 - p.battery_drift * drawn / REFERENCE_ENERGY)

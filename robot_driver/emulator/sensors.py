@@ -4,32 +4,37 @@ import math
 from dataclasses import dataclass
 from random import Random
 
+from cmr.plant.sensors import seen_at
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import Settings
 
 
 class YawGyro:
-    """A rate gyro that integrates between samples, as fibre-optic gyros do."""
+    """A rate gyro that integrates between samples, as fibre-optic gyros do; gyro_latency, gyro_scale and the others."""
 
     def __init__(self, settings: Settings, plant: Plant) -> None:
         self._plant = plant
-        self._bias = settings.imperfections.gyro_bias.effective
         self._noise = settings.imperfections.gyro_noise.effective
         self._random = Random(f"{settings.seed} gyro")
         self._last_theta = plant.theta
 
     def rate(self, duration: float) -> float:
         """Return the mean rate of turn (rad/s, counter-clockwise) over the `duration` (s) since the last call."""
-        turned = self._plant.theta - self._last_theta
-        self._last_theta = self._plant.theta
-        return turned / duration + self._bias + self._noise * self._random.gauss(0.0, 1.0)
+        p, time = self._plant.parameters, self._plant.time
+        theta = self._plant.theta_at(time - p.gyro_latency)
+        turned, self._last_theta = theta - self._last_theta, theta
+        measured = turned / duration * (1.0 + p.gyro_scale) + p.gyro_bias + p.gyro_drift * time / 100.0
+        if p.gyro_magnetism:
+            measured += p.gyro_magnetism * math.sin(2.0 * theta)
+        return measured + self._noise * self._random.gauss(0.0, 1.0)
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A measured pose: `x`, `y` in m, `theta` in rad within [-pi, pi], stamped `time` in s since the start."""
+    """A measured pose: `x`, `y` in m, `theta` in rad within [-pi, pi], stamped `time`, ready at `ready` (s)."""
 
     time: float
+    ready: float
     x: float
     y: float
     theta: float
@@ -45,14 +50,16 @@ class MotionCapture:
         self._period = 1.0 / rate
         self._position_noise = noise.position if noise.enabled else 0.0
         self._heading_noise = noise.heading if noise.enabled else 0.0
-        self._latency = settings.imperfections.pose_latency.effective
         self._random = Random(f"{settings.seed} pose")
 
     def wake(self, time: float) -> Pose:
         """Measure now, at `time`; with a latency the pose is ready, and stamped, later than that."""
         self.wake_time += self._period
-        gauss = self._random.gauss
-        x = self._plant.x + self._position_noise * gauss(0.0, 1.0)
-        y = self._plant.y + self._position_noise * gauss(0.0, 1.0)
-        theta = self._plant.theta + self._heading_noise * gauss(0.0, 1.0)
-        return Pose(time + self._latency, x, y, math.remainder(theta, 2.0 * math.pi))
+        p, gauss = self._plant.parameters, self._random.gauss
+        x, y, theta = seen_at(p, self._plant.x, self._plant.y, self._plant.theta)
+        x += self._position_noise * gauss(0.0, 1.0)
+        y += self._position_noise * gauss(0.0, 1.0)
+        theta += self._heading_noise * gauss(0.0, 1.0)
+        ready = time + p.pose_latency
+        # clock_skew: the cameras' clock shows (1 + e) t at time t.
+        return Pose(ready * (1.0 + p.clock_skew), ready, x, y, math.remainder(theta, 2.0 * math.pi))

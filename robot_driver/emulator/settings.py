@@ -4,13 +4,23 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeAlias, TypeVar, get_type_hints
 
 import yaml
+
+from cmr.plant.parameters import PlantParameters, plant_parameters
 
 DEFAULT_FILE = Path(__file__).with_name("default.yaml")
 
 Section = TypeVar("Section")
+Effects: TypeAlias = dict[str, float]  # parameters of the plant, by name
+
+ROBOT_PARAMETERS = ("wheel_radius", "k2_over_k3", "k1", "base_width")
+EFFECT_PARAMETERS = tuple(name for name in PlantParameters._fields if name not in ROBOT_PARAMETERS)
+IMPERFECTIONS_OF_PLANT = (
+    *("coulomb_friction", "static_friction", "battery_sag", "command_delay"),
+    *("turn_slip", "longitudinal_slip", "gyro_bias", "pose_latency"),
+)
 
 
 class SettingsError(ValueError):
@@ -224,6 +234,22 @@ class Settings:
     dsp3000: Dsp3000
     kvh_binary: KvhBinary
     imperfections: Imperfections
+    effects: Effects
+
+    def __post_init__(self) -> None:
+        for name, value in self.effects.items():
+            if name not in EFFECT_PARAMETERS:
+                raise SettingsError(f"effects.{name} is unknown. Known are: {', '.join(EFFECT_PARAMETERS)}.")
+            _require(not math.isnan(value), self, f"effects.{name}", "a number")
+
+    @property
+    def plant(self) -> PlantParameters:
+        """The true robot as the plant has it: what is named among the effects, else the imperfections."""
+        old, robot = self.imperfections, self.robot
+        values = {name: getattr(old, name).effective for name in IMPERFECTIONS_OF_PLANT}
+        if old.encoder_quantisation.enabled:
+            values["encoder_quantisation"] = old.encoder_quantisation.ticks_per_turn
+        return plant_parameters({**{name: getattr(robot, name) for name in ROBOT_PARAMETERS}, **values, **self.effects})
 
     @property
     def truth(self) -> dict[str, float]:
@@ -232,7 +258,7 @@ class Settings:
 
     def ideal(self) -> "Settings":
         """Return a copy without the imperfections that the paper's model does not know; sensor noise stays."""
-        return dataclasses.replace(self, imperfections=self.imperfections.ideal())
+        return dataclasses.replace(self, imperfections=self.imperfections.ideal(), effects={})
 
 
 def load_settings(path: Path | None = None, *, seed: int | None = None) -> Settings:
@@ -275,6 +301,9 @@ def _merge(base: dict[str, Any], changes: dict[str, Any], where: str) -> dict[st
     """Return `base` with `changes` laid over it, section by section."""
     merged = dict(base)
     for key, value in changes.items():
+        if where == "effects.":
+            merged[key] = value
+            continue
         if key not in base:
             raise SettingsError(f"{where}{key} is unknown. Known are: {', '.join(base)}.")
         if isinstance(base[key], dict):
@@ -297,12 +326,23 @@ def _build(section: type[Section], values: Any, where: str) -> Section:
     if missing:
         raise SettingsError(f"{where}{missing[0]} is missing.")
     built = {
-        key: _build(kind, values[key], f"{where}{key}.")
+        key: _numbers(values[key], key)
+        if kind == Effects
+        else _build(kind, values[key], f"{where}{key}.")
         if isinstance(kind, type) and dataclasses.is_dataclass(kind)
         else _scalar(kind, values[key], where + key)
         for key, kind in kinds.items()
     }
     return section(**built)
+
+
+def _numbers(values: Any, name: str) -> Effects:
+    if not isinstance(values, dict):
+        raise SettingsError(f"{name} must be a section with some of: {', '.join(EFFECT_PARAMETERS)}.")
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise SettingsError(f"{name}.{key} must be a number, not {value!r}.")
+    return {str(key): float(value) for key, value in values.items()}  # infinity is the neutral value of some
 
 
 def _scalar(kind: type, value: Any, name: str) -> Any:

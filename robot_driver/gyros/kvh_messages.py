@@ -92,6 +92,8 @@ class Stream:
         return complete
 
     def _answers(self, text: bytes) -> list[Answer]:
+        if not text:
+            return []
         *lines, rest = re.split(rb"[\r\n]", self._line + text)
         self._line = rest[-LONGEST_LINE:]
         matches = [_ANSWER.search(line[-LONGEST_LINE:]) for line in lines]

@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from cmr.parameters.file import ParameterFile, Value
+from cmr.plant.sensors import REALISTIC
 from cmr.recordings.recording import Recording
 from tests.hidden_effects.robots import draw_nominal, draw_robot, scales
 from tests.hidden_effects.sizes import EITHER_SIGN, GROWS_WITH
 from tests.reference_plant import drives
 from tests.reference_plant.drives import Pose
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
-from tests.reference_plant.sensors import REALISTIC
 from tests.reference_plant.steering import Pilot, steered
 
 ORDINARY: Mapping[str, float] = {

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.parameters.file import ParameterFile, Value
+from cmr.plant import sensors
+from cmr.plant.parameters import PlantParameters, as_record, plant_parameters
+from cmr.plant.physics import simulate
+from cmr.plant.sensors import SILENT, Noise
+from cmr.plant.state import COLUMNS, at_rest
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal, Times
-from tests.reference_plant import sensors
 from tests.reference_plant.manoeuvres import Manoeuvre
-from tests.reference_plant.parameters import PlantParameters, as_record, plant_parameters
-from tests.reference_plant.physics import simulate
-from tests.reference_plant.sensors import SILENT, Noise
-from tests.reference_plant.state import COLUMNS, at_rest
 
 REFERENCE_STEP = 1e-5  # s
 STUDY_STEP = 1e-3  # s; for many drives

@@ -6,8 +6,8 @@ from itertools import chain
 
 import numpy as np
 
+from cmr.plant.parameters import NEUTRAL, PlantParameters
 from cmr.recordings.signal import Floats
-from tests.reference_plant.parameters import NEUTRAL, PlantParameters
 
 REST = 2.0  # s before and after a figure-eight
 SOFT = 1.0  # s in which a manoeuvre sets in

@@ -5,8 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from cmr.plant import sensors
+from cmr.plant.parameters import PlantParameters, as_record, plant_parameters
+from cmr.plant.physics import simulate
+from cmr.plant.sensors import SILENT, Noise
+from cmr.plant.state import COLUMNS, at_rest
 from cmr.recordings.signal import Floats
-from tests.reference_plant import sensors
 from tests.reference_plant.drives import (
     COMMAND_RATE,
     ORIGIN,
@@ -19,10 +23,6 @@ from tests.reference_plant.drives import (
     raster,
     seeds,
 )
-from tests.reference_plant.parameters import PlantParameters, as_record, plant_parameters
-from tests.reference_plant.physics import simulate
-from tests.reference_plant.sensors import SILENT, Noise
-from tests.reference_plant.state import COLUMNS, at_rest
 
 # What a pilot does at a time [s] when it sees the robot at this pose: the duties of both sides.
 Pilot = Callable[[float, Pose], tuple[float, float]]

@@ -12,7 +12,6 @@ zero; at the first duty the board says another than it was told, and is driven n
 
 import math
 import struct
-import time
 from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
@@ -76,7 +75,7 @@ class MBot(Controller):
         A reset does not change its watchdog; but a board that was reset is silent until it is told the time again.
         """
         if (known := self._watchdog) is not None:
-            since = time.monotonic_ns() // 1000 - UNHEARD
+            since = self.monotonic_ns() // 1000 - UNHEARD
             return self._wait("watchdog", lambda: known if self._has_talked(since) else None)
         data, _ = self._tell(0.0, 0.0, time_too=True)
         told = self._told_time
@@ -141,7 +140,7 @@ class MBot(Controller):
 
     def _tell(self, left: float, right: float, *, time_too: bool = False) -> tuple[bytes, tuple[float, float]]:
         """Return what sets the board's own duties, and its clock where that is due; and the duties as rounded."""
-        now = time.monotonic_ns() // 1000
+        now = self.monotonic_ns() // 1000
         payload = DUTIES.pack(now, left, right, 0.0)
         in_wire = DUTIES.unpack(payload)[1:3]
         self._duties.append(in_wire)
@@ -182,13 +181,13 @@ class MBot(Controller):
 
     def _has_talked(self, since: int) -> bool:
         """Tell whether the board has said anything since a moment (us, our monotonic clock)."""
-        now = time.monotonic_ns() // 1000
+        now = self.monotonic_ns() // 1000
         return any(since <= frame.utime <= now for frame in self._latest.values())
 
     def _fresh(self, topic: Topic) -> Frame | None:
         """Return the latest frame of a topic if it was said after the board was last told duties."""
         frame = self._latest.get(topic)
-        fresh = frame is not None and self._told_duties <= frame.utime <= time.monotonic_ns() // 1000
+        fresh = frame is not None and self._told_duties <= frame.utime <= self.monotonic_ns() // 1000
         return frame if fresh else None
 
     def _wait(

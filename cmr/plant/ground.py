@@ -2,9 +2,9 @@
 
 import math
 
-from tests.reference_plant.compiling import compiled
-from tests.reference_plant.parameters import PlantParameters
-from tests.reference_plant.state import Body, Side
+from cmr.plant.compiling import compiled
+from cmr.plant.parameters import PlantParameters
+from cmr.plant.state import Body, Side
 
 FLIP_SPEED = 0.02  # m/s; at which a caster that trails the wrong way turns round
 FLIP_TIME = 0.5  # s that it takes

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.recordings.signal import Floats
-from tests.reference_plant.parameters import PlantParameters
+from cmr.plant.parameters import Floats, PlantParameters
 
 TURN = 2.0 * math.pi
 MISCOUNTING_SPEEDS = (6.0, 12.0)  # rad/s; between them an encoder begins to miss counts
@@ -124,6 +123,16 @@ def seen(p: PlantParameters, x: Floats, y: Floats, theta: Floats) -> tuple[Float
     x, y = x + p.pose_offset * np.cos(theta), y + p.pose_offset * np.sin(theta)
     theta = theta + p.pose_heading_warp * np.sin(TURN * x / WARP_LENGTH)
     stretch = 1.0 + p.pose_distortion * (x**2 + y**2)
+    return x * stretch, y * stretch, theta
+
+
+def seen_at(p: PlantParameters, x: float, y: float, theta: float) -> tuple[float, float, float]:
+    """Return the same as `seen`, of one pose."""
+    if p.pose_offset:
+        x, y = x + p.pose_offset * math.cos(theta), y + p.pose_offset * math.sin(theta)
+    if p.pose_heading_warp:
+        theta += p.pose_heading_warp * math.sin(TURN * x / WARP_LENGTH)
+    stretch = 1.0 + p.pose_distortion * (x * x + y * y)
     return x * stretch, y * stretch, theta
 
 

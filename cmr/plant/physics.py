@@ -10,12 +10,11 @@ import math
 
 import numpy as np
 
-from cmr.recordings.signal import Floats
-from tests.reference_plant.compiling import compiled, compiled_once
-from tests.reference_plant.ground import ground_speed, moved, on_patch
-from tests.reference_plant.motors import accelerations, dry_friction, load, powered, switched, turned, wanted_duties
-from tests.reference_plant.parameters import PlantParameters
-from tests.reference_plant.state import COLUMNS, Body, Robot, Side, at_speed, row
+from cmr.plant.compiling import compiled, compiled_once
+from cmr.plant.ground import ground_speed, moved, on_patch
+from cmr.plant.motors import accelerations, dry_friction, load, powered, switched, turned, wanted_duties
+from cmr.plant.parameters import Floats, PlantParameters
+from cmr.plant.state import COLUMNS, Body, Robot, Side, at_speed, row
 
 LOSS_TIME = 0.4  # s for which a wheel loses traction
 LOSING_SPEED = 1.0  # rad/s; a wheel that turns more slowly keeps it
@@ -26,7 +25,13 @@ def wander(value: float, size: float, kept: float, random: np.random.Generator) 
     """Return the next value of an Ornstein-Uhlenbeck process of this standard deviation."""
     if size == 0.0:
         return 0.0
-    return kept * value + size * math.sqrt(1.0 - kept * kept) * random.standard_normal()
+    return wandered(value, size, kept, random.standard_normal())
+
+
+@compiled
+def wandered(value: float, size: float, kept: float, draw: float) -> float:
+    """Return the next value of such a process, given a draw from the normal distribution."""
+    return kept * value + size * math.sqrt(1.0 - kept * kept) * draw
 
 
 @compiled
@@ -63,6 +68,24 @@ def disturbed(
     # traction_loss: so many times a second a wheel that turns begins to lose it.
     lost = max(0.0, side.lost - h)
     if p.traction_loss > 0.0 and abs(side.psi) > LOSING_SPEED and lost == 0.0 and random.random() < p.traction_loss * h:
+        lost = LOSS_TIME
+    return Side(side.ramp, side.u, side.heat, side.psi, side.domega, side.phi, side.gap, torque, slip, lost)
+
+
+@compiled
+def disturbed_by(
+    p: PlantParameters,
+    side: Side,
+    noise: tuple[float, float, float, float],
+    h: float,
+    draws: tuple[float, float, float],
+) -> Side:
+    """Return the same as `disturbed`, given two draws from the normal and one from the uniform distribution."""
+    torque_noise, torque_time, slip_noise, slip_time = noise
+    torque = wandered(side.torque, torque_noise, math.exp(-h / torque_time), draws[0])
+    slip = wandered(side.slip, slip_noise, math.exp(-h / slip_time), draws[1])
+    lost = max(0.0, side.lost - h)
+    if p.traction_loss > 0.0 and abs(side.psi) > LOSING_SPEED and lost == 0.0 and draws[2] < p.traction_loss * h:
         lost = LOSS_TIME
     return Side(side.ramp, side.u, side.heat, side.psi, side.domega, side.phi, side.gap, torque, slip, lost)
 

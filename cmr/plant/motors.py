@@ -7,9 +7,9 @@ is what encoders see; wheels follow it through the backlash, the ground follows 
 
 import math
 
-from tests.reference_plant.compiling import compiled
-from tests.reference_plant.parameters import PlantParameters
-from tests.reference_plant.state import Side
+from cmr.plant.compiling import compiled
+from cmr.plant.parameters import PlantParameters
+from cmr.plant.state import Side
 
 STRIBECK_SPEED = 0.5  # rad/s; where static friction has fallen to a third
 BUMP_SPEED = 2.0  # rad/s; where the friction of a motor that has just set off has fallen to a third

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from tests.reference_plant.compiling import compiled
+from cmr.plant.compiling import compiled
 
 COLUMNS = ("x", "y", "theta", "psi_left", "psi_right", "domega_left", "domega_right", "phi_left", "phi_right", "w")
 

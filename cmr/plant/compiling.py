@@ -3,6 +3,7 @@
 import fcntl
 import functools
 import hashlib
+import os
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -22,13 +23,18 @@ _SOURCES = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(_FOLDER.
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile with numba; a division by zero gives infinity, as in NumPy."""
+    result: Any = numba.njit(error_model="numpy")(function)
+    if config.DISABLE_JIT:
+        return function
     before = config.CACHE_DIR
-    config.CACHE_DIR = before or str(_FOLDER / "__pycache__" / _SOURCES)
+    if os.access(_FOLDER, os.W_OK):  # else numba finds another place
+        config.CACHE_DIR = before or str(_FOLDER / "__pycache__" / _SOURCES)
     try:
-        result: Callable[P, R] = numba.njit(cache=True, error_model="numpy")(function)
+        with suppress(RuntimeError):  # where nothing can be written, each process compiles for itself
+            result.enable_caching()
     finally:
         config.CACHE_DIR = before
-    return result
+    return cast("Callable[P, R]", result)
 
 
 def compiled_once(function: Callable[P, R]) -> Callable[P, R]:

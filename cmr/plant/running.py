@@ -1,0 +1,124 @@
+"""One robot whose time goes on from event to event, in steps of a millisecond at most."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cmr.plant.compiling import compiled_once
+from cmr.plant.motors import switched, wanted_duties
+from cmr.plant.parameters import Floats, PlantParameters, as_records
+from cmr.plant.physics import advance, disturbed_by
+from cmr.plant.state import Body, Robot, Side, at_rest
+
+STEP = 0.001  # s
+MOST_STEPS = 1000  # at once
+BLOCK = 4096  # rows of random numbers that are drawn together
+SIDE, BODY = len(Side._fields), len(Body._fields)
+PLACES = {  # of what the robot carries, in one array
+    **{f"{name}_left": place for place, name in enumerate(Side._fields)},
+    **{f"{name}_right": SIDE + place for place, name in enumerate(Side._fields)},
+    **{name: 2 * SIDE + place for place, name in enumerate(Body._fields)},
+}
+
+
+@compiled_once
+def go_on(
+    records: Any,
+    carried: Floats,
+    duties: Floats,
+    span: tuple[float, float],
+    noise: tuple[float, float, float, float],
+    draws: Floats,
+) -> None:
+    """Let time pass over the `span` [s] at these duties (left, right); change `carried`, ordered as PLACES.
+
+    `draws` are random numbers, a row for each step: two of a normal and one of a uniform distribution for the left
+    side, then as many for the right one.
+    """
+    p = records[0]
+    begin, end = span
+    c = carried
+    left = Side(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9])
+    right = Side(c[10], c[11], c[12], c[13], c[14], c[15], c[16], c[17], c[18], c[19])
+    body = Body(c[20], c[21], c[22], c[23], c[24], c[25], c[26], c[27])
+    noisy = noise[0] > 0.0 or noise[2] > 0.0 or p.traction_loss > 0.0
+    wanted = wanted_duties(p, duties[0], duties[1])
+    left, right = switched(p, left, wanted[0]), switched(p, right, wanted[1])
+    steps = len(draws)
+    h = (end - begin) / steps
+    for number in range(steps):
+        own = draws[number]
+        left, right, body = advance(p, left, right, body, wanted, begin + number * h, h)
+        if noisy:
+            left = disturbed_by(p, left, noise, h, (own[0], own[1], own[2]))
+            right = disturbed_by(p, right, noise, h, (own[3], own[4], own[5]))
+    for k in range(SIDE):
+        carried[k] = left[k]
+        carried[SIDE + k] = right[k]
+    for k in range(BODY):
+        carried[2 * SIDE + k] = body[k]
+
+
+@compiled_once
+def switch(records: Any, carried: Floats, duties: Floats) -> None:
+    """Have duties (left, right) reach the motors at once, as far as nothing delays them; change `carried`."""
+    p, c = records[0], carried
+    wanted = wanted_duties(p, duties[0], duties[1])
+    for side in range(2):
+        k = SIDE * side
+        now = Side(c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5], c[k + 6], c[k + 7], c[k + 8], c[k + 9])
+        now = switched(p, now, wanted[side])
+        carried[k], carried[k + 1] = now[0], now[1]
+
+
+class RunningRobot:
+    """The plant at `time` [s since it was at rest at `pose`]; `carried` is ordered as PLACES.
+
+    `noise`: size [rad/s^2] and time [s] of the torque's, size [1] and time [s] of the slip's.
+    """
+
+    def __init__(
+        self,
+        parameters: PlantParameters,
+        pose: tuple[float, float, float],
+        noise: tuple[float, float, float, float],
+        seed: int,
+    ) -> None:
+        robot: Robot = at_rest(pose)
+        self.time = 0.0
+        self.carried = np.array([*robot.left, *robot.right, *robot.body])
+        self._records: Any = as_records(parameters)
+        self._noise = noise
+        self._random = np.random.default_rng(seed)
+        self._draws: Floats = np.zeros((0, 6))
+        self._drawn = 0
+        self._duties = np.zeros(2)
+        self._load()
+
+    def drive(self, left: float, right: float) -> None:
+        """Have the motors get these duties from now on."""
+        self._duties[:] = left, right
+        switch(self._records, self.carried, self._duties)
+
+    def advance(self, time: float) -> None:
+        """Let the world go on until `time` [s]; a time that has passed changes nothing."""
+        while self.time < time:
+            end, steps = time, 1
+            if time - self.time > STEP:
+                end = min(time, self.time + MOST_STEPS * STEP)
+                steps = max(1, math.ceil((end - self.time) / STEP - 1e-6))
+            go_on(self._records, self.carried, self._duties, (self.time, end), self._noise, self._next_draws(steps))
+            self.time = end
+
+    def _load(self) -> None:
+        """Compile or load what lets time pass before anybody waits for it."""
+        switch(self._records, self.carried.copy(), self._duties)
+        go_on(self._records, self.carried.copy(), self._duties, (0.0, STEP), self._noise, np.zeros((1, 6)))
+
+    def _next_draws(self, steps: int) -> Floats:
+        if self._drawn + steps > len(self._draws):
+            self._draws, self._drawn = self._random.standard_normal((BLOCK, 6)), 0
+            self._draws[:, 2::3] = self._random.random((BLOCK, 2))
+        self._drawn += steps
+        return self._draws[self._drawn - steps : self._drawn]

@@ -1,0 +1,146 @@
+"""An emulated robot in time, whoever keeps the time: bytes and poses happen at their moments, and the plant with them.
+
+It does no I/O and reads no clock. Times are s since the robot was switched on.
+"""
+
+import heapq
+import itertools
+import math
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Protocol
+
+from robot_driver.emulator.device import Device, Transmission
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.sensors import MotionCapture, Pose
+
+
+class Adapter(Protocol):
+    """What stands between a device's wire and its client."""
+
+    def pieces(self, begin: float, end: float, data: bytes) -> Iterable[tuple[float, bytes]]:
+        """Return in which pieces the client gets bytes that are on the wire from `begin` to `end`, and when."""
+
+
+class NoAdapter:
+    """A client that gets what a device sends when the last byte has left the wire."""
+
+    def pieces(self, begin: float, end: float, data: bytes) -> Iterable[tuple[float, bytes]]:
+        """Return one piece, at the end."""
+        del begin
+        return ((end, data),)
+
+
+class WireLine:
+    """A device, what it is seen through, and until when (s) the wire is busy in each direction."""
+
+    def __init__(self, name: str, device: Device, adapter: Adapter) -> None:
+        self.name = name
+        self.device = device
+        self.adapter = adapter
+        self.wake_time = device.wake_time  # changes only by what the device is given, or does
+        self.busy_to_device = 0.0
+        self.busy_to_client = 0.0
+
+    def receive(self, data: bytes, time: float) -> list[Transmission]:
+        """Have the device take bytes of which the last has arrived at `time`."""
+        sent = self.device.receive(data, time)
+        self.wake_time = self.device.wake_time
+        return sent
+
+    def wake(self, time: float) -> list[Transmission]:
+        """Have the device act of its own accord."""
+        sent = self.device.wake(time)
+        self.wake_time = self.device.wake_time
+        return sent
+
+
+class RobotInTime:
+    """The plant, the devices and cameras that look at it, and all that is on its way between them.
+
+    The plant is moved to the exact time at which somebody looks: a request's last byte has arrived, a sample is
+    due. What a
+    device sends goes to `deliver(name, data)`, what the cameras see to `on_pose`, each when it is there.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        devices: Mapping[str, Device],
+        deliver: Callable[[str, bytes], None],
+        *,
+        adapters: Mapping[str, Adapter] | None = None,
+        motion_capture: MotionCapture | None = None,
+        on_pose: Callable[[Pose], None] = lambda _pose: None,
+    ) -> None:
+        self.plant = plant
+        self.now = 0.0  # the time of what happened last
+        self.until = 0.0
+        adapters = adapters or {}
+        self._lines = {
+            name: WireLine(name, device, adapters.get(name, NoAdapter())) for name, device in devices.items()
+        }
+        self._in_order = list(self._lines.values())
+        self._deliver = deliver
+        self._motion_capture = motion_capture
+        self._on_pose = on_pose
+        self._events: list[tuple[float, int, Callable[[], object]]] = []
+        self._order = itertools.count()  # events of the same time happen in the order they were scheduled
+
+    def bring(self, name: str, data: bytes, start: float) -> None:
+        """Send bytes of a client down the wire to a device, at `start` or after those that are still on it."""
+        if data:
+            line = self._lines[name]
+            arrival = max(start, line.busy_to_device) + len(data) * line.device.byte_time
+            line.busy_to_device = arrival
+            self._schedule(arrival, partial(self._receive, line, data, arrival))
+
+    def next_due(self) -> float:
+        """Return the time of the earliest event or of the first device to act."""
+        due = self._events[0][0] if self._events else math.inf
+        if self._motion_capture is not None:
+            due = min(due, self._motion_capture.wake_time)
+        for line in self._in_order:
+            if line.wake_time < due:
+                due = line.wake_time
+        return due
+
+    def let_happen(self, until: float) -> float:
+        """Do everything that is due by `until`, in order of time; return when the next is due.
+
+        What happens may set `until` to an earlier time.
+        """
+        self.until = until
+        while (due := self.next_due()) <= self.until:
+            self.now = due
+            if self._events and self._events[0][0] <= due:
+                heapq.heappop(self._events)[2]()
+                continue
+            self.plant.advance(due)
+            if self._motion_capture is not None and self._motion_capture.wake_time <= due:
+                pose = self._motion_capture.wake(due)
+                self._schedule(pose.ready, partial(self._on_pose, pose))
+            else:
+                line = min(self._in_order, key=_wake_time)
+                self._send(line, line.wake(due))
+        return due
+
+    def _receive(self, line: WireLine, data: bytes, arrival: float) -> None:
+        self.plant.advance(arrival)
+        self._send(line, line.receive(data, arrival))
+
+    def _send(self, line: WireLine, transmissions: list[Transmission]) -> None:
+        """Hand bytes to the client when they have come up the wire, after those that are still on it."""
+        for transmission in transmissions:
+            on_wire = len(transmission.data) * line.device.byte_time
+            line.busy_to_client = max(transmission.time, line.busy_to_client + on_wire)
+            begin = line.busy_to_client - on_wire
+            for moment, piece in line.adapter.pieces(begin, line.busy_to_client, transmission.data):
+                self._schedule(moment, partial(self._deliver, line.name, piece))
+
+    def _schedule(self, moment: float, action: Callable[[], object]) -> None:
+        heapq.heappush(self._events, (moment, next(self._order), action))
+
+
+def _wake_time(line: WireLine) -> float:
+    return line.wake_time

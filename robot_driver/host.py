@@ -1,0 +1,164 @@
+"""The computer on which the driver runs: its clocks, waiting, threads and ports.
+
+The driver reaches all of them through one `Host`, so that it runs in another's time just as well: in the simulated one
+of robot_driver.emulator.simulated_host the same code drives an emulated robot many times as fast.
+"""
+
+import fcntl
+import os
+import queue
+import select
+import termios
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Protocol
+
+import serial
+
+from robot_driver.clock import seconds_since_boot, utime_at
+
+# pyserial lets termios.error out of its flushing calls; it is neither of the others.
+PORT_ERRORS = (serial.SerialException, OSError, termios.error)
+WRITE_TIMEOUT = 0.1  # s
+
+
+class Line(Protocol):
+    """An open serial port. Whatever it raises is among PORT_ERRORS."""
+
+    def write(self, data: bytes) -> object:
+        """Write all of it."""
+
+    def read(self, most: int, timeout: float) -> bytes:
+        """Return what has arrived, up to `most` bytes, as soon as there is any; b"" after `timeout` seconds."""
+
+    def close(self) -> None:
+        """Give the port up."""
+
+
+class Worker(Protocol):
+    """A thread."""
+
+    def start(self) -> None:
+        """Begin."""
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait until it has ended, for up to `timeout` seconds."""
+
+
+class Mailbox(Protocol):
+    """Passes pieces of bytes from one thread to another."""
+
+    def put(self, piece: bytes) -> None:
+        """Leave a piece; it is lost where too many wait already."""
+
+    def get(self, timeout: float) -> bytes:
+        """Return the oldest piece; b"" when none has come after `timeout` seconds."""
+
+
+class Host:
+    """This computer, in real time."""
+
+    def monotonic_ns(self) -> int:
+        """Return a steady time (ns)."""
+        return time.monotonic_ns()
+
+    def monotonic(self) -> float:
+        """Return the same steady time (s)."""
+        return time.monotonic()
+
+    def seconds_since_boot(self) -> float:
+        """Return a steady time (s) that goes on while the computer is suspended."""
+        return seconds_since_boot()
+
+    def utime_at(self, monotonic_nanoseconds: int) -> int:
+        """Return the time of day (us since the Unix epoch) of a recent moment of the steady time."""
+        return utime_at(monotonic_nanoseconds)
+
+    def utime(self) -> int:
+        """Return the time of day (us since the Unix epoch)."""
+        return time.time_ns() // 1000
+
+    def sleep(self, seconds: float) -> None:
+        """Do nothing for so long."""
+        time.sleep(seconds)
+
+    def event(self) -> threading.Event:
+        """Return something that one thread sets and others wait for."""
+        return threading.Event()
+
+    def mailbox(self, most: int) -> Mailbox:
+        """Return a mailbox for up to so many pieces."""
+        return _Queue(most)
+
+    def thread(self, work: Callable[[], None], name: str) -> Worker:
+        """Return a thread, not started yet, that runs before all that is not urgent, where the system permits it."""
+
+        def urgent() -> None:
+            go_first()
+            work()
+
+        return threading.Thread(target=urgent, name=name, daemon=True)
+
+    def open_line(self, path: str, baud_rate: int, *, lock_out: bool) -> Line:
+        """Open a serial port (8N1, no flow control), for this program alone; `lock_out` others by the kernel, too.
+
+        Raises one of PORT_ERRORS, or ValueError.
+        """
+        return Terminal(path, baud_rate, lock_out=lock_out)
+
+
+THIS_COMPUTER = Host()
+
+
+def go_first() -> None:
+    """Have this thread run before all that is not urgent, where the system permits it."""
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
+
+
+class Terminal:
+    """A serial port of this computer."""
+
+    def __init__(self, path: str, baud_rate: int, *, lock_out: bool) -> None:
+        self._serial = serial.Serial(path, baud_rate, timeout=0, write_timeout=WRITE_TIMEOUT, exclusive=True)
+        with suppress(*PORT_ERRORS, ValueError):  # most adapters have no such mode
+            self._serial.set_low_latency_mode(True)
+        if lock_out:
+            with suppress(*PORT_ERRORS):
+                fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
+
+    def fileno(self) -> int:
+        """Return its file descriptor."""
+        return int(self._serial.fileno())
+
+    def write(self, data: bytes) -> None:
+        """Write all of it."""
+        self._serial.write(data)
+
+    def read(self, most: int, timeout: float) -> bytes:
+        """Return what has arrived, as soon as there is any."""
+        if not select.select([self._serial.fileno()], [], [], max(timeout, 0.0))[0]:
+            return b""
+        return bytes(self._serial.read(most))
+
+    def close(self) -> None:
+        """Give the port up."""
+        with suppress(*PORT_ERRORS):
+            self._serial.close()
+
+
+class _Queue:
+    def __init__(self, most: int) -> None:
+        self._pieces: queue.Queue[bytes] = queue.Queue(most)
+
+    def put(self, piece: bytes) -> None:
+        with suppress(queue.Full):
+            self._pieces.put_nowait(piece)
+
+    def get(self, timeout: float) -> bytes:
+        try:
+            return self._pieces.get(timeout=max(timeout, 0.0))
+        except queue.Empty:
+            return b""

@@ -1,0 +1,297 @@
+"""A computer in simulated time: its clock goes on when all of its threads wait, to what happens next.
+
+The threads are real ones that take turns: only one runs at any time, and it hands over when it waits. What happens
+depends on times and seeds alone, so that the same drive gives the same bytes again.
+"""
+
+import itertools
+import math
+import threading
+from collections import deque
+from collections.abc import Callable
+from random import Random
+
+from robot_driver.emulator.robot_in_time import RobotInTime
+from robot_driver.host import Host
+from robot_driver.simulated.usb import Lateness, OwnUsb, UsbAdapter
+
+SWITCHED_ON = 1000 * 10**9  # ns; the steady time when the robot is switched on
+START_UTIME = 1_800_000_000_000_000  # us; the time of day then
+SECOND = 10**9  # ns
+NEVER = 2**63
+
+
+class _Thread:
+    """A thread of the simulated computer; `turn` is held by everybody but the one who runs."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        self.turn = threading.Lock()
+        self.turn.acquire()
+        self.random = Random(f"{seed} {name}")
+        self.due = (NEVER, 0)  # when it goes on (ns), and the order of those that go on at the same time
+        self.waits_for: object = None
+        self.ended = False
+
+
+class SimulatedHost(Host):
+    """The computer that an emulated robot is plugged into; who makes it is its first thread.
+
+    The robot is given by `plug_in`, with what is at the other end of each port, by path.
+    """
+
+    def __init__(self, seed: int = 0, lateness: Lateness | None = None) -> None:
+        self.lateness = lateness or Lateness()
+        self._seed = seed
+        self._now = SWITCHED_ON
+        self._robot: RobotInTime | None = None
+        self._lines: dict[str, SimulatedLine] = {}
+        self._order = itertools.count(1)
+        self._running = _Thread("main", seed)
+        self._threads = [self._running]
+        self._following = self._running  # who goes on first, unless somebody was woken since
+        self._woken = True
+        self._failures: list[BaseException] = []
+
+    def plug_in(self, robot: RobotInTime, adapters: dict[str, UsbAdapter | OwnUsb]) -> None:
+        """Have the ports of `robot` at the paths that name them."""
+        self._robot = robot
+        self._lines = {name: SimulatedLine(self, name, adapter) for name, adapter in adapters.items()}
+
+    def arrive(self, name: str, data: bytes) -> None:
+        """Have bytes of the robot arrive at a port."""
+        self.follow_robot()
+        self._lines[name].arrive(data)
+
+    def follow_robot(self) -> None:
+        """Let time pass until what the robot does just now; called before anybody here sees it."""
+        assert self._robot is not None
+        self._now = max(self._now, SWITCHED_ON + math.ceil(self._robot.now * SECOND))
+
+    def robot_time(self) -> float:
+        """Return the time since the robot was switched on (s)."""
+        return (self._now - SWITCHED_ON) / SECOND
+
+    def bring(self, name: str, data: bytes, delay: float) -> None:
+        """Have a port put bytes on the wire `delay` (s) from now."""
+        assert self._robot is not None
+        self._robot.bring(name, data, self.robot_time() + delay)
+
+    def utime_of_robot(self, moment: float) -> int:
+        """Return the time of day (us) of a time of the robot (s)."""
+        return START_UTIME + round(moment * 1e6)
+
+    def monotonic_ns(self) -> int:
+        """Return the steady time (ns)."""
+        return self._now
+
+    def monotonic(self) -> float:
+        """Return the steady time (s)."""
+        return self._now / SECOND
+
+    def seconds_since_boot(self) -> float:
+        """Return the steady time (s): this computer is never suspended."""
+        return self._now / SECOND
+
+    def utime_at(self, monotonic_nanoseconds: int) -> int:
+        """Return the time of day (us) of a moment."""
+        return START_UTIME + (monotonic_nanoseconds - SWITCHED_ON) // 1000
+
+    def utime(self) -> int:
+        """Return the time of day (us)."""
+        return self.utime_at(self._now)
+
+    def sleep(self, seconds: float) -> None:
+        """Let everybody else go on for so long."""
+        self.wait(seconds, None)
+
+    def event(self) -> threading.Event:
+        """Return an event that is waited for in simulated time."""
+        return _Event(self)
+
+    def mailbox(self, most: int) -> "_Mailbox":
+        """Return a mailbox that is waited for in simulated time."""
+        return _Mailbox(self, most)
+
+    def open_line(self, path: str, baud_rate: int, *, lock_out: bool) -> "SimulatedLine":
+        """Open a port of the robot. Raises FileNotFoundError where there is none."""
+        del baud_rate, lock_out
+        if path not in self._lines:
+            raise FileNotFoundError(2, "there is no such port", path)
+        return self._lines[path].opened()
+
+    def thread(self, work: Callable[[], None], name: str) -> "SimulatedThread":
+        """Return a thread, not started yet; it runs when those that run already wait."""
+        return SimulatedThread(self, work, name)
+
+    def begin(self, work: Callable[[], None], name: str) -> _Thread:
+        """Begin a thread."""
+        thread = _Thread(f"{name} {next(self._order)}", self._seed)
+        thread.due = (self._now, next(self._order))
+        self._threads.append(thread)
+
+        def run() -> None:
+            thread.turn.acquire()
+            try:
+                work()
+            except BaseException as failure:  # told by check()
+                self._failures.append(failure)
+                self.wake(self)
+            finally:
+                thread.ended = True
+                self._threads.remove(thread)
+                self.wake(thread)
+                self._hand_over(self._let_happen())
+
+        threading.Thread(target=run, name=name, daemon=True).start()
+        return thread
+
+    def run(self, seconds: float) -> None:
+        """Let everybody else go on for so long, or until one of them fails."""
+        if not self._failures:
+            self.wait(seconds, self)
+        self.check()
+
+    def check(self) -> None:
+        """Raise what ended a thread, if it was a failure."""
+        if self._failures:
+            raise self._failures[0]
+
+    def wait(self, seconds: float, reason: object) -> None:
+        """Let the thread that calls wait for so long, or until somebody calls `wake` with the same reason."""
+        me = self._running
+        due = NEVER
+        if seconds < math.inf:
+            due = self._now + max(0, math.ceil(seconds * SECOND)) + self.lateness.of_waking(me.random)
+        me.due, me.waits_for = (due, next(self._order)), reason
+        following = self._let_happen()
+        if following is not me:
+            self._hand_over(following)
+            me.turn.acquire()
+
+    def wake(self, reason: object) -> None:
+        """Have those that wait for this go on."""
+        for thread in self._threads:
+            if thread.waits_for is reason:
+                due = self._now + self.lateness.of_waking(thread.random)
+                thread.due, thread.waits_for = min(thread.due, (due, next(self._order))), None
+                self._woken = True
+                if self._robot is not None:
+                    self._robot.until = min(self._robot.until, (thread.due[0] - SWITCHED_ON) / SECOND)
+
+    def _let_happen(self) -> _Thread:
+        """Let time pass until a thread goes on; return it."""
+        robot = self._robot
+        while True:
+            if self._woken or self._following.ended:
+                self._following, self._woken = min(self._threads, key=_due), False
+            following = self._following
+            if robot is not None:
+                robot.let_happen((following.due[0] - SWITCHED_ON) / SECOND)
+            if self._woken:
+                continue
+            assert following.due[0] < NEVER, "all threads wait for ever"
+            self._now = max(self._now, following.due[0])
+            following.waits_for, self._woken = None, True
+            return following
+
+    def _hand_over(self, thread: _Thread) -> None:
+        self._running = thread
+        thread.turn.release()
+
+
+class SimulatedLine:
+    """A port of the simulated computer."""
+
+    def __init__(self, host: SimulatedHost, name: str, adapter: UsbAdapter | OwnUsb) -> None:
+        self._host = host
+        self._name = name
+        self._adapter = adapter
+        self._arrived = bytearray()
+        self._is_open = False
+
+    def opened(self) -> "SimulatedLine":
+        """Return this, open; it kept nothing from before."""
+        self._arrived.clear()
+        self._is_open = True
+        return self
+
+    def close(self) -> None:
+        """Give the port up; what comes from now on is lost."""
+        self._is_open = False
+
+    def arrive(self, data: bytes) -> None:
+        """Take what the robot sends."""
+        if self._is_open:
+            self._arrived += data
+            self._host.wake(self)
+
+    def write(self, data: bytes) -> None:
+        """Send to the robot."""
+        self._host.bring(self._name, data, self._adapter.way_down())
+
+    def read(self, most: int, timeout: float) -> bytes:
+        """Return what has arrived, up to `most` bytes, as soon as there is any; b"" after `timeout` seconds."""
+        if not self._arrived and timeout > 0.0:
+            self._host.wait(timeout, self)
+        data = bytes(self._arrived[:most])
+        del self._arrived[:most]
+        return data
+
+
+class _Event(threading.Event):
+    """An event in simulated time."""
+
+    def __init__(self, host: SimulatedHost) -> None:
+        super().__init__()
+        self._host = host
+
+    def set(self) -> None:
+        super().set()
+        self._host.wake(self)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        if not self.is_set():
+            self._host.wait(math.inf if timeout is None else timeout, self)
+        return self.is_set()
+
+
+class _Mailbox:
+    """A mailbox in simulated time."""
+
+    def __init__(self, host: SimulatedHost, most: int) -> None:
+        self._host = host
+        self._most = most
+        self._pieces: deque[bytes] = deque()
+
+    def put(self, piece: bytes) -> None:
+        if len(self._pieces) < self._most:
+            self._pieces.append(piece)
+            self._host.wake(self)
+
+    def get(self, timeout: float) -> bytes:
+        if not self._pieces and timeout > 0.0:
+            self._host.wait(timeout, self)
+        return self._pieces.popleft() if self._pieces else b""
+
+
+class SimulatedThread:
+    """A thread of the simulated computer, as the one who starts it sees it."""
+
+    def __init__(self, host: SimulatedHost, work: Callable[[], None], name: str) -> None:
+        self._host = host
+        self._work = work
+        self._name = name
+        self._thread: _Thread | None = None
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread = self._host.begin(self._work, self._name)
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait until it has ended."""
+        if self._thread is not None and not self._thread.ended:
+            self._host.wait(math.inf if timeout is None else timeout, self._thread)
+
+
+def _due(thread: _Thread) -> tuple[int, int]:
+    return thread.due

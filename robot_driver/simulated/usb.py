@@ -1,0 +1,73 @@
+"""What stands between an emulated device's wire and the driver: an adapter to USB that holds bytes back."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from random import Random
+
+PACKET = 62  # bytes; what an adapter sends when it has so many, whatever its timer says
+FRAME = 0.001  # s; USB sends once in a frame
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """How late things are on the driver's computer.
+
+    `usb_latency` (s) is how long an adapter holds bytes back to send them together; 0: none, as in devices with USB
+    of their own. A thread that has been waited for runs after `waking` (s) on average; a `busy` share of the times it
+    is `held_up` (s) on average on top of that.
+    """
+
+    usb_latency: float = 0.001
+    waking: float = 50e-6
+    busy: float = 0.0
+    held_up: float = 0.004
+
+    def of_waking(self, random: Random) -> int:
+        """Draw by how much a thread runs late (ns)."""
+        late = self.waking * (0.5 + random.random())
+        if self.busy and random.random() < self.busy:
+            late += random.expovariate(1.0 / self.held_up)
+        return int(1e9 * late)
+
+
+class UsbAdapter:
+    """Sends what comes from the wire whenever its timer of `latency` (s) ends, and whenever a packet is full."""
+
+    def __init__(self, latency: float, random: Random) -> None:
+        self._latency = latency
+        self._phase = random.random() * latency
+        self._random = random
+        self._tick = 0.0  # when the bytes that are held are sent
+        self._held = 0
+
+    def pieces(self, begin: float, end: float, data: bytes) -> Iterator[tuple[float, bytes]]:
+        """Yield when bytes that are on the wire from `begin` to `end` are with the computer."""
+        byte_time = (end - begin) / len(data)
+        while data:
+            first = begin + byte_time
+            if first > self._tick:
+                self._tick = self._phase + self._latency * (int((first - self._phase) / self._latency) + 1)
+                self._held = 0
+            in_time = len(data) if not byte_time else max(1, int((self._tick - begin) / byte_time + 1e-6))
+            count = min(len(data), in_time, PACKET - self._held)
+            self._held = (self._held + count) % PACKET
+            begin += count * byte_time
+            yield (begin if not self._held else self._tick), data[:count]
+            data = data[count:]
+
+    def way_down(self) -> float:
+        """Draw how long it takes until bytes that are written are on the wire (s)."""
+        return self._random.random() * FRAME
+
+
+class OwnUsb:
+    """A device with USB of its own."""
+
+    def pieces(self, begin: float, end: float, data: bytes) -> Iterator[tuple[float, bytes]]:
+        """Yield all at the end."""
+        del begin
+        yield end, data
+
+    def way_down(self) -> float:
+        """Return 0."""
+        return 0.0
