@@ -125,6 +125,7 @@ def _diagnosis(robot_id: int, estimation: Estimation, evidence: Evidence, source
         parameters=estimation.parameters,
         sources=sources,
         samples=len(found.final.rest),
+        decisions=found.decisions,
     )
 
 

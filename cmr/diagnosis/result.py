@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.search.trace import Decision
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
 from cmr.recordings.signal import Floats
@@ -130,7 +131,8 @@ class Diagnosis:
     that with the effects named and any generic term, both None with bad data. `parameters` holds all values the
     extended model runs with, by name. `checks` tells what was wrong with the data, `notes` are sentences on what else a
     reader should know, `next_experiment` what to do next if nothing, or not enough, was found. `sources` names the
-    recordings, `samples` counts what the models were fitted to.
+    recordings, `samples` counts what the models were fitted to. `decisions` are the steps of the search, in
+    their order.
     """
 
     robot_id: int
@@ -149,6 +151,7 @@ class Diagnosis:
     evidence: Evidence = NOTHING_TO_DRAW
     sources: tuple[str, ...] = ()
     samples: int = 0
+    decisions: tuple[Decision, ...] = ()
 
     @property
     def is_extended(self) -> bool:
