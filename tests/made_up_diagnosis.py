@@ -7,6 +7,7 @@ import numpy as np
 from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, Candidate, Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.search.trace import ADDED, REJECTED, REMOVED, REPLACED, Decision
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
 from cmr.recordings.lateness import Lateness
@@ -64,5 +65,19 @@ DIAGNOSIS = Diagnosis(
     sources=("circles.lcm", "squares.lcm"),
     samples=6000,
     lateness={"circles.lcm": Lateness(0.011, 0.0004, 0.006, 900, 0.002, 500)},
+    decisions=(
+        Decision(0, ADDED, ("slope",), 40.2, 30.0, "It explains most."),
+        Decision(
+            1,
+            REPLACED,
+            ("coulomb_friction", "surface_change"),
+            351.0,
+            math.nan,
+            "slope left for it, and nothing that "
+            "anybody could drive with this robot would tell it apart from what came in its place.",
+        ),
+        Decision(2, REJECTED, ("gyro_bias",), 1.3, 44.7, "What it explains may be chance."),
+        Decision(2, REMOVED, ("slope",), -0.01, math.nan, "The others explain as much without it."),
+    ),
 )
 BAD = Diagnosis(robot_id=4, verdict=BAD_DATA, sentence="The robot never moved.", checks=(FAULT,))

@@ -118,7 +118,7 @@ def test_the_extended_model_tells_what_was_given_and_not_fitted(tmp_path: Path) 
 def test_what_goes_beyond_schema_1_is_what_the_documentation_says(tmp_path: Path) -> None:
     content = written(DIAGNOSIS, tmp_path)
     beyond = {"sentence", "notes", "next_experiment", "candidates", "sources", "samples", "generic_term"}
-    beyond |= {"command_lateness"}
+    beyond |= {"command_lateness", "decisions"}
     assert set(content) - set(SCHEMA_1) - {"data_checks"} == beyond
     documentation = document.__doc__ or ""
     assert all(f"`{name}`" in documentation for name in beyond)
@@ -129,6 +129,21 @@ def test_what_goes_beyond_schema_1_is_what_the_documentation_says(tmp_path: Path
             "why_not": "Other data speak against it.",
         }
     ]
+
+
+def test_decisions_of_the_search_stand_in_their_order_and_what_was_not_compared_is_null(tmp_path: Path) -> None:
+    decisions = written(DIAGNOSIS, tmp_path)["decisions"]
+    assert [decision["action"] for decision in decisions] == ["added", "replaced", "not added", "removed"]
+    assert decisions[0] == {
+        "step": 0,
+        "action": "added",
+        "effects": ["slope"],
+        "statistic": 40.2,
+        "threshold": 30.0,
+        "reason": "It explains most.",
+    }
+    assert (decisions[1]["effects"], decisions[1]["threshold"]) == (["coulomb_friction", "surface_change"], None)
+    assert written(BAD, tmp_path)["decisions"] == []
 
 
 def test_data_checks_tell_what_each_counted(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import NO_EFFECT
+from cmr.estimation.search.trace import ADDED, REMOVED
+from cmr.estimation.usefulness import TAKEN_BACK
 from tests.hidden_effects import hidden_recording
 
 STRAYING_SPINS = 25  # a short drive on the spot in which chance looks like a battery that runs down
@@ -11,6 +13,9 @@ def test_what_free_runs_contradict_is_not_named_and_leaves_the_paper_s_model_in_
     found = diagnose(hidden_recording(manoeuvre="spins", seed=STRAYING_SPINS).recording)
     assert found.verdict == NO_EFFECT
     assert "battery_drift" in [candidate.name for candidate in found.candidates]
+    # The search tells why: it was added, and taken back.
+    told = [(one.action, one.reason) for one in found.decisions if one.effects == ("battery_drift",)]
+    assert [told[0][0], told[-1]] == [ADDED, (REMOVED, TAKEN_BACK)]
     assert found.baseline is not None
     assert found.extended is not None
     # What may be hidden beside the paper's model is averaged over, and does no harm.

@@ -46,7 +46,7 @@ def main(arguments: list[str]) -> int:
         jobs = jobs_of(options.logs, pattern, each=options.each)
     except RecordingError as error:
         raise CommandError(str(error)) from error
-    return _one(jobs[0]) if len(jobs) == 1 else _many(jobs, options.jobs)
+    return _one(jobs[0], options.why) if len(jobs) == 1 else _many(jobs, options.jobs, options.why)
 
 
 def _options(arguments: list[str]) -> argparse.Namespace:
@@ -91,6 +91,7 @@ def _add_arguments(options: argparse.ArgumentParser) -> None:
     )
     options.add_argument("--out", type=Path, default=None, metavar="DIR", help="folder for the results")
     options.add_argument("--each", action="store_true", help="diagnose every log for itself")
+    options.add_argument("--why", action="store_true", help="print each decision of the search, and its reason")
     options.add_argument("--no-report", action="store_true", help="leave out report.html")
     options.add_argument(
         "--jobs", type=_count, default=_cores(), metavar="N", help="how many diagnoses run side by side"
@@ -101,7 +102,9 @@ def _add_arguments(options: argparse.ArgumentParser) -> None:
 def _contradiction(chosen: argparse.Namespace) -> str:
     """Return what is wrong with the options together; empty if nothing is."""
     if chosen.live:
-        return "--live listens to the bus; it takes no logs" if chosen.logs or chosen.held_out else ""
+        if chosen.logs or chosen.held_out:
+            return "--live listens to the bus; it takes no logs"
+        return "--why tells how logs were searched; --live searches none" if chosen.why else ""
     if not chosen.logs:
         return "name at least one event log, or --live"
     if chosen.out is None:
@@ -132,7 +135,7 @@ def _nominal(path: Path | None) -> ParameterFile | None:
         raise CommandError(str(error)) from error
 
 
-def _one(job: Job) -> int:
+def _one(job: Job, tell_why: bool) -> int:
     """Do a job in this process."""
     line = ProgressLine()
     try:
@@ -142,15 +145,19 @@ def _one(job: Job) -> int:
     finally:
         line.clear()
     from cmr.diagnosis.summary import summary
+    from cmr.diagnosis.why import why
 
     print(summary(diagnosis))
+    if tell_why:
+        print(f"\n{why(diagnosis.decisions)}")
     print(f"\nwritten to {job.folder}: {', '.join(path.name for path in files)}")
     return 0
 
 
-def _many(jobs: Sequence[Job], count: int) -> int:
+def _many(jobs: Sequence[Job], count: int, tell_why: bool) -> int:
     """Do jobs side by side, and tell in a table what came of them."""
     from cmr.diagnosis.summary import outcome_line, outcome_table
+    from cmr.diagnosis.why import why
 
     bar = Bar(len(jobs))
     outcomes: list[Outcome] = []
@@ -165,7 +172,11 @@ def _many(jobs: Sequence[Job], count: int) -> int:
     finally:
         bar.clear()
     place = {job.folder: number for number, job in enumerate(jobs)}
-    print(outcome_table(sorted(outcomes, key=lambda outcome: place[outcome.folder])))
+    outcomes.sort(key=lambda outcome: place[outcome.folder])
+    print(outcome_table(outcomes))
+    for outcome in outcomes if tell_why else ():
+        if not outcome.failure:
+            print(f"\n{outcome.folder.name}\n{why(outcome.decisions)}")
     print(f"written to the folders of these names below {jobs[0].folder.parent}")
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     if failed:

@@ -135,6 +135,7 @@ def _diagnosis(
         sources=sources,
         samples=len(found.final.rest),
         lateness=lateness,
+        decisions=found.decisions,
     )
 
 

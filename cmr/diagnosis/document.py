@@ -13,6 +13,7 @@ from typing import Any
 from cmr.diagnosis.result import GENERIC, Candidate, Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.search.trace import Decision
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained
 from cmr.files import write_atomically
 from cmr.model.catalogue import definition, effects_on
@@ -33,11 +34,11 @@ def document(diagnosis: Diagnosis) -> Document:
 
     Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `next_experiment`, what
     to drive next; `candidates`, the effects that were tested and not named, and why not; `sources` and `samples`, what
-    was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the
-    `sentence` of each data check; `command_lateness`, measured in each recording whose driver tells what it applied;
-    and `generic_term`, which extends the model without naming a cause, or null. Its `shift` and those of all effects
-    add up to what lies between the parameters of `baseline` and `extended`.
-    Parameters without a standard deviation were given, not fitted.
+    was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the `sentence`
+    of each data check; `command_lateness`, measured in each recording whose driver tells what it applied; `decisions`,
+    the steps of the search; and `generic_term`, which extends the model without naming a cause, or null. Its `shift`
+    and those of all effects add up to what lies between `baseline` and the fit with all of them. Parameters without a
+    standard deviation were given, not fitted.
     Raises KeyError for a parameter that the catalogue does not know.
     """
     return {
@@ -58,6 +59,7 @@ def document(diagnosis: Diagnosis) -> Document:
         "next_experiment": diagnosis.next_experiment,
         "sources": list(diagnosis.sources),
         "samples": int(diagnosis.samples),
+        "decisions": [_decision(decision) for decision in diagnosis.decisions],
     }
 
 
@@ -126,6 +128,17 @@ def _effect(rank: int, effect: NamedEffect) -> Document:
 
 def _candidate(candidate: Candidate) -> Document:
     return {"name": candidate.name, "evidence": _evidence(candidate), "why_not": candidate.why_not}
+
+
+def _decision(decision: Decision) -> Document:
+    return {
+        "step": int(decision.step),
+        "action": decision.action,
+        "effects": list(decision.effects),
+        "statistic": _finite(decision.statistic),
+        "threshold": _finite(decision.threshold),
+        "reason": decision.reason,
+    }
 
 
 def _evidence(tested: NamedEffect | Candidate) -> Document:

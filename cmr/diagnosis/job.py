@@ -11,6 +11,7 @@ from typing import Any
 from cmr.bus.streams import identify
 from cmr.diagnosis.result import Diagnosis
 from cmr.estimation.estimates import EstimationError
+from cmr.estimation.search.trace import Decision
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.recordings.arrivals import KEPT
 from cmr.recordings.events import EventReader
@@ -46,7 +47,7 @@ class Job:
 class Outcome:
     """What came of a job, in brief: either `failure`, a sentence, or the verdict and what was named.
 
-    `ratio` is the gain in held-out path error, NaN where it is not known.
+    `ratio` is the gain in held-out path error, NaN where it is not known. `decisions` are the steps of the search.
     """
 
     folder: Path
@@ -54,6 +55,7 @@ class Outcome:
     verdict: str = ""
     effects: tuple[str, ...] = ()
     ratio: float = math.nan
+    decisions: tuple[Decision, ...] = ()
 
 
 def robots_in(log: Path) -> list[int]:
@@ -121,6 +123,7 @@ def attempt(job: Job, tell: Telling) -> Outcome:
         verdict=diagnosis.verdict,
         effects=tuple(effect.name for effect in diagnosis.effects),
         ratio=diagnosis.gain.ratio if diagnosis.gain else math.nan,
+        decisions=diagnosis.decisions,
     )
 
 

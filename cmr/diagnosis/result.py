@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.search.trace import Decision
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
 from cmr.recordings.lateness import Lateness
@@ -132,7 +133,7 @@ class Diagnosis:
     extended model runs with, by name. `checks` tells what was wrong with the data, `notes` are sentences on what else a
     reader should know, `next_experiment` what to do next if nothing, or not enough, was found. `sources` names the
     recordings, `samples` counts what the models were fitted to. `lateness` tells how late commands took effect, by the
-    name of the recording in which it was measured.
+    name of the recording in which it was measured. `decisions` are the steps of the search, in their order.
     """
 
     robot_id: int
@@ -151,6 +152,7 @@ class Diagnosis:
     evidence: Evidence = NOTHING_TO_DRAW
     sources: tuple[str, ...] = ()
     samples: int = 0
+    decisions: tuple[Decision, ...] = ()
     lateness: Mapping[str, Lateness] = field(default_factory=dict)
 
     @property

@@ -11,6 +11,7 @@ from cmr.estimation.measured_gain import Measured, Model
 from cmr.estimation.search.criteria import SelectedEffect
 from cmr.estimation.search.elimination import without
 from cmr.estimation.search.selection import Search
+from cmr.estimation.search.trace import with_removed
 from cmr.estimation.unexplained.extending import Extended
 
 # A gain that is surely less than the first, or, unless it is surely one, of any signal less than the second.
@@ -86,4 +87,5 @@ def _without(found: Search, weakest: SelectedEffect) -> Search:
         final=found.problem.fit(*without(found.final, [weakest]), found.final.noise, renew=0),
         named=[one for one in found.named if one is not weakest],
         others=[(weakest.candidate, TAKEN_BACK), *found.others],
+        decisions=with_removed(found.decisions, [(weakest.candidate.effect.name, weakest.candidate.drop)], TAKEN_BACK),
     )

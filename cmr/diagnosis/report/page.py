@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from cmr.diagnosis.report import found, measured, origin
+from cmr.diagnosis.report.decisions import decisions
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.pairs import pairs_of
 from cmr.diagnosis.report.whole import whole_page
@@ -36,6 +37,7 @@ def _sections(diagnosis: Diagnosis) -> Html:
         found.tell_tales(diagnosis),
         measured.gain(diagnosis),
         found.runners_up(diagnosis),
+        decisions(diagnosis),
         measured.remains(diagnosis, pairs),
         *(() if spoilt else (data, next_steps)),
         measured.parameters(diagnosis),

@@ -49,6 +49,7 @@ svg svg { width: auto; height: auto; }
 .keys { display: flex; flex-wrap: wrap; gap: .2rem 1.4rem; font-size: .875rem; margin: .4rem 0; }
 .keys span { display: inline-flex; align-items: center; gap: .45rem; }
 .keys svg { width: 2rem; height: .9rem; flex: none; }
+summary { cursor: pointer; }
 .bar { width: 9rem; min-width: 6rem; }
 @media (max-width: 46rem) {
   body { padding: 1rem .9rem 3rem; }

@@ -32,6 +32,7 @@ ALIKE_SHARE = 0.02  # nor those that differ by less than this share
 MOST_EFFECTS = 12  # with those that are too small to be named
 MOST_STEPS = 30  # additions and exchanges
 LESS = "It explains less than the effect named."
+AS_BEFORE = "This model was left before: the search ends here."
 SMALLER_SHOWN = 0.5  # of the typical size: a drive in which less would not show leaves an effect unseen
 MOST_SMALL = 3  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
@@ -162,6 +163,7 @@ class _Selection:
             if name not in after:
                 self.trace.note(REMOVED, [name], float("nan"), reason="The others explain as much without it.")
         if after in self._visited:
+            self.trace.note(REJECTED, sorted(after), float("nan"), reason=AS_BEFORE)
             return False
         self._visited.add(after)
         self.named, self.current = named, fit

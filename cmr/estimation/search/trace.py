@@ -1,6 +1,7 @@
 """What a search decided, step by step, and why: the table that `cmr-diagnose --why` prints."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 ADDED, REPLACED, REMOVED, REJECTED = "added", "replaced", "removed", "not added"
@@ -21,6 +22,14 @@ class Decision:
     statistic: float
     threshold: float
     reason: str
+
+
+def with_removed(
+    decisions: Sequence[Decision], removed: Iterable[tuple[str, float]], reason: str
+) -> tuple[Decision, ...]:
+    """Return decisions with those that took back effects, each with its statistic, once the search was over."""
+    step = max((decision.step for decision in decisions), default=0)
+    return (*decisions, *(Decision(step, REMOVED, (name,), drop, math.nan, reason) for name, drop in removed))
 
 
 @dataclass

@@ -7,6 +7,7 @@ from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.measured_gain import measure
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, with_small_effects
+from cmr.estimation.search.trace import with_removed
 from cmr.estimation.unexplained.generic import Extension, extension
 from cmr.estimation.unexplained.remaining import remaining
 from cmr.estimation.unexplained.result import Unexplained
@@ -66,7 +67,9 @@ def _unexplained(found: Search) -> Unexplained:
 def _without_names(problem: Problem, found: Search) -> Search:
     """Return what was found of a problem as if nothing had been named."""
     others = [*((one.candidate, WITHDRAWN) for one in found.named), *found.others]
-    return replace(found, problem=problem, final=found.base, named=[], others=others, doubts={})
+    removed = [(one.candidate.effect.name, one.candidate.drop) for one in found.named]
+    decisions = with_removed(found.decisions, removed, WITHDRAWN)
+    return replace(found, problem=problem, final=found.base, named=[], others=others, doubts={}, decisions=decisions)
 
 
 def _makes_up_for(alone: Extension, beside: Extension | None, problem: Problem, found: Search) -> bool:

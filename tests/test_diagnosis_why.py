@@ -1,0 +1,92 @@
+"""A reader is told why an effect was named or not: on the terminal, and in a folded part of the report."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from cmr.commands.command_line import guarded
+from cmr.commands.diagnose import main
+from cmr.diagnosis.report import report_of
+from cmr.diagnosis.why import NOTHING_DECIDED, WIDTH, why
+from cmr.estimation.search.trace import ADDED, REMOVED, Decision, with_removed
+from tests.html_page import Page
+from tests.logs_of_robots import write_logs
+from tests.made_up_diagnosis import BAD, DIAGNOSIS
+from tests.test_diagnose_command import Engine
+
+TABLE = why(DIAGNOSIS.decisions)
+
+
+def test_what_statistic_and_threshold_are_stands_above_the_table() -> None:
+    above, _, table = TABLE.partition("\n\n")
+    assert "twice the log-likelihood" in " ".join(above.split())
+    assert "threshold is how much an effect must add" in " ".join(above.split())
+    assert table.split("\n")[0].split() == ["model", "decision", "effects", "statistic", "threshold", "reason"]
+
+
+def test_each_decision_is_a_line_with_effect_statistic_threshold_and_reason() -> None:
+    assert re.search(r"^ +0  added +slope +40\.2 +30\.0  It explains most\.$", TABLE, re.MULTILINE)
+    assert re.search(r"^ +1  replaced +coulomb_friction +351\.0 +-  slope left for it", TABLE, re.MULTILINE)
+    assert re.search(r"^ +surface_change  ", TABLE, re.MULTILINE)
+    assert re.search(r"^ +2  removed +slope +0\.0 +-  The others", TABLE, re.MULTILINE)
+
+
+def test_the_table_is_as_wide_as_the_rest() -> None:
+    assert max(map(len, TABLE.splitlines())) <= WIDTH
+
+
+def test_where_nothing_was_decided_that_is_said() -> None:
+    assert why(BAD.decisions) == NOTHING_DECIDED
+
+
+def test_what_is_taken_back_after_the_search_belongs_to_its_last_model() -> None:
+    begun = (Decision(0, ADDED, ("slope",), 40.0, 30.0, "It explains most."), Decision(3, ADDED, ("a",), 1.0, 0.5, ""))
+    last = with_removed(begun, [("slope", 40.0)], "It does harm.")[-1]
+    assert (last.step, last.action, last.effects, last.reason) == (3, REMOVED, ("slope",), "It does harm.")
+    assert math.isnan(last.threshold)
+
+
+# The command
+
+
+@pytest.fixture
+def engine(monkeypatch: pytest.MonkeyPatch) -> Engine:
+    """The engine that the command asks."""
+    stand_in = Engine()
+    monkeypatch.setattr("cmr.diagnosis.diagnose.diagnose", stand_in)
+    return stand_in
+
+
+@pytest.mark.usefixtures("engine")
+def test_the_command_prints_the_table_only_when_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, out = str(write_logs(tmp_path) / "a.lcm"), str(tmp_path / "out")
+    assert guarded(main, [log, "--out", out, "--no-report", "--why"]) == 0
+    assert TABLE in capsys.readouterr().out
+    assert guarded(main, [log, "--out", out, "--no-report"]) == 0
+    assert "threshold" not in capsys.readouterr().out
+
+
+def test_a_drive_that_is_watched_is_not_searched(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as wrong:
+        main(["--live", "--why"])
+    assert wrong.value.code == 2
+    assert "--why tells how logs were searched" in capsys.readouterr().err
+
+
+# The report
+
+
+def test_the_report_has_the_table_folded() -> None:
+    text = report_of(DIAGNOSIS)
+    assert Page(text).texts_of["summary"] == ["4 decisions of the search"]
+    folded = text.partition("<details>")[2].partition("</details>")[0]
+    for decision in DIAGNOSIS.decisions:
+        assert decision.reason in folded
+    assert "44.7" in folded
+    assert "nan" not in folded
+
+
+def test_a_report_of_bad_data_has_no_such_part() -> None:
+    assert "<details>" not in report_of(BAD)
