@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cmr.calibration.doubts import in_doubt
-from cmr.calibration.motors_alone import calibrate_motors, moves
 from cmr.calibration.paper import calibrate_by_paper
 from cmr.calibration.result import CalibrationResult
 from cmr.estimation.estimates import Estimate, EstimationError
@@ -50,7 +49,9 @@ def calibrate(
     nominal = nominal_of(recordings, nominal)
     if method == PAPER or not any(len(recording.wheels) for recording in recordings):
         return calibrate_by_paper(recordings, nominal)
-    if not any(len(recording.poses) or moves(recording.gyro) for recording in recordings):
+    if not any(len(recording.poses) or recording.gyro.varies("yaw_rate") for recording in recordings):
+        from cmr.calibration.motors_alone import calibrate_motors  # its least squares take half a second to import
+
         return calibrate_motors(recordings, nominal)
     estimation = estimate(recordings, nominal)
     if estimation.whole is None:
@@ -118,6 +119,7 @@ def _result(
         parameters=parameters,
         effects={name: one for name, one in trusted.items() if name not in DEFINITIONS},
         by_wheels=estimation.ready.rolling,
+        named=tuple(one.candidate.effect.name for one in estimation.found.named),
     )
 
 

@@ -27,7 +27,6 @@ class Fit:
     segments: list[Segment]
     method: str
     grid: Grid | None = None
-    by_wheels: bool = False
     notes: tuple[str, ...] = ()
 
     @property
@@ -58,13 +57,6 @@ def fit_by_path(
     return _aligned(prepared, segments, names, values, method, grid)
 
 
-def fit_by_wheels_and_path(
-    prepared: Prepared, segments: list[Segment], names: tuple[str, ...], first: Mapping[str, float]
-) -> Fit:
-    """Find `names` (wheel_radius, base_width) from wheel angles and path."""
-    return _aligned(prepared, segments, names, first, "wheels+refine", None, by_wheels=True)
-
-
 def _aligned(
     prepared: Prepared,
     segments: list[Segment],
@@ -72,11 +64,10 @@ def _aligned(
     values: Mapping[str, float],
     method: str,
     grid: Grid | None,
-    by_wheels: bool = False,
 ) -> Fit:
     """Refine; where the fit says that a clock is off, set it right and refine again."""
     for _round in range(ROUNDS):
-        rough = _refinement(prepared, segments, names, values, by_wheels).solve(rounds=1)
+        rough = _refinement(prepared, segments, names, values).solve(rounds=1)
         values = dict(values) | {name: estimate.value for name, estimate in rough.estimates.items()}
         offsets = {name: rough.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in rough.nuisance}
         off = {n: e.value for n, e in offsets.items() if abs(e.value) > max(ALIGNED, 3.0 * e.std)}
@@ -84,16 +75,15 @@ def _aligned(
             break
         prepared = prepared.shifted(commands=off.get(COMMAND_TIME, 0.0), poses=-off.get(POSE_TIME, 0.0))
         segments = prepared.segments()
-    refined = _refinement(prepared, segments, names, values, by_wheels).solve()
+    refined = _refinement(prepared, segments, names, values).solve()
     offsets = {name: refined.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in refined.nuisance}
-    return Fit(refined, segments, method, grid, by_wheels, _told(prepared, offsets))
+    return Fit(refined, segments, method, grid, _told(prepared, offsets))
 
 
 def _refinement(
-    prepared: Prepared, segments: list[Segment], names: tuple[str, ...], values: Mapping[str, float], by_wheels: bool
+    prepared: Prepared, segments: list[Segment], names: tuple[str, ...], values: Mapping[str, float]
 ) -> Refinement:
-    clocks = prepared.pose_clock_std, prepared.command_clock_std
-    return Refinement(segments, names, values, by_wheels, *clocks)
+    return Refinement(segments, names, values, prepared.pose_clock_std, prepared.command_clock_std)
 
 
 def _told(prepared: Prepared, offsets: Mapping[str, Estimate]) -> tuple[str, ...]:

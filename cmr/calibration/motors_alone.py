@@ -33,7 +33,7 @@ def calibrate_motors(recordings: Sequence[Recording], nominal: ParameterFile) ->
     findings = [check(recording) for recording in recordings]
     recordings = [found.cleaned(recording) for found, recording in zip(findings, recordings, strict=True)]
     require_consistent_signs(recordings)
-    driven = [r for r in recordings if moves(r.wheels, "psi_left", "psi_right") and moves(r.duty, "left", "right")]
+    driven = [r for r in recordings if r.wheels.varies("psi_left", "psi_right") and r.duty.varies("left", "right")]
     if not driven:
         raise EstimationError(NOTHING)
     found = fit_motor(driven)
@@ -55,12 +55,6 @@ def calibrate_motors(recordings: Sequence[Recording], nominal: ParameterFile) ->
         covariance=np.diag([estimate.std**2 for estimate in estimates.values()]),
         notes=tuple(dict.fromkeys(one.sentence for f in findings for one in f.all if one.found and one.set_aside)),
     )
-
-
-def moves(signal: Signal, *names: str) -> bool:
-    """Tell whether a signal, or some fields of it, is ever other than it was."""
-    fields = [signal.fields[name] for name in names or signal.fields]
-    return len(signal) > 1 and any(bool(np.any(np.diff(values[np.isfinite(values)]))) for values in fields)
 
 
 def fit_motor(recordings: list[Recording], sides: tuple[str, ...] = ("left", "right")) -> dict[str, Estimate]:

@@ -152,7 +152,6 @@ def _result(
         notes=(*prepared.notes, *fit.notes, *notes),
         segments=fit.segments,
         grid=fit.grid,
-        by_wheels=fit.by_wheels,
     )
 
 
@@ -204,8 +203,7 @@ def _error(fit: Fit, values: Mapping[str, float]) -> float:
     if not set(RobotParameters._fields) <= set(values):
         return math.nan
     parameters = RobotParameters.of(values)
-    paths = [s.follow_wheels(parameters) if fit.by_wheels else s.simulate(parameters) for s in fit.segments]
-    return path_error(fit.segments, paths)
+    return path_error(fit.segments, [segment.simulate(parameters) for segment in fit.segments])
 
 
 def _commanded(recording: Recording) -> bool:

@@ -61,16 +61,14 @@ class Refinement:
     """Least squares fit of the parameters `names` to all segments.
 
     `values` holds all four parameters: a first guess of those in `names`, and the fixed value of the others.
-    `by_wheels` follows the recorded wheel angles instead of driving the recorded commands. `pose_clock_std` [s] tells
-    how well the clocks of wheels and poses are known to agree beforehand, `command_clock_std` [s] how well it is known
-    when a command takes effect, `guess_std` how far the first guess may be
+    `pose_clock_std` [s] tells how well the clocks of wheels and poses are known to agree beforehand,
+    `command_clock_std` [s] how well it is known when a command takes effect, `guess_std` how far the first guess may be
     off, in logarithms.
     """
 
     segments: list[Segment]
     names: tuple[str, ...]
     values: Mapping[str, float]
-    by_wheels: bool = False
     pose_clock_std: float = 0.1
     command_clock_std: float = 0.1
     guess_std: float = np.inf
@@ -106,8 +104,6 @@ class Refinement:
     @property
     def unknowns(self) -> Unknowns:
         """What is fitted beside `names` depends on what was recorded."""
-        if self.by_wheels:
-            return Unknowns((*self.names, POSE_TIME), len(self.names))
         if self._has_wheels:
             return Unknowns((*self.names, COMMAND_TIME, POSE_TIME, WHEEL_FACTOR), len(self.names))
         return Unknowns((*self.names, COMMAND_TIME), len(self.names))
@@ -185,8 +181,7 @@ class Refinement:
             if column is not None and np.isfinite(std):
                 row = np.array([point.shared[column] - value, 1.0]) / std
                 equations.add(0, np.outer(row, row), [column])
-        if not self.by_wheels:
-            self._know_start_speeds(equations, point)
+        self._know_start_speeds(equations, point)
         return equations
 
     def _know_start_speeds(self, equations: NormalEquations, point: _Point) -> None:
@@ -212,10 +207,8 @@ class Refinement:
 
     def _path(self, segment: Segment, logarithms: Floats, own: Floats) -> Trajectory:
         """Return the path of the point itself and of its neighbours, from which derivatives are taken."""
-        around = Candidates.around(len(self.names), segment.fits_start_psi and not self.by_wheels)
+        around = Candidates.around(len(self.names), segment.fits_start_psi)
         values = np.exp(logarithms) * around.factors
         parameters = RobotParameters.of({**self.values, **dict(zip(self.names, values.T, strict=True))})
-        if self.by_wheels:
-            return segment.follow_wheels(parameters)
         left, right = (around.psi + own[OWN.index("psi left") :]).T
         return segment.simulate(parameters, (segment.start.psi_left + left, segment.start.psi_right + right))

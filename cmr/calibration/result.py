@@ -35,9 +35,10 @@ class CalibrationResult:
     found parameters, over windows of 3 s (the paper's method: over the whole drive), NaN where there is no path to
     compare. `notes` are sentences on what else was noticed. `parameters` are all values that the robot is to be
     simulated with, `effects` the estimates of those of
-    effects in use, both by name; without any, they are the nominal values and the estimates. `recordings` are what was
-    compared, `segments` the same cut for the paper's method, `grid` the error surface of its grid search, None without
-    one; `by_wheels` tells that the path follows the measured wheels, not the commands.
+    effects in use, both by name; without any, they are the nominal values and the estimates. `named` are the effects
+    that the drive shows. `recordings` are what was compared, `segments` the same cut for the paper's method, `grid` the
+    error surface of its grid search, None without one; `by_wheels` tells that the path follows the measured wheels, not
+    the commands.
     """
 
     robot_id: int
@@ -55,6 +56,7 @@ class CalibrationResult:
     recordings: tuple[Recording, ...] = field(default=(), repr=False)
     parameters: Mapping[str, float] = field(default_factory=dict)
     effects: Mapping[str, Estimate] = field(default_factory=dict)
+    named: tuple[str, ...] = ()
     by_wheels: bool = False
 
     @property

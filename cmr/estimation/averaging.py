@@ -37,7 +37,7 @@ ALIKE = 0.6  # squared correlation from which an effect can stand for those foun
 NEAR = 0.5  # standard deviations within which slopes hold
 # White errors that change by more, all but a share of them, while a slope is taken: it is then taken over less. Large
 # errors are made smaller, so that a slope over too much would promise too little.
-CHANGING, MOST = 1.0, 0.998
+CHANGING, MOST, SHORTEST = 1.0, 0.998, 1e-4
 # Relative error of slopes: what is left of a column beside others that do nearly the same is not known better, and no
 # reason to go far from what was seen.
 INEXACT = 1e-2
@@ -216,9 +216,10 @@ def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], 
     change = np.quantile(np.abs(slopes * moves), MOST, axis=0)
     far = np.flatnonzero(change > CHANGING)
     if len(far):
-        stride = CHANGING / change[far]
+        stride = np.maximum(CHANGING / change[far], SHORTEST)
         slopes[:, far] = problem.linear(start, [names[int(index)] for index in far], noise, stride)[1]
-    return rest, slopes
+    # Where the model does not hold, nothing is known of a slope.
+    return rest, np.where(np.all(np.isfinite(slopes), axis=0), slopes, 0.0)
 
 
 def can_be_small(effect: Effect) -> bool:

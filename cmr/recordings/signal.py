@@ -48,6 +48,11 @@ class Signal:
         """Return the part from utime `first` to `last`, both included."""
         return self.where((self.utime >= first) & (self.utime <= last))
 
+    def varies(self, *names: str) -> bool:
+        """Tell whether any of these fields is ever another than before; what is not finite does not count."""
+        fields = [self.fields[name] for name in names] if len(self) else []
+        return any(bool(np.any(np.diff(values[np.isfinite(values)]))) for values in fields)
+
     def where(self, keep: Mask) -> "Signal":
         """Return the samples at which `keep`, shape (n,), is true."""
         fields = {name: values[keep] for name, values in self.fields.items()}
