@@ -29,7 +29,7 @@ def write_log(path: Path) -> dict[str, list[Any]]:
         unknown |= dict.fromkeys(("battery_voltage", "temperature"), math.nan)
         for stream, fields in (
             (MOTOR_COMMAND, {"left": 0.3 + 1e-6 * i, "right": -1.0}),
-            (MOTOR_FEEDBACK, {**turning, **unknown, "status": 0, "received_utime": utime + 500}),
+            (MOTOR_FEEDBACK, {**turning, **unknown, "status": 0, "received_utime": utime + 500, "applied_utime": 0}),
             (GYRO, {"yaw_rate": math.pi / (i + 1), "valid": 1, "received_utime": utime + 500}),
             (POSE, {"x": 1 / 3 + i, "y": -i, "theta": 0.01 * i}),
         ):

@@ -42,7 +42,7 @@ def test_motors_of_the_mbot_are_found_as_well_as_by_plain_least_squares(importer
 def test_the_maebot_rolls_where_lidar_sees_it(importer: Importer) -> None:
     whole, _ends, _whole_by_pieces, ends_by_pieces = score_maebot(importer)
     # One long drive tells the whole run best, short pieces the short run.
-    assert whole.found < 0.305
+    assert whole.found < 1.05 * 0.305  # m, plain least squares of the same half
     assert ends_by_pieces.found < 0.0275
 
 

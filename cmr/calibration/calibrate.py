@@ -50,13 +50,19 @@ def calibrate(
     if method == PAPER or not any(len(recording.wheels) for recording in recordings):
         return calibrate_by_paper(recordings, nominal)
     if not any(len(recording.poses) or recording.gyro.varies("yaw_rate") for recording in recordings):
-        from cmr.calibration.motors_alone import calibrate_motors  # its least squares take half a second to import
-
-        return calibrate_motors(recordings, nominal)
+        return _motors_alone(recordings, nominal)
     estimation = estimate(recordings, nominal)
+    if estimation.whole is None and not any(len(recording.poses) for recording in recordings):
+        return _motors_alone(recordings, nominal)  # a gyro that cannot be trusted tells nothing
     if estimation.whole is None:
         raise EstimationError(estimation.ready.refused)
     return _alone(estimation, nominal) if paper_only else _in_presence(estimation, nominal)
+
+
+def _motors_alone(recordings: Sequence[Recording], nominal: ParameterFile) -> CalibrationResult:
+    from cmr.calibration.motors_alone import calibrate_motors  # its least squares take half a second to import
+
+    return calibrate_motors(recordings, nominal)
 
 
 def _in_presence(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:

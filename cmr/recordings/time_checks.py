@@ -67,7 +67,10 @@ def held_up(wheels: Signal) -> Mask:
     """Tell of which readings nobody knows the moment: those that came long after they are said to have been taken.
 
     The driver stamps a reading midway between question and answer; it may have been taken at any time between them.
+    Others, who do not tell when they sent the duties, may stamp otherwise: a board its own samples, for instance.
     """
+    if not np.any(wheels.fields.get("applied_utime", np.zeros(1)) > 0):
+        return np.zeros(len(wheels), np.bool_)
     late = (wheels.fields.get("received_utime", wheels.utime) - wheels.utime) * SECONDS
     late = np.where(np.isfinite(late), late, 0.0)
     return np.asarray(late > np.median(late) + LONGEST_DOUBT) if len(late) else np.zeros(0, np.bool_)

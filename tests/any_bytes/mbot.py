@@ -3,12 +3,11 @@
 import math
 import struct
 from collections.abc import Callable, Iterator
-from types import SimpleNamespace
 from typing import Any, TypeVar
 from unittest.mock import patch
 
 from robot_driver.controllers import Request
-from robot_driver.controllers.mbot import MBot, MBotGyro, board
+from robot_driver.controllers.mbot import MBot, MBotGyro
 from robot_driver.controllers.mbot.frames import HEADER_BYTES, LAYOUTS, OVERHEAD_BYTES, START, Frame, FrameReader, Topic
 from robot_driver.emulator.mbot_device import frame
 from tests.any_bytes.script import Script, in_pieces, taken_as_reply, understood
@@ -69,9 +68,9 @@ def _check_motors(stream: bytes, found: list[Frame], duties: tuple[float, float]
 
     def answer(ask: Callable[[], Request[T]]) -> T | None:
         nonlocal position
-        with patch.object(board, "time", SimpleNamespace(monotonic_ns=lambda: 0)):
+        with patch.object(mbot, "monotonic_ns", lambda: 0):
             request = ask()
-        with patch.object(board, "time", SimpleNamespace(monotonic_ns=lambda: NOW)):
+        with patch.object(mbot, "monotonic_ns", lambda: NOW):
             reply = taken_as_reply(request, stream[position:], sizes)
             position += len(reply)
             said = understood(request, reply)
