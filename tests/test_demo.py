@@ -138,7 +138,7 @@ def test_parameters_are_in_use_everywhere_within_a_second_of_the_files_replaceme
         if received.channel == "PROCESS_STATUS" and received.message.parameters_sha256:
             status = received.message
             in_use.setdefault(status.process, []).append((status.utime, status.parameters_sha256))
-        if received.channel == "PARAMETERS_0" and "grid+refine" in received.message.yaml and not found_sha:
+        if received.channel == "PARAMETERS_0" and "method: average" in received.message.yaml and not found_sha:
             found_sha, announced = received.message.sha256, received.message.sequence
     assert found_sha
     for process in ("cmr-sim", "cmr-driver", "cmr-pilot"):

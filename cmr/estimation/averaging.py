@@ -89,7 +89,12 @@ class Averaging:
         seen: Mapping[str, float] | None = None,
     ) -> None:
         self._problem, self._noise, self._inflation = problem, fit.noise, inflation
-        self._effects = [effect for effect in problem.effects if can_be_small(effect)]
+        # A rare effect is averaged over only where the fit has it: an encoder's scale does what the wheels' does.
+        self._effects = [
+            effect
+            for effect in problem.effects
+            if can_be_small(effect) and (not rarity(effect.name) or effect.is_on(fit.values))
+        ]
         self._likely = np.array([effect.name in likely for effect in self._effects], np.bool_)
         self._sizes = [parameter for effect in self._effects for parameter in effect.parameters if parameter.switches]
         sized = {parameter.name for parameter in self._sizes}
