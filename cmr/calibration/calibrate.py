@@ -1,19 +1,17 @@
 """Calibrate a robot: the paper's three parameters, in the presence of whatever else its recordings show."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from cmr.calibration.doubts import in_doubt
 from cmr.calibration.paper import calibrate_by_paper
+from cmr.calibration.path_errors import path_errors
 from cmr.calibration.result import CalibrationResult
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import Estimation, estimate, nominal_of
-from cmr.estimation.free_runs import Fold, errors_of, joined
-from cmr.estimation.gain import path_rmse
 from cmr.estimation.simulation_error import SimulationErrorProblem
-from cmr.model.parameters import DEFINITIONS, RobotParameters
+from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
@@ -109,7 +107,7 @@ def _result(
         reasons = "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
         raise EstimationError(f"Nothing could be identified. {reasons}")
     given = {name: value.value for name, value in nominal.values.items()}
-    before, after = _path_errors(estimation, given, parameters)
+    before, after = path_errors(estimation.found.problem, given, parameters)
     return CalibrationResult(
         robot_id=nominal.robot_id if not estimation.looked else estimation.looked[0].recording.robot_id,
         estimates={name: one for name, one in trusted.items() if name in DEFINITIONS},
@@ -127,18 +125,6 @@ def _result(
         by_wheels=estimation.ready.rolling,
         named=tuple(one.candidate.effect.name for one in estimation.found.named),
     )
-
-
-def _path_errors(estimation: Estimation, given: Mapping[str, float], found: Mapping[str, float]) -> tuple[float, float]:
-    """Return the path errors [m] of free runs with the given and with the found parameters; NaN where not known."""
-    known = [set(RobotParameters._fields) <= set(values) for values in (given, found)]
-    if not all(known[1:]):
-        return math.nan, math.nan
-    models = (given, found) if known[0] else (found, found)
-    segments = [predictor.segment for predictor in estimation.found.problem.predictors]
-    errors = zip(*(errors_of(segment, [Fold(models)]) for segment in segments), strict=True)
-    before, after = (path_rmse(joined(of_model)) for of_model in errors)
-    return (before if known[0] else math.nan), after
 
 
 def _covariance(estimation: Estimation, estimates: Mapping[str, Estimate]) -> Floats:

@@ -4,16 +4,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cmr.calibration.path_errors import path_errors
 from cmr.calibration.result import CalibrationResult
 from cmr.estimation.averaging import LIKELY, Posterior, averaged
 from cmr.estimation.checks import looked_at
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import nominal_of
-from cmr.estimation.free_runs import Fold, errors_of, joined
-from cmr.estimation.gain import path_rmse
 from cmr.estimation.preparation import Ready, prepare
 from cmr.model.catalogue import CATALOGUE
-from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 
@@ -76,10 +74,7 @@ def _result(
 ) -> CalibrationResult:
     assert ready.problem is not None
     given = {name: value.value for name, value in nominal.values.items()}
-    models = (given if set(DEFINITIONS) <= set(given) else values, values)
-    segments = [predictor.segment for predictor in ready.problem.predictors]
-    errors = zip(*(errors_of(segment, [Fold(models)]) for segment in segments), strict=True)
-    before, after = (path_rmse(joined(of_model)) for of_model in errors)
+    before, after = path_errors(ready.problem, given, values)
     found = {name: one for name, one in estimates.items() if one.std <= abs(one.value)}
     return CalibrationResult(
         robot_id=recording.robot_id,
@@ -89,6 +84,6 @@ def _result(
         method="so far",
         samples=len(ready.base.rest) if ready.base else 0,
         covariance=np.diag([one.std**2 for one in found.values()]),
-        path_rmse_before=before if models[0] is given else np.nan,
+        path_rmse_before=before,
         path_rmse_after=after,
     )

@@ -127,13 +127,13 @@ class Averaging:
         change = np.array([found.likeliest[name] - self._start[name] for name in found.names])
         return bool(np.all(np.abs(change) <= NEAR * stds))
 
-    def foretells(self, found: Posterior) -> bool:
+    def predicts(self, found: Posterior) -> bool:
         """Tell whether the errors at the likeliest values are what the slopes say."""
         change = np.array([found.likeliest[name] - self._start[name] for name in self._names])
-        foretold = self._rest + self._slopes @ change
+        predicted = self._rest + self._slopes @ change
         white = self._problem.white(lanes_of([found.likeliest]), self._noise)[:, 0]
-        worse = float(white @ white - foretold @ foretold)
-        better = float(self._rest @ self._rest - foretold @ foretold)
+        worse = float(white @ white - predicted @ predicted)
+        better = float(self._rest @ self._rest - predicted @ predicted)
         return worse < max(MISJUDGED, SHARE_MISJUDGED * better)
 
     def _averaged(self, products: Floats, pulls: Floats, odds: Floats, steps: int) -> Posterior:
@@ -204,7 +204,7 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
     averaging = Averaging(problem, fit, inflation, named)
     for number in range(MOST_ROUNDS - 1):
         found = averaging.posterior(steps=FEW_STEPS)
-        if averaging.foretells(found) and (number >= ROUNDS - 1 or averaging.is_about(found)):
+        if averaging.predicts(found) and (number >= ROUNDS - 1 or averaging.is_about(found)):
             break
         values = found.likeliest
         about = Fit(values, fit.names, fit.rest, fit.slopes, problem.found(problem.errors(values)))

@@ -1,0 +1,23 @@
+"""How far free runs stray from the real path before a calibration and after it."""
+
+import math
+from collections.abc import Mapping
+
+from cmr.estimation.free_runs import Fold, errors_of, joined
+from cmr.estimation.gain import path_rmse
+from cmr.estimation.problem import Problem
+from cmr.model.parameters import RobotParameters
+
+
+def path_errors(problem: Problem, given: Mapping[str, float], found: Mapping[str, float]) -> tuple[float, float]:
+    """Return the root mean square path errors [m] of free runs with the given and with the found parameters.
+
+    Each is NaN where a parameter of the paper is not known, or no path was recorded.
+    """
+    known = [set(RobotParameters._fields) <= set(values) for values in (given, found)]
+    if not known[1]:
+        return math.nan, math.nan
+    models = (given if known[0] else found, found)
+    errors = zip(*(errors_of(one.segment, [Fold(models)]) for one in problem.predictors), strict=True)
+    before, after = (path_rmse(joined(of_model)) for of_model in errors)
+    return (before if known[0] else math.nan), after
