@@ -20,7 +20,7 @@ from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour, FigureEight, Follow, make_behaviour
 from cmr.world.behaviours.behaviour import BehaviourError
 from cmr.world.behaviours.commanded import Commanded
-from cmr.world.behaviours.leading import LENGTH, SPEEDS, figure_eight, laps_within, read_speeds, seconds_of
+from cmr.world.behaviours.leading import figure_eight
 from cmr.world.behaviours.waypoints import Waypoints
 from cmr.world.estimator import Estimator
 from cmr.world.interaction.body import body_radius
@@ -162,50 +162,6 @@ def test_a_leader_drives_both_lobes_and_stops_where_it_started(file: Path) -> No
     end = visited[-1]
     assert math.hypot(end.x, end.y) < 0.06
     assert abs(end.psi_left) + abs(end.psi_right) < 1e-3
-
-
-def test_a_leader_drives_equally_long_at_each_of_its_speeds_without_a_rest_between(file: Path) -> None:
-    size, speeds = 0.7, read_speeds(SPEEDS)
-    laps = laps_within(60.0, size, speeds)
-    world = world_of(file, VirtualRobot(10, FigureEight(size=size, laps=laps, start=0.0), parameters_of=0))
-    driven = []
-    for k in range(140):
-        run(world, 0.5, EPOCH + k * 500_000)
-        state = robots(world)[10, VIRTUAL].state
-        driven.append(0.5 * MODEL.wheel_radius * (state.psi_left + state.psi_right))
-    slow, fast = (np.flatnonzero(np.abs(np.array(driven) - speed) < 0.05) for speed in speeds)
-    assert 0.5 * len(slow) == pytest.approx(30.0, abs=3.0)
-    assert 0.5 * len(fast) == pytest.approx(30.0, abs=3.0)
-    assert slow[0] < fast[0]
-    assert min(driven[slow[0] : fast[-1]]) > 0.15  # m/s: no rest between
-    end = robots(world)[10, VIRTUAL].state
-    assert math.hypot(end.x, end.y) < 0.06
-    assert abs(end.psi_left) + abs(end.psi_right) < 1e-3
-
-
-def test_the_speeds_of_a_leader_are_parts_of_the_waypoints_it_is_told(file: Path) -> None:
-    world = world_of(file, VirtualRobot(10, make_behaviour("figure_eight", {"laps": "0", "speed": "0.5/0.1"}), 0))
-    utime = run(world, 1.0)
-    world.handle(utime, WAYPOINTS.channel(10), make(waypoints_t, utime=utime, robot_id=10, x=[3.0], y=[0.0]))
-    utime = run(world, 3.0, utime)
-    assert robots(world)[10, VIRTUAL].state.x == pytest.approx(1.25, abs=0.1)
-    utime = run(world, 4.0, utime)  # the border is at five sixths of the way: 2.5 m
-    fast = robots(world)[10, VIRTUAL].state.x
-    assert fast == pytest.approx(2.63, abs=0.1)
-    run(world, 1.0, utime)
-    assert robots(world)[10, VIRTUAL].state.x - fast == pytest.approx(0.1, abs=0.02)
-
-
-@pytest.mark.parametrize(("text", "speeds"), [("0.3", (0.3,)), ("0.2/0.5", (0.2, 0.5)), (SPEEDS, (0.2, 0.5))])
-def test_speeds_are_read_whether_one_or_several(text: str, speeds: tuple[float, ...]) -> None:
-    assert read_speeds(text) == speeds
-    assert tuple(FigureEight(speed=text).speeds) == speeds
-
-
-def test_a_minute_of_whole_figure_eights_is_five_laps_at_two_speeds_and_four_at_the_papers() -> None:
-    assert (laps_within(60.0, 0.7, (0.2, 0.5)), laps_within(60.0, 0.7, (0.3,))) == (5, 4)
-    assert laps_within(1.0, 5.0, (0.3,)) == 1
-    assert seconds_of(LENGTH * 0.7 * 5, (0.2, 0.5)) == pytest.approx(61.0, abs=0.1)
 
 
 def test_a_follower_drives_where_its_leader_drove(file: Path) -> None:
