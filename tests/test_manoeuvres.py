@@ -205,6 +205,18 @@ def test_a_slower_drive_makes_the_same_circles() -> None:
         assert getattr(slow, name).max() == pytest.approx(getattr(fast, name).max(), rel=0.06)
 
 
+def test_figure_eights_are_half_slow_and_half_fast_without_a_rest_between() -> None:
+    motion = motion_of("figure_eight")
+    speed = np.abs(forward(motion.psi_left, motion.psi_right, TYPICAL))
+    for expected in (0.2, 0.5):  # m/s
+        assert DT * np.sum(np.abs(speed / expected - 1.0) < 0.1) == pytest.approx(30.0, abs=4.0)
+    driving = np.flatnonzero(speed > 0.02)
+    stands = np.diff(driving).max() * DT  # s; where it turns back
+    assert stands < 0.2
+    assert motion.theta.max() > 0.9 * 2.0 * math.pi
+    assert (motion.y.max(), motion.y.min()) == (pytest.approx(0.65, abs=0.05), pytest.approx(-0.65, abs=0.05))
+
+
 def test_steps_reverse_at_once_at_three_sizes_together_and_against_each_other() -> None:
     _time, left, right = duties_of("steps")
     ahead = round(0.05 / DT)

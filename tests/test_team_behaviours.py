@@ -187,7 +187,8 @@ def test_a_line_of_followers_keeps_its_gaps_on_the_leaders_path() -> None:
     for robot in range(1, 4):
         follow.adopt(robot, {"leader": robot - 1, "gap": 0.5})
     bench = Bench(
-        [(-0.5 * robot, 0.0, 0.0) for robot in range(4)], [(FigureEight(size=1.0, start=0.0), [0]), (follow, [1, 2, 3])]
+        [(-0.5 * robot, 0.0, 0.0) for robot in range(4)],
+        [(FigureEight(size=1.0, speed=0.3, start=0.0), [0]), (follow, [1, 2, 3])],
     )
     nearest = min(bench.nearest() for _ in bench.run(15.0))
     assert nearest > DIAMETER

@@ -360,6 +360,10 @@ def test_users_bring_their_own_behaviour_by_name(file: Path) -> None:
         ("follow", {"lead": "3"}, "it has leader, gap, speed"),
         ("follow", {"gap": "wide"}, "gap"),
         ("figure_eight", {"speed": "-1"}, "above 0"),
+        ("figure_eight", {"speed": "0.2/fast"}, "speed=0.2/0.5"),
+        ("figure_eight", {"speed": "0.2/"}, "speed=0.2/0.5"),
+        ("figure_eight", {"speed": "nan"}, "speed=0.2/0.5"),
+        ("figure_eight", {"size": "0"}, "above 0"),
         ("cmr.world.world:World", {}, "not a class derived"),
     ],
 )

@@ -39,8 +39,9 @@ def main(arguments: list[str]) -> int:
 def _options(arguments: list[str]) -> argparse.Namespace:
     options = parser(
         "cmr-calibrate",
-        "Find k2_over_k3, k1 and base_width of a real robot while it drives a figure-eight (both lobes), and write "
-        "them to its parameter file, with the effects that the drive shows. With --log the same from an LCM event log.",
+        "Find k2_over_k3, k1 and base_width of a real robot while it drives a figure-eight (both lobes, best at two "
+        "speeds), and write them to its parameter file, with the effects that the drive shows. With --log the same "
+        "from an LCM event log.",
         "cmr-calibrate --robot 0 --out robot_0.yaml\n  cmr-calibrate --log run.lcm --out robot_0.yaml",
     )
     options.add_argument(

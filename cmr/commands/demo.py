@@ -3,7 +3,7 @@
 import argparse
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, process_status_t, waypoints_t
 from cmr.parameters.file import ParameterFile, Value, load
 from cmr.scenario.children import Children, our_command
-from cmr.world.behaviours.leading import figure_eight
+from cmr.world.behaviours.leading import LENGTH, SPEEDS, figure_eight, laps_within, read_speeds, seconds_of
 from cmr.world.comparison import Drive, drives_of
 from cmr.world.figure import draw_before_and_after
 from cmr.world.view import WorldView
@@ -28,13 +28,14 @@ ROBOT = 0
 LEADER = 10
 FOLLOWER = 11  # virtual, behind the real robot
 GAP = 0.5  # m between one robot and the next
-SIZE = 0.7  # m, of the figure-eight
-LAPS = 2
-SPEED = 0.3  # m/s
+# m, of the figure-eight: leader, robot and follower are 1.7 m long at 0.5 m/s, and must not meet at its crossing
+SIZE = 1.15
+FASTEST = 0.5  # m/s; who follows drives 0.6 m/s at most, and must catch up
+DRIVE = 60.0  # s, of which whole figure-eights come nearest
 # What the lab believed of its robot before: each wrong by a quarter to a third.
 NOMINAL = {"wheel_radius": 0.04, "k2_over_k3": 80.0, "k1": 0.065, "base_width": 0.20}
 START_UP = 120.0  # s for all processes to be in service, on a slow machine that compiles the robot model first
-FIT = 60.0  # s
+FIT = 120.0  # s, on a slow machine
 REST_BEFORE = 2.5  # s
 REST = 1_500_000  # us for which robot and leader must stand still before a drive counts as over
 
@@ -54,7 +55,7 @@ def main(arguments: list[str]) -> int:
     settings = settings.ideal() if options.ideal else settings
     _prepare(folder)
     with Process("cmr-demo", options.lcm_url or _private_url()) as process, Children(folder) as children:
-        demo = _Demo(process, children)
+        demo = _Demo(process, children, read_speeds(options.speed))
         try:
             demo.run(_commands(folder, process.bus.url, options))
         except Interrupted:
@@ -66,16 +67,34 @@ def main(arguments: list[str]) -> int:
 def _options(arguments: list[str]) -> argparse.Namespace:
     options = parser(
         "cmr-demo",
-        "Drive an emulated robot through a figure-eight behind a virtual leader, calibrate it, and drive again: all "
+        "Drive an emulated robot through figure-eights behind a virtual leader, calibrate it, and drive again: all "
         "processes that a real robot needs, on an LCM bus of their own, with a pseudo-terminal for the serial line. "
-        "Takes about a minute and a half.",
-        "cmr-demo --out demo-run",
+        "Each drive takes a minute, half of it slow and half of it fast: at one speed some parameters cannot be told "
+        "from what the model leaves out. Takes about two and a half minutes.",
+        "cmr-demo --out demo-run\n  cmr-demo --speed 0.3     # one speed, as in the paper",
         bus="LCM bus; otherwise one of its own, on a free port, that does not leave this host",
     )
     options.add_argument("--out", type=Path, default=Path("demo-run"), metavar="DIR", help="folder for the results")
     options.add_argument("--settings", type=Path, default=None, metavar="FILE", help="as for cmr-emulate")
+    options.add_argument(
+        "--speed",
+        type=_speeds,
+        default=SPEEDS,
+        metavar="M/S[/M/S...]",
+        help="of the drive in m/s, one or several; each for the same time, together a minute",
+    )
     options.add_argument("--ideal", action="store_true", help="emulate a robot that is exactly as the model says")
     return options.parse_args(arguments)
+
+
+def _speeds(text: str) -> str:
+    try:
+        fastest = max(read_speeds(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    if fastest > FASTEST:
+        raise argparse.ArgumentTypeError(f"{fastest:g} m/s are too fast for a robot that follows: {FASTEST:g} at most")
+    return text
 
 
 def _private_url() -> str:
@@ -113,7 +132,7 @@ def _commands(folder: Path, url: str, options: argparse.Namespace) -> dict[str, 
         ],
         "sim": [
             *(our_command("cmr-sim"), "--parameters", str(folder), "--parameters-of", str(ROBOT)),
-            *("--virtual", f"{LEADER}=figure_eight,laps=0,speed={SPEED},x={GAP}"),
+            *("--virtual", f"{LEADER}=figure_eight,laps=0,speed={options.speed},x={GAP}"),
             *("--virtual", f"{FOLLOWER}=follow,leader={ROBOT},gap={GAP},x={-GAP}", *bus),
         ],
         "pilot": [
@@ -127,8 +146,9 @@ def _commands(folder: Path, url: str, options: argparse.Namespace) -> dict[str, 
 class _Demo:
     """The run of the demo: what it waits for, and what it says meanwhile."""
 
-    def __init__(self, process: Process, children: Children) -> None:
+    def __init__(self, process: Process, children: Children, speeds: Sequence[float]) -> None:
         self._process = process
+        self._speeds = speeds
         self._children = children
         self._world = WorldView()
         self._states: dict[str, int] = {}
@@ -162,13 +182,13 @@ class _Demo:
         print(f"[{time.monotonic() - began:5.1f} s] done", flush=True)
 
     def _drive(self, title: str) -> None:
-        """Let the leader drive a figure-eight from where it is, and wait until everybody rests again."""
+        """Let the leader drive figure-eights from where it is, and wait until everybody rests again."""
         leader = self._world.robot(LEADER)
         assert leader is not None, "the leader is in service"
         state = leader.state
-        x, y = figure_eight(state.x, state.y, state.theta, SIZE, LAPS)
-        length = LAPS * 6.1 * SIZE  # Gerono's lemniscate is 6.1 times as long as its half
-        expected = length / SPEED + 4.0
+        laps = laps_within(DRIVE, SIZE, self._speeds)
+        x, y = figure_eight(state.x, state.y, state.theta, SIZE, laps)
+        expected = seconds_of(laps * LENGTH * SIZE, self._speeds) + 4.0
         self._process.publish(WAYPOINTS, make(waypoints_t, utime=now_utime(), robot_id=LEADER, x=x, y=y), LEADER)
         began = time.monotonic()
         self._last_motion = now_utime()

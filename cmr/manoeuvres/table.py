@@ -86,6 +86,14 @@ PARTS = (  # of which the rich drive has something
 )
 WHOLE = (
     Manoeuvre(
+        name="figure_eight",
+        what="figure-eights forth and back at two speeds, half a minute each",
+        good_for="a calibration where no leader drives ahead",
+        space=1.0,
+        gives=frozenset({"figure_eight"}),
+        pieces=drives.figure_eights,
+    ),
+    Manoeuvre(
         name="chirp",
         what="rising frequencies from 0.25 to 4 Hz",
         good_for="seeing how late, and how far, a robot follows",

@@ -4,7 +4,7 @@ import inspect
 import math
 from collections.abc import Mapping
 from importlib import import_module
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, get_args
 
 from cmr.world.behaviours.behaviour import Behaviour, BehaviourError
 from cmr.world.behaviours.team import TeamBehaviour
@@ -115,8 +115,8 @@ def _with_defaults(kind: Any, own: Mapping[str, float | str]) -> dict[str, Any]:
 
 
 def _value(name: str, text: str, annotation: object) -> float | str:
-    """Return a setting's value: a text where the constructor asks for `str`, otherwise a number."""
-    if annotation in (str, "str"):
+    """Return a setting's value: a text where the constructor asks for `str`, or takes it, otherwise a number."""
+    if annotation in (str, "str") or str in get_args(annotation):
         return text
     return number_of(name, text, int if annotation in (int, "int") else float)
 
