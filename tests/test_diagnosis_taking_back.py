@@ -1,23 +1,23 @@
-"""Names with which free runs stray farther on data left out are taken back."""
+"""Names that are of no use in free runs on data left out are taken back."""
 
 import pytest
 
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import NO_EFFECT
+from cmr.estimation.search.criteria import TOO_SMALL
 from cmr.estimation.search.trace import ADDED, REMOVED
-from cmr.estimation.usefulness import TAKEN_BACK
 from tests.hidden_effects import hidden_recording
 
 STRAYING_SPINS = 25  # a short drive on the spot in which chance looks like a battery that runs down
 
 
-def test_what_free_runs_contradict_is_not_named_and_leaves_the_paper_s_model_in_the_intervals() -> None:
+def test_what_is_of_no_use_in_free_runs_is_not_named_and_leaves_the_paper_s_model_in_the_intervals() -> None:
     found = diagnose(hidden_recording(manoeuvre="spins", seed=STRAYING_SPINS).recording)
     assert found.verdict == NO_EFFECT
     assert "battery_drift" in [candidate.name for candidate in found.candidates]
     # The search tells why: it was added, and taken back.
     told = [(one.action, one.reason) for one in found.decisions if one.effects == ("battery_drift",)]
-    assert [told[0][0], told[-1]] == [ADDED, (REMOVED, TAKEN_BACK)]
+    assert [told[0][0], told[-1]] == [ADDED, (REMOVED, TOO_SMALL)]
     assert found.baseline is not None
     assert found.extended is not None
     # What may be hidden beside the paper's model is averaged over, and does no harm.

@@ -15,12 +15,12 @@ from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_us
 from cmr.estimation.criterion import look
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured, Model, measure
+from cmr.estimation.measured_gain import Measured
 from cmr.estimation.model_error import inexactness
 from cmr.estimation.preparation import Ready, prepare
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
-from cmr.estimation.unexplained.extending import Extended, chance_of, extended
+from cmr.estimation.unexplained.extending import Extended, extended
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.estimation.usefulness import Whole, that_holds
 from cmr.model.catalogue import CATALOGUE, definition
@@ -144,10 +144,7 @@ def estimate(
     progress("Averaging over what these drives may hide ...")
     others = [segment for one in unseen for segment in one.segments]
 
-    def measured(one: Extended, model: Model) -> Measured:
-        return measure(one.found.problem, one.found.base, model, chance_of(one.found), segments, others)
-
-    return Estimation(looked, ready, *that_holds(whole, measured))
+    return Estimation(looked, ready, *that_holds(whole, segments, others))
 
 
 def nominal_of(recordings: Sequence[Recording], given: ParameterFile | None) -> ParameterFile:

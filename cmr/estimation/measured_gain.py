@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -50,16 +50,63 @@ def measure(
 
     `chance` are values by name of effects that no fit has. The problem holds the segments as they were fitted.
     """
-    pair = (base, final)
-    models = tuple(_running(model.values, chance if model is final else {}) for model in pair)
-    inside = _errors(segments, [[Fold(models)]] * len(segments))
-    if held_out:
-        outside = _errors(held_out, [[Fold(models)]] * len(held_out))
-    else:
-        outside = _errors(segments, _folds(problem, pair, chance, segments))
-    before, after = (path_rmse(errors) for errors in inside)
+    pair = Running(base), Running(final, chance)
+    before, after = (path_rmse(errors) for errors in _fitted_errors(pair, segments))
+    outside = _left_out_errors(problem, pair, segments, held_out)
     held_out_before, held_out_after = (path_rmse(errors) for errors in outside)
     return Measured(before, after, held_out_before, held_out_after, gain_of(*outside))
+
+
+def left_out_gain(
+    problem: Problem,
+    before: Model,
+    after: Model,
+    chance: Mapping[str, float],
+    segments: Sequence[Segment],
+    held_out: Sequence[Segment],
+) -> Gain:
+    """Return what one model gains over another where both know the same of what acts by `chance`.
+
+    It is measured on `held_out` segments, without any on parts of the `segments` left out.
+    """
+    return gain_of(*_left_out_errors(problem, (Running(before, chance), Running(after, chance)), segments, held_out))
+
+
+class Running(NamedTuple):
+    """A model that runs freely: what acts by `chance`, of which no fit knows, is replaced by its mean."""
+
+    model: Model
+    chance: Mapping[str, float] = {}
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All values of parameters by name."""
+        return self._with_chance(self.model.values)
+
+    def values_without(self, left_out: Mask) -> dict[str, float]:
+        """Return the values without some white errors, shape (n,)."""
+        return self._with_chance(self.model.values_without(left_out))
+
+    def _with_chance(self, values: Mapping[str, float]) -> dict[str, float]:
+        running = dict(values)
+        if JITTER in self.chance:
+            running["command_delay"] = running.get("command_delay", 0.0) + 0.5 * self.chance[JITTER]
+        return running
+
+
+def _fitted_errors(models: Sequence[Running], segments: Sequence[Segment]) -> tuple[Errors, ...]:
+    """Return the errors of each model in segments, with its values as they are."""
+    fold = Fold(tuple(model.values for model in models))
+    return _errors(segments, [[fold]] * len(segments))
+
+
+def _left_out_errors(
+    problem: Problem, models: Sequence[Running], segments: Sequence[Segment], held_out: Sequence[Segment]
+) -> tuple[Errors, ...]:
+    """Return the errors of each model on held-out segments, without any on parts of the segments left out."""
+    if held_out:
+        return _fitted_errors(models, held_out)
+    return _errors(segments, _folds(problem, models, segments))
 
 
 def _errors(segments: Sequence[Segment], folds: Sequence[Sequence[Fold]]) -> tuple[Errors, ...]:
@@ -68,22 +115,15 @@ def _errors(segments: Sequence[Segment], folds: Sequence[Sequence[Fold]]) -> tup
     return tuple(joined(of_model) for of_model in zip(*parts, strict=True))
 
 
-def _folds(
-    problem: Problem, pair: Sequence[Model], chance: Mapping[str, float], segments: Sequence[Segment]
-) -> list[list[Fold]]:
-    """Return for each segment its folds, with both models fitted without each."""
+def _folds(problem: Problem, models: Sequence[Running], segments: Sequence[Segment]) -> list[list[Fold]]:
+    """Return for each segment its folds, with all models fitted without each."""
     rows = _row_folds(problem)
-    models = [
-        tuple(
-            _running(model.values_without(rows == fold), chance if number else {}) for number, model in enumerate(pair)
-        )
-        for fold in range(FOLDS)
-    ]
+    without = [tuple(model.values_without(rows == fold) for model in models) for fold in range(FOLDS)]
     spans = [alternating_spans(segment.observations.time + segment.observations.seconds, FOLDS) for segment in segments]
     return [
         [
             Fold(
-                models[fold],
+                without[fold],
                 tuple((b - segment.observations.time, e - segment.observations.time) for b, e in of_piece[fold]),
             )
             for fold in range(FOLDS)
@@ -101,11 +141,3 @@ def _row_folds(problem: Problem) -> np.typing.NDArray[np.int64]:
             for times in predictor.times.values()
         ]
     )
-
-
-def _running(values: Mapping[str, float], chance: Mapping[str, float]) -> dict[str, float]:
-    """Return values to run freely with: what acts by chance is replaced by its mean."""
-    running = dict(values)
-    if JITTER in chance:
-        running["command_delay"] = running.get("command_delay", 0.0) + 0.5 * chance[JITTER]
-    return running

@@ -1,21 +1,32 @@
-"""Names must not make free runs worse on data that they were not fitted on: those that do are taken back."""
+"""Names must be of use on data that they were not fitted on: those that are not are taken back.
+
+Without the effect, some error that a user sees must grow: that of the wheel speeds, of the yaw rate or of the path of
+free runs, or, for what a sensor does, that of its readings from moment to moment. With all effects, none of free runs
+may grow much. Recordings that the user holds out have a veto.
+"""
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from cmr.estimation.averaging import Posterior, averaged
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured, Model
-from cmr.estimation.search.criteria import SelectedEffect
+from cmr.estimation.measured_gain import Measured, Model, left_out_gain, measure
+from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect
 from cmr.estimation.search.elimination import without
 from cmr.estimation.search.selection import Search
 from cmr.estimation.search.trace import with_removed
-from cmr.estimation.unexplained.extending import Extended
+from cmr.estimation.segments import Segment
+from cmr.estimation.unexplained.extending import Extended, chance_of
 
-# A gain that is surely less than the first, or, unless it is surely one, of any signal less than the second.
-WORSE, MUCH_WORSE = 0.95, 0.8
+# A gain that is surely less than the first, on parts of the recordings left out or on recordings held out, or, unless
+# it is surely one, of any signal less than the last.
+WORSE, WORSE_HELD_OUT, MUCH_WORSE = 0.95, 1.0, 0.8
+OF_USE = 1.01  # times as large must some error be without an effect
+VETOED = -math.inf  # the use of an effect that held-out recordings speak against
 TAKEN_BACK = "Free runs stray farther with it on data that it was not fitted on."
 
 
@@ -32,35 +43,113 @@ class Whole:
         return self.extended.final if self.average is None else self.average
 
 
-def that_holds(whole: Extended, measure: Callable[[Extended, Model], Measured]) -> tuple[Whole, Measured]:
-    """Return the model without the effects with which free runs stray farther, the weakest first, and its errors.
+def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[Segment]) -> tuple[Whole, Measured]:
+    """Return the model without the effects that are of no use in free runs, and its errors.
 
     The fit with the names is judged, the average about it delivered: an average makes little of what is in doubt.
     """
-    alone = _as_the_paper_if_alone(whole)
-    measured = measure(alone, alone.final)
-    while whole.term is None and _strays(measured.gain) and _fitted(whole.found):
-        whole = replace(whole, found=_without(whole.found, _fitted(whole.found)[-1]))
-        alone = _as_the_paper_if_alone(whole)
-        measured = measure(alone, alone.final)
+    judge = _Judge(segments, held_out)
+    whole = judge.of_use(whole)
+    measured = judge.measured(whole, whole.final)
+    while judge.strays(measured.gain) and (whole.term or _fitted(whole.found)):
+        whole = _as_the_paper_if_alone(judge.without_the_worst(whole))
+        measured = judge.measured(whole, whole.final)
     found = whole.found
     if not found.problem.by_moments:
-        return Whole(alone, None), measured
+        return Whole(whole, None), measured
     names = [one.candidate.effect.name for one in found.named]
     average = averaged(found.problem, whole.final, found.inflation, names)
-    return Whole(whole, average), measure(whole, average)
+    of_average = judge.measured(whole, average)
+    if judge.strays(of_average.gain) and not judge.strays(measured.gain):
+        return Whole(whole, None), measured
+    return Whole(whole, average), of_average
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Free runs in the `segments` that a model was fitted to, and in those that the user held out, if any."""
+
+    segments: Sequence[Segment]
+    held_out: Sequence[Segment]
+
+    def measured(self, whole: Extended, model: Model) -> Measured:
+        found = whole.found
+        return measure(found.problem, found.base, model, chance_of(found), self.segments, self.held_out)
+
+    def strays(self, gain: Gain) -> bool:
+        """Tell whether the whole model is worse than the paper's."""
+        if gain.interval[0] > 1.0:
+            return False
+        worse = WORSE_HELD_OUT if self.held_out else WORSE
+        return gain.interval[1] < worse or any(ratio < MUCH_WORSE for ratio in gain.signals.values())
+
+    def of_use(self, whole: Extended) -> Extended:
+        """Return the model without the effects that are too small to matter, the least useful first."""
+        while fitted := _fitted(whole.found):
+            use = self._use(whole, fitted)
+            worst = int(np.argmin(use))
+            if use[worst] >= OF_USE:
+                break
+            why = TAKEN_BACK if use[worst] == VETOED else TOO_SMALL
+            whole = _as_the_paper_if_alone(_without(whole, fitted[worst], why))
+        return _as_the_paper_if_alone(whole)
+
+    def _use(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[float]:
+        """Return how many times as large an error becomes at most without each effect; VETOED by held-out data."""
+        without_it = self._without_each(whole, fitted)
+        use = [
+            max([*gain.signals.values(), _of_readings(whole, one, fit)])
+            for one, fit, gain in zip(fitted, without_it, self._gains(whole, without_it, []), strict=True)
+        ]
+        if not self.held_out:
+            return use
+        return [
+            VETOED if _speaks_against(gain) else max([inside, *gain.signals.values()])
+            for inside, gain in zip(use, self._gains(whole, without_it, self.held_out), strict=True)
+        ]
+
+    def without_the_worst(self, whole: Extended) -> Extended:
+        """Return the model without its generic term, or without the effect that gains least."""
+        if whole.term:
+            return replace(whole, term=None)
+        fitted = _fitted(whole.found)
+        gains = self._gains(whole, self._without_each(whole, fitted), self.held_out)
+        return _without(whole, fitted[int(np.argmin([_of_path(gain) for gain in gains]))], TAKEN_BACK)
+
+    def _without_each(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[Fit]:
+        return whole.found.problem.without(whole.final, [[one.candidate.effect] for one in fitted])
+
+    def _gains(self, whole: Extended, without_it: Sequence[Fit], held_out: Sequence[Segment]) -> list[Gain]:
+        """Return what the model gains over others in free runs, in recordings held out or on parts left out."""
+        problem, chance = whole.found.problem, chance_of(whole.found)
+        return [left_out_gain(problem, fit, whole.final, chance, self.segments, held_out) for fit in without_it]
+
+
+def _of_readings(whole: Extended, one: SelectedEffect, without_it: Fit) -> float:
+    """Return how many times as large the errors of a signal's readings are at most without what a sensor does."""
+    if not one.candidate.effect.is_sensor:
+        return 0.0
+    predictors = whole.found.problem.predictors
+    signal = np.concatenate([np.full(len(times), name) for p in predictors for name, times in p.times.items()])
+    return max(
+        float(np.linalg.norm(without_it.rest[signal == name]) / np.linalg.norm(whole.final.rest[signal == name]))
+        for name in np.unique(signal)
+    )
+
+
+def _speaks_against(gain: Gain) -> bool:
+    """Tell whether recordings held out do: with an effect the path is surely worse, and nothing else better."""
+    return gain.interval[1] < WORSE_HELD_OUT and max(gain.signals.values()) < OF_USE
+
+
+def _of_path(gain: Gain) -> float:
+    return gain.ratio if math.isfinite(gain.ratio) else min(gain.signals.values(), default=1.0)
 
 
 def _as_the_paper_if_alone(whole: Extended) -> Extended:
     """Return the paper's model for one in which nothing is left that extends it."""
     alone = whole.term is None and not whole.found.named
     return replace(whole, found=as_the_paper_has_it(whole.found)) if alone else whole
-
-
-def _strays(gain: Gain) -> bool:
-    if gain.interval[0] > 1.0:
-        return False
-    return gain.interval[1] < WORSE or any(ratio < MUCH_WORSE for ratio in gain.signals.values())
 
 
 def as_the_paper_has_it(found: Search) -> Search:
@@ -81,11 +170,20 @@ def _fitted(found: Search) -> list[SelectedEffect]:
     return [one for one in found.named if not one.estimates]
 
 
-def _without(found: Search, weakest: SelectedEffect) -> Search:
-    return replace(
+def _without(whole: Extended, leaving: SelectedEffect, why: str) -> Extended:
+    """Return the model fitted again without an effect."""
+    found, problem = whole.found, whole.found.problem
+
+    def refit(fit: Fit) -> Fit:
+        return problem.fit(*without(fit, [leaving]), fit.noise, renew=0)
+
+    removed: Sequence[tuple[str, float]] = [(leaving.candidate.effect.name, leaving.candidate.drop)]
+    remaining = replace(
         found,
-        final=found.problem.fit(*without(found.final, [weakest]), found.final.noise, renew=0),
-        named=[one for one in found.named if one is not weakest],
-        others=[(weakest.candidate, TAKEN_BACK), *found.others],
-        decisions=with_removed(found.decisions, [(weakest.candidate.effect.name, weakest.candidate.drop)], TAKEN_BACK),
+        final=refit(found.final),
+        named=[one for one in found.named if one is not leaving],
+        others=[(leaving.candidate, why), *found.others],
+        decisions=with_removed(found.decisions, removed, why),
     )
+    term = replace(whole.term, fit=refit(whole.term.fit)) if whole.term else None
+    return replace(whole, found=remaining, term=term)

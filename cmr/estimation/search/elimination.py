@@ -71,7 +71,9 @@ def _beside_the_others(
 ) -> list[SelectedEffect]:
     """Return each effect with what it explains beside all others, and the fit without it.
 
-    Where the effect is clearly needed, first order is enough for that. Errors of free runs are not linear enough.
+    Where the effect is clearly needed, first order is enough for that. Errors of free runs are not linear enough. A fit
+    without an effect begins from where first order leads, and from what the paper's parameters were before the effect
+    came in: from either alone, some are stuck.
     """
     fits = problem.without(final, [[one.candidate.effect] for one in standing])
     clear = [
@@ -79,9 +81,10 @@ def _beside_the_others(
         for one, fit in zip(standing, fits, strict=True)
     ]
     unsure = [number for number in range(len(standing)) if not clear[number]]
-    refits = problem.fits([_left_out(standing[number], final) for number in unsure], final.noise)
-    for number, fit in zip(unsure, refits, strict=True):
-        fits[number] = fit
+    starts = [start for n in unsure for start in (_left_out(standing[n], final), (dict(fits[n].values), fits[n].names))]
+    refits = problem.fits(starts, final.noise)
+    for number, pair in zip(unsure, zip(refits[::2], refits[1::2], strict=True), strict=True):
+        fits[number] = min(pair, key=lambda fit: fit.squares)
     return [_beside(problem, one, before, final) for one, before in zip(standing, fits, strict=True)]
 
 
@@ -97,10 +100,7 @@ def _least(one: SelectedEffect, inflation: Inflation) -> float:
 
 
 def _left_out(one: SelectedEffect, final: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return where a fit without an effect begins, and what is free in it.
-
-    What the paper's parameters were before the effect came in is nearer to what they are without it.
-    """
+    """Return the values of a fit, with the paper's parameters from before an effect came in, and what is free in it."""
     values, names = without(final, [one])
     return {**values, **{name: value for name, value in one.before.values.items() if name in PAPER}}, names
 
