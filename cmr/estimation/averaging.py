@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import NEVER_AHEAD, RANDOM, SENSED, is_limit, lanes_of, locality, rarity, size
+from cmr.estimation.candidates import NEVER_AHEAD, can_be_small, lanes_of, rarity, size
 from cmr.estimation.gauss_newton import Fit, moves_of
 from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
 from cmr.estimation.sampling import walk
 from cmr.model.catalogue import definition
-from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats, Mask
 
 PRESENT = 0.2  # prior probability that an effect is present
@@ -225,13 +224,6 @@ def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], 
         slopes[:, far] = problem.linear(start, [names[int(index)] for index in far], noise, stride)[1]
     # Where the model does not hold, nothing is known of a slope.
     return rest, np.where(np.all(np.isfinite(slopes), axis=0), slopes, 0.0)
-
-
-def can_be_small(effect: Effect) -> bool:
-    """Tell whether an effect has sizes about 0: no limit, nothing of a moment or a place, nothing by chance."""
-    if effect.name in RANDOM or effect.name in SENSED or locality(effect):
-        return False
-    return not any(is_limit(one) or one.unit == "duty" or not one.switches for one in effect.parameters)
 
 
 def _bounded(name: str, value: float) -> float:

@@ -44,6 +44,8 @@ AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # what only commands te
 # late more often than small motors have a lag of their own of 10 ms. Where nothing tells both apart either explains the
 # data. By so much must a rare one explain more.
 RARE, RARELY = frozenset({"encoder_scale", "encoder_asymmetry", "electrical_lag"}), 6.0
+# Of the typical size: standard deviation of what sizes may be. Other sizes must explain so much more.
+SPREAD, SPREAD_OF_RARE = 5.0, 1.0
 SURE = 3.0  # standard deviations
 SMALLEST = 0.3  # of the typical size: less is not worth a name
 
@@ -171,6 +173,13 @@ def is_limit(parameter: ParameterDefinition) -> bool:
     return parameter.neutral is not None and (math.isinf(parameter.neutral) or parameter.neutral == parameter.upper)
 
 
+def can_be_small(effect: Effect) -> bool:
+    """Tell whether an effect has sizes about 0: no limit, nothing of a moment or a place, nothing by chance."""
+    if effect.name in RANDOM or effect.name in SENSED or locality(effect):
+        return False
+    return not any(is_limit(one) or one.unit == "duty" or not one.switches for one in effect.parameters)
+
+
 def is_rough(effect: Effect) -> bool:
     """Tell whether the sum of squares may have steps along the effect's parameters.
 
@@ -233,6 +242,20 @@ def step_of(name: str, value: float, excitation: Excitation) -> float:
 def rarity(effect: str) -> float:
     """Return how much more a rare effect must lower the sum of squares than another to be preferred to it."""
     return RARELY if effect in RARE else 0.0
+
+
+def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:
+    """Return the sum of squares by which sizes of effects are unlikely; of limits, moments and places none is.
+
+    Where the data hardly tell effects from one another, huge sizes can make up for each other.
+    """
+    total = 0.0
+    for effect in CATALOGUE.values():
+        if can_be_small(effect) and effect.is_on(values):
+            spread = SPREAD_OF_RARE if effect.name in RARE else SPREAD
+            usual = [(values.get(one.name, 0.0), spread * size(one, excitation)) for one in effect.parameters]
+            total += sum((value / most) ** 2 for value, most in usual)
+    return total
 
 
 def worth_naming(values: Mapping[str, float], stds: Mapping[str, float], excitation: Excitation) -> bool:

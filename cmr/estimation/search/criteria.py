@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cmr.estimation.candidates import USUAL_RATE, locality, rarity, worth_naming
+from cmr.estimation.candidates import USUAL_RATE, locality, rarity, unlikelihood, worth_naming
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
@@ -59,8 +59,12 @@ class SelectedEffect:
 
 def why_not(problem: Problem, before: Fit, candidate: CandidateEffect, inflation: Inflation) -> str:
     """Return why an effect is not named, empty if nothing speaks against it; TOO_SMALL if nothing else does."""
-    if candidate.drop < needed(candidate.effect) * inflation.of(candidate.effect.name):
+    inflated = inflation.of(candidate.effect.name)
+    if candidate.drop < needed(candidate.effect) * inflated:
         return "What it explains may be chance."
+    further = unlikelihood(candidate.values, problem.excitation) - unlikelihood(before.values, problem.excitation)
+    if candidate.drop < (needed(candidate.effect) + further) * inflated:
+        return "It explains too little for sizes that are so unusual."
     names = [parameter.name for parameter in candidate.effect.parameters]
     moment = candidate.values.get(f"{candidate.effect.name}_time")
     if moment is not None and not problem.moving[0] < moment < problem.moving[1]:

@@ -7,8 +7,8 @@ model as it stands, and about one that knows nothing of the way that led there.
 
 from collections.abc import Mapping, Sequence
 
-from cmr.estimation.averaging import Averaging, can_be_small
-from cmr.estimation.candidates import rarity
+from cmr.estimation.averaging import Averaging
+from cmr.estimation.candidates import can_be_small, rarity
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, needed, why_not
