@@ -87,7 +87,8 @@ class Averaging:
         likely: Collection[str],
         seen: Mapping[str, float] | None = None,
     ) -> None:
-        self._problem, self._noise, self._inflation = problem, fit.noise, inflation
+        self._problem, self._inflation = problem, inflation
+        self._noise = fit.noise.with_outliers(problem.predictors, problem.errors(fit.values))
         # A rare effect is averaged over only where the fit has it: an encoder's scale does what the wheels' does.
         self._effects = [
             effect
@@ -101,7 +102,7 @@ class Averaging:
         self._names = (*self._flat, *(parameter.name for parameter in self._sizes))
         self._seen = fit.values if seen is None else seen
         self._start = {**{parameter.name: float(parameter.neutral or 0.0) for parameter in self._sizes}, **fit.values}
-        self._rest, self._slopes = _linear(problem, self._start, self._names, fit.noise)
+        self._rest, self._slopes = _linear(problem, self._start, self._names, self._noise)
         self._products, self._pulls = self._slopes.T @ self._slopes, self._slopes.T @ self._rest
 
     def posterior(self, left_out: Mask | None = None, steps: int = STEPS, certain: Collection[str] = ()) -> Posterior:
@@ -200,17 +201,21 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
 
     Those of them that are more likely there than not are there: what is averaged over is what may be hidden besides.
     """
-    averaging = Averaging(problem, fit, inflation, named)
+    averaging = Averaging(problem, fit, inflation, _on(problem, fit.values))
     for number in range(MOST_ROUNDS - 1):
         found = averaging.posterior(steps=FEW_STEPS)
         if averaging.predicts(found) and (number >= ROUNDS - 1 or averaging.is_about(found)):
             break
         values = found.likeliest
         about = Fit(values, fit.names, fit.rest, fit.slopes, problem.found(problem.errors(values)))
-        likely = [effect.name for effect in problem.effects if effect.is_on(values)]
-        averaging = Averaging(problem, about, inflation, likely, fit.values)
+        averaging = Averaging(problem, about, inflation, _on(problem, values), fit.values)
     certain = [name for name in named if found.presence.get(name, 0.0) > HALF]
     return replace(averaging.posterior(certain=certain), certain=tuple(certain))
+
+
+def _on(problem: Problem, values: Mapping[str, float]) -> list[str]:
+    """Return the effects that some values switch on."""
+    return [effect.name for effect in problem.effects if effect.is_on(values)]
 
 
 def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:

@@ -75,7 +75,7 @@ class Estimation:
         if self.whole.average is None:
             return fit_estimate(self.whole.extended.final, name, self.found)
         average = self.whole.average
-        doubt = np.hypot(self.found.doubts.get(name, 0.0), self._inexactness(name))
+        doubt = np.hypot(self.whole.doubts.get(name, 0.0), self._inexactness(name))
         return Estimate(average.values[name], float(np.hypot(average.std(name), doubt)))
 
     @property

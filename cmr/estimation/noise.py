@@ -5,8 +5,9 @@ past foretells (an autoregressive model); then divided by its size, which grows 
 the ticks of the encoder leave open.
 """
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,6 +32,11 @@ ROUNDS = 3
 FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose before foretell those of the pose
 PSI_LEFT, PSI_RIGHT, YAW_RATE = (MOTION.index(name) for name in ("psi_left", "psi_right", "yaw_rate"))
 STAMP = 1e-3  # s by which a gyro's stamp may be off
+LARGE = 2.5  # standard deviations from which an error counts less than in full (Huber, Ann. Math. Statist. 35, 1964)
+# The mean square of normal errors of size one, where larger ones count as LARGE.
+CUT_OFF = 1.0 - math.sqrt(2.0 / math.pi) * LARGE * math.exp(-0.5 * LARGE**2)
+CUT_OFF += (LARGE**2 - 1.0) * math.erfc(LARGE / math.sqrt(2.0))
+SETTLING = 20  # rounds in which the size of cut-off errors settles
 
 
 @dataclass(frozen=True)
@@ -75,6 +81,21 @@ class Noise:
                 result[name] = SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), sizes)
         return cls(result)
 
+    def with_outliers(self, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
+        """Return the noise in which large errors of the first candidate are not as exact as others of their kind.
+
+        What a busy computer does to the stamps of a few readings would else count for more than all the others say.
+        """
+        white = [self.white(number, *pair) for number, pair in enumerate(zip(predictors, errors, strict=True))]
+        result = {}
+        for name, noise in self.of.items():
+            own = [segment[name][:, 0] if name in segment else np.empty(0) for segment in white]
+            size = _size_of_most(np.concatenate(own))
+            doubted = [np.sqrt(np.maximum(1.0, np.abs(one) / (LARGE * size))) for one in own]
+            sizes = tuple(size * doubt * before for doubt, before in zip(doubted, noise.sizes, strict=True))
+            result[name] = replace(noise, sizes=sizes)
+        return Noise(result)
+
     def white(self, number: int, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
         """Return the errors of segment `number` made white, (n, C) by signal; the first, which have no past, are 0."""
         ends = np.cumsum([len(times) for times in predictor.times.values()])
@@ -93,6 +114,15 @@ class Noise:
             begin, end = end, end + len(times)
             _whiten(own, noise.past, noise.spans(name), 1.0 / noise.sizes[number], result[begin:end])
         return result
+
+
+def _size_of_most(white: Floats) -> float:
+    """Return the standard deviation of white errors (n,), large ones cut off; those that have no past are 0."""
+    squares = white[white != 0.0] ** 2
+    size = 1.0
+    for _ in range(SETTLING if len(squares) else 0):
+        size = math.sqrt(float(np.mean(np.minimum(squares, (LARGE * size) ** 2))) / CUT_OFF)
+    return size
 
 
 def _found(

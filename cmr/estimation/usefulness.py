@@ -6,12 +6,13 @@ may grow much. Recordings that the user holds out have a veto.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cmr.estimation.averaging import Posterior, averaged
+from cmr.estimation.candidates import can_be_small
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.measured_gain import Measured, Model, left_out_gain, measure
@@ -21,6 +22,7 @@ from cmr.estimation.search.selection import Search
 from cmr.estimation.search.trace import with_removed
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.extending import Extended, chance_of
+from cmr.model.catalogue import CATALOGUE
 
 # A gain that is surely less than the first, on parts of the recordings left out or on recordings held out, or, unless
 # it is surely one, of any signal less than the last.
@@ -32,10 +34,14 @@ TAKEN_BACK = "Free runs stray farther with it on data that it was not fitted on.
 
 @dataclass(frozen=True)
 class Whole:
-    """What was found, and the average over what may be hidden beside it; None where errors of moments tell nothing."""
+    """What was found, and the average over what may be hidden beside it; None where errors of moments tell nothing.
+
+    `doubts` are to be added to the standard deviations of some parameters of the model that is delivered.
+    """
 
     extended: Extended
     average: Posterior | None
+    doubts: Mapping[str, float]
 
     @property
     def model(self) -> Fit | Posterior:
@@ -48,7 +54,7 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
 
     The fit with the names is judged, the average about it delivered: an average makes little of what is in doubt.
     """
-    judge = _Judge(segments, held_out)
+    judge, doubts = _Judge(segments, held_out), whole.found.doubts
     whole = judge.of_use(whole)
     measured = judge.measured(whole, whole.final)
     while judge.strays(measured.gain) and (whole.term or _fitted(whole.found)):
@@ -56,13 +62,13 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
         measured = judge.measured(whole, whole.final)
     found = whole.found
     if not found.problem.by_moments:
-        return Whole(whole, None), measured
+        return Whole(whole, None, found.doubts), measured
     names = [one.candidate.effect.name for one in found.named]
-    average = averaged(found.problem, whole.final, found.inflation, names)
+    average = averaged(found.problem, _with_what_is_small(whole), found.inflation, names)
     of_average = judge.measured(whole, average)
     if judge.strays(of_average.gain) and not judge.strays(measured.gain):
-        return Whole(whole, None), measured
-    return Whole(whole, average), of_average
+        return Whole(whole, None, found.doubts), measured
+    return Whole(whole, average, doubts), of_average
 
 
 @dataclass(frozen=True)
@@ -144,6 +150,16 @@ def _speaks_against(gain: Gain) -> bool:
 
 def _of_path(gain: Gain) -> float:
     return gain.ratio if math.isfinite(gain.ratio) else min(gain.signals.values(), default=1.0)
+
+
+def _with_what_is_small(whole: Extended) -> Fit:
+    """Return the fit at values with the effects that are there but were not named: an average begins there."""
+    final, seen = whole.final, whole.found.seen
+    if whole.term or not seen:
+        return final
+    own = {parameter.name for effect in CATALOGUE.values() if can_be_small(effect) for parameter in effect.parameters}
+    values = {**final.values, **{name: value for name, value in seen.items() if name in own or name in final.names}}
+    return Fit(values, final.names, final.rest, final.slopes, final.noise)
 
 
 def _as_the_paper_if_alone(whole: Extended) -> Extended:

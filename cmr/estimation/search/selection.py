@@ -6,7 +6,7 @@ improves any more, each effect is judged once more beside all others.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,7 +48,7 @@ class Search:
 
     `problem` is what the final fit explains: the recordings without what effects of chance did to them. `doubts` are to
     be added to the standard deviations of some parameters. `unseen` are effects that would not show in these drives.
-    `decisions` are the steps of the search.
+    `decisions` are the steps of the search. `seen` are the values with the effects that are too small to be named.
     """
 
     problem: Problem
@@ -60,6 +60,7 @@ class Search:
     doubts: Mapping[str, float]
     unseen: tuple[str, ...]
     decisions: tuple[Decision, ...] = ()
+    seen: Mapping[str, float] = field(default_factory=dict)
 
 
 def search(problem: Problem, base: Fit, say: Callable[[str], None]) -> Search:
@@ -198,7 +199,17 @@ def _selected(
         trace.note(REMOVED, [candidate.effect.name], candidate.drop, reason=why)
     others = [*last.dropped, *state.others]
     unseen = _unseen(problem, screening, [one.candidate.effect.name for one in last.named])
-    return Search(problem, base, last.final, last.named, others, state.inflation.all, last.doubts, unseen)
+    return Search(
+        problem,
+        base,
+        last.final,
+        last.named,
+        others,
+        state.inflation.all,
+        last.doubts,
+        unseen,
+        seen=state.current.values,
+    )
 
 
 def _next(
