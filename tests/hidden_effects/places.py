@@ -1,5 +1,6 @@
 """Find a place for a patch of other ground: one that the robot crosses several times, and is off most of the time."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ CROSSINGS = 3  # at least
 SHARES = (0.06, 0.4)  # of the time of driving that may be spent inside
 SETTLED = 0.02  # rad/s; a robot whose wheels turn more slowly stands
 TRIES = 200
+FAR = (1e3, 1e3)  # m; where no robot comes
 
 
 def placed(truth: Truth) -> Truth:
@@ -21,18 +23,27 @@ def placed(truth: Truth) -> Truth:
     Raises ValueError when there is no such place.
     """
     truth = replace(truth, case=replace(truth.case, run=0))
-    random = truth.case.random("place")
+
+    def at(x: float, y: float) -> Truth:
+        return replace(truth, parameters={**truth.parameters, "surface_patch_x": x, "surface_patch_y": y})
+
     radius = truth.parameters["surface_patch_radius"]
-    elsewhere = replace(truth, parameters={**truth.parameters, "surface_patch_x": 1e3, "surface_patch_y": 1e3})
-    path = _path(elsewhere)
+    return at(*find_place(lambda x, y: _path(at(x, y)), radius, truth.case.random("place")))
+
+
+def find_place(
+    driven: Callable[[float, float], Floats], radius: float, random: np.random.Generator
+) -> tuple[float, float]:
+    """Return the middle of a disc that a robot crosses several times; `driven` is its path where one lies there.
+
+    Raises ValueError when there is no such place.
+    """
+    path = driven(*FAR)
     for number in random.integers(len(path), size=TRIES):
-        x, y = path[number] + random.uniform(-0.4, 0.4, 2) * radius
-        if not _crossed(path, x, y, radius):
-            continue
-        here = replace(truth, parameters={**truth.parameters, "surface_patch_x": float(x), "surface_patch_y": float(y)})
-        if _crossed(_path(here), x, y, radius):
-            return here
-    raise ValueError(f"{truth.case}: the robot crosses no place {CROSSINGS} times")
+        x, y = map(float, path[number] + random.uniform(-0.4, 0.4, 2) * radius)
+        if _crossed(path, x, y, radius) and _crossed(driven(x, y), x, y, radius):
+            return x, y
+    raise ValueError(f"the robot crosses no place {CROSSINGS} times")
 
 
 def _path(truth: Truth) -> Floats:
