@@ -46,10 +46,11 @@ def test_a_large_error_counts_less_and_all_others_as_before() -> None:
     errors = cast(Any, SimpleNamespace(of={"psi_left": size_before * white[:, None]}, motion=np.empty((1, 1))))
     noise = Noise({"psi_left": SignalNoise(np.zeros(1), np.zeros(3), (np.full(len(white), size_before),))})
     (sizes,) = noise.with_outliers([predictor], [errors]).of["psi_left"].sizes
-    # What is not large keeps its weight; the square of the large one is cut to LARGE times its size: 30 times 2.5.
-    assert np.median(sizes) == size_before
+    # What is not large has the size of most errors; the square of the large one is cut to 2.5 times it: 30 times 2.5.
+    most = np.median(sizes)
+    assert most == pytest.approx(size_before, rel=0.05)
     assert (size_before * 30.0 / sizes[700]) ** 2 == pytest.approx(30.0 * 2.5, rel=0.1)
-    assert np.mean(sizes > size_before) == pytest.approx(0.0124, abs=0.01)
+    assert np.mean(sizes > most) == pytest.approx(0.0124, abs=0.01)
 
 
 def test_a_recording_held_out_speaks_against_a_name_that_does_not_hold_in_it() -> None:

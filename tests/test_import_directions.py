@@ -27,7 +27,7 @@ KNOWN: dict[str, set[str]] = {
     "world": {*RECORDED, "colours", "manoeuvres"},
     "diagnosis": {*RECORDED, "colours", "files", "threads", "manoeuvres", "estimation"},
     "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
-    "team": {*RECORDED, "world"},
+    "team": {*RECORDED, "plant", "world"},
     "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
     "sweep": {*RECORDED, "colours", "scenario", "team", "world"},
     "view": {*RECORDED, "colours", "world"},

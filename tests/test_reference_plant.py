@@ -173,7 +173,9 @@ def test_the_noise_of_the_poses_has_the_size_and_the_memory_asked_for() -> None:
 def test_a_quiet_figure_eight_calibrates_to_the_truth() -> None:
     estimates = calibrate(recording(packets(figure_eight(40.0, 2), 40.0), {}, 40.0)).estimates
     for name in ("k2_over_k3", "k1", "base_width"):
-        assert estimates[name].value == pytest.approx(getattr(NEUTRAL, name), rel=1e-4), name
+        # An average over what the drive may hide is less exact than the data.
+        assert estimates[name].value == pytest.approx(getattr(NEUTRAL, name), rel=5e-4), name
+        assert abs(estimates[name].value - getattr(NEUTRAL, name)) < estimates[name].std, name
 
 
 def test_the_rich_drive_rests_at_both_ends_and_uses_both_directions_at_every_speed() -> None:

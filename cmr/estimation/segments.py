@@ -14,6 +14,9 @@ from cmr.recordings.time_checks import held_up
 
 STEP = 0.01  # s of the raster
 LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is foretold
+# s, and so many times the usual interval, without feedback that tells the duties: the driver may have stopped the
+# motors meanwhile, and nothing is foretold over it.
+LONGEST_UNTOLD, LONGEST_UNTOLD_PERIODS = 0.05, 5.0
 LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
 SHORTEST_PIECE = 1.0  # s
 EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
@@ -61,8 +64,7 @@ def segments_of(recording: Recording, splits: Sequence[int], number: int) -> lis
     sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [recording.poses]
     first = max(int(signal.utime[0]) for signal in sources)
     last = min(int(signal.utime[-1]) for signal in sources)
-    breaks = sorted(gap for signal in sources for gap in _gaps(signal.utime, LONGEST_SILENCE))
-    borders = [first, *(time for gap in breaks for time in gap), last]
+    borders = [first, *(time for gap in _breaks(recording, sources) for time in gap), last]
     spans = zip(borders[::2], borders[1::2], strict=True)
     tick = _tick(recording.wheels)
     return [
@@ -70,6 +72,21 @@ def segments_of(recording: Recording, splits: Sequence[int], number: int) -> lis
         for begin, end in spans
         if (end - begin) * SECONDS >= SHORTEST_PIECE
     ]
+
+
+def _breaks(recording: Recording, sources: Sequence[Signal]) -> list[tuple[int, int]]:
+    """Return first and last moment [us] of each gap over which nothing can be foretold: in order and apart."""
+    found = [gap for signal in sources for gap in _gaps(signal.utime, LONGEST_SILENCE)]
+    if "status" in recording.duty.fields and len(recording.wheels) > 1:
+        usual = float(np.median(np.diff(recording.wheels.utime))) * SECONDS
+        found += _gaps(recording.wheels.utime, max(LONGEST_UNTOLD, LONGEST_UNTOLD_PERIODS * usual))
+    apart: list[tuple[int, int]] = []
+    for begin, end in sorted(found):
+        if apart and begin <= apart[-1][1]:
+            apart[-1] = (apart[-1][0], max(end, apart[-1][1]))
+        else:
+            apart.append((begin, end))
+    return apart
 
 
 def _gaps(utime: Times, longest: float) -> list[tuple[int, int]]:

@@ -1,6 +1,7 @@
 """One robot whose time goes on from event to event, in steps of a millisecond at most."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -83,7 +84,7 @@ class RunningRobot:
         parameters: PlantParameters,
         pose: tuple[float, float, float],
         noise: tuple[float, float, float, float],
-        seed: int,
+        seed: int | Sequence[int],
     ) -> None:
         robot: Robot = at_rest(pose)
         self.time = 0.0

@@ -37,6 +37,14 @@ class Noise:
         return self.torque, self.torque_time, self.slip, self.slip_time
 
 
+SLIP_TIME, SLIP_SPEED = 0.2, 0.3  # s, m/s; slip of so many seconds' memory spoils the way as is said at this speed
+
+
+def slip_of_way(way: float) -> tuple[float, float]:
+    """Return size [1] and time [s] of the slip that makes the way of a side err by `way` [m] after 1 m, typically."""
+    return way / math.sqrt(2.0 * SLIP_TIME * SLIP_SPEED), SLIP_TIME
+
+
 SILENT = Noise()
 REALISTIC = Noise(
     torque=0.3,

@@ -4,13 +4,13 @@ What is drawn here stays hidden. A calibration sees the sensors of such a robot 
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from cmr.plant.parameters import PlantParameters, plant_parameters
+from cmr.plant.sensors import slip_of_way
 
 # By how much each of the paper's parameters exceeds what its maker's data sheet says, on average.
 FACTORS = {"wheel_radius": 1.0, "k2_over_k3": 1.3, "k1": 0.85, "base_width": 0.85}
@@ -21,19 +21,19 @@ LARGEST_DRAW = 3.0  # standard deviations; a robot further out would have gone b
 class HiddenRobot:
     """One real robot. The first four are as in the paper; each of the others vanishes where it is 0.
 
-    Asymmetries are the share by which the left side exceeds the right one.
+    What moves it are parameters of the plant, by the plant's names.
     """
 
     wheel_radius: float = 0.04  # m
     k2_over_k3: float = 118.0  # rad/s^2
     k1: float = 0.054  # s/rad
     base_width: float = 0.161  # m
-    motor_asymmetry: float = 0.0
-    radius_asymmetry: float = 0.0
+    motor_gain_asymmetry: float = 0.0  # share by which the left side has more, and the right one less
+    wheel_radius_asymmetry: float = 0.0  # likewise
     coulomb_friction: float = 0.0  # rad/s^2
     static_friction: float = 0.0  # rad/s^2 beyond the former, at rest; fades within 0.5 rad/s
     battery_sag: float = 0.0  # share of the voltage lost to one motor stalled at full duty
-    command_delay: float = 0.0  # s, in whole milliseconds, at most 0.2
+    command_delay: float = 0.0  # s
     turn_slip: float = 0.0  # s/rad; growth of the base width with the rate of turn
     longitudinal_slip: float = 0.0  # s; ground speed = wheel speed - this * wheel acceleration
     torque_noise: float = 0.0  # rad/s^2, standard deviation
@@ -44,6 +44,17 @@ class HiddenRobot:
     position_noise: float = 0.003  # m, of each coordinate of a pose
     heading_noise: float = 0.005  # rad
     ticks_per_turn: float = 2048.0  # of the encoder
+
+    @property
+    def parameters(self) -> PlantParameters:
+        """What the plant is to know of it."""
+        own = {name: value for name, value in asdict(self).items() if name in PlantParameters._fields}
+        return plant_parameters({**own, "gyro_bias": 0.0})
+
+    @property
+    def noise(self) -> tuple[float, float, float, float]:
+        """Sizes and times of torque and slip, as the plant takes them."""
+        return self.torque_noise, self.torque_noise_time, *slip_of_way(self.slip_noise)
 
 
 # Beside the paper's parameters, of a robot as small as the paper's; frictions are for k2_over_k3 of 118 rad/s^2.
@@ -69,7 +80,7 @@ SPREAD = {
     "turn_slip": 0.25,
     "longitudinal_slip": 0.25,
 }
-SIGNED_SPREAD = {"motor_asymmetry": 0.03, "radius_asymmetry": 0.005, "gyro_bias": 0.002}
+SIGNED_SPREAD = {"motor_gain_asymmetry": 0.015, "wheel_radius_asymmetry": 0.0025, "gyro_bias": 0.002}
 TORQUES = ("coulomb_friction", "static_friction", "torque_noise")
 SENSORS = ("gyro_noise", "position_noise", "heading_noise", "ticks_per_turn", "torque_noise_time")
 
@@ -98,8 +109,3 @@ class Laboratory:
             deviation = self.size * spread * float(np.clip(random.standard_normal(), -LARGEST_DRAW, LARGEST_DRAW))
             drawn[name] = deviation if name in SIGNED_SPREAD else drawn[name] * math.exp(deviation)
         return HiddenRobot(**drawn)
-
-
-def columns(robots: Sequence[HiddenRobot]) -> dict[str, Floats]:
-    """Return the numbers of several robots by name, each of shape (n,)."""
-    return {one.name: np.array([getattr(robot, one.name) for robot in robots], float) for one in fields(HiddenRobot)}

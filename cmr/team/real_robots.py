@@ -48,7 +48,7 @@ class RealRobots:
         self._memories = [CommandMemory() for _ in pilots]
         self._ramps = [Ramp(Limits(), PERIOD * 1e-6) for _ in pilots]
         self._ticks = self._plant.ticks()
-        self._heading = self.place[2].copy()
+        self.place = self._plant.poses
         self._periods = 0
 
     @property
@@ -56,27 +56,23 @@ class RealRobots:
         """Whose columns those of `place` are."""
         return [pilot.robot_id for pilot in self._pilots]
 
-    @property
-    def place(self) -> Floats:
-        """Where the robots really are: x, y, theta, each (n,)."""
-        return self._plant.state.pose
-
     def advance(self, utime: int) -> Iterator[Message]:
         """Let a period pass until `utime` [us]; yield what drivers, gyros and cameras say then."""
         if not self._pilots:
             return
-        self._plant.advance(PERIOD // 1000)
         self._periods += 1
+        self._plant.advance(self._periods * PERIOD * 1e-6)
         duties = [self._serve(column, utime) for column in range(len(self._pilots))]
-        self._plant.command(np.transpose(duties))
-        ticks, heading = self._plant.ticks(), self.place[2].copy()
-        turned = (heading - self._heading) / (PERIOD * 1e-6)
+        self._plant.command(duties)
+        ticks, before = self._plant.ticks(), self.place
+        self.place = self._plant.poses
+        turned = (self.place[2] - before[2]) / (PERIOD * 1e-6)
         for column, pilot in enumerate(self._pilots):
             measured = self._measured(column, pilot.robot_id, utime, ticks, float(turned[column]), duties[column])
             for channel, message in measured:
                 pilot.handle(utime, channel, message)
                 yield channel, message
-        self._ticks, self._heading = ticks, heading
+        self._ticks = ticks
 
     def hear(self, utime: int, messages: Sequence[Message]) -> None:
         """Let all pilots hear these messages."""

@@ -1,22 +1,22 @@
 """The emulated robot's plant: cmr.plant as the settings want it, as controllers and sensors see it.
 
-Every effect and all physics are in cmr.plant; here is what a settings file says, what happens to commands on their
-way, and what the battery and the encoders show.
+Every effect and all physics are in cmr.plant; here is what a settings file says, and what the battery and the encoders
+show.
 """
 
 import math
 from collections import deque
 from random import Random
 
+from cmr.plant.commanded import CommandedRobot
 from cmr.plant.parameters import PlantParameters
 from cmr.plant.running import PLACES, STEP, RunningRobot
-from cmr.plant.sensors import MISCOUNTING_SPEEDS
+from cmr.plant.sensors import MISCOUNTING_SPEEDS, slip_of_way
 from robot_driver.emulator.settings import Settings
 
 __all__ = ["STEP", "Plant", "Wheel"]
 
 TURN = 2.0 * math.pi
-SLIP_TIME, SLIP_SPEED = 0.2, 0.3  # s, m/s; at this speed slip_noise of so many seconds' memory has its size
 REFERENCE_ENERGY = 10.0  # s of full load; battery_drift is the share of the voltage lost then
 
 
@@ -61,15 +61,13 @@ class Plant:
         robot, imperfections = settings.robot, settings.imperfections
         self.parameters: PlantParameters = settings.plant
         torque = imperfections.torque_noise
-        slip = imperfections.slip_noise.effective / math.sqrt(2.0 * SLIP_TIME * SLIP_SPEED)
-        noise = (torque.effective, torque.correlation_time, slip, SLIP_TIME)
+        noise = (torque.effective, torque.correlation_time, *slip_of_way(imperfections.slip_noise.effective))
         pose = (robot.x, robot.y, robot.theta)
         self._running = RunningRobot(self.parameters, pose, noise, settings.seed % 2**63)
         self.left, self.right = Wheel(self._running, "left"), Wheel(self._running, "right")
         self._robot = robot
         self._electrics = settings.electrics
-        self._commands: deque[tuple[float, float, float]] = deque()
-        self._commands_random = Random(f"{settings.seed} commands")
+        self._commanded = CommandedRobot(self._running, self.parameters, Random(f"{settings.seed} commands"))
         self._turned, self._counted, self._counted_at = [0.0, 0.0], [0.0, 0.0], 0.0
         self._headings: deque[tuple[float, float]] = deque([(0.0, robot.theta)])
 
@@ -117,25 +115,15 @@ class Plant:
 
     def command(self, left: float, right: float) -> None:
         """Drive each side with this duty, -1 to 1, from now on; later, or never, where commands are late or lost."""
-        left, right = (max(-1.0, min(1.0, duty)) for duty in (left, right))
-        p, random = self.parameters, self._commands_random
-        if p.command_loss > 0.0 and random.random() < p.command_loss:
-            return
-        effective = self.time + p.command_delay + (p.command_jitter * random.random() if p.command_jitter else 0.0)
-        while self._commands and self._commands[-1][0] >= effective:
-            self._commands.pop()  # it comes after a newer one, and is ignored
-        if effective > self.time:
-            self._commands.append((effective, left, right))
-        else:
-            self._running.drive(left, right)
+        self._commanded.command(left, right)
 
     def advance(self, time: float) -> None:
         """Let the world go on until `time` (s); a time that has passed changes nothing."""
-        while self._commands and self._commands[0][0] <= time:
-            effective, left, right = self._commands.popleft()
-            self._go_on(effective)
-            self._running.drive(left, right)
-        self._go_on(time)
+        self._commanded.advance(time)
+        if self.parameters.gyro_latency:
+            self._headings.append((self.time, self.theta))
+            while self._headings[0][0] < self.time - 2.0 * self.parameters.gyro_latency - STEP:
+                self._headings.popleft()
 
     def encoder_counts(self) -> tuple[float, float]:
         """Return the counts of both encoders since the start; whole numbers of the disc's positions."""
@@ -159,13 +147,6 @@ class Plant:
     def battery_voltage(self) -> float:
         """Return the voltage at the controller in V."""
         return self._electrics.battery_voltage * self._supply()
-
-    def _go_on(self, time: float) -> None:
-        self._running.advance(time)
-        if self.parameters.gyro_latency:
-            self._headings.append((self.time, self.theta))
-            while self._headings[0][0] < self.time - 2.0 * self.parameters.gyro_latency - STEP:
-                self._headings.popleft()
 
     def _count(self) -> None:
         """Have the encoders count what the shafts have turned; some miss a share of it at speed (encoder_miscount)."""

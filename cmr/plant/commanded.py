@@ -1,0 +1,42 @@
+"""A running robot as a controller commands it: duties take effect later, or never, where commands are late or lost."""
+
+from collections import deque
+from random import Random
+
+from cmr.plant.parameters import PlantParameters
+from cmr.plant.running import RunningRobot
+
+
+class CommandedRobot:
+    """The robot `running`, which gets its duties with command_delay, command_jitter and command_loss.
+
+    Chance is drawn from `random`.
+    """
+
+    def __init__(self, running: RunningRobot, parameters: PlantParameters, random: Random) -> None:
+        self.running = running
+        self._parameters, self._random = parameters, random
+        self._commands: deque[tuple[float, float, float]] = deque()  # when they take effect, and both duties
+
+    def command(self, left: float, right: float) -> None:
+        """Drive each side with this duty, -1 to 1, from now on; later, or never, where commands are late or lost."""
+        left, right = (max(-1.0, min(1.0, duty)) for duty in (left, right))
+        p, random = self._parameters, self._random
+        if p.command_loss > 0.0 and random.random() < p.command_loss:
+            return
+        now = self.running.time
+        effective = now + p.command_delay + (p.command_jitter * random.random() if p.command_jitter else 0.0)
+        while self._commands and self._commands[-1][0] >= effective:
+            self._commands.pop()  # it comes after a newer one, and is ignored
+        if effective > now:
+            self._commands.append((effective, left, right))
+        else:
+            self.running.drive(left, right)
+
+    def advance(self, time: float) -> None:
+        """Let the world go on until `time` (s); a time that has passed changes nothing."""
+        while self._commands and self._commands[0][0] <= time:
+            effective, left, right = self._commands.popleft()
+            self.running.advance(effective)
+            self.running.drive(left, right)
+        self.running.advance(time)
