@@ -14,6 +14,7 @@ KNOWN: dict[str, set[str]] = {
     "colours": set(),
     "files": set(),
     "threads": set(),
+    "priority": set(),
     "msg": set(),
     "model": set(),
     "plant": set(),  # the judge of the model, with which it shares no code
@@ -44,11 +45,11 @@ KNOWN: dict[str, set[str]] = {
             "fidelity",
             "sweep",
         },
-        *("camera", "view", "threads"),
+        *("camera", "view", "threads", "priority"),
     },
     "tools": {*RECORDED, "colours", "commands"},
 }
-DRIVER = {*BUS, "parameters", "commands"}  # of commands only how command lines are read
+DRIVER = {*BUS, "parameters", "commands", "priority"}  # of commands only how command lines are read
 
 
 def imports(source: str) -> Iterator[str]:

@@ -19,6 +19,7 @@ from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.estimation.estimates import EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
+from cmr.priority import give_way
 from cmr.recordings.recording import RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s
@@ -165,7 +166,12 @@ class Work:
 
     def begin(self, work: Callable[..., Any], *arguments: Any) -> None:
         """Begin a piece of work."""
-        self._thread = threading.Thread(target=work, args=arguments, daemon=True)
+
+        def run() -> None:
+            give_way()  # to the driver, the pilot and the simulator of the drive that goes on
+            work(*arguments)
+
+        self._thread = threading.Thread(target=run, daemon=True)
         self._thread.start()
 
 

@@ -158,7 +158,8 @@ def _with_what_is_small(whole: Extended) -> Fit:
     if whole.term or not seen:
         return final
     own = {parameter.name for effect in CATALOGUE.values() if can_be_small(effect) for parameter in effect.parameters}
-    values = {**final.values, **{name: value for name, value in seen.items() if name in own or name in final.names}}
+    of_seen = {name: value for name, value in seen.values.items() if name in own or name in final.names}
+    values = {**final.values, **of_seen}
     return Fit(values, final.names, final.rest, final.slopes, final.noise)
 
 

@@ -46,7 +46,7 @@ class SimulatedDrive:
     controller: str = "roboclaw"
     gyro: str | None = "dsp3000"
     behaviour: str = "figure_eight"
-    behaviour_settings: Mapping[str, str] = field(default_factory=lambda: {"laps": "20", "start": "1"})
+    behaviour_settings: Mapping[str, str] = field(default_factory=lambda: {"size": "1.15", "laps": "3", "start": "1"})
     seconds: float = 60.0
     pose_rate: float = 50.0
     seed: int = 0

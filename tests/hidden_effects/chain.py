@@ -44,7 +44,7 @@ RICH, EIGHTS = "rich_drive", "figure_eight"
 DRIVES: Mapping[str, tuple[str, Mapping[str, str], float]] = MappingProxyType(  # behaviour, its settings, s
     {
         RICH: ("manoeuvre", {"name": RICH}, 124.0),
-        EIGHTS: ("figure_eight", {"laps": "20", "start": "1"}, 60.0),
+        EIGHTS: ("figure_eight", {"size": "1.15", "laps": "3", "start": "1"}, 66.0),
     }
 )
 # What the emulator's own robot has; gyros tell late by what their bytes take.

@@ -38,10 +38,12 @@ def chance_on_commands(
     named: Sequence[SelectedEffect],
     others: Sequence[tuple[CandidateEffect, str]],
     final: Fit,
+    seen: Fit,
 ) -> tuple[SelectedEffect, Problem] | None:
     """Return jitter or loss of commands where the final fit leaves their traces, and the problem without them.
 
-    A delay among `others`, which is there but too small to be named, may be the mean of jitter that is not.
+    A delay among `others`, which is there but too small to be named, may be the mean of jitter that is not. Friction
+    that is too small to be named would look like a loss: `seen` is the fit with all that is there.
     """
     late = [one for one in named if one.candidate.effect.name in LATE]
     small = [one for one, why in others if why == TOO_SMALL and one.effect.name in MEANS and one.fit is not None]
@@ -52,7 +54,7 @@ def chance_on_commands(
     if timing is None:
         return None
     jitter = _jitter(problem, beside, late, timing) if late else None
-    return jitter or _lost(problem, final, timing)
+    return jitter or _lost(problem, final, timing if seen is beside else timing_of(problem, seen))
 
 
 def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], final: Fit) -> list[SelectedEffect]:
@@ -112,10 +114,10 @@ def _jitter(
     return _selected(JITTER, estimate, gained, rivals, late[0].before), cleaned
 
 
-def _lost(problem: Problem, final: Fit, timing: Timing) -> tuple[SelectedEffect, Problem] | None:
+def _lost(problem: Problem, final: Fit, timing: Timing | None) -> tuple[SelectedEffect, Problem] | None:
     """Return the loss of commands, if it is there and matters."""
-    loss = timing.loss()
-    if loss is None or loss.drop < SURE_LOSS:
+    loss = timing.loss() if timing else None
+    if timing is None or loss is None or loss.drop < SURE_LOSS:
         return None
     if not worth_naming({LOSS: loss.share + PERHAPS * loss.std}, {}, problem.excitation):
         return None

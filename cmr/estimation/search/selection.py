@@ -6,7 +6,7 @@ improves any more, each effect is judged once more beside all others.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,7 +48,7 @@ class Search:
 
     `problem` is what the final fit explains: the recordings without what effects of chance did to them. `doubts` are to
     be added to the standard deviations of some parameters. `unseen` are effects that would not show in these drives.
-    `decisions` are the steps of the search. `seen` are the values with the effects that are too small to be named.
+    `decisions` are the steps of the search. `seen` is the fit with the effects that are too small to be named.
     """
 
     problem: Problem
@@ -60,7 +60,7 @@ class Search:
     doubts: Mapping[str, float]
     unseen: tuple[str, ...]
     decisions: tuple[Decision, ...] = ()
-    seen: Mapping[str, float] = field(default_factory=dict)
+    seen: Fit | None = None
 
 
 def search(problem: Problem, base: Fit, say: Callable[[str], None]) -> Search:
@@ -73,7 +73,7 @@ def search(problem: Problem, base: Fit, say: Callable[[str], None]) -> Search:
     found = _selected(problem, base, say, trace)
     chance = None
     if problem.by_moments and tick_of(problem) <= COARSE:
-        chance = chance_on_commands(problem, found.named, found.others, found.final)
+        chance = chance_on_commands(problem, found.named, found.others, found.final, found.seen or found.final)
     if chance is None:
         named = with_jitter_as_rival(problem, found.named, found.final)
     else:
@@ -208,7 +208,7 @@ def _selected(
         state.inflation.all,
         last.doubts,
         unseen,
-        seen=state.current.values,
+        seen=state.current,
     )
 
 
