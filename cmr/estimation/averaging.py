@@ -138,7 +138,9 @@ class Averaging:
 
     def _averaged(self, products: Floats, pulls: Floats, odds: Floats, steps: int) -> Posterior:
         count = len(self._flat)
-        flat = products[:count, :count] + np.diag(RIDGE * np.diag(self._products)[:count])
+        ridge = RIDGE * np.diag(self._products)[:count]
+        # What does nothing at all here, such as a limit that is not reached, stays where it is, too.
+        flat = products[:count, :count] + np.diag(np.where(ridge > 0.0, ridge, 1.0))
         mixed = np.linalg.solve(flat, np.column_stack([products[:count, count:], pulls[:count]]))
         along, own = mixed[:, :-1], mixed[:, -1]
         start = np.array([self._start[parameter.name] for parameter in self._sizes])

@@ -40,10 +40,10 @@ DRIVING = frozenset(
 )
 OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
 AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # what only commands tell from the wheel radius itself
-# Wheels differ in size more often than their encoders, which are numbers in a data sheet, count wrongly; commands come
-# late more often than small motors have a lag of their own of 10 ms. Where nothing tells both apart either explains the
-# data. By so much must a rare one explain more.
-RARE, RARELY = frozenset({"encoder_scale", "encoder_asymmetry", "electrical_lag"}), 6.0
+# By so much must a rare effect explain more. Wheels differ in size more often than their encoders, which are numbers in
+# a data sheet, count wrongly: unequal motors look to the last bit like unequal encoders beside wheels that are just as
+# unequal. Commands come late more often than small motors have a lag of their own of 10 ms.
+RARE: Mapping[str, float] = {"encoder_scale": 20.0, "encoder_asymmetry": 20.0, "electrical_lag": 6.0}
 # Of the typical size: standard deviation of what sizes may be. Other sizes must explain so much more.
 SPREAD, SPREAD_OF_RARE = 5.0, 1.0
 SURE = 3.0  # standard deviations
@@ -241,7 +241,7 @@ def step_of(name: str, value: float, excitation: Excitation) -> float:
 
 def rarity(effect: str) -> float:
     """Return how much more a rare effect must lower the sum of squares than another to be preferred to it."""
-    return RARELY if effect in RARE else 0.0
+    return RARE.get(effect, 0.0)
 
 
 def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:

@@ -120,7 +120,7 @@ def penalty_of(leaving: Sequence[str], coming: Sequence[str], inflation: Inflati
     parameters = sum(len(CATALOGUE[name].parameters) for name in coming)
     parameters -= sum(len(CATALOGUE[name].parameters) for name in leaving)
     further = len(coming) - len(leaving)
-    rare = sum(map(rarity, coming)) - sum(map(rarity, leaving))
+    rare = inflation.all * (sum(map(rarity, coming)) - sum(map(rarity, leaving)))
     if further <= 0:
         return PER_FURTHER * parameters + rare
     enough = sorted(needed(CATALOGUE[name]) * inflation.of(name) for name in coming)

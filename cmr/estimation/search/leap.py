@@ -27,7 +27,7 @@ def best_leap(
     The set is that about the model as it stands, or that about one found without it, `afar`.
     """
     penalties = {
-        effect.name: needed(effect) * inflation.of(effect.name) + rarity(effect.name) - BY_ITS_SIZE
+        effect.name: needed(effect) * inflation.of(effect.name) + inflation.all * rarity(effect.name) - BY_ITS_SIZE
         for effect in problem.effects
     }
     near = Averaging(problem, current, inflation.all, [_name(one) for one in named])
