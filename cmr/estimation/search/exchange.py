@@ -38,6 +38,8 @@ LARGEST_SHARE = 5.0  # of the typical size: first order holds no further
 WORSE_BY_ONE, FITTED_BY_ONE = 60.0, 6  # of exchanges in which one effect comes
 WORSE_BY_TWO, FITTED_BY_TWO = 10.0, 3  # in which two come
 WORSE_QUICKLY = 15.0  # by how much a quick fit may be worse
+IN_DATA_SHEETS = ("encoder_scale", "encoder_asymmetry")
+SURELY_MORE = 0.02  # of what such an effect explains, the exchange for which it comes must explain
 BETTER = 2.0  # by which the score must fall; less is a tie
 
 
@@ -86,12 +88,67 @@ def best_exchange(
     for fit, number in found:
         if fit.squares + penalties[number] > current.squares - BETTER * inflation.all:
             return None
-        candidates = [candidate_of(problem, fit, name) for name in _coming(screening, proposals[number])]
-        reasons = [why_not(problem, current, one, inflation) for one in candidates]
-        if all(reason in ("", TOO_SMALL) for reason in reasons):
-            come = tuple(SelectedEffect(one, (), current) for one in candidates)
-            return Exchange(proposals[number].leaving, come, fit)
+        leaving, coming = proposals[number].leaving, _coming(screening, proposals[number])
+        candidates = [candidate_of(problem, fit, name) for name in coming]
+        if possible_together(problem, current, candidates, inflation) and not too_rare(
+            current, fit, leaving, candidates
+        ):
+            exchange = Exchange(leaving, tuple(SelectedEffect(one, (), current) for one in candidates), fit)
+            return without_idle_swaps(problem, current, exchange, inflation)
     return None
+
+
+def possible_together(
+    problem: Problem, current: Fit, candidates: Sequence[CandidateEffect], inflation: Inflation
+) -> bool:
+    """Tell whether nothing speaks against effects but that they may be too small to be named."""
+    return all(why_not(problem, current, one, inflation) in ("", TOO_SMALL) for one in candidates)
+
+
+def too_rare(current: Fit, fit: Fit, leaving: Sequence[str], candidates: Sequence[CandidateEffect]) -> bool:
+    """Tell whether a rare effect comes for another one for little: where friction is, fits differ by chance.
+
+    It may come for several that it makes superfluous.
+    """
+    gained = current.squares - fit.squares
+    rare = [one for one in candidates if one.effect.name in IN_DATA_SHEETS]
+    return bool(leaving) and len(candidates) >= len(leaving) and any(gained < SURELY_MORE * one.drop for one in rare)
+
+
+def without_idle_swaps(problem: Problem, current: Fit, exchange: Exchange, inflation: Inflation) -> Exchange:
+    """Return the exchange, or one in which an effect stays and another does not come for it, if that is as good.
+
+    What the others that come explain would else be put down to that one, too.
+    """
+    if len(exchange.coming) < 2:
+        return exchange
+    swaps = [
+        (tuple(name for name in exchange.leaving if name != stays), [name for name in exchange.coming if name != goes])
+        for stays in exchange.leaving
+        for goes in exchange.coming
+    ]
+    fits = problem.fits([_swapped(current, exchange, *swap) for swap in swaps], current.noise)
+    scores = [fit.squares + penalty_of(*swap, inflation) for fit, swap in zip(fits, swaps, strict=True)]
+    for number in np.argsort(scores):
+        leaving, coming = swaps[number]
+        if scores[number] > exchange.fit.squares + penalty_of(exchange.leaving, exchange.coming, inflation):
+            break
+        candidates = [candidate_of(problem, fits[number], name) for name in coming]
+        if possible_together(problem, current, candidates, inflation):
+            selected = tuple(SelectedEffect(one, (), current) for one in candidates)
+            return without_idle_swaps(problem, current, Exchange(leaving, selected, fits[number]), inflation)
+    return exchange
+
+
+def _swapped(
+    current: Fit, exchange: Exchange, leaving: Sequence[str], coming: Sequence[str]
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return where the fit of an exchange begins, between two that are known, and what is free in it."""
+    gone = {parameter.name for name in leaving for parameter in CATALOGUE[name].parameters}
+    own = [parameter.name for name in coming for parameter in CATALOGUE[name].parameters]
+    values = {name: value for name, value in current.values.items() if name not in gone}
+    names = tuple(name for name in current.names if name not in gone)
+    return {**values, **{name: exchange.fit.values[name] for name in own}}, (*names, *own)
 
 
 def _quickly_fitted(

@@ -5,14 +5,22 @@ through all sets; what it finds likeliest is fitted, and taken if it explains th
 model as it stands, and about one that knows nothing of the way that led there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from cmr.estimation.averaging import Averaging
 from cmr.estimation.candidates import can_be_small, rarity
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, needed, why_not
-from cmr.estimation.search.exchange import BETTER, Exchange, candidate_of, penalty_of
+from cmr.estimation.search.criteria import SelectedEffect, needed
+from cmr.estimation.search.exchange import (
+    BETTER,
+    Exchange,
+    candidate_of,
+    penalty_of,
+    possible_together,
+    too_rare,
+    without_idle_swaps,
+)
 from cmr.estimation.search.inflation import Inflation
 from cmr.model.catalogue import CATALOGUE
 
@@ -20,7 +28,11 @@ BY_ITS_SIZE = 8.0  # of what an effect must explain, the walk asks so much alrea
 
 
 def best_leap(
-    problem: Problem, current: Fit, named: Sequence[SelectedEffect], inflation: Inflation, afar: Averaging
+    problem: Problem,
+    current: Fit,
+    named: Sequence[SelectedEffect],
+    inflation: Inflation,
+    afar: Callable[[], Averaging],
 ) -> Exchange | None:
     """Return the exchange that leads to the likeliest set of effects, None where it explains the data no better.
 
@@ -30,9 +42,12 @@ def best_leap(
         effect.name: needed(effect) * inflation.of(effect.name) + inflation.all * rarity(effect.name) - BY_ITS_SIZE
         for effect in problem.effects
     }
-    near = Averaging(problem, current, inflation.all, [_name(one) for one in named])
-    for values in (near.likeliest(penalties), afar.likeliest(penalties)):
-        exchange = _exchange(problem, current, named, inflation, values)
+
+    def near() -> Averaging:
+        return Averaging(problem, current, inflation.all, [_name(one) for one in named])
+
+    for averaging in (near, afar):
+        exchange = _exchange(problem, current, named, inflation, averaging().likeliest(penalties))
         if exchange is not None:
             return exchange
     return None
@@ -61,9 +76,10 @@ def _exchange(
     if fit.squares + penalty_of(leaving, coming, inflation) > current.squares - BETTER * inflation.all:
         return None
     candidates = [candidate_of(problem, fit, name) for name in coming]
-    if any(why_not(problem, current, one, inflation) not in ("", TOO_SMALL) for one in candidates):
+    if too_rare(current, fit, leaving, candidates) or not possible_together(problem, current, candidates, inflation):
         return None
-    return Exchange(tuple(leaving), tuple(SelectedEffect(one, (), current) for one in candidates), fit)
+    exchange = Exchange(tuple(leaving), tuple(SelectedEffect(one, (), current) for one in candidates), fit)
+    return without_idle_swaps(problem, current, exchange, inflation)
 
 
 def _name(one: SelectedEffect) -> str:

@@ -141,9 +141,11 @@ class _Selection:
         if not self.problem.by_moments:  # of effects alike in free runs, the one that predicts left-out data best stays
             return False
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
-        return self._exchanged(exchange) or self._exchanged(
-            best_leap(self.problem, self.current, self.named, self.inflation, self._afar)
-        )
+        if self._exchanged(exchange):
+            return True
+        if self.inflation.all <= 1.0:  # nothing but noise is left: no other set would explain more
+            return False
+        return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, lambda: self._afar))
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
         """Make an exchange, if there is one; tell whether it leads to a new model."""
