@@ -4,18 +4,17 @@ import os
 import threading
 from contextlib import suppress
 
-LOWEST_REAL_TIME = 1
 COMPUTING = 10  # niceness; 19 would be the last of all
 
 
-def keep_time() -> None:
-    """Give this thread, and those that it starts from now on, real-time priority; else leave all as it is.
+def go_first() -> None:
+    """Have this thread run before all that is not urgent, where the system permits it: see limits.conf(5), `rtprio`.
 
-    It takes the right to: root, CAP_SYS_NICE, or a limit on `rtprio` (see limits.conf(5)). While a driver waits for a
-    busy computer, commands are late and the moments of readings are not known.
+    While what serves motors and sensors waits for a busy computer, commands are late, and the moments of readings are
+    not known.
     """
-    with suppress(AttributeError, OSError):  # not on this system; not permitted
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOWEST_REAL_TIME))
+    with suppress(AttributeError, OSError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
 
 
 def give_way() -> None:

@@ -5,7 +5,6 @@ of robot_driver.emulator.simulated_host the same code drives an emulated robot m
 """
 
 import fcntl
-import os
 import queue
 import select
 import termios
@@ -17,6 +16,7 @@ from typing import Protocol
 
 import serial
 
+from cmr.priority import go_first
 from robot_driver.clock import seconds_since_boot, utime_at
 
 # pyserial lets termios.error out of its flushing calls; it is neither of the others.
@@ -110,12 +110,6 @@ class Host:
 
 
 THIS_COMPUTER = Host()
-
-
-def go_first() -> None:
-    """Have this thread run before all that is not urgent, where the system permits it."""
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
 
 
 class Terminal:

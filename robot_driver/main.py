@@ -8,7 +8,6 @@ from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.msg import process_status_t
-from cmr.priority import keep_time
 from robot_driver.battery import Thresholds
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import BOARD, Driver, Settings
@@ -37,7 +36,6 @@ def main(arguments: list[str]) -> int:
     if options.list_devices:
         paths = [path for path in (options.port, options.gyro_port) if path]
         return _list_devices(paths, Rates(options.baud, options.gyro_baud))
-    keep_time()
     try:
         with Process("cmr-driver", options.lcm_url) as process, Driver(_settings(options)) as driver:
             if driver.warnings:

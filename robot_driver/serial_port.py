@@ -127,7 +127,8 @@ class SerialPort:
         if request.then is None:
             return answer
         further = self.exchange(replace(request.then(answer.value), not_after=request.not_after))
-        return Answer(further.value, (answer.measured + further.measured) // 2, further.arrived)
+        measured = answer.measured if request.confirms else (answer.measured + further.measured) // 2
+        return Answer(further.value, measured, further.arrived)
 
     def resynchronise(self) -> None:
         """Be silent until the line is silent, for long enough that the device drops what it has half received.

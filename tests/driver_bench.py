@@ -20,6 +20,7 @@ from cmr.bus.bus import Bus
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PROCESS_STATUS
 from cmr.msg import estop_t, motor_command_t, process_status_t
+from cmr.priority import go_first
 from robot_driver.battery import Thresholds
 from robot_driver.clock import seconds_since_boot
 from robot_driver.command_gate import LISTENING_TIME, CommandGate
@@ -33,7 +34,6 @@ from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import Settings, load_settings
 from robot_driver.encoders import Wiring
-from robot_driver.host import go_first
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits

@@ -17,6 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cmr.priority import go_first
 from robot_driver.clock import Stamps, utime_at
 from robot_driver.clock_fit import ClockFit
 from robot_driver.emulator.dsp3000_device import INCREMENTAL_ANGLE, Dsp3000Device
@@ -28,7 +29,6 @@ from robot_driver.emulator.settings import load_settings
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros.dsp3000 import SETTLING, Dsp3000
 from robot_driver.gyros.kvh_binary import SEQUENCE, KvhBinary
-from robot_driver.host import go_first
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
 from tests.driver_bench import PunctualEngine, number, wait_for

@@ -18,11 +18,11 @@ import pytest
 
 from cmr.bus.messages import now_utime
 from cmr.msg import motor_feedback_t
+from cmr.priority import go_first
 from robot_driver.battery import Thresholds
 from robot_driver.clock import seconds_since_boot
 from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.encoders import Wiring
-from robot_driver.host import go_first
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.ramp import Limits

@@ -10,10 +10,10 @@ from random import Random
 import pytest
 
 from cmr.msg import motor_feedback_t
+from cmr.priority import go_first
 from robot_driver.controllers.roboclaw import DRIVE_BOTH
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.faults import DELAY, Faults
-from robot_driver.host import go_first
 from robot_driver.port_thread import PortThread
 from robot_driver.rhythm import Rhythm, quantile
 from tests.driver_bench import Bench, NotedRhythm, bench, bench_apart, number, wait_for

@@ -50,9 +50,10 @@ class Request(Generic[T]):
     what it says, or raises BadReply. `ends_in_silence`: a reply shorter than `longest_reply` may be complete; only
     silence tells. `measured` tells, once `parse` has returned, when the device took the reading (monotonic ns), where
     its own clock says so. `then` makes, from what the reply says, a further request to be made at once; what that
-    is answered is the answer to both. `otherwise` is made when there is no good reply, which stays a failure all the
-    same: somebody else on the line must hear it, whatever it is answered. Nothing of it is sent after `not_after`
-    (s since the computer was started): then it is out of date.
+    is answered is the answer to both; where that only `confirms`, what was asked for was done before this reply.
+    `otherwise` is made when there is no good reply, which stays a failure all the same: somebody else on the line must
+    hear it, whatever it is answered. Nothing of it is sent after `not_after` (s since the computer was started): then
+    it is out of date.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Request(Generic[T]):
     ends_in_silence: bool = False
     measured: Callable[[], int] | None = None
     then: "Callable[[T], Request[T]] | None" = None
+    confirms: bool = False
     otherwise: "Request[T] | None" = None
     not_after: float = math.inf
 

@@ -151,7 +151,7 @@ class Roboteq(Controller):
             return duty if told == steps else (0.0, 0.0)
 
         sent = self._request(f"!M {steps[0]} {steps[1]}", len(DONE), parse)
-        return replace(sent, then=lambda _: self._query("?M", len(steps), DUTIES, confirm))
+        return replace(sent, then=lambda _: self._query("?M", len(steps), DUTIES, confirm), confirms=True)
 
     def read_encoders(self) -> Request[tuple[int, int]]:
         """Ask for both encoder counts, which the device sends as signed numbers."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Protocol
 
-from cmr.priority import keep_time
+from cmr.priority import go_first
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.robot_in_time import RobotInTime
@@ -97,7 +97,7 @@ class Engine:
                 return utime - round((now - moment) * 1e6)
 
     def _run(self) -> None:
-        keep_time()
+        go_first()
         try:
             while not self._stopping:
                 due, before = self._robot.next_due(), self.now()

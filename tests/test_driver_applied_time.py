@@ -1,0 +1,35 @@
+"""`applied_utime` of MOTOR_FEEDBACK is when the controller had the duty, whatever it is asked besides."""
+
+import pytest
+
+from robot_driver.emulator.device import Device
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.roboclaw_device import RoboclawDevice
+from robot_driver.emulator.roboteq_device import RoboteqDevice
+from robot_driver.emulator.settings import load_settings
+from tests.simulated_line import Bench, Clock, clock
+
+__all__ = ["clock"]
+CLOCKS = 50e-6  # s within which the clock of the test and the time of day are compared
+ANSWER = 0.5 * 10 / 115200  # s; half of the time of an answer's first byte on the wire
+DEVICES: dict[str, type[Device]] = {"roboclaw": RoboclawDevice, "roboteq": RoboteqDevice}
+
+
+@pytest.mark.parametrize("controller", DEVICES)
+def test_a_duty_is_said_to_be_in_force_from_when_the_controller_had_it(controller: str, clock: Clock) -> None:
+    settings = load_settings().ideal()
+    bench = Bench(controller, DEVICES[controller](settings, Plant(settings)), clock)
+    bench.connect()
+    bench.wanted = (0.0, 0.0)
+    bench.turns(2)
+    bench.line.driven.clear()
+    bench.feedback.clear()
+    bench.wanted = (1.0, 1.0)
+    told = []
+    for _ in range(8):  # on its ramp each duty is another one
+        bench.turns(1)
+        message = bench.feedback[-1]
+        told.append(message.applied_utime - clock.utime_at(clock.monotonic_ns()) + 1e6 * clock.now)
+    driven = [moment for moment, _ in bench.line.driven]
+    assert len(driven) == len(told)
+    assert [1e-6 * time for time in told] == pytest.approx(driven, abs=ANSWER + CLOCKS)
