@@ -2,23 +2,20 @@
 
 import pytest
 
-from robot_driver.emulator.device import Device
+from robot_driver.emulator.devices import CONTROLLER_DEVICES
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.roboclaw_device import RoboclawDevice
-from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import load_settings
 from tests.simulated_line import Bench, Clock, clock
 
 __all__ = ["clock"]
 CLOCKS = 50e-6  # s within which the clock of the test and the time of day are compared
 ANSWER = 0.5 * 10 / 115200  # s; half of the time of an answer's first byte on the wire
-DEVICES: dict[str, type[Device]] = {"roboclaw": RoboclawDevice, "roboteq": RoboteqDevice}
 
 
-@pytest.mark.parametrize("controller", DEVICES)
+@pytest.mark.parametrize("controller", ["roboclaw", "roboteq"])
 def test_a_duty_is_said_to_be_in_force_from_when_the_controller_had_it(controller: str, clock: Clock) -> None:
     settings = load_settings().ideal()
-    bench = Bench(controller, DEVICES[controller](settings, Plant(settings)), clock)
+    bench = Bench(controller, CONTROLLER_DEVICES[controller](settings, Plant(settings)), clock)
     bench.connect()
     bench.wanted = (0.0, 0.0)
     bench.turns(2)

@@ -48,4 +48,5 @@ class Plant:
         return np.floor(self._carried(TURNED) / (2.0 * math.pi) * self._ticks_per_turn)
 
     def _carried(self, places: list[int]) -> Floats:
-        return np.array([robot.running.carried[places] for robot in self._robots]).reshape(-1, len(places)).T
+        rows = [robot.running.carried[places] for robot in self._robots]
+        return np.array(rows, np.float64).reshape(-1, len(places)).T
