@@ -45,8 +45,11 @@ class Plant:
 
     def ticks(self) -> Floats:
         """Return what the encoders have counted since the start: whole numbers, shape (2, n)."""
-        return np.floor(self._carried(TURNED) / (2.0 * math.pi) * self._ticks_per_turn)
+        counted: Floats = np.floor(self._carried(TURNED) / (2.0 * math.pi) * self._ticks_per_turn)
+        return counted
 
     def _carried(self, places: list[int]) -> Floats:
-        rows = [robot.running.carried[places] for robot in self._robots]
-        return np.array(rows, np.float64).reshape(-1, len(places)).T
+        rows = np.zeros((len(places), len(self._robots)))
+        for column, robot in enumerate(self._robots):
+            rows[:, column] = robot.running.carried[places]
+        return rows
