@@ -6,7 +6,7 @@ import numpy as np
 
 from cmr.calibration.path_errors import path_errors
 from cmr.calibration.result import CalibrationResult
-from cmr.estimation.averaging import LIKELY, Posterior, averaged
+from cmr.estimation.averaging import Posterior, averaged
 from cmr.estimation.checks import looked_at
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import nominal_of
@@ -54,8 +54,7 @@ class RunningFit:
         """Return values and estimates of a fit with the effects that the last average found likely."""
         assert ready.problem is not None
         assert ready.base is not None
-        likely = [name for name, presence in average.presence.items() if presence > LIKELY]
-        own = [parameter.name for name in likely for parameter in CATALOGUE[name].parameters]
+        own = [parameter.name for name in average.likely for parameter in CATALOGUE[name].parameters]
         start = {**ready.base.values, **{name: average.values[name] for name in (*ready.base.names, *own)}}
         noise = ready.problem.found(ready.problem.errors(start))
         fit = ready.problem.fit(start, (*ready.base.names, *own), noise, renew=0)

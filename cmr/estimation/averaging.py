@@ -1,31 +1,28 @@
 """Estimates that allow for effects which the data may hide: averages over the presence of each.
 
 An effect that was not named may still be there, and bends the parameters that are fitted without it. So each effect is
-present with a prior probability; its size, if present, is normal about 0 with a share of what is typical, one half of
-that where only one sign is possible (spike and slab; Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988; George and
-McCulloch, 88, 1993). The white errors are linear in small changes of the parameters, so that the posterior of the sizes
-of any set of effects is normal and its probability known; a random walk over the sets does the rest. It is repeated
-about the means that it finds, with the noise that is left there.
+present with a prior probability, in a size of which something is known beforehand (`sizes`). The white errors are
+linear in small changes of the parameters, so that the posterior of the sizes of any set of effects is normal and its
+probability known; a random walk over the sets does the rest. It is repeated about the means that it finds, with the
+noise that is left there.
 """
 
-import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import NEVER_AHEAD, can_be_small, lanes_of, rarity, size
+from cmr.estimation.candidates import can_be_small, lanes_of, rarity
 from cmr.estimation.gauss_newton import Fit, moves_of
 from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
-from cmr.estimation.sampling import walk
-from cmr.model.catalogue import definition
+from cmr.estimation.sizes import SPREAD, Sizes
+from cmr.model.catalogue import CATALOGUE, definition
 from cmr.recordings.signal import Floats, Mask
 
 PRESENT = 0.2  # prior probability that an effect is present
 UNCERTAIN, CERTAIN = float(np.log(PRESENT / (1.0 - PRESENT))), 1e3  # logarithms of odds
 HALF = 0.5
-SPREAD = 0.7  # of the typical size: standard deviation of the size of an effect that is present
 BELIEF = 0.65  # power of the likelihood: errors are neither quite white nor the model exact
 ROUNDS, MOST_ROUNDS = 3, 6  # usually, and where slopes do not hold; each about what the one before found likeliest
 STEPS = 12_000  # of the random walk
@@ -40,8 +37,8 @@ CHANGING, MOST, SHORTEST = 1.0, 0.998, 1e-4
 # Relative error of slopes: what is left of a column beside others that do nearly the same is not known better, and no
 # reason to go far from what was seen.
 INEXACT = 1e-2
+LIKELY, SURE = 0.8, 3.0  # probability, or standard deviations from 0, from which on an effect is taken to be there
 RIDGE = 1e-9  # of a column's square over all data: without them a parameter stays where it is
-LIKELY = 0.8  # probability above which a walk begins with an effect
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,8 @@ class Posterior:
     """What is known of the parameters, effects that may be hidden included.
 
     `values` are the posterior means by name, with what was not estimated; `names` (p) are those of the `covariance`
-    (p, p). `presence` tells the probability of each effect that could be averaged over, `averaging` how it was found.
+    (p, p). `presence` tells the probability of each effect that could be averaged over, in a size that is usual,
+    `averaging` how it was found.
     `likeliest` are the values with the likeliest set of effects, `certain` those that were not averaged over.
     """
 
@@ -65,6 +63,15 @@ class Posterior:
         """Return the standard deviation of a parameter, in its unit."""
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
+
+    @property
+    def likely(self) -> list[str]:
+        """The effects that are likely there, be they as small as they may."""
+        return [name for name, presence in self.presence.items() if presence > LIKELY or self._is_sure(name)]
+
+    def _is_sure(self, effect: str) -> bool:
+        sizes = [parameter.name for parameter in CATALOGUE[effect].parameters if parameter.switches]
+        return any(abs(self.values[name]) > SURE * self.std(name) for name in sizes)
 
     def values_without(self, left_out: Mask) -> Mapping[str, float]:
         """Return the means that there would be without some white errors, shape (n,)."""
@@ -96,12 +103,15 @@ class Averaging:
             if can_be_small(effect) and (not rarity(effect.name) or effect.is_on(fit.values))
         ]
         self._likely = np.array([effect.name in likely for effect in self._effects], np.bool_)
-        self._sizes = [parameter for effect in self._effects for parameter in effect.parameters if parameter.switches]
-        sized = {parameter.name for parameter in self._sizes}
+        self._sizes = Sizes(self._effects, problem.excitation)
+        sized = {parameter.name for parameter in self._sizes.parameters}
         self._flat = tuple(name for name in fit.names if name not in sized)
-        self._names = (*self._flat, *(parameter.name for parameter in self._sizes))
+        self._names = (*self._flat, *(parameter.name for parameter in self._sizes.parameters))
         self._seen = fit.values if seen is None else seen
-        self._start = {**{parameter.name: float(parameter.neutral or 0.0) for parameter in self._sizes}, **fit.values}
+        self._start = {
+            **{parameter.name: float(parameter.neutral or 0.0) for parameter in self._sizes.parameters},
+            **fit.values,
+        }
         self._rest, self._slopes = _linear(problem, self._start, self._names, self._noise)
         self._products, self._pulls = self._slopes.T @ self._slopes, self._slopes.T @ self._rest
 
@@ -114,7 +124,7 @@ class Averaging:
         belief = min(BELIEF, 1.0 / self._inflation)
         names = [effect.name for effect in self._effects]
         odds = np.array([CERTAIN if n in certain else UNCERTAIN - 0.5 * rarity(n) for n in names])
-        return self._averaged(belief * products, belief * pulls, odds, steps)
+        return self._averaged(belief * products, belief * pulls, odds, steps, traces=True)
 
     def likeliest(self, penalties: Mapping[str, float]) -> Mapping[str, float]:
         """Return the values with the likeliest set of effects, each of which must explain as much as its penalty."""
@@ -136,65 +146,55 @@ class Averaging:
         better = float(self._rest @ self._rest - predicted @ predicted)
         return worse < max(MISJUDGED, SHARE_MISJUDGED * better)
 
-    def _averaged(self, products: Floats, pulls: Floats, odds: Floats, steps: int) -> Posterior:
+    def _averaged(
+        self, products: Floats, pulls: Floats, odds: Floats, steps: int, *, traces: bool = False
+    ) -> Posterior:
         count = len(self._flat)
         ridge = RIDGE * np.diag(self._products)[:count]
         # What does nothing at all here, such as a limit that is not reached, stays where it is, too.
         flat = products[:count, :count] + np.diag(np.where(ridge > 0.0, ridge, 1.0))
         mixed = np.linalg.solve(flat, np.column_stack([products[:count, count:], pulls[:count]]))
         along, own = mixed[:, :-1], mixed[:, -1]
-        start = np.array([self._start[parameter.name] for parameter in self._sizes])
+        start = self._of_sizes(self._start)
         normal = products[count:, count:] - products[count:, :count] @ along
         unsure = INEXACT**2 * np.diag(products)[count:]
-        seen = np.array([self._seen.get(one.name, one.neutral or 0.0) for one in self._sizes])
+        seen = self._of_sizes(self._seen)
         pull = pulls[count:] - products[count:, :count] @ own - normal @ start - unsure * seen
         # Of an effect of which less is its own the data say nothing: it may be there, in either direction.
         told = np.diag(normal) > unsure
         normal = (normal + np.diag(unsure)) * np.outer(told, told)
         pull = pull * told
-        mean, spread, presence, mode = self._walked(normal, pull, odds, steps)
+        slabs = self._slabs(normal, seen)
+        mean, spread, shares, mode = self._sizes.posterior(
+            normal, pull, slabs, odds, self._likely, steps, traces=traces
+        )
         values, likeliest = (self._with(sizes, -own - along @ (sizes - start)) for sizes in (mean, mode))
         of_flat = np.linalg.inv(flat) + along @ spread @ along.T
         covariance = np.block([[of_flat, -along @ spread], [-spread @ along.T, spread]])
+        presence = {effect.name: float(share) for effect, share in zip(self._effects, shares, strict=True)}
         return Posterior(values, self._names, covariance, presence, self, likeliest)
 
     def _with(self, sizes: Floats, step: Floats) -> dict[str, float]:
         """Return the values with these sizes, and the flat parameters moved by a step."""
         values = dict(self._start)
-        values.update(zip((parameter.name for parameter in self._sizes), sizes.tolist(), strict=True))
+        values.update(zip((parameter.name for parameter in self._sizes.parameters), sizes.tolist(), strict=True))
         values.update({n: values[n] + change for n, change in zip(self._flat, step.tolist(), strict=True)})
         return {name: _bounded(name, value) for name, value in values.items()}
 
-    def _walked(
-        self, normal: Floats, pull: Floats, odds: Floats, steps: int
-    ) -> tuple[Floats, Floats, dict[str, float], Floats]:
-        """Return mean and covariance of the sizes, the probability of each effect, and the likeliest sizes."""
-        scale = self._slabs(normal)
-        groups = np.repeat(
-            np.arange(len(self._effects)), [sum(p.switches for p in e.parameters) for e in self._effects]
-        )
-        one_sided = np.array([one.lower == one.neutral or one.name in NEVER_AHEAD for one in self._sizes])
-        scaled, pulled = normal * np.outer(scale, scale), pull * scale
-        seed = zlib.crc32(np.round(pulled, 6).tobytes())
-        means, squares, shares, likeliest = walk(scaled, pulled, groups, one_sided, odds, self._likely, steps, seed)
-        spread = (squares - np.outer(means, means)) * np.outer(scale, scale)
-        names = (effect.name for effect in self._effects)
-        on, mode = np.flatnonzero(likeliest[groups]), np.zeros(len(scale))
-        mode[on] = np.linalg.solve(scaled[np.ix_(on, on)] + np.eye(len(on)), -pulled[on])
-        mode[one_sided] = np.maximum(mode[one_sided], 0.0)
-        return means * scale, spread, dict(zip(names, map(float, shares), strict=True)), mode * scale
+    def _of_sizes(self, values: Mapping[str, float]) -> Floats:
+        """Return the sizes (p,) that some values have."""
+        return np.array([values.get(one.name, one.neutral or 0.0) for one in self._sizes.parameters])
 
-    def _slabs(self, normal: Floats) -> Floats:
-        """Return the standard deviations (p,) of sizes that are present.
+    def _slabs(self, normal: Floats, seen: Floats) -> Floats:
+        """Return the standard deviations (p,) of sizes that are present, where sizes (p,) are seen.
 
         They are larger where sizes are seen to be larger, and for an effect that would need so much to do alone what
         those do that were found: else of two effects that can hardly be told apart the one found would stay for ever.
         """
-        usual = SPREAD * np.array([size(definition(one.name), self._problem.excitation) for one in self._sizes])
-        seen = np.array([self._seen.get(one.name, 0.0) for one in self._sizes])
         does, squares = normal @ seen, float(seen @ normal @ seen)
         own = np.maximum(np.diag(normal), 1e-300)
         alike = does**2 > ALIKE * own * max(squares, 1e-300)
+        usual = SPREAD * self._sizes.usual
         return np.asarray(np.maximum(usual, np.maximum(np.abs(seen), np.where(alike, np.abs(does) / own, 0.0))))
 
 
@@ -210,9 +210,17 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
             break
         values = found.likeliest
         about = Fit(values, fit.names, fit.rest, fit.slopes, problem.found(problem.errors(values)))
-        averaging = Averaging(problem, about, inflation, _on(problem, values), fit.values)
+        averaging = Averaging(problem, about, inflation, found.likely, fit.values)
     certain = [name for name in named if found.presence.get(name, 0.0) > HALF]
     return replace(averaging.posterior(certain=certain), certain=tuple(certain))
+
+
+def _sizes_of(on: Mask, normal: Floats, pull: Floats, one_sided: Mask) -> Floats:
+    """Return the likeliest sizes (p,) of those that are on, whose priors are normal with variance 1; of others 0."""
+    result, index = np.zeros(len(on)), np.flatnonzero(on)
+    result[index] = np.linalg.solve(normal[np.ix_(index, index)] + np.eye(len(index)), -pull[index])
+    result[one_sided] = np.maximum(result[one_sided], 0.0)
+    return result
 
 
 def _on(problem: Problem, values: Mapping[str, float]) -> list[str]:

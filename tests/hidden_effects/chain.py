@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -87,16 +88,31 @@ class ChainCase:
         return np.random.default_rng([self.seed, zlib.crc32(f"chain {self.effect}".encode())])
 
 
-def write_chain_log(case: ChainCase, path: Path) -> Settings:
-    """Drive, write the event log, and return the robot that was driven, with what is hidden in it."""
-    random = case.random
+class Hidden(NamedTuple):
+    """A robot with what is hidden in it, and its parameters as they are believed to be."""
+
+    settings: Settings
+    believed: ParameterFile
+
+
+def hidden_robot(case: ChainCase, random: np.random.Generator) -> Hidden:
+    """Draw the robot of a case."""
     robot = draw_robot(random)
     believed = ParameterFile(0, {name: Value(value) for name, value in draw_nominal(robot, random).items()})
-    behaviour, behaviour_settings, seconds = DRIVES[case.drive]
     settings = load_settings(seed=case.seed)
     settings = replace(settings, robot=replace(settings.robot, **robot))
     if case.effect == IDEAL:
         settings = settings.ideal()
+    if case.effect in TYPICAL:
+        settings = _hiding(settings, draw_sizes(case.effect, robot, DRIVES[case.drive][2], random))
+    return Hidden(settings, believed)
+
+
+def write_chain_log(case: ChainCase, path: Path) -> Settings:
+    """Drive, write the event log, and return the robot that was driven, with what is hidden in it."""
+    random = case.random
+    settings, believed = hidden_robot(case, random)
+    behaviour, behaviour_settings, seconds = DRIVES[case.drive]
     controller, gyro = HARDWARE[case.hardware]
     lateness, faults = CONDITIONS[case.conditions]
     drive = SimulatedDrive(
@@ -111,24 +127,21 @@ def write_chain_log(case: ChainCase, path: Path) -> Settings:
         faults=faults,
         believed=believed,
     )
-    if case.effect in TYPICAL:
-        drive = _hiding(drive, draw_sizes(case.effect, robot, seconds, random))
     if case.effect == "surface_patch":
         drive = _placed(drive, path, random)
     drive.write_log(path)
     return drive.settings
 
 
-def _hiding(drive: SimulatedDrive, sizes: Mapping[str, float]) -> SimulatedDrive:
-    effects = {**drive.settings.effects, **sizes}
-    return replace(drive, settings=replace(drive.settings, effects=effects))
+def _hiding(settings: Settings, sizes: Mapping[str, float]) -> Settings:
+    return replace(settings, effects={**settings.effects, **sizes})
 
 
 def _placed(drive: SimulatedDrive, path: Path, random: np.random.Generator) -> SimulatedDrive:
     """Return the drive with the patch where it is crossed often."""
 
     def there(x: float, y: float) -> SimulatedDrive:
-        return _hiding(drive, {"surface_patch_x": x, "surface_patch_y": y})
+        return replace(drive, settings=_hiding(drive.settings, {"surface_patch_x": x, "surface_patch_y": y}))
 
     def driven(x: float, y: float) -> Floats:
         there(x, y).write_log(path)

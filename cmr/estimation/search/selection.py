@@ -30,6 +30,7 @@ from cmr.model.catalogue import CATALOGUE
 ALIKE = 12.0  # drops that differ by less cannot be distinguished,
 ALIKE_SHARE = 0.02  # nor those that differ by less than this share
 MOST_EFFECTS = 12  # with those that are too small to be named
+FEW = 3  # effects: exchanges have tried all others in the place of two of them
 MOST_STEPS = 30  # additions and exchanges
 LESS = "It explains less than the effect named."
 AS_BEFORE = "This model was left before: the search ends here."
@@ -143,7 +144,7 @@ class _Selection:
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
         if self._exchanged(exchange):
             return True
-        if self.inflation.all <= 1.0:  # nothing but noise is left: no other set would explain more
+        if self.inflation.all <= 1.0 and len(self.named) <= FEW:  # nothing is left, and exchanges reach all other sets
             return False
         return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, lambda: self._afar))
 

@@ -53,6 +53,7 @@ class MBot(Controller):
         self._duties: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # told, as the board has them
         self._untold: set[int] = set()  # when what was told after which it said others, us
         self._told_duties = 0  # us, our monotonic clock
+        self._confirming: Frame | None = None  # the first that said the duties last told
         self._told_time = -TIME_TELLING  # us
 
     def identify(self) -> Request[str]:
@@ -104,14 +105,17 @@ class MBot(Controller):
         data, in_wire = self._tell(first, -second)
 
         def confirmed() -> tuple[float, float] | None:
-            frame = self._fresh(Topic.MOTOR_PWM)
-            return (in_wire[0], -in_wire[1]) if frame is not None and frame.values[:2] == in_wire else None
+            return (in_wire[0], -in_wire[1]) if self._confirming is not None else None
+
+        def in_force_since() -> int:
+            assert self._confirming is not None
+            return self._confirming.measured
 
         def unheard() -> bool:
             frame = self._fresh(Topic.MOTOR_PWM)
             return frame is not None and frame.utime >= self._told_duties + UNHEARD
 
-        return self._wait("duties", confirmed, data, in_vain=unheard)
+        return self._wait("duties", confirmed, data, in_force_since, unheard)
 
     def read_encoders(self) -> Request[tuple[int, int]]:
         """Take the newest counts; the right wheel's grow backward."""
@@ -144,6 +148,7 @@ class MBot(Controller):
         payload = DUTIES.pack(now, left, right, 0.0)
         in_wire = DUTIES.unpack(payload)[1:3]
         self._duties.append(in_wire)
+        self._confirming = None
         data, self._told_duties = packed(Topic.MOTOR_PWM_COMMAND, payload), now
         last_said = max((frame.utime for frame in self._latest.values()), default=-SILENCE)
         # Words of the future were said while our clock stood still, in a computer that was suspended.
@@ -187,8 +192,16 @@ class MBot(Controller):
     def _fresh(self, topic: Topic) -> Frame | None:
         """Return the latest frame of a topic if it was said after the board was last told duties."""
         frame = self._latest.get(topic)
-        fresh = frame is not None and self._told_duties <= frame.utime <= self.monotonic_ns() // 1000
-        return frame if fresh else None
+        return frame if frame is not None and self._is_fresh(frame) else None
+
+    def _is_fresh(self, frame: Frame) -> bool:
+        return self._told_duties <= frame.utime <= self.monotonic_ns() // 1000
+
+    def _confirm(self, frame: Frame) -> None:
+        """Keep the first frame that says the duties last told: they are in force since then."""
+        said = frame.topic is Topic.MOTOR_PWM and self._duties and frame.values[:2] == self._duties[-1]
+        if said and self._confirming is None and self._is_fresh(frame):
+            self._confirming = frame
 
     def _wait(
         self,
@@ -222,6 +235,7 @@ class MBot(Controller):
             for frame in self._reader.feed(reply[seen:]):
                 self._latest[frame.topic] = frame
                 self._doubt(frame)
+                self._confirm(frame)
             seen = len(reply)
             return 0 if ready() else EVERYTHING
 

@@ -1,0 +1,81 @@
+"""What sizes effects may have: the prior of each, and the posterior where errors are linear in the sizes.
+
+An effect is present with a prior probability. Its size is then normal about 0 with a share of what is typical, one half
+of that where only one sign is possible (spike and slab; Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988). No robot
+is without a trace of most effects (George and McCulloch, 88, 1993): slip in turns that is too small to be found still
+bends the base width. A trace of either sign is normal; one of a single sign is there or not, like an effect.
+"""
+
+import zlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cmr.estimation.candidates import NEVER_AHEAD, Excitation, size
+from cmr.estimation.sampling import walk
+from cmr.model.effect import Effect
+from cmr.recordings.signal import Floats, Mask
+
+SPREAD = 0.7  # of the typical size: standard deviation of the size of an effect that is present
+TRACE = 0.05  # of the typical size: standard deviation of a trace of either sign
+SMALL, EVEN = 0.1, 0.0  # the same of a trace of one sign, and the logarithm of the odds that there is one
+
+
+class SizePosterior(NamedTuple):
+    """Mean (p,) and covariance (p, p) of sizes, the probability of each effect (e,), and the likeliest sizes (p,)."""
+
+    mean: Floats
+    covariance: Floats
+    presence: Floats
+    likeliest: Floats
+
+
+class Sizes:
+    """The sizes (p,) of some effects (e,), in their units, on a robot and a drive."""
+
+    def __init__(self, effects: Sequence[Effect], excitation: Excitation) -> None:
+        parameters = [parameter for effect in effects for parameter in effect.parameters if parameter.switches]
+        self.parameters = parameters
+        self.usual = np.array([size(parameter, excitation) for parameter in parameters])
+        self._one_sided = np.array(
+            [one.lower == one.neutral or one.name in NEVER_AHEAD for one in parameters], np.bool_
+        )
+        self._effects = np.repeat(
+            np.arange(len(effects)), [sum(parameter.switches for parameter in effect.parameters) for effect in effects]
+        )
+
+    def posterior(
+        self, normal: Floats, pull: Floats, slabs: Floats, odds: Floats, begin: Mask, steps: int, *, traces: bool
+    ) -> SizePosterior:
+        """Return what is known of sizes s whose log-likelihood is -s' `normal` s / 2 - `pull`' s.
+
+        `slabs` (p,) are the standard deviations of sizes that are present, `odds` (e,) the logarithms of the prior odds
+        of the effects, `begin` (e,) those with which walks begin. Without `traces` what is not present is 0.
+        """
+        small = np.flatnonzero(self._one_sided & traces)
+        walked = np.append(np.arange(len(slabs)), small)  # to which size each one adds that is walked over
+        scales = np.zeros((len(slabs), len(walked)))
+        scales[walked, np.arange(len(walked))] = np.append(slabs, SMALL * self.usual[small])
+        groups = np.append(self._effects, len(odds) + np.arange(len(small)))
+        one_sided = self._one_sided[walked]
+        odds, begin = np.append(odds, np.full(len(small), EVEN)), np.append(begin, np.zeros(len(small), np.bool_))
+
+        # Sizes are those walked over and normal traces; what the data say of the former while the latter are not known:
+        trace = np.diag(np.where(self._one_sided | (not traces), 0.0, (TRACE * self.usual) ** 2))
+        kept = np.linalg.inv(np.eye(len(slabs)) + normal @ trace)
+        reduced, pulled = scales.T @ kept @ normal @ scales, scales.T @ kept @ pull
+        seed = zlib.crc32(np.round(pulled, 6).tobytes())
+        means, squares, shares, likeliest = walk(reduced, pulled, groups, one_sided, odds, begin, steps, seed)
+        spread = scales @ (squares - np.outer(means, means)) @ scales.T
+        mode = scales @ _likeliest(likeliest[groups], reduced, pulled, one_sided)
+        mean, mode = (kept.T @ sizes - trace @ kept @ pull for sizes in (scales @ means, mode))
+        return SizePosterior(mean, kept.T @ spread @ kept + trace @ kept, shares[: len(shares) - len(small)], mode)
+
+
+def _likeliest(on: Mask, normal: Floats, pull: Floats, one_sided: Mask) -> Floats:
+    """Return the likeliest sizes (p,) of those that are on, whose priors are normal with variance 1; of others 0."""
+    result, index = np.zeros(len(on)), np.flatnonzero(on)
+    result[index] = np.linalg.solve(normal[np.ix_(index, index)] + np.eye(len(index)), -pull[index])
+    result[one_sided] = np.maximum(result[one_sided], 0.0)
+    return result
