@@ -6,6 +6,8 @@ from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
 
 SIDES = ("left", "right")
 SAME_ANGLE, UNLIKE_ANGLE = 1e-3, 1.0  # relative differences of the angles by ticks and by speed
+FEW_COUNTS, SETTLING = 4.0, 3  # counts; a smaller step may be any
+ROUNDING = 1.0  # counts by which a step may be off that both its ends were rounded
 NO_STEP = 1e-9  # rad; what angles differ by from rounding alone
 
 
@@ -17,10 +19,26 @@ def tick_of(angles: Floats, counts: Floats) -> float:
     turned, counted = np.diff(angles), np.diff(counts)
     moved = moved_on(turned) & (counted != 0.0) & np.isfinite(counted)
     if moved.any() and np.all(counted[moved] == np.round(counted[moved])):
-        at_once = np.gcd.reduce(np.abs(counted[moved]).astype(np.int64))
-        return float(np.median(np.abs(turned[moved] / counted[moved])) * at_once)
+        return float(np.median(np.abs(turned[moved] / counted[moved])) * _at_once(np.abs(counted[moved])))
     steps = np.abs(turned[moved_on(turned)])
     return float(np.min(steps)) if len(steps) else 0.0
+
+
+def _at_once(counted: Floats) -> float:
+    """Return how many counts an encoder goes on at once, where it has gone on by `counted` (n,) between readings.
+
+    It need not be a whole number: a coarse disc whose angle is told in finer counts goes on by 34 and 35 in turn.
+    """
+    whole = float(np.gcd.reduce(counted.astype(np.int64)))
+    least = float(counted.min())
+    if whole > 1.0 or least < FEW_COUNTS:
+        return whole
+    found = least
+    for _ in range(SETTLING):
+        ticks = np.round(counted / found)
+        found = float(counted @ ticks / (ticks @ ticks))
+    on_ticks = np.all(np.abs(counted - ticks * found) <= ROUNDING) and {1.0, 2.0} <= set(ticks.tolist())
+    return found if on_ticks else whole
 
 
 def moved_on(steps: Floats) -> Mask:
