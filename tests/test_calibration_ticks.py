@@ -55,3 +55,16 @@ def test_the_tick_of_a_wheel_that_is_always_fast_is_known_from_its_counts() -> N
     assert tick_of(counts * TICK, counts) == pytest.approx(TICK)
     assert tick_of(counts * TICK, np.full(5, np.nan)) == pytest.approx(5.0 * TICK)
     assert tick_of(np.zeros(5), counts) == 0.0
+
+
+@pytest.mark.parametrize("disc", [40.0, 48.0, 60.0, 96.0])
+def test_the_tick_of_a_coarse_disc_is_seen_though_its_angle_is_told_in_finer_counts(disc: float) -> None:
+    turned = np.cumsum(0.3 * np.sin(np.linspace(0.0, 9.0, 400)))  # rad, of which the disc shows whole ticks
+    shown = np.floor(turned * disc / (2.0 * np.pi)) / disc
+    counts = np.floor(2048.0 * shown)
+    assert tick_of(2.0 * np.pi * counts / 2048.0, counts) == pytest.approx(2.0 * np.pi / disc, rel=1e-2)
+
+
+def test_a_fine_encoder_on_a_steady_drive_is_not_taken_for_a_coarse_one() -> None:
+    counts = np.cumsum([200.0, 201.0, 200.0, 199.0, 200.0, 201.0] * 20)
+    assert tick_of(counts * TICK, counts) == pytest.approx(TICK)
