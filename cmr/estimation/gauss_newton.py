@@ -20,7 +20,7 @@ Asking = Generator[Sequence[Mapping[str, float]], Floats, T]  # sets of values; 
 Linear = tuple[Floats, Floats]  # white errors (n,) and their slopes (n, p)
 MOST_STEPS = 7
 SETTLED = 0.1  # of the sum of squares: a step that promises less is not taken
-KEPT = 0.5  # of what a step promises must come
+KEPT, LEAST_KEPT = 0.5, 0.05  # of what a step promises must come; of the best of many shorter ones
 WORTH_A_DETOUR = 5.0  # of the sum of squares: where less is promised and does not come, the ground is only rough
 DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tested at once
 LONG_STRIDE = 6.0
@@ -83,9 +83,9 @@ def fitted(start: Mapping[str, float], names: tuple[str, ...], noise: Noise, exc
             usual = here if stride == 1.0 else None
             continue
         shorter, drop = yield from _best_step(values, names, rest, slopes)
-        better = drop >= SETTLED
-        if better:
+        if drop >= SETTLED:
             values, usual = shorter, None
+        better = drop >= LEAST_KEPT * promised
         if promised < WORTH_A_DETOUR or not (better or stride == 1.0):
             break
         stride = stride if better else LONG_STRIDE
