@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import yaml
 
-from cmr.scenario.recorder import logs_in
 from robot_driver.emulator.settings import Settings
 from tests.hidden_effects.chain import DRIVES, HARDWARE, IDEAL, ChainCase, Hidden, hidden_robot
 from tests.private_bus import private_url
@@ -43,7 +42,7 @@ def drive_in_real_time(cases: Sequence[ChainCase], folder: Path) -> RealTimeRun:
     done = subprocess.run(command, capture_output=True, text=True, timeout=seconds + WAITING, check=False)
     if done.returncode:
         raise RuntimeError(f"{' '.join(command)}: exit {done.returncode}\n{done.stdout}{done.stderr}")
-    (log,) = logs_in(folder / "out")
+    (log,) = (folder / "out").glob("*.lcm")
     return RealTimeRun(log, [settings for settings, _ in hidden])
 
 
