@@ -52,7 +52,7 @@ OF_MODEL = (
 CHANGING = (
     *("offset_x", "offset_y", "offset_theta", "offset_left", "offset_right", "offset_yaw_rate"),
     *("before_left", "before_right", "error_left", "error_right"),
-    *("at_x", "at_y", "at_theta", "error_x", "error_y", "error_theta"),
+    *("at_x", "at_y", "at_theta", "error_x", "error_y", "error_theta", "gyro_at", "gyro_reading"),
 )
 GIVEN = (
     *("gain_angle", "gain_psi", "gain_position", "gain_theta"),

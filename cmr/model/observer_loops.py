@@ -155,23 +155,41 @@ def observe(
             # right end. Between two it may jump, as commands do; a reading there shows the one before.
             while next_gyro < len(gyro_time) and gyro_time[next_gyro] <= now + EARLY * dt:
                 time = began + gyro_time[next_gyro]
-                for i in range(lanes):
+                # Nearly always all candidates look back to the same step, and take a few instructions together.
+                earliest, latest = inf, -inf
+                for i in range(filled):
                     moment = time
     GYRO_NUMBERS
     GYRO_TIME
                     position = border + (moment - began - now) / dt
                     position = min(max(position, border - (HISTORY - 2.0), 0.0), border + EARLY)
-                    step = min(max(int(np.ceil(position - EARLY)), 1), border)
-                    one = past[step % HISTORY]
-                    share, split = position - step + 1.0, one[SPLIT_AT, i]
-                    reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
-                    if split > 0.0 and share <= split:
-                        reading = one[MEAN_BEFORE, i] + (share / split - 0.5) * one[GROWTH_BEFORE, i]
-                    reading += own[OFFSET_YAW_RATE + i]
-                    reading = reading if border > 0 else 0.0
-                    yaw_rate = reading
+                    own[GYRO_AT + i] = position
+                    earliest, latest = min(earliest, position), max(latest, position)
+                step = min(max(int(np.ceil(latest - EARLY)), 1), border)
+                one, alike = past[step % HISTORY], earliest - EARLY > step - 1.0 or step == 1
+                for i in range(filled):
+                    alike &= one[SPLIT_AT, i] == 0.0
+                if alike:
+                    for i in range(filled):
+                        share = own[GYRO_AT + i] - step + 0.5
+                        own[GYRO_READING + i] = one[MEAN, i] + share * one[GROWTH, i] + own[OFFSET_YAW_RATE + i]
+                else:
+                    for i in range(filled):
+                        step = min(max(int(np.ceil(own[GYRO_AT + i] - EARLY)), 1), border)
+                        one = past[step % HISTORY]
+                        share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
+                        reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
+                        if split > 0.0 and share <= split:
+                            reading = one[MEAN_BEFORE, i] + (share / split - 0.5) * one[GROWTH_BEFORE, i]
+                        own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
+                for i in range(filled):
+    GYRO_NUMBERS
+                    yaw_rate = own[GYRO_READING + i] if border > 0 else 0.0
+                    reading = yaw_rate
     GYRO
-                    gyro_error[next_gyro, block * LANES + i] = gyro[next_gyro] - reading
+                    own[GYRO_READING + i] = gyro[next_gyro] - reading
+                for i in range(lanes):
+                    gyro_error[next_gyro, block * LANES + i] = own[GYRO_READING + i]
                 next_gyro += 1
             while next_wheel < len(wheel_time) and wheel_time[next_wheel] <= now:
                 time = began + wheel_time[next_wheel]

@@ -19,6 +19,7 @@ from cmr.model.parameters import ParameterDefinition
 THRESHOLD = 30.0  # drop of the sum of squares that one parameter must bring
 PER_PARAMETER = 5.0  # more for each further one
 OF_A_PLACE = 50.0  # more for the best of thousands of places: poses that err slowly make one stand out
+CLEARLY = 3.0  # times what an effect must explain: with more to first order it is needed
 PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each further parameter must explain to be better
 ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
 AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it

@@ -8,13 +8,19 @@ import numpy as np
 from cmr.estimation.candidates import is_rough, locality, worth_naming
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect, held_out_gain, needed, why_not
+from cmr.estimation.search.criteria import (
+    CLEARLY,
+    TOO_SMALL,
+    CandidateEffect,
+    SelectedEffect,
+    held_out_gain,
+    needed,
+    why_not,
+)
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.placement import explored
 from cmr.estimation.search.profile import polished
 from cmr.model.parameters import DEFINITIONS as PAPER
-
-CLEARLY = 3.0  # times what an effect must explain: with more to first order it is needed
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from cmr.estimation.candidates import rarity
 from cmr.estimation.gauss_newton import Fit, moved
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import (
+    CLEARLY,
     PER_FURTHER,
     TOO_SMALL,
     CandidateEffect,
@@ -89,7 +90,7 @@ def best_exchange(
         if fit.squares + penalties[number] > current.squares - BETTER * inflation.all:
             return None
         leaving, coming = proposals[number].leaving, _coming(screening, proposals[number])
-        candidates = [candidate_of(problem, fit, name) for name in coming]
+        candidates = candidates_of(problem, fit, coming, inflation)
         if possible_together(problem, current, candidates, inflation) and not too_rare(
             current, fit, leaving, candidates
         ):
@@ -133,7 +134,7 @@ def without_idle_swaps(problem: Problem, current: Fit, exchange: Exchange, infla
         leaving, coming = swaps[number]
         if scores[number] > exchange.fit.squares + penalty_of(exchange.leaving, exchange.coming, inflation):
             break
-        candidates = [candidate_of(problem, fits[number], name) for name in coming]
+        candidates = candidates_of(problem, fits[number], coming, inflation)
         if possible_together(problem, current, candidates, inflation):
             selected = tuple(SelectedEffect(one, (), current) for one in candidates)
             return without_idle_swaps(problem, current, Exchange(leaving, selected, fits[number]), inflation)
@@ -188,13 +189,25 @@ def _coming(screening: Screening, one: _Proposal) -> list[str]:
     return list(dict.fromkeys(screening.trials[number].effect for number in one.trials))
 
 
-def candidate_of(problem: Problem, fit: Fit, name: str) -> CandidateEffect:
-    """Return an effect of a fit as a candidate beside all others."""
-    own = {parameter.name for parameter in CATALOGUE[name].parameters}
-    values = {key: value for key, value in fit.values.items() if key not in own}
-    without = problem.fits([(values, [key for key in fit.names if key not in own])], fit.noise)[0]
-    drop = without.squares - fit.squares
-    return CandidateEffect(CATALOGUE[name], drop, fit.values, fit, held_out_gain(problem, without, fit))
+def candidates_of(problem: Problem, fit: Fit, names: Sequence[str], inflation: Inflation) -> list[CandidateEffect]:
+    """Return effects of a fit, by name, as candidates, each beside all others of the fit.
+
+    Where an effect is clearly needed, first order is enough to tell what the others leave without it.
+    """
+    effects = [CATALOGUE[name] for name in names]
+    without = problem.without(fit, [[effect] for effect in effects]) if effects else []
+    unsure = [
+        number
+        for number, (effect, other) in enumerate(zip(effects, without, strict=True))
+        if other.squares - fit.squares < CLEARLY * needed(effect) * inflation.of(effect.name)
+    ]
+    refits = problem.fits([(without[number].values, without[number].names) for number in unsure], fit.noise)
+    for number, refit in zip(unsure, refits, strict=True):
+        without[number] = refit
+    return [
+        CandidateEffect(effect, other.squares - fit.squares, fit.values, fit, held_out_gain(problem, other, fit))
+        for effect, other in zip(effects, without, strict=True)
+    ]
 
 
 def _start(

@@ -15,7 +15,7 @@ from cmr.estimation.search.criteria import SelectedEffect, needed
 from cmr.estimation.search.exchange import (
     BETTER,
     Exchange,
-    candidate_of,
+    candidates_of,
     penalty_of,
     possible_together,
     too_rare,
@@ -32,21 +32,17 @@ def best_leap(
     current: Fit,
     named: Sequence[SelectedEffect],
     inflation: Inflation,
-    afar: Callable[[], Averaging],
+    about: Sequence[Callable[[], Averaging]],
 ) -> Exchange | None:
     """Return the exchange that leads to the likeliest set of effects, None where it explains the data no better.
 
-    The set is that about the model as it stands, or that about one found without it, `afar`.
+    The set is the likeliest of the first linear problem of those `about` which one leads to a better model.
     """
     penalties = {
         effect.name: needed(effect) * inflation.of(effect.name) + inflation.all * rarity(effect.name) - BY_ITS_SIZE
         for effect in problem.effects
     }
-
-    def near() -> Averaging:
-        return Averaging(problem, current, inflation.all, [_name(one) for one in named])
-
-    for averaging in (near, afar):
+    for averaging in about:
         exchange = _exchange(problem, current, named, inflation, averaging().likeliest(penalties))
         if exchange is not None:
             return exchange
@@ -62,24 +58,38 @@ def _exchange(
 ) -> Exchange | None:
     """Return the exchange that leads to the effects that some values switch on, if it explains the data better."""
     here = {_name(one) for one in named if can_be_small(one.candidate.effect)}
-    there = {effect.name: effect for effect in problem.effects if can_be_small(effect) and effect.is_on(values)}
-    leaving, coming = sorted(here - set(there)), sorted(set(there) - here)
-    if not leaving and not coming:
-        return None
-    lost = {parameter.name for name in leaving for parameter in CATALOGUE[name].parameters}
-    own = [parameter.name for name in coming for parameter in there[name].parameters]
-    names = (*(name for name in current.names if name not in lost), *own)
+    there = {effect.name for effect in problem.effects if can_be_small(effect) and effect.is_on(values)}
     # What a linear problem from afar does not have, as limits and places, is as it stands.
-    start = {name: value for name, value in current.values.items() if name not in lost}
-    start.update({name: values[name] for name in names if name in values})
-    fit = problem.fits([(start, names)], current.noise)[0]
-    if fit.squares + penalty_of(leaving, coming, inflation) > current.squares - BETTER * inflation.all:
+    start = {**current.values, **values}
+    while there != here:
+        leaving, coming = sorted(here - there), sorted(there - here)
+        fit = problem.fits([_model(current, start, leaving, coming)], current.noise)[0]
+        if fit.squares + penalty_of(leaving, coming, inflation) > current.squares - BETTER * inflation.all:
+            return None
+        candidates = candidates_of(problem, fit, coming, inflation)
+        impossible = [one for one in candidates if not possible_together(problem, current, [one], inflation)]
+        if not impossible:
+            break
+        # What explains least beside the others goes; the rest may still be better than what stands.
+        there.discard(min(impossible, key=lambda one: one.drop).effect.name)
+        start = {**start, **fit.values}
+    else:
         return None
-    candidates = [candidate_of(problem, fit, name) for name in coming]
-    if too_rare(current, fit, leaving, candidates) or not possible_together(problem, current, candidates, inflation):
+    if too_rare(current, fit, leaving, candidates):
         return None
     exchange = Exchange(tuple(leaving), tuple(SelectedEffect(one, (), current) for one in candidates), fit)
     return without_idle_swaps(problem, current, exchange, inflation)
+
+
+def _model(
+    current: Fit, start: Mapping[str, float], leaving: Sequence[str], coming: Sequence[str]
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return the values from which the fit of an exchange begins, and what is free in it."""
+    gone = {parameter.name for name in leaving for parameter in CATALOGUE[name].parameters}
+    own = [parameter.name for name in coming for parameter in CATALOGUE[name].parameters]
+    names = (*(name for name in current.names if name not in gone), *own)
+    given = {name: value for name, value in current.values.items() if name not in gone}
+    return {**given, **{name: start[name] for name in names if name in start}}, names
 
 
 def _name(one: SelectedEffect) -> str:

@@ -40,6 +40,7 @@ COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the
 FREE_RUN_INFLATION = 1.5  # for how many samples errors of free runs count that last is known roughly
 EQUAL = 3.0  # log-likelihood by which effects must differ to be distinguished
 LEFT_BY_CHANCE = 0.05  # of what chance explains may be left, because the delays of single commands are rough
+MUCH = 5.0  # times what an effect must explain: where one explains more beside the first, there may be several
 NOTED = 4  # rejected effects of each step that the trace keeps
 
 
@@ -105,6 +106,7 @@ class _Selection:
         self.inflation = Inflation(1.0)
         self._least_inflation = least_inflation
         self._visited: set[frozenset[str]] = {frozenset()}
+        self._ahead_tried = False
 
     @cached_property
     def _afar(self) -> Averaging:
@@ -132,7 +134,16 @@ class _Selection:
         return screening
 
     def improved(self, screening: Screening) -> bool:
-        """Add the best effect or make the best exchange; tell whether there was one that leads to a new model."""
+        """Add the best effect or make the best exchange; tell whether there was one that leads to a new model.
+
+        Where much is left beside the first effect, there are several: to add them all at once saves most of the work.
+        """
+        much = MUCH * THRESHOLD * self.inflation.all
+        much_left = any(score.drop > much for score in screening.scores[:1])
+        if len(self.named) == 1 and much_left and self.problem.by_moments and not self._ahead_tried:
+            self._ahead_tried = True
+            if self._leapt([self._ahead]):
+                return True
         chosen, self.others = _next(self.problem, self.current, screening, self.inflation)
         if chosen is not None and len(self.named) < MOST_EFFECTS:
             assert chosen.candidate.fit is not None
@@ -146,7 +157,18 @@ class _Selection:
             return True
         if self.inflation.all <= 1.0 and len(self.named) <= FEW:  # nothing is left, and exchanges reach all other sets
             return False
-        return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, lambda: self._afar))
+        return self._leapt([self._near] if self._ahead_tried else [self._near, lambda: self._afar])
+
+    def _leapt(self, about: Sequence[Callable[[], Averaging]]) -> bool:
+        return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, about))
+
+    def _near(self) -> Averaging:
+        """Return the linear problem about the model as it stands."""
+        return Averaging(self.problem, self.current, self.inflation.all, self.names)
+
+    def _ahead(self) -> Averaging:
+        """Return the linear problem about the likeliest model that is found from the one that stands, without a search."""
+        return averaged(self.problem, self.current, self.inflation.all, self.names).averaging
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
         """Make an exchange, if there is one; tell whether it leads to a new model."""
