@@ -167,7 +167,7 @@ class _Selection:
         return Averaging(self.problem, self.current, self.inflation.all, self.names)
 
     def _ahead(self) -> Averaging:
-        """Return the linear problem about the likeliest model that is found from the one that stands, without a search."""
+        """Return the linear problem about the likeliest model found from the one that stands, without a search."""
         return averaged(self.problem, self.current, self.inflation.all, self.names).averaging
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
