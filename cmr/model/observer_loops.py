@@ -166,11 +166,11 @@ def observe(
                         right = own[RADIUS_RIGHT + i] * (duties[LAST + 1] - duties[FIRST + 1])
                         bend = own[K2_OVER_K3 + i] * (right - left) / own[BASE_WIDTH + i] if share > 0.0 else 0.0
                         slips, bend = own[SLIP_TIME + i] * bend, dt * bend * share * (1.0 - share)
-                        mean, growth = newest[MEAN, i], newest[GROWTH, i]
+                        mean, growth = newest[MEAN, i] - 0.5 * bend, newest[GROWTH, i]
                         newest[SPLIT_AT, i] = share
-                        newest[MEAN_BEFORE, i] = mean - 0.5 * (1.0 - share) * growth - 0.5 * bend + (1.0 - share) * slips
+                        newest[MEAN_BEFORE, i] = mean + (1.0 - share) * (slips - 0.5 * growth)
                         newest[GROWTH_BEFORE, i] = share * growth - bend
-                        newest[MEAN, i] = mean + 0.5 * share * growth - 0.5 * bend - share * slips
+                        newest[MEAN, i] = mean - share * (slips - 0.5 * growth)
                         newest[GROWTH, i] = (1.0 - share) * growth + bend
             else:
                 for i in range(filled):

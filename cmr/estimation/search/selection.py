@@ -19,7 +19,7 @@ from cmr.estimation.search.chance import chance_on_commands, coarse_ticks, tick_
 from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect, needed, why_not
 from cmr.estimation.search.cross_validation import alternatives, elsewhere
 from cmr.estimation.search.elimination import finished, pruned
-from cmr.estimation.search.exchange import Exchange, best_exchange
+from cmr.estimation.search.exchange import BETTER, Exchange, best_exchange
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.leap import best_leap
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
@@ -105,7 +105,7 @@ class _Selection:
         self.others: list[tuple[CandidateEffect, str]] = []
         self.inflation = Inflation(1.0)
         self._least_inflation = least_inflation
-        self._visited: set[frozenset[str]] = {frozenset()}
+        self._visited: dict[frozenset[str], float] = {frozenset(): base.squares}
         self._ahead_tried = False
 
     @cached_property
@@ -157,7 +157,7 @@ class _Selection:
             return True
         if self.inflation.all <= 1.0 and len(self.named) <= FEW:  # nothing is left, and exchanges reach all other sets
             return False
-        return self._leapt([self._near] if self._ahead_tried else [self._near, lambda: self._afar])
+        return self._leapt([self._near, lambda: self._afar])
 
     def _leapt(self, about: Sequence[Callable[[], Averaging]]) -> bool:
         return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, about))
@@ -188,10 +188,10 @@ class _Selection:
         for name in before:
             if name not in after:
                 self.trace.note(REMOVED, [name], float("nan"), reason="The others explain as much without it.")
-        if after in self._visited:
+        if fit.squares > self._visited.get(after, np.inf) - BETTER:
             self.trace.note(REJECTED, sorted(after), float("nan"), reason=AS_BEFORE)
             return False
-        self._visited.add(after)
+        self._visited[after] = fit.squares
         self.named, self.current = named, fit
         self.trace.step += 1
         return True
