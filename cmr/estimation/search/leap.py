@@ -25,10 +25,11 @@ from cmr.estimation.search.exchange import (
     without_idle_swaps,
 )
 from cmr.estimation.search.inflation import Inflation
-from cmr.model.catalogue import CATALOGUE, definition
+from cmr.estimation.search.profile import along
+from cmr.model.catalogue import CATALOGUE
 
 DELAYS = ("command_delay", "gyro_latency", "pose_latency")
-ASIDE = 5e-3  # s; half a step
+ASIDE = (-8e-3, -4e-3, 4e-3, 8e-3)  # s; less than a step
 BY_ITS_SIZE = 8.0  # of what an effect must explain, the walk asks so much already: sizes are spread (Occam's factor)
 
 
@@ -83,8 +84,7 @@ def _exchange(
     while there != here:
         leaving, coming = sorted(here - there), sorted(there - here)
         values, names = _model(current, start, leaving, coming)
-        models = [(one, names) for one in _starts(values, names)]
-        fit = min(problem.fits(models, current.noise), key=lambda one: one.squares)
+        fit = _over_edges(problem, problem.fits([(values, names)], current.noise)[0])
         if fit.squares + penalty_of(leaving, coming, inflation) > current.squares - BETTER * inflation.all:
             return None
         candidates = candidates_of(problem, fit, coming, inflation)
@@ -113,18 +113,16 @@ def _model(
     return {**given, **{name: start[name] for name in names if name in start}}, names
 
 
-def _starts(values: dict[str, float], names: Sequence[str]) -> list[dict[str, float]]:
-    """Return values from which a fit begins: these, and some with each delay moved either way.
+def _over_edges(problem: Problem, fit: Fit) -> Fit:
+    """Return the fit, or a better one with other delays.
 
     Where all clocks go in step, the sum of squares has an edge wherever two delays make readings and commands meet; a
     fit does not get over it.
     """
-    delays = [definition(name) for name in names if name in DELAYS]
-    return [values] + [
-        {**values, one.name: float(np.clip(values[one.name] + aside, one.lower, one.upper))}
-        for one in delays
-        for aside in (-ASIDE, ASIDE)
-    ]
+    tested = [along(fit, name, aside) for name in fit.names if name in DELAYS for aside in ASIDE]
+    squares = problem.squares(tested, fit.noise) if tested else np.empty(0)
+    better = [tested[index] for index in np.flatnonzero(squares < fit.squares - BETTER)]
+    return min([fit, *problem.refitted(fit, better)], key=lambda one: one.squares)
 
 
 def _name(one: SelectedEffect) -> str:
