@@ -81,6 +81,30 @@ def test_a_gyro_reads_the_yaw_rate_of_its_moment_also_where_a_command_jumps() ->
     assert np.max(np.abs(reading - yaw_rate)[1:-1]) < 0.01 * jump * STEP  # the mean of two steps is a quarter off
 
 
+@pytest.mark.parametrize("slip", [0.0, 0.02])
+def test_within_a_step_that_takes_a_mean_command_the_gyro_reads_what_finer_steps_say(slip: float) -> None:
+    """Small commands come in the middle of steps; on steps half as long they come on borders, which is exact."""
+    sent = np.asarray(np.arange(0.5, STEPS, 2.0) * STEP, np.float64)
+    duty = 0.4 + 0.009 * np.stack([np.sin(17.0 * sent), np.cos(19.0 * sent)], axis=1)
+    assert np.max(np.abs(np.diff(duty, axis=0))) < 0.02  # what the observer calls small
+    read = np.asarray(np.arange(0.3, STEPS - 1.0, 0.7) * STEP, np.float64)
+    read = read[np.min(np.abs(read[:, None] - sent), axis=1) > 0.01 * STEP]  # at a jump either side is right
+    coarse = replace(
+        observations(),
+        commands=Commands(sent, duty),
+        gyro_time=read,
+        gyro=np.zeros(len(read)),
+    )
+    robot = {**ROBOT, "longitudinal_slip": slip}
+    fine = observe(replace(coarse, dt=0.5 * STEP, steps=2 * STEPS), robot, FREE)
+    mean = observe(coarse, robot, FREE)
+    bend = 0.018 * ROBOT["k2_over_k3"] * ROBOT["wheel_radius"] / ROBOT["base_width"]  # rad/s^2, the largest
+    # Before the first command duties are not known. Without the bend a quarter of `bend * STEP` would be missing.
+    known = read > 2.0 * STEP
+    assert np.max(np.abs(mean.gyro - fine.gyro)[known]) < 0.03 * bend * STEP
+    assert np.max(np.abs(mean.wheel - fine.wheel)) < 1e-4
+
+
 def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:
     """A gyro's bias is an error of its size in the gyro, and none in wheels and poses."""
     said = observe(observations(gyro_bias=0.01), ROBOT, FOLLOWING)

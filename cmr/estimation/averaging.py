@@ -205,16 +205,23 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
 
     Those of them that are more likely there than not are there: what is averaged over is what may be hidden besides.
     """
+    averaging, found = relinearised(problem, fit, inflation)
+    certain = [name for name in named if found.presence.get(name, 0.0) > HALF]
+    return replace(averaging.posterior(certain=certain), certain=tuple(certain))
+
+
+def relinearised(problem: Problem, fit: Fit, inflation: float) -> tuple[Averaging, Posterior]:
+    """Return the linear problem about the likeliest values that are found from a fit on, and a rough posterior."""
     averaging = Averaging(problem, fit, inflation, _on(problem, fit.values))
-    for number in range(MOST_ROUNDS - 1):
-        found = averaging.posterior(steps=FEW_STEPS)
-        if averaging.predicts(found) and (number >= ROUNDS - 1 or averaging.is_about(found)):
+    found = averaging.posterior(steps=FEW_STEPS)
+    for number in range(1, MOST_ROUNDS):
+        if averaging.predicts(found) and (number >= ROUNDS or averaging.is_about(found)):
             break
         values = found.likeliest
         about = Fit(values, fit.names, fit.rest, fit.slopes, problem.found(problem.errors(values)))
         averaging = Averaging(problem, about, inflation, found.likely, fit.values)
-    certain = [name for name in named if found.presence.get(name, 0.0) > HALF]
-    return replace(averaging.posterior(certain=certain), certain=tuple(certain))
+        found = averaging.posterior(steps=FEW_STEPS)
+    return averaging, found
 
 
 def _on(problem: Problem, values: Mapping[str, float]) -> list[str]:

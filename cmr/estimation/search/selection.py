@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cmr.estimation.averaging import Averaging, averaged
+from cmr.estimation.averaging import Averaging, relinearised
 from cmr.estimation.gains import COARSE
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
@@ -111,7 +111,7 @@ class _Selection:
     @cached_property
     def _afar(self) -> Averaging:
         """The linear problem about the likeliest model that is found from the paper's on, without any search."""
-        return averaged(self.problem, self._base, 1.0, ()).averaging
+        return relinearised(self.problem, self._base, 1.0)[0]
 
     @property
     def names(self) -> list[str]:
@@ -168,7 +168,7 @@ class _Selection:
 
     def _ahead(self) -> Averaging:
         """Return the linear problem about the likeliest model found from the one that stands, without a search."""
-        return averaged(self.problem, self.current, self.inflation.all, self.names).averaging
+        return relinearised(self.problem, self.current, self.inflation.all)[0]
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
         """Make an exchange, if there is one; tell whether it leads to a new model."""
