@@ -137,7 +137,8 @@ class _Judge:
         fitted = _fitted(whole.found)
         gains = self._gains(whole, self._without_each(whole, fitted), self.held_out)
         worst = int(np.argmin([_of_path(gain) for gain in gains]))
-        return _without(whole, fitted[worst], TAKEN_BACK, _of_little_use(_of_path(gains[worst])))
+        where = "in the held-out recordings" if self.held_out else "on left-out data"
+        return _without(whole, fitted[worst], TAKEN_BACK, _of_little_use(_of_path(gains[worst]), where))
 
     def _without_each(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[Fit]:
         return whole.found.problem.without(whole.final, [[one.candidate.effect] for one in fitted])
@@ -193,11 +194,11 @@ def _vetoed(gain: Gain) -> _Use:
     return _Use(gain.ratio, Measure("held_out_error_ratio", gain.ratio, WORSE_HELD_OUT, "-", sentence), vetoed=True)
 
 
-def _of_little_use(ratio: float) -> Measure:
+def _of_little_use(ratio: float, where: str) -> Measure:
     """Return the ratio of errors without an effect to those with it, the smallest of all where all together do harm."""
     sentence = (
-        "With all effects named, free runs are less accurate than with the paper's model. Of these effects it "
-        f"contributes least: without it the error changes by {100.0 * (ratio - 1.0):+.2f} %."
+        f"With the named effects, free runs {where} are less accurate than with the paper's model. Without this effect "
+        f"their error changes by {100.0 * (ratio - 1.0):+.2f} %."
     )
     return Measure("error_ratio", ratio, math.nan, "-", sentence)
 

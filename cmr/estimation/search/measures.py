@@ -1,7 +1,7 @@
 """The numbers that decide about an effect, each with its limit and a sentence that states the comparison."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from cmr.estimation.candidates import SMALLEST, SURE, Excitation, is_limit, size
 from cmr.estimation.search.trace import Measure
@@ -13,8 +13,14 @@ LIKELIHOOD_RATIO = "likelihood_ratio"
 
 def with_unit(value: float, unit: str) -> str:
     """Return a value with its unit, two significant digits; the unit "-" is left out."""
-    number = f"{value:.2g}" if abs(value) < 100.0 or not math.isfinite(value) else f"{value:.0f}"
+    number = f"{value:#.2g}".rstrip(".") if abs(value) < 99.5 else f"{value:.0f}"
     return number if unit in ("", "-") else f"{number} {unit}"
+
+
+def too_small_to_be_named(measures: Iterable[Measure]) -> str:
+    """Return a sentence that lists sizes of effects with the limits that they are below."""
+    sizes = [f"{one.quantity} {with_unit(abs(one.value), '')} < {with_unit(one.limit, one.unit)}" for one in measures]
+    return f"Too small to be named: {', '.join(sizes)}."
 
 
 def size_below_limit(

@@ -31,7 +31,7 @@ from cmr.estimation.search.elimination import finished, pruned
 from cmr.estimation.search.exchange import BETTER, Exchange, best_exchange, penalty_of
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.leap import best_leap
-from cmr.estimation.search.measures import coarse_tick
+from cmr.estimation.search.measures import coarse_tick, too_small_to_be_named
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
 from cmr.estimation.search.screening import Screening, screen
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
@@ -46,8 +46,8 @@ LESS = "It explains less than the effect named."
 AS_BEFORE = "The search has already been at this model: it ends here."
 CLEANED = "What it did is removed from the data, and the search starts again."
 REDUNDANT = "The other effects explain nearly as much without it."
-TOGETHER = "Together they explain enough; one by one they do not."
-STAYS = "It stays in the model only during the search, so that it hides no other effect."
+TOGETHER = "The likelihood ratio of these effects together is above the threshold."
+STAYS = "What is too small stays in the model only during the search, so that it hides no other effect."
 SMALLER_SHOWN = 0.5  # of the typical size: a drive in which less would not show leaves an effect unseen
 MOST_SMALL = 8  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
@@ -215,19 +215,19 @@ class _Selection:
         self.trace.note(INCLUDED if small else ADDED, [name], candidate.drop, least, reason, [small])
         margin = _margin(candidate, self.inflation)
         for rival in (other for other, _ in self.others if other.effect.name in chosen.rivals):
-            alike = f"It explains the data as well as {name}: a smaller difference than the threshold decides nothing."
+            alike = f"It explains the data as well as {name}: the difference is below the threshold."
             self.trace.note(INDISTINCT, [rival.effect.name, name], candidate.drop - rival.drop, margin, alike)
 
     def _note_exchanged(self, exchange: Exchange) -> None:
-        """Note an exchange; effects that come and are too small to be named are said to be."""
+        """Note an exchange, with the effects that come and are too small to be named."""
         found = [too_small(one.candidate, self.problem.excitation) for one in exchange.selected]
-        small = [f"{name}: {one.sentence}" for name, one in zip(exchange.coming, found, strict=True) if one]
+        small = [measure for measure in found if measure]
         reason = f"In place of {' and '.join(exchange.leaving)}." if exchange.leaving else TOGETHER
-        reason = " ".join([reason, *small, *([STAYS] if small else [])])
+        reason = f"{reason} {too_small_to_be_named(small)} {STAYS}" if small else reason
         action = INCLUDED if len(small) == len(found) else ADDED
         least = penalty_of(exchange.leaving, exchange.coming, self.inflation) + BETTER * self.inflation.all
         drop = self.current.squares - exchange.fit.squares
-        self.trace.note(REPLACED if exchange.leaving else action, exchange.coming, drop, least, reason, found)
+        self.trace.note(REPLACED if exchange.leaving else action, exchange.coming, drop, least, reason, small)
 
     def _note_rejected(self) -> None:
         """Note the strongest effects that were rejected, and keep the measures for which all were."""
