@@ -284,14 +284,14 @@ def test_live_says_what_it_waits_for_and_what_is_new(url: str, tmp_path: Path) -
         listener.until("Robot 0: its parameters are missing")
         listener.until("Robot 0: learning how it moves", NOMINAL)
         listener.until("The parameters are new", replace(NOMINAL, provenance={"method": "by hand"}))
-        assert listener.heard == "Robot 0: The parameters are new: the watch begins anew."
+        assert listener.heard == "Robot 0: The parameters have changed: monitoring starts again."
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)
         assert process.returncode == 130
     finally:
         process.kill()
         process.wait()
-    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ Robot 0: The parameters are new: .*\n", said)
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ Robot 0: The parameters have changed: .*\n", said)
     assert (out / "live.txt").read_text() == said
 
 

@@ -1,4 +1,4 @@
-"""What came of diagnoses, as text for a terminal."""
+"""Diagnoses as text for a terminal."""
 
 import math
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ def summary(diagnosis: Diagnosis) -> str:
     """Return the verdict in a sentence, a table of the effects, the gain, and what to do next."""
     told = {effect.next_experiment for effect in diagnosis.effects}
     following = [f"Next: {diagnosis.next_experiment}"] if diagnosis.next_experiment not in {None, *told} else []
-    told_beside = [*_gain(diagnosis), *diagnosis.lateness_sentences, *_faults(diagnosis)]
+    remarks = [*_gain(diagnosis), *diagnosis.lateness_sentences, *_faults(diagnosis)]
     parts = [
         _wrapped(f"Robot {diagnosis.robot_id}: {diagnosis.sentence}"),
         _table(diagnosis.effects) if diagnosis.effects else "",
         _wrapped(harmless_sentence(diagnosis.harmless)),
-        "\n".join(map(_wrapped, [*told_beside, *diagnosis.notes, *following])),
+        "\n".join(map(_wrapped, [*remarks, *diagnosis.notes, *following])),
     ]
     return "\n\n".join(part for part in parts if part)
 
@@ -59,11 +59,11 @@ def _table(effects: Sequence[NamedEffect]) -> str:
             start = f"{rank:3d}. " if position == 0 else INDENT
             row = f"{start}{name:{parameters}s}  {_value(estimate)}  {definition(name).unit:8s}  "
             lines.append((row + (evidence if position == 0 else "")).rstrip())
-        lines += [_wrapped(INDENT + sentence, indent=len(INDENT)) for sentence in _said(effect)]
+        lines += [_wrapped(INDENT + sentence, indent=len(INDENT)) for sentence in _sentences(effect)]
     return "\n".join(lines)
 
 
-def _said(effect: NamedEffect) -> list[str]:
+def _sentences(effect: NamedEffect) -> list[str]:
     """Return the sentences below an effect's numbers."""
     sentences = [f"{effect.name}: {effect.cause}"]
     if effect.indistinguishable_from:
