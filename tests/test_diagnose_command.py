@@ -283,7 +283,7 @@ def test_live_says_what_it_waits_for_and_what_is_new(url: str, tmp_path: Path) -
         listener = Listener(url)
         listener.until("Robot 0: its parameters are missing")
         listener.until("Robot 0: learning how it moves", NOMINAL)
-        listener.until("The parameters are new", replace(NOMINAL, provenance={"method": "by hand"}))
+        listener.until("The parameters have changed", replace(NOMINAL, provenance={"method": "by hand"}))
         assert listener.heard == "Robot 0: The parameters have changed: monitoring starts again."
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)
