@@ -25,7 +25,7 @@ def posterior_of(effect: str, curvature: float, slope: float) -> tuple[SizePoste
     odds = np.log([PRESENT / (1.0 - PRESENT)])
     normal, pull = np.array([[curvature / usual**2]]), np.array([slope / usual])
     begin = np.zeros(1, np.bool_)
-    return sizes.posterior(normal, pull, SPREAD * sizes.usual, odds, begin, STEPS, traces=True), float(usual)
+    return sizes.posterior(normal, pull, SPREAD * sizes.usual, odds, begin, STEPS, 1, traces=True), float(usual)
 
 
 def moments(sizes: Floats, weights: Floats, curvature: float, slope: float) -> tuple[float, float]:
@@ -68,7 +68,7 @@ def test_an_effect_of_one_sign_is_there_or_not_as_a_trace_too(curvature: float, 
 def test_without_traces_what_is_not_present_is_nothing() -> None:
     sizes = Sizes([CATALOGUE["wheel_radius_asymmetry"], CATALOGUE["coulomb_friction"]], EXCITATION)
     odds, begin = np.full(2, -1e3), np.zeros(2, np.bool_)
-    found = sizes.posterior(np.eye(2), -np.ones(2), SPREAD * sizes.usual, odds, begin, 100, traces=False)
+    found = sizes.posterior(np.eye(2), -np.ones(2), SPREAD * sizes.usual, odds, begin, 100, 1, traces=False)
     assert not found.mean.any()
     assert not found.covariance.any()
     assert not found.likeliest.any()

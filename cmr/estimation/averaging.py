@@ -25,8 +25,9 @@ UNCERTAIN, CERTAIN = float(np.log(PRESENT / (1.0 - PRESENT))), 1e3  # logarithms
 HALF = 0.5
 BELIEF = 0.65  # power of the likelihood: errors are neither quite white nor the model exact
 ROUNDS, MOST_ROUNDS = 3, 6  # usually, and where slopes do not hold; each about what the one before found likeliest
-STEPS = 12_000  # of the random walk
-FEW_STEPS = 5_000  # where the means alone are of interest
+# Of the random walk: for what is delivered, where chance is to move it by less than a tenth of its deviation; to find
+# the likeliest set; and where the means alone are of interest.
+STEPS, SEARCHING_STEPS, FEW_STEPS = 48_000, 12_000, 5_000
 # By how much the sum of squares may be larger than slopes say, and which share of what they promise.
 MISJUDGED, SHARE_MISJUDGED = 10.0, 0.1
 ALIKE = 0.6  # squared correlation from which an effect can stand for those found
@@ -129,7 +130,8 @@ class Averaging:
     def likeliest(self, penalties: Mapping[str, float]) -> Mapping[str, float]:
         """Return the values with the likeliest set of effects, each of which must explain as much as its penalty."""
         odds = np.array([-0.5 * penalties[effect.name] / self._inflation for effect in self._effects])
-        return self._averaged(self._products / self._inflation, self._pulls / self._inflation, odds, STEPS).likeliest
+        products, pulls = self._products / self._inflation, self._pulls / self._inflation
+        return self._averaged(products, pulls, odds, SEARCHING_STEPS).likeliest
 
     def is_about(self, found: Posterior) -> bool:
         """Tell whether the likeliest values are so near to those it is linear about that another round is idle."""
@@ -166,7 +168,7 @@ class Averaging:
         pull = pull * told
         slabs = self._slabs(normal, seen)
         mean, spread, shares, mode = self._sizes.posterior(
-            normal, pull, slabs, odds, self._likely, steps, traces=traces
+            normal, pull, slabs, odds, self._likely, steps, self._problem.seed, traces=traces
         )
         values, likeliest = (self._with(sizes, -own - along @ (sizes - start)) for sizes in (mean, mode))
         of_flat = np.linalg.inv(flat) + along @ spread @ along.T
@@ -213,14 +215,6 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
         averaging = Averaging(problem, about, inflation, found.likely, fit.values)
     certain = [name for name in named if found.presence.get(name, 0.0) > HALF]
     return replace(averaging.posterior(certain=certain), certain=tuple(certain))
-
-
-def _sizes_of(on: Mask, normal: Floats, pull: Floats, one_sided: Mask) -> Floats:
-    """Return the likeliest sizes (p,) of those that are on, whose priors are normal with variance 1; of others 0."""
-    result, index = np.zeros(len(on)), np.flatnonzero(on)
-    result[index] = np.linalg.solve(normal[np.ix_(index, index)] + np.eye(len(index)), -pull[index])
-    result[one_sided] = np.maximum(result[one_sided], 0.0)
-    return result
 
 
 def _on(problem: Problem, values: Mapping[str, float]) -> list[str]:

@@ -1,5 +1,6 @@
 """Fit models with effects to recordings by their prediction errors."""
 
+import zlib
 from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
@@ -91,6 +92,12 @@ class Problem:
         """The effects of the catalogue that may show: without commands, not those of the motors."""
         rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
         return effects_of_rolling() if rolls else tuple(CATALOGUE.values())
+
+    @cached_property
+    def seed(self) -> int:
+        """A seed of random numbers that is the recordings' own: the same on every computer."""
+        angles = [np.ascontiguousarray(predictor.segment.observations.wheel) for predictor in self.predictors]
+        return zlib.crc32(b"".join(angle.tobytes() for angle in angles))
 
     @cached_property
     def several(self) -> bool:

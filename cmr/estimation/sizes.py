@@ -6,7 +6,6 @@ is without a trace of most effects (George and McCulloch, 88, 1993): slip in tur
 bends the base width. A trace of either sign is normal; one of a single sign is there or not, like an effect.
 """
 
-import zlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -46,12 +45,22 @@ class Sizes:
         )
 
     def posterior(
-        self, normal: Floats, pull: Floats, slabs: Floats, odds: Floats, begin: Mask, steps: int, *, traces: bool
+        self,
+        normal: Floats,
+        pull: Floats,
+        slabs: Floats,
+        odds: Floats,
+        begin: Mask,
+        steps: int,
+        seed: int,
+        *,
+        traces: bool,
     ) -> SizePosterior:
         """Return what is known of sizes s whose log-likelihood is -s' `normal` s / 2 - `pull`' s.
 
         `slabs` (p,) are the standard deviations of sizes that are present, `odds` (e,) the logarithms of the prior odds
-        of the effects, `begin` (e,) those with which walks begin. Without `traces` what is not present is 0.
+        of the effects, `begin` (e,) those with which walks begin, `seed` that of their random numbers. Without `traces`
+        what is not present is 0.
         """
         small = np.flatnonzero(self._one_sided & traces)
         walked = np.append(np.arange(len(slabs)), small)  # to which size each one adds that is walked over
@@ -62,15 +71,16 @@ class Sizes:
         odds, begin = np.append(odds, np.full(len(small), EVEN)), np.append(begin, np.zeros(len(small), np.bool_))
 
         # Sizes are those walked over and normal traces; what the data say of the former while the latter are not known:
-        trace = np.diag(np.where(self._one_sided | (not traces), 0.0, (TRACE * self.usual) ** 2))
-        kept = np.linalg.inv(np.eye(len(slabs)) + normal @ trace)
+        small_std = np.where(self._one_sided | (not traces), 0.0, TRACE * self.usual)
+        scaled = np.eye(len(slabs)) + small_std[:, None] * normal * small_std
+        trace = small_std[:, None] * np.linalg.inv(scaled) * small_std
+        kept = np.eye(len(slabs)) - normal @ trace
         reduced, pulled = scales.T @ kept @ normal @ scales, scales.T @ kept @ pull
-        seed = zlib.crc32(np.round(pulled, 6).tobytes())
         means, squares, shares, likeliest = walk(reduced, pulled, groups, one_sided, odds, begin, steps, seed)
         spread = scales @ (squares - np.outer(means, means)) @ scales.T
         mode = scales @ _likeliest(likeliest[groups], reduced, pulled, one_sided)
-        mean, mode = (kept.T @ sizes - trace @ kept @ pull for sizes in (scales @ means, mode))
-        return SizePosterior(mean, kept.T @ spread @ kept + trace @ kept, shares[: len(shares) - len(small)], mode)
+        mean, mode = (kept.T @ sizes - trace @ pull for sizes in (scales @ means, mode))
+        return SizePosterior(mean, kept.T @ spread @ kept + trace, shares[: len(shares) - len(small)], mode)
 
 
 def _likeliest(on: Mask, normal: Floats, pull: Floats, one_sided: Mask) -> Floats:

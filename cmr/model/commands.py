@@ -1,8 +1,7 @@
 """Commands as they take effect: each holds until the next.
 
 A step of the model takes constant duties. A step in which a command comes is split there, so that it need not come on a
-border: real processes send theirs at any time, and each robot has a delay of its own. Most commands change little from
-one to the next; a step is not split for these, but takes the mean duty.
+border: real processes send theirs at any time, and each robot has a delay of its own.
 """
 
 from collections.abc import Mapping
@@ -22,9 +21,6 @@ Floats = NDArray[np.float64]
 # Of a step: the share of it after which a command comes, 0 where none does; duties before that, and behind.
 PROFILE = ("split", "first_left", "first_right", "left", "right")
 SHORTEST = 1e-3  # of a step; a command that comes nearer to a border comes with it
-# Duty; a step is split for larger changes. In a step of dt, the mean of a change D at the share s puts a wheel
-# k2_over_k3 D dt^2 s (1 - s) / 2 off: 3e-5 rad at most, a hundredth of a tick of an encoder with 2048 a turn.
-SMALL = 0.02
 
 
 @dataclass(frozen=True)
@@ -38,8 +34,8 @@ class Commands:
         """Return the duties in each of `steps` of `dt` [s] from time 0 on, shape (steps, 5), columns PROFILE.
 
         Each command takes effect `delay` [s] after its time; before the first, duties are not known: NaN. Without any
-        commands they are 0. Of several in one step, the one that changes the duties most splits it, if by more than
-        SMALL; means count before and behind.
+        commands they are 0. Of several in one step, the one that changes the duties most splits it, and means count
+        before and behind.
         """
         result = np.zeros((steps, len(PROFILE)))
         if len(self.time):
@@ -75,10 +71,6 @@ def fill_profile(time, duty, dt, delay, profile):  # type: ignore[no-untyped-def
         row[3], row[4] = left, right
         if number > first + 1 and row[0] > 0.0:
             _average(row, time, duty, dt, delay, step, first, number)
-        if row[0] > 0.0 and max(abs(row[3] - row[1]), abs(row[4] - row[2])) <= SMALL:
-            row[3] = row[0] * row[1] + (1.0 - row[0]) * row[3]
-            row[4] = row[0] * row[2] + (1.0 - row[0]) * row[4]
-            row[0], row[1], row[2] = 0.0, row[3], row[4]
 
 
 @inlined

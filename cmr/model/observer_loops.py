@@ -16,6 +16,9 @@ LOOPS = '''
 
 NEARBY = 1e-3  # m
 EARLY = 1e-3  # of a step: clocks are not told apart more finely
+# Duty; a step is split for larger changes, and takes the mean command for smaller ones. For a change D at the share s
+# of a step dt, the mean puts the angle of a wheel k2_over_k3 D dt^2 s (1 - s) / 2 off: 3e-5 rad.
+SMALL = 0.02
 SPLIT, FIRST, LAST = 0, 1, 3  # columns of a profile of commands; left, with right behind it
 # What is kept of each step behind the pose: the share after which it was split, the mean yaw rate before that and by
 # how much it grew there, then the same behind.
@@ -72,12 +75,19 @@ def observe(
             if border > 0:
                 for i in range(filled):
                     own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
-                splits = False
+                splits, comes = False, False
                 for i in range(filled):
                     duties = commands[profile[block * LANES + i], border - 1]
-                    splits |= duties[SPLIT] > 0.0
-                    here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
-                    here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
+                    share = duties[SPLIT]
+                    change_left, change_right = duties[LAST] - duties[FIRST], duties[LAST + 1] - duties[FIRST + 1]
+                    # Neither is true of duties that are not known, as before the first command.
+                    small = abs(change_left) <= SMALL and abs(change_right) <= SMALL
+                    splits |= share > 0.0 and not small
+                    comes |= share > 0.0
+                    left = duties[LAST] - share * change_left if share > 0.0 and small else duties[LAST]
+                    right = duties[LAST + 1] - share * change_right if share > 0.0 and small else duties[LAST + 1]
+                    here[COMMAND_LEFT + i] = known(left, here[LEFT_BEFORE + i])
+                    here[COMMAND_RIGHT + i] = known(right, here[RIGHT_BEFORE + i])
                 if len(given) > 0:
                     for i in range(filled):
                         here[PSI_LEFT + i] = given[border - 1, 0] * own[SCALE_LEFT + i]
@@ -88,7 +98,7 @@ def observe(
                         first, last = known(duties[FIRST + side], 0.0), known(duties[LAST + side], 0.0)
                         duty[side] = last + duties[SPLIT] * (first - last)
                     send(here, stride, duty, index, seed, border - 1, packets, ring, border - 1, dt)
-                    splits = False
+                    splits, comes = False, False
                 if splits:
                     # Robots to which no command comes within the step take it in two halves.
                     same = True
@@ -147,6 +157,21 @@ def observe(
                     newest[MEAN_BEFORE, i] -= offset
                     newest[MEAN, i] = turning[i] - offset
                     newest[GROWTH, i] = growing[i]
+                if comes and not splits:
+                    # The mean command leads to the same end, but within the step the yaw rate bends where one comes.
+                    for i in range(filled):
+                        duties = commands[profile[block * LANES + i], border - 1]
+                        share = duties[SPLIT]
+                        left = own[RADIUS_LEFT + i] * (duties[LAST] - duties[FIRST])
+                        right = own[RADIUS_RIGHT + i] * (duties[LAST + 1] - duties[FIRST + 1])
+                        bend = own[K2_OVER_K3 + i] * (right - left) / own[BASE_WIDTH + i] if share > 0.0 else 0.0
+                        slips, bend = own[SLIP_TIME + i] * bend, dt * bend * share * (1.0 - share)
+                        mean, growth = newest[MEAN, i] - 0.5 * bend, newest[GROWTH, i]
+                        newest[SPLIT_AT, i] = share
+                        newest[MEAN_BEFORE, i] = mean + (1.0 - share) * (slips - 0.5 * growth)
+                        newest[GROWTH_BEFORE, i] = share * growth - bend
+                        newest[MEAN, i] = mean - share * (slips - 0.5 * growth)
+                        newest[GROWTH, i] = (1.0 - share) * growth + bend
             else:
                 for i in range(filled):
                     own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
@@ -166,13 +191,15 @@ def observe(
                     own[GYRO_AT + i] = position
                     earliest, latest = min(earliest, position), max(latest, position)
                 step = min(max(int(np.ceil(latest - EARLY)), 1), border)
-                one, alike = past[step % HISTORY], earliest - EARLY > step - 1.0 or step == 1
-                for i in range(filled):
-                    alike &= one[SPLIT_AT, i] == 0.0
-                if alike:
+                if earliest - EARLY > step - 1.0 or step == 1:
+                    one = past[step % HISTORY]
                     for i in range(filled):
-                        share = own[GYRO_AT + i] - step + 0.5
-                        own[GYRO_READING + i] = one[MEAN, i] + share * one[GROWTH, i] + own[OFFSET_YAW_RATE + i]
+                        share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
+                        along = (share / split if split > 0.0 else 0.0) - 0.5
+                        reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
+                        earlier = one[MEAN_BEFORE, i] + along * one[GROWTH_BEFORE, i]
+                        reading = earlier if split > 0.0 and share <= split else reading
+                        own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                 else:
                     for i in range(filled):
                         step = min(max(int(np.ceil(own[GYRO_AT + i] - EARLY)), 1), border)

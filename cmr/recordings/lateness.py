@@ -147,15 +147,18 @@ class _Matching:
     def _matched(self, held: Mask) -> NDArray[np.int64]:
         """Return the number of the command in force at each turn, shape (n,); none comes back after a newer one."""
         result = np.full(len(self.time), NONE)
-        until = np.searchsorted(self.stamp, self.time + AHEAD, side="right")
-        since = np.searchsorted(self.stamp, self.time - REACH)
+        until = np.searchsorted(self.stamp, self.time + AHEAD, side="right").tolist()
+        since = np.searchsorted(self.stamp, self.time - REACH).tolist()
+        duties, wanted, near = self._duty.tolist(), self._wanted.tolist(), self._near
         last = 0
-        for turn in np.flatnonzero(~held):
+        for turn in np.flatnonzero(~held).tolist():
             # What was in force stays so for as long as nothing else is commanded.
-            first = max(min(int(since[turn]), int(until[turn]) - 1), last)
-            fits = np.all(np.abs(self._wanted[first : until[turn]] - self._duty[turn]) <= self._near, axis=1)
-            if fits.any():
-                result[turn] = last = first + int(np.flatnonzero(fits)[-1])
+            first = max(min(since[turn], until[turn] - 1), last)
+            left, right = duties[turn]
+            for number in range(until[turn] - 1, first - 1, -1):
+                if abs(wanted[number][0] - left) <= near and abs(wanted[number][1] - right) <= near:
+                    result[turn] = last = number
+                    break
         return result
 
     def _begun(self, turn: int, before: int) -> int:

@@ -5,7 +5,10 @@ through all sets; what it finds likeliest is fitted, and taken if it explains th
 model as it stands, and about one that knows nothing of the way that led there.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
+
+import numpy as np
 
 from cmr.estimation.averaging import Averaging
 from cmr.estimation.candidates import can_be_small, rarity
@@ -22,8 +25,11 @@ from cmr.estimation.search.exchange import (
     without_idle_swaps,
 )
 from cmr.estimation.search.inflation import Inflation
+from cmr.estimation.search.profile import along
 from cmr.model.catalogue import CATALOGUE
 
+DELAYS = ("command_delay", "gyro_latency", "pose_latency")
+ASIDE = (-8e-3, -4e-3, 4e-3, 8e-3)  # s; less than a step
 BY_ITS_SIZE = 8.0  # of what an effect must explain, the walk asks so much already: sizes are spread (Occam's factor)
 
 
@@ -42,11 +48,25 @@ def best_leap(
         effect.name: needed(effect) * inflation.of(effect.name) + inflation.all * rarity(effect.name) - BY_ITS_SIZE
         for effect in problem.effects
     }
-    for averaging in about:
-        exchange = _exchange(problem, current, named, inflation, averaging().likeliest(penalties))
+    likeliest = (averaging().likeliest(penalties) for averaging in about)
+    for values in chain(likeliest, _alike(current.values)):
+        exchange = _exchange(problem, current, named, inflation, values)
         if exchange is not None:
             return exchange
     return None
+
+
+def _alike(values: Mapping[str, float]) -> Iterator[dict[str, float]]:
+    """Yield values that move a robot nearly alike, but lie too far off for a linear problem.
+
+    Wheels that slip by k times their acceleration move the robot as if it followed them k later, so gyro and poses both
+    seem late by k.
+    """
+    gyro, pose, slip = (values.get(name, 0.0) for name in ("gyro_latency", "pose_latency", "longitudinal_slip"))
+    if pose > 0.0 and gyro > 0.0 and slip == 0.0:
+        yield {**values, "gyro_latency": gyro - pose, "pose_latency": 0.0, "longitudinal_slip": pose}
+    if slip > 0.0 and pose == 0.0:
+        yield {**values, "gyro_latency": gyro + slip, "pose_latency": slip, "longitudinal_slip": 0.0}
 
 
 def _exchange(
@@ -63,7 +83,8 @@ def _exchange(
     start = {**current.values, **values}
     while there != here:
         leaving, coming = sorted(here - there), sorted(there - here)
-        fit = problem.fits([_model(current, start, leaving, coming)], current.noise)[0]
+        values, names = _model(current, start, leaving, coming)
+        fit = _over_edges(problem, problem.fits([(values, names)], current.noise)[0])
         if fit.squares + penalty_of(leaving, coming, inflation) > current.squares - BETTER * inflation.all:
             return None
         candidates = candidates_of(problem, fit, coming, inflation)
@@ -90,6 +111,18 @@ def _model(
     names = (*(name for name in current.names if name not in gone), *own)
     given = {name: value for name, value in current.values.items() if name not in gone}
     return {**given, **{name: start[name] for name in names if name in start}}, names
+
+
+def _over_edges(problem: Problem, fit: Fit) -> Fit:
+    """Return the fit, or a better one with other delays.
+
+    Where all clocks go in step, the sum of squares has an edge wherever two delays make readings and commands meet; a
+    fit does not get over it.
+    """
+    tested = [along(fit, name, aside) for name in fit.names if name in DELAYS for aside in ASIDE]
+    squares = problem.squares(tested, fit.noise) if tested else np.empty(0)
+    better = [tested[index] for index in np.flatnonzero(squares < fit.squares - BETTER)]
+    return min([fit, *problem.refitted(fit, better)], key=lambda one: one.squares)
 
 
 def _name(one: SelectedEffect) -> str:

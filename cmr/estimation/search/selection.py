@@ -43,7 +43,7 @@ MOST_EFFECTS = 12  # with those that are too small to be named
 FEW = 3  # effects: exchanges have tried all others in the place of two of them
 MOST_STEPS = 30  # additions and exchanges
 LESS = "It explains less than the effect named."
-AS_BEFORE = "The search has already been at this model: it ends here."
+AS_BEFORE = "The search has been at this model before and fits it no better now: it ends here."
 CLEANED = "What it did is removed from the data, and the search starts again."
 REDUNDANT = "The other effects explain nearly as much without it."
 TOGETHER = "The likelihood ratio of these effects together is above the threshold."
@@ -120,7 +120,7 @@ class _Selection:
         self.others: list[tuple[CandidateEffect, str]] = []
         self.inflation = Inflation(1.0)
         self._least_inflation = least_inflation
-        self._visited: set[frozenset[str]] = {frozenset()}
+        self._visited: dict[frozenset[str], float] = {frozenset(): base.squares}
         self._ahead_tried = False
 
     @cached_property
@@ -172,7 +172,7 @@ class _Selection:
             return True
         if self.inflation.all <= 1.0 and len(self.named) <= FEW:  # nothing is left, and exchanges reach all other sets
             return False
-        return self._leapt([self._near] if self._ahead_tried else [self._near, lambda: self._afar])
+        return self._leapt([self._near, lambda: self._afar])
 
     def _leapt(self, about: Sequence[Callable[[], Averaging]]) -> bool:
         return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, about))
@@ -182,7 +182,7 @@ class _Selection:
         return Averaging(self.problem, self.current, self.inflation.all, self.names)
 
     def _ahead(self) -> Averaging:
-        """Return the linear problem about the likeliest model that is found from the one that stands, without a search."""
+        """Return the linear problem about the likeliest model found from the one that stands, without a search."""
         return averaged(self.problem, self.current, self.inflation.all, self.names).averaging
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
@@ -200,10 +200,11 @@ class _Selection:
             for name, drop, least in redundant:
                 self.trace.note(REMOVED, [name], drop, least, REDUNDANT)
         after = frozenset(one.candidate.effect.name for one in named)
-        if after in self._visited:
-            self.trace.note(REJECTED, sorted(after), float("nan"), reason=AS_BEFORE)
+        gained = self._visited.get(after, np.inf) - fit.squares
+        if gained < BETTER:
+            self.trace.note(REJECTED, sorted(after), gained, BETTER, AS_BEFORE)
             return False
-        self._visited.add(after)
+        self._visited[after] = fit.squares
         self.named, self.current = named, fit
         self.trace.step += 1
         return True
