@@ -7,7 +7,7 @@ import numpy as np
 from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, Candidate, Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
-from cmr.estimation.search.trace import ADDED, REJECTED, REMOVED, REPLACED, Decision
+from cmr.estimation.search.trace import ADDED, REJECTED, REMOVED, REPLACED, Decision, Measure
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
 from cmr.recordings.lateness import Lateness
@@ -22,6 +22,9 @@ SURFACE = {
 }
 SOUND = Finding("pose_jumps", 0, "The tracker jumps 0 times.")
 FAULT = Finding("pose_outliers", 3, "3 poses cannot be true: set aside.", {"poses": np.ones(3, np.bool_)})
+TOO_SMALL = Measure(
+    "gyro_bias", 0.0018, 0.003, "rad/s", "Its size, 0.0018 rad/s, is below what matters here, 0.0030 rad/s."
+)
 DIAGNOSIS = Diagnosis(
     robot_id=4,
     verdict=EFFECTS_FOUND,
@@ -50,6 +53,16 @@ DIAGNOSIS = Diagnosis(
     ),
     candidates=(
         Candidate(name="slope", statistic=2.0, p_value=0.8, held_out=-1.0, why_not="Other data speak against it."),
+        Candidate(
+            name="gyro_bias",
+            statistic=62.2,
+            p_value=1e-9,
+            held_out=30.5,
+            why_not=TOO_SMALL.sentence,
+            estimates={"gyro_bias": Estimate(0.0018, 0.0002)},
+            harmless=True,
+            measure=TOO_SMALL,
+        ),
     ),
     gain=Gain(ratio=6.6, interval=(5.9, math.inf), signals={"psi": 1.0, "pose": 6.6, "yaw_rate": math.nan}),
     unexplained=Unexplained(present=True, signal="yaw_rate", regressors=("speed",), share=0.2),
@@ -78,6 +91,7 @@ DIAGNOSIS = Diagnosis(
         ),
         Decision(2, REJECTED, ("gyro_bias",), 1.3, 44.7, "What it explains may be chance."),
         Decision(2, REMOVED, ("slope",), -0.01, math.nan, "The others explain as much without it."),
+        Decision(2, REMOVED, ("gyro_bias",), 62.2, math.nan, TOO_SMALL.sentence, (TOO_SMALL,)),
     ),
 )
 BAD = Diagnosis(robot_id=4, verdict=BAD_DATA, sentence="The robot never moved.", checks=(FAULT,))

@@ -97,15 +97,17 @@ def test_one_log_gives_the_three_files_and_says_what_was_found(
     lines = said.out.splitlines()
     assert lines[0] == f"Robot 0: {DIAGNOSIS.sentence}"
     assert max(map(len, lines[:-1])) <= WIDEST
-    assert re.search(r"1\. coulomb_friction +4\.1 +0\.1 +rad/s\^2 +311\.0, by chance with probability 1e-60", said.out)
+    assert re.search(r"1\. coulomb_friction +4\.1 +0\.1 +rad/s\^2 +311\.0 \(p = 1e-60\)", said.out)
     assert "Dry friction slows both wheels by 4.1 rad/s^2." in said.out
-    assert "cannot tell it from quadratic_drag" in said.out
+    assert "cannot distinguish it from quadratic_drag" in said.out
     assert "0.0930 m with the paper's model, 0.0141 m with the effects, smaller by a factor of 6.60" in " ".join(
         said.out.split()
     )
+    assert "\n\nSeen, but too small to matter: gyro_bias 0.0018 rad/s.\n\n" in said.out
     assert "3 poses cannot be true: set aside." in said.out
-    assert "20 % of the variance of the one-step prediction errors of the yaw rate is foretold by speed" in " ".join(
-        said.out.split()
+    assert (
+        "20 % of the variance of the one-step prediction errors of the yaw rate is predicted by speed, on left-out data"
+        in " ".join(said.out.split())
     )
     assert said.out.count("Next: Drive straight at two speeds.") == 1
     assert lines[-1] == f"written to {out}: diagnosis.json, robot_0.yaml, report.html"
@@ -281,15 +283,15 @@ def test_live_says_what_it_waits_for_and_what_is_new(url: str, tmp_path: Path) -
         listener = Listener(url)
         listener.until("Robot 0: its parameters are missing")
         listener.until("Robot 0: learning how it moves", NOMINAL)
-        listener.until("The parameters are new", replace(NOMINAL, provenance={"method": "by hand"}))
-        assert listener.heard == "Robot 0: The parameters are new: the watch begins anew."
+        listener.until("The parameters have changed", replace(NOMINAL, provenance={"method": "by hand"}))
+        assert listener.heard == "Robot 0: The parameters have changed: monitoring starts again."
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)
         assert process.returncode == 130
     finally:
         process.kill()
         process.wait()
-    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ Robot 0: The parameters are new: .*\n", said)
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ Robot 0: The parameters have changed: .*\n", said)
     assert (out / "live.txt").read_text() == said
 
 

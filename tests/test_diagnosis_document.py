@@ -24,7 +24,7 @@ from cmr.model.catalogue import CATALOGUE, definition
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFileError, load, sha256_of
 from cmr.recordings.findings import Finding
-from tests.made_up_diagnosis import BAD, DIAGNOSIS, REFITTED
+from tests.made_up_diagnosis import BAD, DIAGNOSIS, REFITTED, TOO_SMALL
 
 Seen = Callable[[str, Any], bool]  # channel, message
 
@@ -127,13 +127,24 @@ def test_what_goes_beyond_schema_1_is_what_the_documentation_says(tmp_path: Path
             "name": "slope",
             "evidence": {"statistic": 2.0, "p_value": 0.8, "held_out": -1.0},
             "why_not": "Other data speak against it.",
-        }
+            "parameters": {},
+            "too_small_to_matter": False,
+            "measure": None,
+        },
+        {
+            "name": "gyro_bias",
+            "evidence": {"statistic": 62.2, "p_value": 1e-9, "held_out": 30.5},
+            "why_not": TOO_SMALL.sentence,
+            "parameters": {"gyro_bias": {"value": 0.0018, "unit": "rad/s", "std": 0.0002}},
+            "too_small_to_matter": True,
+            "measure": {"quantity": "gyro_bias", "value": 0.0018, "limit": 0.003, "unit": "rad/s"},
+        },
     ]
 
 
 def test_decisions_of_the_search_stand_in_their_order_and_what_was_not_compared_is_null(tmp_path: Path) -> None:
     decisions = written(DIAGNOSIS, tmp_path)["decisions"]
-    assert [decision["action"] for decision in decisions] == ["added", "replaced", "not added", "removed"]
+    assert [decision["action"] for decision in decisions] == ["added", "replaced", "not added", "removed", "removed"]
     assert decisions[0] == {
         "step": 0,
         "action": "added",
@@ -141,7 +152,9 @@ def test_decisions_of_the_search_stand_in_their_order_and_what_was_not_compared_
         "statistic": 40.2,
         "threshold": 30.0,
         "reason": "It explains most.",
+        "measures": [],
     }
+    assert decisions[-1]["measures"] == [{"quantity": "gyro_bias", "value": 0.0018, "limit": 0.003, "unit": "rad/s"}]
     assert (decisions[1]["effects"], decisions[1]["threshold"]) == (["coulomb_friction", "surface_change"], None)
     assert written(BAD, tmp_path)["decisions"] == []
 

@@ -13,6 +13,7 @@ from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from tests.diagnosis_example import CANDIDATES, CHECKS, EFFECTS, FOUND, SPOILT, STRANGE
 from tests.html_page import Page
+from tests.made_up_diagnosis import DIAGNOSIS
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +27,7 @@ def test_the_effects_stand_there_with_cause_size_interval_evidence_and_what_they
     assert "95 %: 0.1402 to 0.1484" in found.text
     assert "LR 3,110.4" in found.text
     assert "p < 10\u207b\u00b3\u2070\u2070" in found.text
-    assert "lateral_skid (to tell: spins on the spot)" in found.text
+    assert "lateral_skid (to distinguish them: spins on the spot)" in found.text
 
 
 def test_the_equation_of_a_named_effect_is_the_code_that_runs(found: Page) -> None:
@@ -67,24 +68,33 @@ def test_what_was_given_stands_beside_both_models() -> None:
 def test_faults_of_the_data_are_sentences_and_clean_checks_are_listed(found: Page) -> None:
     assert CHECKS[0].sentence in found.text
     assert CHECKS[1].sentence not in found.text
-    assert "2 checks found nothing: gaps, encoder_spikes." in found.text
+    assert "2 checks found no problem: gaps, encoder_spikes." in found.text
 
 
 def test_bad_data_are_explained_before_all_else() -> None:
     headings = Page(report_of(SPOILT)).texts_of["h2"]
-    assert headings[:2] == ["The data", "What to do next"]
+    assert headings[:2] == ["Data", "What to do next"]
     unnoticed = Page(report_of(replace(SPOILT, next_experiment=None, checks=CHECKS[1:])))
-    assert "No check of the data found a fault" not in unnoticed.text
-    assert "Mend what the first line says, and record the drive again." in unnoticed.text
+    assert "No check found a problem in the data" not in unnoticed.text
+    assert "Fix the problem named in the first line, then record the drive again." in unnoticed.text
 
 
 def test_what_remains_unexplained_is_told_and_drawn() -> None:
     page = Page(report_of(STRANGE))
     errors = "34 % of the variance of the one-step prediction errors of the yaw rate \u03c9"
-    assert f"{errors} is foretold by speed v and time" in page.text
-    assert "If you recognise the physics in the plots of what remains, add it as an effect of your own" in page.text
+    assert f"{errors} is predicted by speed v and time, on left-out data" in page.text
+    assert (
+        "If you recognise the physics in the plots of the unexplained residuals, add it as an effect of your own"
+        in page.text
+    )
     drawn = [str(svg.get("aria-label")) for svg in page.named("svg")]
     assert any(alt.startswith("yaw rate \u03c9, real minus model, over speed v, over speed v") for alt in drawn)
+
+
+def test_effects_too_small_to_matter_are_listed_with_their_sizes() -> None:
+    page = Page(report_of(DIAGNOSIS))
+    assert "Seen, but too small to matter: gyro_bias 0.0018 rad/s." in page.text
+    assert "Its size, 0.0018 rad/s, is below what matters here, 0.0030 rad/s." in page.text
 
 
 def test_a_command_in_the_text_stands_in_a_line_to_copy() -> None:

@@ -98,7 +98,7 @@ def test_the_tell_tale_plot_of_an_effect_is_the_one_that_shows_it() -> None:
 def test_where_nothing_changed_no_plot_tells_a_tale() -> None:
     assert choice(NOTHING, CATALOGUE["pose_offset"].shows_in) is None
     page = Page(report_of(replace(FOUND, evidence=UNCHANGED)))
-    assert "No plot of mean residuals shows it by itself." in page.text
+    assert "No plot of mean residuals shows this effect on its own." in page.text
 
 
 def test_each_effect_has_a_plot_of_its_own_without_and_with_it(found: Page) -> None:
@@ -117,7 +117,7 @@ def test_each_effect_has_a_plot_of_its_own_without_and_with_it(found: Page) -> N
 def test_an_effect_of_chance_that_no_model_can_switch_off_has_no_plot() -> None:
     assert pairs_without(residuals(), "command_jitter") == ()
     page = Page(report_of(replace(FOUND, effects=(replace(EFFECTS[0], name="command_jitter"),))))
-    assert "No plot of mean residuals shows it by itself." in page.text
+    assert "No plot of mean residuals shows this effect on its own." in page.text
 
 
 def test_without_words_on_where_an_effect_shows_the_larger_structure_is_chosen() -> None:

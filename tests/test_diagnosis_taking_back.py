@@ -4,8 +4,8 @@ import pytest
 
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import NO_EFFECT
-from cmr.estimation.search.criteria import TOO_SMALL
 from cmr.estimation.search.trace import ADDED, REMOVED
+from cmr.estimation.usefulness import OF_USE
 from tests.hidden_effects import hidden_recording
 
 STRAYING_SPINS = 25  # a short drive on the spot in which chance looks like a battery that runs down
@@ -16,8 +16,12 @@ def test_what_is_of_no_use_in_free_runs_is_not_named_and_leaves_the_paper_s_mode
     assert found.verdict == NO_EFFECT
     assert "battery_drift" in [candidate.name for candidate in found.candidates]
     # The search tells why: it was added, and taken back.
-    told = [(one.action, one.reason) for one in found.decisions if one.effects == ("battery_drift",)]
-    assert [told[0][0], told[-1]] == [ADDED, (REMOVED, TOO_SMALL)]
+    told = [one for one in found.decisions if one.effects == ("battery_drift",)]
+    assert [told[0].action, told[-1].action] == [ADDED, REMOVED]
+    (measure,) = told[-1].measures
+    assert (measure.quantity, measure.limit) == ("error_ratio", OF_USE)
+    assert measure.value < OF_USE
+    assert "battery_drift" in [candidate.name for candidate in found.harmless]
     assert found.baseline is not None
     assert found.extended is not None
     # What may be hidden beside the paper's model is averaged over, and does no harm.

@@ -10,7 +10,7 @@ from cmr.commands.command_line import guarded
 from cmr.commands.diagnose import main
 from cmr.diagnosis.report import report_of
 from cmr.diagnosis.why import NOTHING_DECIDED, WIDTH, why
-from cmr.estimation.search.trace import ADDED, REMOVED, Decision, with_removed
+from cmr.estimation.search.trace import ADDED, INDISTINCT, REMOVED, Decision, with_removed, with_rivals
 from tests.html_page import Page
 from tests.logs_of_robots import write_logs
 from tests.made_up_diagnosis import BAD, DIAGNOSIS
@@ -21,16 +21,31 @@ TABLE = why(DIAGNOSIS.decisions)
 
 def test_what_statistic_and_threshold_are_stands_above_the_table() -> None:
     above, _, table = TABLE.partition("\n\n")
-    assert "twice the log-likelihood" in " ".join(above.split())
-    assert "threshold is how much an effect must add" in " ".join(above.split())
-    assert table.split("\n")[0].split() == ["model", "decision", "effects", "statistic", "threshold", "reason"]
+    assert "likelihood ratio: twice the log-likelihood" in " ".join(above.split())
+    assert "compared with the threshold" in " ".join(above.split())
+    first, second = table.split("\n")[:2]
+    assert [*first.split(), *second.split()] == ["model", "decision", "effects", "statistic", "threshold", "reason"]
 
 
 def test_each_decision_is_a_line_with_effect_statistic_threshold_and_reason() -> None:
-    assert re.search(r"^ +0  added +slope +40\.2 +30\.0  It explains most\.$", TABLE, re.MULTILINE)
-    assert re.search(r"^ +1  replaced +coulomb_friction +351\.0 +-  slope left for it", TABLE, re.MULTILINE)
-    assert re.search(r"^ +surface_change  ", TABLE, re.MULTILINE)
-    assert re.search(r"^ +2  removed +slope +0\.0 +-  The others", TABLE, re.MULTILINE)
+    assert re.search(r"^ +0  added +slope +40\.2 +30\.0\n +It explains most\.$", TABLE, re.MULTILINE)
+    assert re.search(r"^ +1  replaced +coulomb_friction +351\.0 +-$", TABLE, re.MULTILINE)
+    assert re.search(r"^ +surface_change\n +slope left for it", TABLE, re.MULTILINE)
+    assert re.search(r"^ +2  removed +slope +0\.0 +-\n +The others", TABLE, re.MULTILINE)
+
+
+def test_the_number_that_decided_and_its_limit_are_in_the_reason() -> None:
+    row = r"^ +2  removed +gyro_bias +62\.2 +-\n +Its size, 0\.0018 rad/s, is below what matters here, 0\.0030 rad/s\.$"
+    assert re.search(row, TABLE, re.MULTILINE)
+
+
+def test_a_rival_whose_likelihood_ratio_was_not_compared_is_a_row_all_the_same() -> None:
+    compared = Decision(0, INDISTINCT, ("back_emf_asymmetry", "motor_gain_asymmetry"), 3.1, 12.0, "Alike.")
+    rivals = [("motor_gain_asymmetry", "back_emf_asymmetry"), ("command_delay", "command_jitter")]
+    first, last = with_rivals([compared], rivals)
+    assert first is compared
+    assert (last.action, last.effects) == ("not distinguished", ("command_jitter", "command_delay"))
+    assert math.isnan(last.statistic)
 
 
 def test_the_table_is_as_wide_as_the_rest() -> None:
@@ -80,7 +95,7 @@ def test_a_drive_that_is_watched_is_not_searched(capsys: pytest.CaptureFixture[s
 
 def test_the_report_has_the_table_folded() -> None:
     text = report_of(DIAGNOSIS)
-    assert Page(text).texts_of["summary"] == ["4 decisions of the search"]
+    assert Page(text).texts_of["summary"] == ["5 decisions of the search"]
     folded = text.partition("<details>")[2].partition("</details>")[0]
     for decision in DIAGNOSIS.decisions:
         assert decision.reason in folded

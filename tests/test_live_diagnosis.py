@@ -121,14 +121,14 @@ def test_what_has_been_said_stays_visible_once_and_is_not_news_again() -> None:
         said += handled(watcher, *message)
         shown += [watcher.status()] if watcher.status() != shown[-1] else []
     assert len(said) == 1
-    assert "Charge it" in said[0]
+    assert "Charge the battery" in said[0]
     assert shown[-1] == said[0] == watcher.alarms
-    assert [text for text in shown if "Charge it" in text] == said
+    assert [text for text in shown if "Charge the battery" in text] == said
 
 
 def test_a_voltage_that_falls_is_enough() -> None:
     heard = messages(undisturbed(1).recording, voltage=lambda time: 12.4 if time < CHANGE else 10.9)
-    assert "Charge it" in only(watch(heard), "10.9 V, 12.4 V at the start")
+    assert "Charge the battery" in only(watch(heard), "10.9 V, 12.4 V at the start")
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -138,7 +138,7 @@ def test_a_voltage_that_falls_is_enough() -> None:
         (0.5, 0.0, "the left wheel slips"),
         (0.0, 0.25, "the right wheel slips"),
         (0.4, 0.4, "both wheels slip"),
-        (1.0, 1.0, "the robot is held fast"),
+        (1.0, 1.0, "the robot is blocked"),
     ],
 )
 def test_slip_is_named_with_its_side_and_size(left: float, right: float, cause: str, seed: int) -> None:
@@ -158,7 +158,7 @@ def test_slip_that_ends_is_said_to_be_over_and_the_next_is_seen_again() -> None:
     ride = driven(eight(175.0), {}, 175.0)
     said = watch(messages(slipping(ride, 0.5, 0.0, seconds=15.0, period=80.0)), watcher)
     sentences = [sentence for _, sentence in said]
-    assert ["slips. Look" in sentence for sentence in sentences] == [True, False, True, False]
+    assert ["slips. Check" in sentence for sentence in sentences] == [True, False, True, False]
     assert sentences[1] == "Robot 0: No longer: the left wheel slips. Everything is as at the start again."
     assert "as at the start" in watcher.status()
 
@@ -166,7 +166,7 @@ def test_slip_that_ends_is_said_to_be_over_and_the_next_is_seen_again() -> None:
 def test_a_suspicion_that_comes_and_goes_is_not_said_more_than_once_a_minute() -> None:
     ride = driven(eight(200.0), {}, 200.0)
     said = watch(messages(slipping(ride, 0.5, 0.0, seconds=8.0, period=20.0)))
-    times = [time for time, sentence in said if "slips. Look" in sentence]
+    times = [time for time, sentence in said if "slips. Check" in sentence]
     assert 1 <= len(times) <= 3
     assert all(later - earlier >= 60.0 for earlier, later in pairwise(times))
     assert len(said) <= 2 * len(times)
@@ -175,7 +175,9 @@ def test_a_suspicion_that_comes_and_goes_is_not_said_more_than_once_a_minute() -
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_gyro_whose_zero_moves_is_at_fault_and_not_the_robot(seed: int) -> None:
     recording = edited(undisturbed(seed).recording, "gyro", yaw_rate=lambda since, rate: rate + 0.02 * (since > 0.0))
-    assert "the gyro's zero has moved, the robot has not" in only(watch(messages(recording)), "Robot 0: The gyro")
+    assert "the gyro's zero has drifted; the robot is unchanged" in only(
+        watch(messages(recording)), "Robot 0: The gyro"
+    )
 
 
 def test_a_gyro_whose_zero_moves_is_seen_at_rest() -> None:
@@ -186,7 +188,7 @@ def test_a_gyro_whose_zero_moves_is_seen_at_rest() -> None:
 
 def test_a_gyro_that_stops_telling_turns_is_at_fault() -> None:
     recording = edited(undisturbed(1).recording, "gyro", yaw_rate=gone)
-    assert "the gyro has stopped telling turns" in only(watch(messages(recording)))
+    assert "the gyro no longer measures turns" in only(watch(messages(recording)))
 
 
 def test_frozen_poses_are_the_localisations_fault_until_they_move_again() -> None:
@@ -254,7 +256,7 @@ def test_one_side_that_stands_still_is_told_apart() -> None:
 
 def test_encoders_that_stop_are_told_from_wheels_that_stop() -> None:
     recording = edited(undisturbed(1).recording, "wheels", psi_left=gone, psi_right=gone)
-    assert "the robot moves, so it is the encoder" in only(watch(messages(recording)))
+    assert "the robot moves, so the encoder is at fault" in only(watch(messages(recording)))
 
 
 def test_new_parameters_are_said_once_and_begin_anew() -> None:
@@ -267,7 +269,7 @@ def test_new_parameters_are_said_once_and_begin_anew() -> None:
     watcher = Watcher(follow())
     said = watch(sorted(heard + announced, key=lambda message: message[0]), watcher)
     assert "slower" in said[0][1]
-    assert [sentence for _, sentence in said[1:]] == ["Robot 0: The parameters are new: the watch begins anew."]
+    assert [sentence for _, sentence in said[1:]] == ["Robot 0: The parameters have changed: monitoring starts again."]
     assert "as at the start" in watcher.status()
 
 
@@ -336,7 +338,7 @@ def test_robots_are_told_apart_and_one_can_be_chosen() -> None:
 
 def test_without_a_robot_or_its_parameters_it_says_what_it_waits_for() -> None:
     watcher = Watcher(follow(None))
-    assert watcher.status() == "Waiting for a robot: nothing heard on MOTOR_FEEDBACK_N."
+    assert watcher.status() == "Waiting for a robot: nothing received on MOTOR_FEEDBACK_N."
     heard = messages(undisturbed(1).recording)
     assert watch(heard[:2000], watcher) == []
     assert "none are announced on PARAMETERS_0" in watcher.status()
@@ -357,7 +359,7 @@ def test_it_tells_that_it_learns_and_that_a_robot_has_fallen_silent() -> None:
     watch(heard[:3000], watcher)
     assert "learning how it moves" in watcher.status()
     watcher.advance(heard[3000][0] + 12_000_000)
-    assert "no feedback of its motors for 12 s" in watcher.status()
+    assert "no motor feedback for 12 s" in watcher.status()
 
 
 def test_every_cause_names_an_effect_of_the_catalogue_or_none() -> None:

@@ -151,7 +151,7 @@ def test_two_effects_differ_in_what_is_recommended_to_tell_them_apart(name: str,
 
 def test_limits_that_a_figure_eight_does_not_reach_are_shown_by_steps() -> None:
     assert experiment_to_show(["battery_sag", "saturation", "current_limit"]) == (
-        "Battery sag, saturation and current limit would show in big steps and reversals near full duty. "
+        "Battery sag, saturation and current limit would be visible in big steps and reversals near full duty. "
         "Record `cmr-pilot --robot 0 --behaviour manoeuvre,name=steps` (26 s, 0.8 m around the start), "
         "then diagnose both logs together."
     )
@@ -160,14 +160,14 @@ def test_limits_that_a_figure_eight_does_not_reach_are_shown_by_steps() -> None:
 def test_few_manoeuvres_show_many_effects() -> None:
     behaviour = driven_by(experiment_to_show([*CATALOGUE]))
     assert behaviour.name == "rest+repeat_loop+star+rich_drive+rest"
-    assert "Any effect would show in a drive with something of everything" in experiment_to_show([])
+    assert "Any effect would be visible in a drive with something of everything" in experiment_to_show([])
 
 
 def test_what_tells_apart_is_said_in_the_catalogues_words() -> None:
     assert experiment_to_tell_apart("command_delay", ["electrical_lag", "slew_limit"]) == (
-        "To tell command delay from electrical lag: multisine, reversals; from slew limit: reversals of different "
-        "size. Record `cmr-pilot --robot 0 --behaviour manoeuvre,name=multisine+steps` (49 s, 0.8 m around the start), "
-        "then diagnose both logs together."
+        "To distinguish command delay from electrical lag: multisine, reversals; from slew limit: reversals of "
+        "different size. Record `cmr-pilot --robot 0 --behaviour manoeuvre,name=multisine+steps` "
+        "(49 s, 0.8 m around the start), then diagnose both logs together."
     )
     assert "from static friction and saturation: big steps." in str(
         experiment_to_tell_apart("battery_sag", ["static_friction", "saturation"])
@@ -176,18 +176,18 @@ def test_what_tells_apart_is_said_in_the_catalogues_words() -> None:
 
 def test_what_nothing_explains_is_driven_again_and_by_itself_and_looked_at() -> None:
     assert experiment_to_explain("sideways", ["speed"]) == (
-        "To find out what makes the errors of the sideways position, record the same drive again: those that come "
-        "again at the same time or place are made by the robot, its commands or the floor, others by something from "
-        "outside. What goes with speed stands out in straight runs forth and back at three speeds. "
+        "To find the cause of the errors of the sideways position, record the same drive again: errors that recur at "
+        "the same time or place come from the robot, its commands or the floor, others from outside. "
+        "Errors that depend on speed are clearest in straight runs forth and back at three speeds. "
         "Record `cmr-pilot --robot 0 --behaviour manoeuvre,name=straight_runs` (20 s, 1.3 m around the start), "
         "then diagnose both logs together. "
-        "Look at the plot of the sideways position over speed in report.html: its shape hints at the cause."
+        "Look at the plot of the sideways position over speed in report.html: its shape is a clue to the cause."
     )
     assert "cmr-pilot" not in experiment_to_explain("yaw_rate", ["time"])
     both = experiment_to_explain("heading", ["x", "time", "yaw_rate", "y"], robot_id=3)
     assert driven_by(both).name == "spins+star"
-    assert "What goes with place in x, yaw rate and place in y stands out" in both
-    assert "over place in x, time, yaw rate and place in y" in both
+    assert "Errors that depend on x position, yaw rate and y position are clearest" in both
+    assert "over x position, time, yaw rate and y position" in both
 
 
 def test_all_that_errors_may_go_with_stands_out_somewhere() -> None:
@@ -198,7 +198,7 @@ def test_all_that_errors_may_go_with_stands_out_somewhere() -> None:
 def test_the_same_mathematics_is_said_and_nothing_is_recommended() -> None:
     said = experiment_to_tell_apart("wheel_radius_scale", ["encoder_scale"])
     assert said == (
-        "No drive tells wheel radius scale from encoder scale: the same mathematics, unless commands tell. "
+        "No drive can distinguish wheel radius scale from encoder scale: the same mathematics, unless commands tell. "
         "The simulation is the same with either."
     )
     both = experiment_to_tell_apart("wheel_radius_scale", ["encoder_scale", "pose_distortion"])

@@ -1,5 +1,6 @@
 """Find out what the paper's model gets wrong about a robot, and why."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -27,10 +28,13 @@ from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation, estimate, fit_estimate, nominal_of
 from cmr.estimation.free_runs import WINDOW
 from cmr.estimation.gain import Gain
+from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.preparation import Ready
 from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect
+from cmr.estimation.search.cross_validation import alternatives
 from cmr.estimation.search.selection import Search
 from cmr.estimation.search.shifts import moved, shifts
+from cmr.estimation.search.trace import with_rivals
 from cmr.estimation.unexplained.extending import Extended
 from cmr.estimation.unexplained.generic import formula
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained
@@ -42,7 +46,8 @@ from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
 BY_COURSES = (  # whose errors last, and go with much by chance
-    "Effects were looked for in the course of the motion, not moment by moment. What remains beside them is not judged."
+    "Effects were fitted to simulated paths (simulation error), not to one-step predictions. The remaining errors were "
+    "not tested for structure."
 )
 
 
@@ -127,7 +132,7 @@ def _diagnosis(
         gain=measured.gain,
         evidence=evidence,
         effects=effects,
-        candidates=tuple(_candidate(tested, why, found.inflation) for tested, why in found.others),
+        candidates=_candidates(found),
         checks=ready.checks,
         notes=ready.notes if found.problem.by_moments else (*ready.notes, BY_COURSES),
         next_experiment=_next(robot_id, effects, found, unexplained),
@@ -135,7 +140,9 @@ def _diagnosis(
         sources=sources,
         samples=len(found.final.rest),
         lateness=lateness,
-        decisions=found.decisions,
+        decisions=with_rivals(
+            found.decisions, [(one.name, rival) for one in effects for rival in one.indistinguishable_from]
+        ),
     )
 
 
@@ -143,15 +150,48 @@ def _fitted(estimates: Mapping[str, Estimate], path_rmse: float, held_out: float
     return Fitted(estimates=estimates, path_rmse=path_rmse, held_out_path_rmse=held_out)
 
 
-def _candidate(tested: CandidateEffect, why_not: str, inflation: float) -> Candidate:
+def _candidates(found: Search) -> tuple[Candidate, ...]:
+    """Return the effects that were tested and not named, with the sizes that were fitted.
+
+    Effects that are too small to matter, not in the final model and explain the same are one effect: only the first is
+    called harmless.
+    """
+    result, alone = [], list[CandidateEffect]()
+    for tested, why in found.others:
+        harmless = why == TOO_SMALL
+        if harmless and found.seen and not _fitted_in(found.seen, tested):
+            harmless = not any(alternatives(found.seen, other.fit, tested.fit) for other in alone)
+            alone.append(tested)
+        result.append(_candidate(tested, why, found, harmless=harmless))
+    return tuple(result)
+
+
+def _candidate(tested: CandidateEffect, why: str, found: Search, *, harmless: bool) -> Candidate:
     drop = max(tested.drop, 0.0)
     return Candidate(
         name=tested.effect.name,
         statistic=drop,
-        p_value=p_value(drop, len(tested.effect.parameters), inflation),
+        p_value=p_value(drop, len(tested.effect.parameters), found.inflation),
         held_out=tested.held_out,
-        why_not=why_not,
+        why_not=tested.reason(why),
+        estimates=_sizes(tested, found),
+        harmless=harmless,
+        measure=tested.measure,
     )
+
+
+def _sizes(tested: CandidateEffect, found: Search) -> dict[str, Estimate]:
+    """Return the parameters of an effect that was tested: beside all that the search found, else as it was tested."""
+    names = [parameter.name for parameter in tested.effect.parameters if parameter.name in tested.values]
+    if found.seen and _fitted_in(found.seen, tested):
+        return {name: fit_estimate(found.seen, name, found) for name in names}
+    stds = {name: tested.fit.std(name) for name in names if tested.fit and name in tested.fit.names}
+    scale = math.sqrt(found.inflation)
+    return {name: Estimate(tested.values[name], scale * stds.get(name, math.nan)) for name in names}
+
+
+def _fitted_in(fit: Fit, tested: CandidateEffect) -> bool:
+    return all(parameter.name in fit.names for parameter in tested.effect.parameters)
 
 
 def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estimation, robot_id: int) -> NamedEffect:
@@ -220,19 +260,18 @@ def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, search: 
     if unexplained.present:
         goes_with = " and ".join(map(regressor_name, unexplained.regressors))
         signal = signal_name(str(unexplained.signal))
-        rest = f"{'More' if effects else 'Something'} remains that no effect of the catalogue explains: errors of the "
-        sentence = f"{found} {rest}{signal} that go with {goes_with}.".strip()
+        rest = f"{'There remain errors' if effects else 'There are errors'} that no effect of the catalogue explains: "
+        sentence = f"{found} {rest}those of the {signal} depend on {goes_with}.".strip()
         return f"{sentence} {_generic_sentence(unexplained.generic)}" if unexplained.generic else sentence
     if found:
         return found
-    small = [tested.effect.name.replace("_", " ") for tested, why in search.others if why == TOO_SMALL]
-    nothing = f"Nothing in the data speaks for any of the {len(CATALOGUE)} effects"
-    if small:
-        nothing = f"Of the {len(CATALOGUE)} effects none matters here ({', '.join(small)}: seen, but too small)"
+    nothing = f"The data show none of the {len(CATALOGUE)} effects in the catalogue"
+    if any(why == TOO_SMALL for _, why in search.others):
+        nothing = f"None of the {len(CATALOGUE)} effects in the catalogue is large enough to matter here"
     if search.unseen:
-        return f"{nothing}; but these drives would not show {len(search.unseen)} of them."
-    return f"{nothing}: the paper's model is enough."
+        return f"{nothing}, but {len(search.unseen)} of them would not be visible in these drives."
+    return f"{nothing}: the paper's model is sufficient."
 
 
 def _generic_sentence(term: GenericTerm) -> str:
-    return f"The extended model has {GENERIC}, and foretells data that it was not fitted on better: {term.formula}."
+    return f"The extended model has {GENERIC}, which improves its predictions of left-out data: {term.formula}."

@@ -13,7 +13,7 @@ from typing import Any
 from cmr.diagnosis.result import GENERIC, Candidate, Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
-from cmr.estimation.search.trace import Decision
+from cmr.estimation.search.trace import Decision, Measure
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained
 from cmr.files import write_atomically
 from cmr.model.catalogue import definition, effects_on
@@ -33,12 +33,13 @@ def document(diagnosis: Diagnosis) -> Document:
     """Return the content of `diagnosis.json`.
 
     Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `next_experiment`, what
-    to drive next; `candidates`, the effects that were tested and not named, and why not; `sources` and `samples`, what
+    to drive next; `candidates`, the effects that were tested and not named: their sizes, why not, the `measure` that
+    decided with its limit, and whether the effect is certain but `too_small_to_matter`; `sources` and `samples`, what
     was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the `sentence`
-    of each data check; `command_lateness`, measured in each recording whose driver tells what it applied; `decisions`,
-    the steps of the search; and `generic_term`, which extends the model without naming a cause, or null. Its `shift`
-    and those of all effects add up to what lies between `baseline` and the fit with all of them. Parameters without a
-    standard deviation were given, not fitted.
+    of each data check; `command_lateness`, measured in each recording whose driver reports what it applied;
+    `decisions`, the steps of the search with the `measures` that decided; and `generic_term`, which extends the model
+    without naming a cause, or null. Its `shift` and those of all effects add up to the difference between `baseline`
+    and the fit with all of them. Parameters without a standard deviation were given, not fitted.
     Raises KeyError for a parameter that the catalogue does not know.
     """
     return {
@@ -127,7 +128,14 @@ def _effect(rank: int, effect: NamedEffect) -> Document:
 
 
 def _candidate(candidate: Candidate) -> Document:
-    return {"name": candidate.name, "evidence": _evidence(candidate), "why_not": candidate.why_not}
+    return {
+        "name": candidate.name,
+        "evidence": _evidence(candidate),
+        "why_not": candidate.why_not,
+        "parameters": {name: _estimate(name, one) for name, one in candidate.estimates.items()},
+        "too_small_to_matter": candidate.harmless,
+        "measure": _measure(candidate.measure) if candidate.measure else None,
+    }
 
 
 def _decision(decision: Decision) -> Document:
@@ -138,6 +146,16 @@ def _decision(decision: Decision) -> Document:
         "statistic": _finite(decision.statistic),
         "threshold": _finite(decision.threshold),
         "reason": decision.reason,
+        "measures": [_measure(measure) for measure in decision.measures],
+    }
+
+
+def _measure(measure: Measure) -> Document:
+    return {
+        "quantity": measure.quantity,
+        "value": _finite(measure.value),
+        "limit": _finite(measure.limit),
+        "unit": measure.unit,
     }
 
 

@@ -1,4 +1,4 @@
-"""One diagnosis from logs to files: what to read, where to write, and what came of it in brief."""
+"""One diagnosis from logs to files: what to read, where to write, and a short outcome."""
 
 import hashlib
 import math
@@ -45,7 +45,7 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What came of a job, in brief: either `failure`, a sentence, or the verdict and what was named.
+    """The outcome of a job: either `failure`, a sentence, or the verdict and the effects named.
 
     `ratio` is the gain in held-out path error, NaN where it is not known. `decisions` are the steps of the search.
     """
@@ -75,11 +75,11 @@ def _filled(log: Path) -> None:
     """Raise RecordingError when a log cannot be opened or is empty; the text says why."""
     read_log(log)
     if log.is_file() and log.stat().st_size == 0:
-        raise RecordingError(f"{log}: is empty. Was lcm-logger on the robot's bus (--lcm-url) while it drove?")
+        raise RecordingError(f"{log}: is empty. Was lcm-logger on the robot's bus (--lcm-url) during the drive?")
 
 
 def perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
-    """Read, diagnose and write; return the diagnosis and the files written. `tell` is told what is being done.
+    """Read, diagnose and write; return the diagnosis and the files written. `tell` receives sentences on progress.
 
     Raises JobError.
     """
@@ -117,7 +117,7 @@ def attempt(job: Job, tell: Telling) -> Outcome:
         return Outcome(folder=job.folder, failure=str(error))
     except Exception as error:
         what = f"unexpected {type(error).__name__}: {error}"
-        return Outcome(folder=job.folder, failure=f"{what}. Diagnose {_names(job.logs)} alone to see where.")
+        return Outcome(folder=job.folder, failure=f"{what}. Diagnose {_names(job.logs)} alone for details.")
     return Outcome(
         folder=job.folder,
         verdict=diagnosis.verdict,

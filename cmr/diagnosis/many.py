@@ -101,7 +101,7 @@ def _with_held_out(jobs: list[Job]) -> list[Job]:
 class Pool:
     """Processes that do jobs side by side; use it as a context manager, which leaves none of them behind.
 
-    `work` must be found by name in its module: the processes look it up anew. At most `count` run at once.
+    `work` must be found by name in its module: each process imports it. At most `count` run at once.
     """
 
     def __init__(self, count: int, work: Work) -> None:
@@ -123,7 +123,7 @@ class Pool:
             worker.process.join()
 
     def perform(self, jobs: Sequence[Job], tell: Telling) -> Iterator[Outcome]:
-        """Yield what came of each job as it ends. `tell` is told what is being done.
+        """Yield what came of each job as it ends. `tell` receives sentences on progress.
 
         A process that dies fails its job, and another takes its place.
         """
@@ -185,7 +185,7 @@ class _Worker:
 
 def _death(exit_code: int | None) -> str:
     how = f"was killed by signal {-exit_code}" if exit_code and exit_code < 0 else f"ended with exit code {exit_code}"
-    return f"Its process {how}. If memory was short, --jobs 1 needs less of it."
+    return f"Its process {how}. If memory ran out, --jobs 1 needs less."
 
 
 def _serve(connection: Connection, work: Work) -> None:

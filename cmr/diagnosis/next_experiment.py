@@ -19,8 +19,8 @@ HOPELESS = "none: "  # so begin the catalogue's texts where nothing tells two ef
 REST = "rest"
 FALLBACK = "rich_drive"
 WITHOUT_POSES = (
-    "No poses were recorded (POSE_N), so nothing tells where the robot went: record a tracker's, or a localisation's, "
-    "with the next drive."
+    "No poses were recorded (POSE_N), so the path of the robot is unknown: record the poses of a motion-capture or "
+    "localisation system in the next drive."
 )
 # In which manoeuvre what goes with a regressor stands out from what goes with others.
 PARTING = {
@@ -58,11 +58,11 @@ def experiment_to_tell_apart(
     if possible:
         motions = [text if motions_in(text) else _needs(name, other) for other, text in possible.items()]
         together = all(motions_in(text) for text in possible.values())
-        sentences.append(f"To tell {_words(name)} {_from_each(possible)}.")
+        sentences.append(f"To distinguish {_words(name)} {_from_each(possible)}.")
         sentences.append(_record(manoeuvres_giving(motions), robot_id, robot, together))
     if hopeless:
         sentences.append(
-            f"No drive tells {_words(name)} {_from_each(hopeless)}. The simulation is the same with either."
+            f"No drive can distinguish {_words(name)} {_from_each(hopeless)}. The simulation is the same with either."
         )
     return " ".join(sentences) or None
 
@@ -75,7 +75,7 @@ def experiment_to_show(names: Sequence[str], *, robot_id: int = 0, robot: RobotP
     """
     chosen = manoeuvres_giving(CATALOGUE[name].needs for name in names)
     shown = _listed(map(_words, names)) or "any effect"
-    sentence = f"{shown} would show in {_listed(manoeuvre.what for manoeuvre in chosen)}."
+    sentence = f"{shown} would be visible in {_listed(manoeuvre.what for manoeuvre in chosen)}."
     return f"{sentence[0].upper()}{sentence[1:]} {_record(chosen, robot_id, robot)}"
 
 
@@ -88,15 +88,17 @@ def experiment_to_explain(
     """
     what, goes_with = signal_name(signal), _listed(map(regressor_name, regressors))
     sentences = [
-        f"To find out what makes the errors of the {what}, record the same drive again: those that come again at the "
-        "same time or place are made by the robot, its commands or the floor, others by something from outside."
+        f"To find the cause of the errors of the {what}, record the same drive again: errors that recur at the same "
+        "time or place come from the robot, its commands or the floor, others from outside."
     ]
     chosen = [manoeuvre for manoeuvre in MANOEUVRES.values() if manoeuvre.name in {PARTING.get(r) for r in regressors}]
     if chosen:
         drive = _listed(manoeuvre.what for manoeuvre in chosen)
         parted = _listed(regressor_name(name) for name in regressors if name in PARTING)
-        sentences.append(f"What goes with {parted} stands out in {drive}. {_record(chosen, robot_id, robot)}")
-    sentences.append(f"Look at the plot of the {what} over {goes_with} in report.html: its shape hints at the cause.")
+        sentences.append(f"Errors that depend on {parted} are clearest in {drive}. {_record(chosen, robot_id, robot)}")
+    sentences.append(
+        f"Look at the plot of the {what} over {goes_with} in report.html: its shape is a clue to the cause."
+    )
     return " ".join(sentences)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
-from cmr.estimation.search.trace import Decision
+from cmr.estimation.search.trace import Decision, Measure
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.findings import Finding
 from cmr.recordings.lateness import Lateness
@@ -47,7 +47,9 @@ class NamedEffect:
 class Candidate:
     """An effect of the catalogue that was tested and not named: its evidence beside the effects named.
 
-    `statistic` and `held_out` are as in NamedEffect; `why_not` is a sentence.
+    `statistic` and `held_out` are as in NamedEffect; `why_not` is a sentence, `measure` the number in it that decided,
+    None if it is not known. `estimates` are the effect's parameters by name as they were fitted. `harmless` tells that
+    the data show the effect, but that it is too small to matter.
     """
 
     name: str
@@ -55,6 +57,9 @@ class Candidate:
     p_value: float
     held_out: float
     why_not: str
+    estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    harmless: bool = False
+    measure: Measure | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,6 +166,11 @@ class Diagnosis:
         if len(self.lateness) == 1:
             return [one.sentence for one in self.lateness.values()]
         return [f"{name}: {one.sentence}" for name, one in self.lateness.items()]
+
+    @property
+    def harmless(self) -> list[Candidate]:
+        """The effects that the data show, but that are too small to matter."""
+        return [candidate for candidate in self.candidates if candidate.harmless]
 
     @property
     def is_extended(self) -> bool:

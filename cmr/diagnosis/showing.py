@@ -277,9 +277,9 @@ def _spread(count: int, most: int) -> Indices:
 
 
 def structure(residual: Floats, regressor: Floats) -> float:
-    """Return the share of a residual's variance that its means in bins of a regressor foretell, both (n,), in time.
+    """Return the share of a residual's variance that its means in bins of a regressor predict, both (n,), in time.
 
-    The means are taken from some blocks of time and tested on the others (cross-validation), so that chance foretells
+    The means are taken from some blocks of time and tested on the others (cross-validation), so that chance predicts
     nothing: about 0, or a little less. Samples that are not finite do not count.
     """
     usable = np.isfinite(residual) & np.isfinite(regressor)

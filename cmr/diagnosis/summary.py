@@ -1,4 +1,4 @@
-"""What came of diagnoses, as text for a terminal."""
+"""Diagnoses as text for a terminal."""
 
 import math
 from collections.abc import Sequence
@@ -6,12 +6,12 @@ from textwrap import TextWrapper
 
 from cmr.diagnosis.job import Outcome
 from cmr.diagnosis.result import GENERIC, Diagnosis, Fitted, NamedEffect
-from cmr.diagnosis.words import regressor_name, share_sentence, signal_name
+from cmr.diagnosis.words import harmless_sentence, regressor_name, share_sentence, signal_name
 from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import definition
 
 WIDTH = 110  # characters
-SMALLEST = 1e-300  # a smaller chance is none that a computer can tell from zero
+SMALLEST = 1e-300  # smaller p values are rounding errors
 INDENT = "     "
 
 
@@ -19,11 +19,12 @@ def summary(diagnosis: Diagnosis) -> str:
     """Return the verdict in a sentence, a table of the effects, the gain, and what to do next."""
     told = {effect.next_experiment for effect in diagnosis.effects}
     following = [f"Next: {diagnosis.next_experiment}"] if diagnosis.next_experiment not in {None, *told} else []
-    told_beside = [*_gain(diagnosis), *diagnosis.lateness_sentences, *_faults(diagnosis)]
+    remarks = [*_gain(diagnosis), *diagnosis.lateness_sentences, *_faults(diagnosis)]
     parts = [
         _wrapped(f"Robot {diagnosis.robot_id}: {diagnosis.sentence}"),
         _table(diagnosis.effects) if diagnosis.effects else "",
-        "\n".join(map(_wrapped, [*told_beside, *diagnosis.notes, *following])),
+        _wrapped(harmless_sentence(diagnosis.harmless)),
+        "\n".join(map(_wrapped, [*remarks, *diagnosis.notes, *following])),
     ]
     return "\n\n".join(part for part in parts if part)
 
@@ -51,24 +52,22 @@ def outcome_table(outcomes: Sequence[Outcome]) -> str:
 
 def _table(effects: Sequence[NamedEffect]) -> str:
     parameters = max(len(name) for effect in effects for name in effect.estimates)
-    lines = [
-        f"     {'parameter':{parameters}s}  {'value':>11s} {'+- std':>9s}  {'unit':8s}  evidence (2 log-likelihood)"
-    ]
+    lines = [f"     {'parameter':{parameters}s}  {'value':>11s} {'+- std':>9s}  {'unit':8s}  likelihood ratio"]
     for rank, effect in enumerate(effects, start=1):
-        evidence = f"{effect.statistic:.1f}, by chance with probability {_probability(effect.p_value)}"
+        evidence = f"{effect.statistic:.1f} (p {_probability(effect.p_value)})"
         for position, (name, estimate) in enumerate(effect.estimates.items()):
             start = f"{rank:3d}. " if position == 0 else INDENT
             row = f"{start}{name:{parameters}s}  {_value(estimate)}  {definition(name).unit:8s}  "
             lines.append((row + (evidence if position == 0 else "")).rstrip())
-        lines += [_wrapped(INDENT + sentence, indent=len(INDENT)) for sentence in _said(effect)]
+        lines += [_wrapped(INDENT + sentence, indent=len(INDENT)) for sentence in _sentences(effect)]
     return "\n".join(lines)
 
 
-def _said(effect: NamedEffect) -> list[str]:
+def _sentences(effect: NamedEffect) -> list[str]:
     """Return the sentences below an effect's numbers."""
     sentences = [f"{effect.name}: {effect.cause}"]
     if effect.indistinguishable_from:
-        sentences.append(f"These data cannot tell it from {', '.join(effect.indistinguishable_from)}.")
+        sentences.append(f"These data cannot distinguish it from {', '.join(effect.indistinguishable_from)}.")
     if effect.next_experiment:
         sentences.append(f"Next: {effect.next_experiment}")
     return sentences
@@ -80,7 +79,7 @@ def _value(estimate: Estimate) -> str:
 
 
 def _probability(p_value: float) -> str:
-    return f"{p_value:.1g}" if p_value >= SMALLEST else f"< {SMALLEST:g}"
+    return f"= {p_value:.1g}" if p_value >= SMALLEST else f"< {SMALLEST:g}"
 
 
 def _gain(diagnosis: Diagnosis) -> list[str]:
@@ -117,7 +116,7 @@ def _faults(diagnosis: Diagnosis) -> list[str]:
     if unexplained.present and unexplained.signal:
         by = " and ".join(map(regressor_name, unexplained.regressors))
         share = share_sentence(unexplained, signal_name(unexplained.signal), by)
-        sentences.append(f"Unexplained: {share}, and no effect of the catalogue explains it.")
+        sentences.append(f"Unexplained: {share}. No effect of the catalogue explains this.")
     return sentences
 
 

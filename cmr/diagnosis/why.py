@@ -7,38 +7,37 @@ from textwrap import wrap
 from cmr.estimation.search.trace import Decision
 
 EXPLAINED = (
-    "Each line is one decision about the model of that number; model 0 is the paper's. The statistic is twice the "
-    "log-likelihood that the effects add to this model, or take with them. The threshold is how much an effect must "
-    "add at least: more where the residuals hold more than noise. An effect above its threshold can still fail "
-    'another test; the reason names it. "-": this decision does not compare the two. Where the search begins again, '
-    "the numbers of the models go on."
+    "Each entry is one decision of the search. The model is the one to which the decision applies; model 0 is the "
+    "paper's. The statistic is the likelihood ratio: twice the log-likelihood that the effects add to this model, or "
+    "that is lost when they are removed. It is compared with the threshold, which is higher where the residuals "
+    'contain more than noise; "-" means that there is none. An effect above its threshold can still be rejected: the '
+    'reason gives the number that decided and its limit. An effect that is "included" is too small to be named; it '
+    'stays in the model during the search, so that it hides no other effect, and is removed at the end. For "not '
+    'distinguished", the statistic is how much less the first effect explains than the second.'
 )
 NOTHING_DECIDED = "The search made no decision: nothing was fitted, or no effect came close to its threshold."
-WIDTH, NARROWEST = 110, 30  # characters of a line, and of its reason at least
+WIDTH, INDENT = 110, 7  # characters of a line, and before a reason
 HEADINGS = ("model", "decision", "effects", "statistic", "threshold", "reason")
 
 
 def why(decisions: Sequence[Decision]) -> str:
-    """Return the table of the decisions, with what explains it above."""
+    """Return the table of the decisions, with what explains it above; each reason is below its row."""
     if not decisions:
         return NOTHING_DECIDED
+    actions = max(len(HEADINGS[1]), *(len(decision.action) for decision in decisions))
     effects = max(len(HEADINGS[2]), *(len(effect) for decision in decisions for effect in decision.effects))
-    lines = [_line(effects, *HEADINGS)]
+    lines = [_line(actions, effects, *HEADINGS[:5]), f"{'':{INDENT}s}{HEADINGS[5]}"]
     for decision in decisions:
         numbers = (_number(decision.statistic), _number(decision.threshold))
         first, *others = decision.effects or ("",)
-        start = _line(effects, str(decision.step), decision.action, first, *numbers, "")
-        reasons = wrap(decision.reason, max(WIDTH - len(start), NARROWEST)) or [""]
-        lines.append((start + reasons[0]).rstrip())
-        for place in range(max(len(others), len(reasons) - 1)):
-            effect = others[place] if place < len(others) else ""
-            reason = reasons[place + 1] if place + 1 < len(reasons) else ""
-            lines.append(_line(effects, "", "", effect, "", "", reason).rstrip())
-    return "\n".join([*wrap(EXPLAINED, WIDTH), "", *lines])
+        lines.append(_line(actions, effects, str(decision.step), decision.action, first, *numbers))
+        lines += [_line(actions, effects, "", "", other, "", "") for other in others]
+        lines += wrap(decision.reason, WIDTH, initial_indent=" " * INDENT, subsequent_indent=" " * INDENT)
+    return "\n".join([*wrap(EXPLAINED, WIDTH), "", *(line.rstrip() for line in lines)])
 
 
-def _line(width: int, step: str, action: str, effect: str, statistic: str, threshold: str, reason: str) -> str:
-    return f"{step:>5s}  {action:9s}  {effect:{width}s}  {statistic:>10s}  {threshold:>9s}  {reason}"
+def _line(actions: int, effects: int, step: str, action: str, effect: str, statistic: str, threshold: str) -> str:
+    return f"{step:>5s}  {action:{actions}s}  {effect:{effects}s}  {statistic:>10s}  {threshold:>9s}"
 
 
 def _number(value: float) -> str:

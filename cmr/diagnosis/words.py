@@ -1,10 +1,14 @@
-"""What signals and regressors of residuals are called in a sentence, and what is left of them."""
+"""Names of signals and regressors in sentences, and sentences that several outputs share."""
 
 import math
+from collections.abc import Sequence
 
+from cmr.diagnosis.result import Candidate
+from cmr.estimation.search.measures import with_unit
 from cmr.estimation.unexplained.result import Unexplained
+from cmr.model.catalogue import definition
 
-FEW = 0.1  # a share below which tenths of a percent are told
+FEW = 0.1  # shares below this are given to a tenth of a percent
 SIGNALS = {
     "psi_left": "left wheel speed",
     "psi_right": "right wheel speed",
@@ -23,12 +27,12 @@ REGRESSORS = {
     "speed_times_yaw_rate": "speed times yaw rate",
     "acceleration": "acceleration",
     "yaw_acceleration": "yaw acceleration",
-    "x": "place in x",
-    "y": "place in y",
+    "x": "x position",
+    "y": "y position",
     "heading": "heading",
     "wheel_angle_left": "left wheel angle",
     "wheel_angle_right": "right wheel angle",
-    "energy": "energy spent",
+    "energy": "energy used",
 }
 
 
@@ -43,18 +47,31 @@ def regressor_name(name: str) -> str:
 
 
 def share_sentence(unexplained: Unexplained, signal: str, regressors: str) -> str:
-    """Return what the share of the errors that nothing explains is of, and what speaks for it, without a full stop.
+    """Return the share of the errors that nothing explains, and what predicts it, without a full stop.
 
     `signal` and `regressors` are theirs in words.
     """
     digits = 0 if unexplained.share >= FEW else 1
     share = f"{100.0 * unexplained.share:.{digits}f} %" if math.isfinite(unexplained.share) else "a part"
     if unexplained.bursts:
-        return (
-            f"{unexplained.bursts} short bursts make {share} of the squared one-step prediction errors of the {signal}"
-        )
+        of = f"of the squared one-step prediction errors of the {signal}"
+        return f"{unexplained.bursts} short bursts contain {share} {of}"
     of = f"{share} of the variance of the one-step prediction errors of the {signal}"
-    return f"{of} is foretold by {regressors}, on data that this was not fitted on"
+    return f"{of} is predicted by {regressors}, on left-out data"
+
+
+def harmless_sentence(candidates: Sequence[Candidate]) -> str:
+    """Return the effects that the data show but that are too small to matter, with their sizes; empty without any."""
+    sizes = ", ".join(map(_size_of, candidates))
+    return f"Seen, but too small to matter: {sizes}." if sizes else ""
+
+
+def _size_of(candidate: Candidate) -> str:
+    """Return an effect with the values of its parameters, with units."""
+    values = [(name, with_unit(one.value, definition(name).unit)) for name, one in candidate.estimates.items()]
+    if len(values) == 1:
+        return f"{candidate.name} {values[0][1]}"
+    return f"{candidate.name} ({', '.join(f'{name} {value}' for name, value in values)})" if values else candidate.name
 
 
 def _in_words(name: str) -> str:

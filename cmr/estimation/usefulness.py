@@ -1,13 +1,14 @@
-"""Names must be of use on data that they were not fitted on: those that are not are taken back.
+"""Remove names that are of no use on data left out of the fit.
 
-Without the effect, some error that a user sees must grow: that of the wheel speeds, of the yaw rate or of the path of
-free runs, or, for what a sensor does, that of its readings from moment to moment. With all effects, none of free runs
-may grow much. Recordings that the user holds out have a veto.
+Without the effect, some error that a user sees must grow on left-out data: that of the wheel speeds, of the yaw rate or
+of the path of free runs, or, for an effect of a sensor, the one-step prediction errors of its readings. With all
+effects, no error of free runs may grow much. Recordings that the user holds out have a veto.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,10 +17,10 @@ from cmr.estimation.candidates import can_be_small
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.measured_gain import Measured, Model, left_out_gain, measure
-from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect
+from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, left_out_errors
 from cmr.estimation.search.elimination import without
 from cmr.estimation.search.selection import Search
-from cmr.estimation.search.trace import with_removed
+from cmr.estimation.search.trace import Measure, with_removed
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.extending import Extended, chance_of
 from cmr.model.catalogue import CATALOGUE
@@ -28,8 +29,23 @@ from cmr.model.catalogue import CATALOGUE
 # it is surely one, of any signal less than the last.
 WORSE, WORSE_HELD_OUT, MUCH_WORSE = 0.95, 1.0, 0.8
 OF_USE = 1.01  # times as large must some error be without an effect
-VETOED = -math.inf  # the use of an effect that held-out recordings speak against
-TAKEN_BACK = "Free runs stray farther with it on data that it was not fitted on."
+TAKEN_BACK = "Free runs on data left out of the fit are less accurate with it."
+IN_WORDS = {
+    "psi": "the wheel speeds of free runs",
+    "yaw_rate": "the yaw rate of free runs",
+    "pose": "the path of free runs",
+}
+
+
+class _Use(NamedTuple):
+    """How many times as large an error becomes at most without an effect, and that in words; `vetoed` by held-out data.
+
+    Those vetoed come first in order.
+    """
+
+    ratio: float
+    measure: Measure
+    vetoed: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,25 +109,25 @@ class _Judge:
         """Return the model without the effects that are too small to matter, the least useful first."""
         while fitted := _fitted(whole.found):
             use = self._use(whole, fitted)
-            worst = int(np.argmin(use))
-            if use[worst] >= OF_USE:
+            worst = min(range(len(use)), key=lambda number: (not use[number].vetoed, use[number].ratio))
+            if use[worst].ratio >= OF_USE and not use[worst].vetoed:
                 break
-            why = TAKEN_BACK if use[worst] == VETOED else TOO_SMALL
-            whole = _as_the_paper_if_alone(_without(whole, fitted[worst], why))
+            why = TAKEN_BACK if use[worst].vetoed else TOO_SMALL
+            whole = _as_the_paper_if_alone(_without(whole, fitted[worst], why, use[worst].measure))
         return _as_the_paper_if_alone(whole)
 
-    def _use(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[float]:
-        """Return how many times as large an error becomes at most without each effect; VETOED by held-out data."""
+    def _use(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[_Use]:
+        """Return of what use each effect is: which error grows most without it."""
         without_it = self._without_each(whole, fitted)
-        use = [
-            max([*gain.signals.values(), _of_readings(whole, one, fit)])
+        ratios = [
+            {**_in_words(gain), **_of_readings(whole, one, fit)}
             for one, fit, gain in zip(fitted, without_it, self._gains(whole, without_it, []), strict=True)
         ]
         if not self.held_out:
-            return use
+            return [_largest(one) for one in ratios]
         return [
-            VETOED if _speaks_against(gain) else max([inside, *gain.signals.values()])
-            for inside, gain in zip(use, self._gains(whole, without_it, self.held_out), strict=True)
+            _vetoed(gain) if _speaks_against(gain) else _largest({**one, **_in_words(gain, " in held-out recordings")})
+            for one, gain in zip(ratios, self._gains(whole, without_it, self.held_out), strict=True)
         ]
 
     def without_the_worst(self, whole: Extended) -> Extended:
@@ -120,7 +136,9 @@ class _Judge:
             return replace(whole, term=None)
         fitted = _fitted(whole.found)
         gains = self._gains(whole, self._without_each(whole, fitted), self.held_out)
-        return _without(whole, fitted[int(np.argmin([_of_path(gain) for gain in gains]))], TAKEN_BACK)
+        worst = int(np.argmin([_of_path(gain) for gain in gains]))
+        where = "in the held-out recordings" if self.held_out else "on left-out data"
+        return _without(whole, fitted[worst], TAKEN_BACK, _of_little_use(_of_path(gains[worst]), where))
 
     def _without_each(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[Fit]:
         return whole.found.problem.without(whole.final, [[one.candidate.effect] for one in fitted])
@@ -131,16 +149,58 @@ class _Judge:
         return [left_out_gain(problem, fit, whole.final, chance, self.segments, held_out) for fit in without_it]
 
 
-def _of_readings(whole: Extended, one: SelectedEffect, without_it: Fit) -> float:
-    """Return how many times as large the errors of a signal's readings are at most without what a sensor does."""
+def _of_readings(whole: Extended, one: SelectedEffect, without_it: Fit) -> dict[str, float]:
+    """Return how many times as large the left-out errors of each signal are without what a sensor does, by its words.
+
+    Each fold is predicted by fits without it, to first order.
+    """
     if not one.candidate.effect.is_sensor:
-        return 0.0
-    predictors = whole.found.problem.predictors
-    signal = np.concatenate([np.full(len(times), name) for p in predictors for name, times in p.times.items()])
-    return max(
-        float(np.linalg.norm(without_it.rest[signal == name]) / np.linalg.norm(whole.final.rest[signal == name]))
-        for name in np.unique(signal)
+        return {}
+    problem = whole.found.problem
+    signal = np.concatenate([np.full(len(times), name) for p in problem.predictors for name, times in p.times.items()])
+    before, after = (left_out_errors(fit, problem.folds) for fit in (without_it, whole.final))
+    return {
+        f"the one-step prediction of the {name.replace('_', ' ')}": float(
+            np.linalg.norm(before[signal == name]) / np.linalg.norm(after[signal == name])
+        )
+        for name in map(str, np.unique(signal))
+    }
+
+
+def _in_words(gain: Gain, where: str = "") -> dict[str, float]:
+    """Return the ratios of a gain by what they are of, in words."""
+    return {IN_WORDS.get(name, name) + where: ratio for name, ratio in gain.signals.items()}
+
+
+def _largest(ratios: Mapping[str, float]) -> _Use:
+    """Return the largest of some ratios of errors without an effect to those with it; 0 if there are none."""
+    if not ratios:
+        return _Use(0.0, Measure("error_ratio", math.nan, OF_USE, "-", "No error was measured that it could reduce."))
+    what = max(ratios, key=lambda name: ratios[name])
+    sentence = (
+        f"Without it no error on left-out data grows by {100.0 * (OF_USE - 1.0):.0f} % or more: the largest change is "
+        f"{100.0 * (ratios[what] - 1.0):+.2f} %, in {what}."
     )
+    return _Use(ratios[what], Measure("error_ratio", ratios[what], OF_USE, "-", sentence))
+
+
+def _vetoed(gain: Gain) -> _Use:
+    """Return the use of an effect that makes paths of held-out recordings worse."""
+    low, high = (1.0 / ratio for ratio in reversed(gain.interval))
+    sentence = (
+        f"On the held-out recordings the path error of free runs is {1.0 / gain.ratio:.2f} times as large with it "
+        f"(95 %: {low:.2f} to {high:.2f})."
+    )
+    return _Use(gain.ratio, Measure("held_out_error_ratio", gain.ratio, WORSE_HELD_OUT, "-", sentence), vetoed=True)
+
+
+def _of_little_use(ratio: float, where: str) -> Measure:
+    """Return the ratio of errors without an effect to those with it, the smallest of all where all together do harm."""
+    sentence = (
+        f"With the named effects, free runs {where} are less accurate than with the paper's model. Without this effect "
+        f"their error changes by {100.0 * (ratio - 1.0):+.2f} %."
+    )
+    return Measure("error_ratio", ratio, math.nan, "-", sentence)
 
 
 def _speaks_against(gain: Gain) -> bool:
@@ -187,8 +247,8 @@ def _fitted(found: Search) -> list[SelectedEffect]:
     return [one for one in found.named if not one.estimates]
 
 
-def _without(whole: Extended, leaving: SelectedEffect, why: str) -> Extended:
-    """Return the model fitted again without an effect."""
+def _without(whole: Extended, leaving: SelectedEffect, why: str, measure: Measure) -> Extended:
+    """Return the model fitted again without an effect, for a reason that the measure states in numbers."""
     found, problem = whole.found, whole.found.problem
 
     def refit(fit: Fit) -> Fit:
@@ -199,8 +259,8 @@ def _without(whole: Extended, leaving: SelectedEffect, why: str) -> Extended:
         found,
         final=refit(found.final),
         named=[one for one in found.named if one is not leaving],
-        others=[(leaving.candidate, why), *found.others],
-        decisions=with_removed(found.decisions, removed, why),
+        others=[(replace(leaving.candidate, measure=measure), why), *found.others],
+        decisions=with_removed(found.decisions, removed, measure.sentence, (measure,)),
     )
     term = replace(whole.term, fit=refit(whole.term.fit)) if whole.term else None
     return replace(whole, found=remaining, term=term)

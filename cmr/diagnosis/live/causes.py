@@ -72,7 +72,7 @@ def _always(text: str) -> Callable[[Sizes], str]:
 
 def _both_slip(sizes: Sizes) -> str:
     held = sizes["slip"] > 0.8
-    return "the robot is held fast, or off the ground, while its wheels turn" if held else "both wheels slip"
+    return "the robot is blocked, or off the ground, while its wheels turn" if held else "both wheels slip"
 
 
 def _asymmetric(side: str) -> Cause:
@@ -80,9 +80,10 @@ def _asymmetric(side: str) -> Cause:
         f"{side}_motor",
         {f"{side}_speed": 0},
         lambda sizes: (
-            f"the {side} motor or its gear " + ("is braked or weak" if sizes[f"{side}_speed"] < 0.0 else "runs freer")
+            f"the {side} motor or its gear "
+            + ("is braked or weak" if sizes[f"{side}_speed"] < 0.0 else "runs more freely")
         ),
-        f"Look what rubs on the {side} side, and at the motor's connectors; calibrate again if it stays so.",
+        f"Check whether anything rubs on the {side} side, and the motor connectors; recalibrate if it persists.",
         "motor_gain_asymmetry",
     )
 
@@ -92,7 +93,7 @@ def _slipping(side: str) -> Cause:
         f"{side}_slip",
         {f"{side}_slip": 1},
         _always(f"the {side} wheel slips"),
-        f"Look at the {side} wheel: dust, a loose hub, too little weight on it, a slippery floor.",
+        f"Check the {side} wheel for dust, a loose hub or too little weight on it, and the floor for slippery patches.",
     )
 
 
@@ -101,7 +102,7 @@ CAUSES = (
         "battery",
         {"speed": -1},
         _always("a low battery"),
-        "Charge the battery; if it is full, look what brakes both sides.",
+        "Charge the battery; if it is full, check what brakes both sides.",
         "battery_drift",
         lambda voltage: not voltage.steady,
         tells_voltage=True,
@@ -109,8 +110,8 @@ CAUSES = (
     Cause(
         "braked",
         {"speed": -1},
-        _always("warm motors, a heavier load or a floor that brakes, not the battery"),
-        "Look what rubs; calibrate again if it stays so.",
+        _always("warm motors, a heavier load or a floor with more resistance, not the battery"),
+        "Check whether anything rubs; recalibrate if the change persists.",
         "motor_heating",
         lambda voltage: voltage.steady,
         tells_voltage=True,
@@ -118,21 +119,21 @@ CAUSES = (
     Cause(
         "unbraked",
         {"speed": 1},
-        _always("a fresher battery, a lighter load or a floor that brakes less"),
-        "Calibrate again if it stays so.",
+        _always("a fuller battery, a lighter load or a floor with less resistance"),
+        "Recalibrate if the change persists.",
         "battery_drift",
     ),
     Cause(
         "floor",
         {"speed": 0, "turning": 0},
-        _always("the robot has come onto another floor"),
+        _always("the robot is on another floor"),
         "Calibrate on this floor if it stays there.",
         "surface_change",
     ),
     Cause(
         "grip",
         {"turning": 0},
-        _always("wheels that grip otherwise in turns: another floor, weight that has shifted, or worn tyres"),
+        _always("different grip in turns: another floor, shifted weight, or worn tyres"),
         "Calibrate on this floor if it stays there.",
         "surface_change",
     ),
@@ -144,14 +145,14 @@ CAUSES = (
             if sizes["response"] > 0.0
             else "a lighter load (the top speed is the same)"
         ),
-        "Look what the robot carries, and at the delay of its commands; calibrate again if it stays so.",
+        "Check what the robot carries and the delay of its commands; recalibrate if the change persists.",
         "payload_change",
     ),
     _asymmetric("left"),
     _asymmetric("right"),
     _slipping("left"),
     _slipping("right"),
-    Cause("slip", {"slip": 1}, _both_slip, "Look at the robot, its wheels and the floor."),
+    Cause("slip", {"slip": 1}, _both_slip, "Check the robot, its wheels and the floor."),
     Cause(
         "skid",
         {"skid": 0},
@@ -162,39 +163,39 @@ CAUSES = (
     Cause(
         "gyro_offset",
         {"gyro_offset": 0},
-        _always("the gyro's zero has moved, the robot has not"),
-        "Let the robot stand still until the driver has found the gyro's zero again, and let it warm up.",
+        _always("the gyro's zero has drifted; the robot is unchanged"),
+        "Let the gyro warm up, and let the robot stand still until the driver has measured the zero again.",
         "gyro_bias",
     ),
     Cause(
         "gyro_factor",
         {"gyro_factor": 0},
         lambda sizes: (
-            "the gyro has stopped telling turns"
+            "the gyro no longer measures turns"
             if sizes["gyro_factor"] < -0.8
             else "the gyro has changed, not the robot"
         ),
-        "Look at how the gyro is mounted and connected.",
+        "Check how the gyro is mounted and connected.",
         "gyro_scale",
     ),
     Cause(
         "pose_late",
         {"pose_late": 0},
         _always("the localisation is late, or its clock is off; not the robot"),
-        "Look at the load of the localisation's computer, and at its clock.",
+        "Check the load of the localisation computer and its clock.",
         "pose_latency",
     ),
     Cause(
         "pose_way",
         {"pose_way": 0},
-        _always("the scale of the localisation, or tyres that are flatter or fuller"),
-        "Measure a straight run with a tape: if the poses are right, look at the tyres.",
+        _always("the scale of the localisation, or a change in tyre pressure"),
+        "Measure a straight run with a tape: if the poses are right, check the tyres.",
         "wheel_radius_scale",
     ),
     Cause(
         "pose_still",
         {"pose_still": 0},
         _always("the localisation is at fault, not the robot"),
-        "Look at the localisation: does it still see the robot?",
+        "Check whether the localisation still sees the robot.",
     ),
 )

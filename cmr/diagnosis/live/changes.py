@@ -70,7 +70,7 @@ def _of_wheels(side: str) -> Callable[[float], str]:
 
 def _of_ground(side: str) -> Callable[[float], str]:
     return lambda size: (
-        f"the {side} side goes {per_cent(size)} {'less far' if size > 0.0 else 'further'} than its wheels turn"
+        f"the {side} side moves {per_cent(size)} {'less' if size > 0.0 else 'more'} than its wheels turn"
     )
 
 
@@ -111,7 +111,7 @@ CHANGES = (
         0.1,
         lambda second: _ground(second, 1.0, 1.0),
         lambda size: (
-            f"the robot goes and turns {per_cent(size)} {'less far' if size > 0.0 else 'further'} than its wheels turn"
+            f"the robot moves and turns {per_cent(size)} {'less far' if size > 0.0 else 'further'} than its wheels turn"
         ),
     ),
     Change(
@@ -129,7 +129,7 @@ CHANGES = (
         lambda second: {"gyro_at_rest": 1.0, **_gyro(1.0 if second.moving else 0.0)},
         lambda size: (
             f"the gyro reads {abs(size):.3f} rad/s {'more' if size > 0.0 else 'less'} than at the start, "
-            "wheels and poses do not"
+            "but wheels and poses do not"
         ),
     ),
     Change(
@@ -137,8 +137,8 @@ CHANGES = (
         0.05,
         lambda second: _gyro(second.floor.turn),
         lambda size: (
-            f"the gyro tells {per_cent(size)} {'larger' if size > 0.0 else 'smaller'} turns than at the "
-            "start, wheels and poses do not"
+            f"the gyro measures {per_cent(size)} {'larger' if size > 0.0 else 'smaller'} turns than at the "
+            "start, but wheels and poses do not"
         ),
     ),
     Change(
@@ -157,7 +157,7 @@ CHANGES = (
         0.05,
         lambda second: {"forward": second.floor.forward},
         lambda size: (
-            f"the poses go {per_cent(size)} {'further' if size > 0.0 else 'less far'} than the wheels "
+            f"the poses move {per_cent(size)} {'further' if size > 0.0 else 'less far'} than the wheels "
             "compared with the start; turns agree"
         ),
     ),

@@ -27,9 +27,12 @@ WHEEL_MEASURES = frozenset({"drive", "steer", "turn_by_gyro", "turn_by_pose", "f
 CONDITIONS = (
     (motor_feedback_t.STATUS_ESTOP, "the emergency stop is engaged; release it"),
     (motor_feedback_t.STATUS_NOT_ARMED, "the motors are not armed; start cmr-driver again"),
-    (motor_feedback_t.STATUS_MOTOR_FAULT, "the controller reports a fault or too much current; see what is blocked"),
+    (
+        motor_feedback_t.STATUS_MOTOR_FAULT,
+        "the controller reports a fault or overcurrent; check whether something is blocked",
+    ),
     (motor_feedback_t.STATUS_TEMPERATURE, "the controller is too hot; let it cool down"),
-    (motor_feedback_t.STATUS_COMMAND_STALE, "commands reach the driver too late; look at the network"),
+    (motor_feedback_t.STATUS_COMMAND_STALE, "commands reach the driver too late; check the network"),
 )
 
 
@@ -102,8 +105,8 @@ class Faults:
                     f"no {name}",
                     Suspicion(
                         f"missing {what}",
-                        f"For {MISSED_AFTER} s there are no usable {what}: the sensor or its process has stopped, or "
-                        "its clock is off. What needs them is not watched.",
+                        f"For {MISSED_AFTER} s there have been no usable {what}: the sensor or its process has "
+                        "stopped, or its clock is off. Changes that only they show go undetected.",
                     ),
                 )
 
@@ -117,7 +120,7 @@ class Faults:
                 Suspicion(
                     "frozen poses",
                     "The poses stay exactly the same while the wheels turn: the localisation is at fault, not the "
-                    "robot. Does it still see the robot?",
+                    "robot. Check whether it still sees the robot.",
                 ),
             )
         jump = self._jump(second.pose)
@@ -126,7 +129,7 @@ class Faults:
             if second.resting:
                 why = "the localisation is at fault, or somebody moved the robot"
             else:
-                why = "the localisation is at fault, not the robot. Look at its markers or its map"
+                why = "the localisation is at fault, not the robot. Check its markers or its map"
             yield (
                 "jump",
                 Suspicion("", f"The pose jumped by {jump} more than the wheels can have moved the robot: {why}."),
@@ -150,10 +153,10 @@ class Faults:
             shows = f"; it shows {second.voltage:.1f} V" if second.voltage > 0.0 else ""
             yield (
                 "battery",
-                Suspicion("low battery", f"The controller warns of the battery's voltage{shows}. Charge it."),
+                Suspicion("low battery", f"The controller reports a low battery voltage{shows}. Charge the battery."),
             )
         elif voltage.known and voltage.fall > LOW:
-            sentence = f"Suspected: low battery (effect battery_drift); {voltage}. Charge it."
+            sentence = f"Suspected: low battery (effect battery_drift); {voltage}. Charge the battery."
             yield "battery", Suspicion("low battery", sentence, voltage.fall)
 
 
@@ -174,9 +177,7 @@ def _why_standing(second: Second, stuck: list[bool]) -> str:
         if second.status & bit:
             return reason
     if all(second.applied[side] == 0.0 for side in (0, 1) if stuck[side]):
-        return "the driver does not pass the commands on; look at its PROCESS_STATUS"
+        return "the driver does not forward the commands; see its PROCESS_STATUS"
     if any(_moves(second, side) for side in (0, 1) if stuck[side]):
-        return "but the robot moves, so it is the encoder that is at fault; look at its cable"
-    return (
-        "the motor is off or blocked, or the duty is too small to overcome friction; look at power, cables and wheels"
-    )
+        return "but the robot moves, so the encoder is at fault; check its cable"
+    return "the motor is off or blocked, or the duty is too small to overcome friction; check power, cables and wheels"

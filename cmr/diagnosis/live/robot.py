@@ -113,7 +113,7 @@ class RobotWatch:
         sentence = cause.sentence(sizes, self.faults.voltage)
         others = " or ".join(rival.title(theirs) for rival, theirs in self._explanation.rivals)
         if others:
-            sentence += f" So far it may as well be: {others}."
+            sentence += f" It could also be: {others}."
         return Suspicion(cause.title(sizes), sentence, max(map(abs, sizes.values())))
 
 
@@ -123,5 +123,5 @@ def unexplained(found: Explanation) -> Suspicion:
     return Suspicion(
         "the unexplained change",
         "Something has changed that no known cause explains. "
-        f"Nearest to it: {nearest or 'nothing'}. Keep the log and let cmr-diagnose look at it.",
+        f"The closest description is: {nearest or 'none'}. Keep the log and run cmr-diagnose on it.",
     )

@@ -83,7 +83,7 @@ class Watcher:
         lines = [robot.status(self._now) for _, robot in sorted(self._robots.items()) if robot.heard]
         who = "a robot" if self._robot_id is None else f"robot {self._robot_id}"
         channel = f"{MOTOR_FEEDBACK.name}_{'N' if self._robot_id is None else self._robot_id}"
-        return " ".join(lines) or f"Waiting for {who}: nothing heard on {channel}."
+        return " ".join(lines) or f"Waiting for {who}: nothing received on {channel}."
 
     def _robot(self, robot_id: int) -> "_Robot":
         if robot_id not in self._robots:
@@ -151,7 +151,7 @@ class _Robot:
         if not self._ready(parameters):
             return
         if self._watch is not None:
-            self._say("The parameters are new: the watch begins anew.")
+            self._say("The parameters have changed: monitoring starts again.")
         self._sha256, self._parameters = self.follower.sha256, parameters
         self._watch, self._twin = RobotWatch(), None
 
@@ -171,9 +171,9 @@ class _Robot:
     def status(self, utime: int) -> str:
         """Return what is suspected, or what is being done."""
         if self.problem or self._watch is None:
-            return self.problem or f"Robot {self.robot_id}: its model is being loaded."
+            return self.problem or f"Robot {self.robot_id}: its model is loading."
         if utime - self.heard > SILENT:
-            return f"Robot {self.robot_id}: no feedback of its motors for {(utime - self.heard) * 1e-6:.0f} s."
+            return f"Robot {self.robot_id}: no motor feedback for {(utime - self.heard) * 1e-6:.0f} s."
         return f"Robot {self.robot_id}: {self.alarm(utime) or self._watch.activity()}"
 
     @property

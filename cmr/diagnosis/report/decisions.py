@@ -1,7 +1,7 @@
-"""How the search went: each of its decisions, folded away, for who asks why an effect was named or not."""
+"""The decisions of the search in a folded table: why each effect was named or not."""
 
 from cmr.diagnosis.report.markup import Html, tag
-from cmr.diagnosis.report.numbers import likelihood
+from cmr.diagnosis.report.numbers import likelihood, typeset
 from cmr.diagnosis.report.section import codes, quiet, section
 from cmr.diagnosis.report.table import table
 from cmr.diagnosis.result import Diagnosis
@@ -15,8 +15,8 @@ def decisions(diagnosis: Diagnosis) -> Html:
     if not rows:
         return Html("")
     count = f"{len(rows)} decision{'s' if len(rows) > 1 else ''} of the search"
-    said = quiet(EXPLAINED.replace('"-"', "A dash"))
-    return section("Why", tag("details", tag("summary", count), said, table(HEADINGS, rows, numbers=(3, 4))))
+    explained = quiet(EXPLAINED.replace('"-" means', "a dash means"))
+    return section("Why", tag("details", tag("summary", count), explained, table(HEADINGS, rows, numbers=(3, 4))))
 
 
 def _row(decision: Decision) -> list[str]:
@@ -26,5 +26,5 @@ def _row(decision: Decision) -> list[str]:
         codes(decision.effects),
         likelihood(decision.statistic),
         likelihood(decision.threshold),
-        decision.reason,
+        typeset(decision.reason),
     ]

@@ -1,4 +1,4 @@
-"""What was found: the verdict, the effects with their evidence and their plots, the runners-up, what to do next."""
+"""The verdict, the effects with their evidence and their plots, the effects rejected, and what to do next."""
 
 import math
 import re
@@ -13,6 +13,7 @@ from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.tell_tale import tell_tale
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, Candidate, Diagnosis, NamedEffect
+from cmr.diagnosis.words import harmless_sentence
 from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.effect import Effect
@@ -24,23 +25,24 @@ BADGES = {
     BAD_DATA: "bad data",
 }
 NOTHING_NAMED = {
-    NO_EFFECT: "No effect of the catalogue improves what it was fitted on and what it was not: the paper's model of "
-    "three parameters stands.",
-    UNEXPLAINED: "No effect of the catalogue was named, though the residuals have structure: see \u201cWhat remains "
-    "unexplained\u201d below.",
+    NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter: "
+    "the paper's model with three parameters is sufficient.",
+    UNEXPLAINED: "No effect in the catalogue was named, but the residuals have structure: see \u201cUnexplained "
+    "residuals\u201d below.",
 }
 MOST_RUNNERS_UP = 10
 MEND = (
-    "Mend what the first line says, and record the drive again. Nothing was fitted to these data, and no parameters "
-    "were written."
+    "Fix the problem named in the first line, then record the drive again. Nothing was fitted to these data, and no "
+    "parameters were written."
 )
 EVIDENCE = (
-    "Evidence: LR is twice the log-likelihood that the effect adds to the model with all other effects named; p is how "
-    "often chance alone would give as much somewhere in the catalogue; held out is the log-likelihood that it adds on "
-    "data it was not fitted on. Values are given \u00b1 one standard deviation."
+    "Evidence: LR is the likelihood ratio, twice the log-likelihood that the effect adds to the model with all other "
+    "named effects; p is the probability of such a ratio by chance, for any effect in the catalogue; left out is the "
+    "log-likelihood that the effect adds on data left out of the fit. Values are given \u00b1 one standard deviation."
 )
 RECOGNISE = (
-    "If you recognise the physics in the plots of what remains, add it as an effect of your own: the README tells how."
+    "If you recognise the physics in the plots of the unexplained residuals, add it as an effect of your own: see the "
+    "README."
 )
 # A command in a sentence, and the full stop behind it: between backquotes, or with options of one value at most.
 COMMAND = re.compile(r"(?:`(cmr-[^`]+)`|(cmr-[a-z]+(?: --[a-z][a-z-]*(?:[ =](?!-)[^\s;`]*[^\s;`.,:)])?)+))\.?")
@@ -64,7 +66,7 @@ def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         told = alike(errors) if len(errors) > 1 else [number(errors[0], 3)]
         numbers.append(("path error on held-out data", " \u2192 ".join(told) + " m"))
     if diagnosis.is_extended and diagnosis.gain and math.isfinite(diagnosis.gain.ratio):
-        numbers.append(("gain", _times(diagnosis.gain.ratio)))
+        numbers.append(("improvement", _times(diagnosis.gain.ratio)))
     if diagnosis.samples:
         numbers.append(("measurements compared", f"{diagnosis.samples:,}"))
     return numbers
@@ -78,13 +80,13 @@ def _times(ratio: float) -> str:
 def named(diagnosis: Diagnosis) -> Html:
     """Return the table of the effects, or the sentence that there are none, and the notes."""
     if diagnosis.verdict == BAD_DATA:
-        return section("What else to know", bullets(list(diagnosis.notes)))
+        return section("Notes", bullets(list(diagnosis.notes)))
     if not diagnosis.effects:
         nothing = NOTHING_NAMED.get(diagnosis.verdict, "No effect was named.")
-        return section("What was found", paragraph(nothing), bullets(list(diagnosis.notes)))
+        return section("Effects found", paragraph(nothing), bullets(list(diagnosis.notes)))
     rows = [_found_row(effect) for effect in diagnosis.effects]
-    headings = ("effect", "what it means", "parameters", "evidence", "these data cannot tell it from")
-    return section("What was found", table(headings, rows), quiet(EVIDENCE), bullets(list(diagnosis.notes)))
+    headings = ("effect", "what it means", "parameters", "evidence", "not distinguished from")
+    return section("Effects found", table(headings, rows), quiet(EVIDENCE), bullets(list(diagnosis.notes)))
 
 
 def _found_row(effect: NamedEffect) -> list[str]:
@@ -97,10 +99,10 @@ def _rivals(effect: NamedEffect) -> Html:
     entry = CATALOGUE.get(effect.name)
     told_apart_by = entry.confused_with if entry else {}
     lines = [
-        joined(code(other), f" (to tell: {told_apart_by[other]})" if other in told_apart_by else "")
+        joined(code(other), f" (to distinguish them: {told_apart_by[other]})" if other in told_apart_by else "")
         for other in effect.indistinguishable_from
     ]
-    return joined(*(tag("div", line) for line in lines)) if lines else joined("no other")
+    return joined(*(tag("div", line) for line in lines)) if lines else joined("\u2013")
 
 
 def _parameter(name: str, estimate: Estimate) -> Html:
@@ -114,7 +116,7 @@ def evidence(tested: NamedEffect | Candidate) -> Html:
     """Return the numbers that speak for an effect."""
     lines = [f"LR {likelihood(tested.statistic)}", f"p {chance(tested.p_value)}"]
     if math.isfinite(tested.held_out):
-        lines.append(f"held out {likelihood(tested.held_out)}")
+        lines.append(f"left out {likelihood(tested.held_out)}")
     return joined(*(paragraph(line) for line in lines))
 
 
@@ -130,18 +132,17 @@ def tell_tales(diagnosis: Diagnosis) -> Html:
         if pair:
             parts.append(tell_tale_figure(pair, _caption(effect, pair)))
         else:
-            parts.append(paragraph("No plot of mean residuals shows it by itself."))
+            parts.append(paragraph("No plot of mean residuals shows this effect on its own."))
         if entry:
             parts += [quiet("Its equation, as the simulation runs it:"), tag("pre", tag("code", equation(entry)))]
-    return section("The tell-tale plots", *parts)
+    return section("Plots that show the effects", *parts)
 
 
 def _caption(effect: NamedEffect, pair: Pair) -> str:
     words = f"{signal_words(pair.signal)} over {regressor(pair.regressor).words}"
     return (
-        f"{effect.name}: residual of the {words}, by the extended model with this effect switched off (without) and as "
-        f"it is (with). {100.0 * min(pair.removed, 1.0):.0f} % of the mean square without it is structure that is gone "
-        "with it."
+        f"{effect.name}: residual of the {words} in the extended model, without and with this effect, which "
+        f"removes {100.0 * min(pair.removed, 1.0):.0f} % of the structure in the mean square residual."
     )
 
 
@@ -155,16 +156,24 @@ def runners_up(diagnosis: Diagnosis) -> Html:
     """Return the effects that were tested and not named."""
     explaining = [candidate for candidate in diagnosis.candidates if not candidate.statistic <= 0.0]
     rows = [
-        [code(c.name), likelihood(c.statistic), f"p {chance(c.p_value)}", likelihood(c.held_out), c.why_not]
+        [
+            code(c.name),
+            likelihood(c.statistic),
+            chance(c.p_value).removeprefix("= "),
+            likelihood(c.held_out),
+            typeset(c.why_not),
+        ]
         for c in explaining[:MOST_RUNNERS_UP]
     ]
     if not rows:
         return Html("")
+    seen = paragraph(typeset(harmless_sentence(diagnosis.harmless))) if diagnosis.harmless else Html("")
     weaker = len(diagnosis.candidates) - len(rows)
-    others = quiet(f"{weaker} more effects were tested and explain less: see diagnosis.json.") if weaker else Html("")
-    headings = ("effect", "LR", "chance", "held out", "why it was not named")
+    words = "effect was" if weaker == 1 else "effects were"
+    others = quiet(f"{weaker} more {words} tested and explain less: see diagnosis.json.") if weaker else Html("")
+    headings = ("effect", "LR", "p", "left out", "why it was not named")
     explained = Html("") if diagnosis.effects else quiet(EVIDENCE)
-    return section("What was tested and not named", table(headings, rows, numbers=(1, 2, 3)), others, explained)
+    return section("Effects tested and rejected", seen, table(headings, rows, numbers=(1, 2, 3)), others, explained)
 
 
 def next_steps(diagnosis: Diagnosis) -> Html:
@@ -180,13 +189,13 @@ def next_steps(diagnosis: Diagnosis) -> Html:
     elif diagnosis.unexplained.present:
         steps.append(joined(RECOGNISE))
     elif not steps:
-        steps.append(joined("These data leave nothing open that another drive of this robot would settle."))
+        steps.append(joined("No further drive is needed: these data leave no question open."))
     if diagnosis.extended:
         steps.append(
             joined(
                 "Use the result: ",
                 code(f"robot_{diagnosis.robot_id}.yaml"),
-                " beside this page holds the parameters below; cmr-sim runs it as it is.",
+                " in the folder of this page contains the parameters below, and cmr-sim accepts it as it is.",
             )
         )
     return section("What to do next", bullets(list(steps)))

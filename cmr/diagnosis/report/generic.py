@@ -19,12 +19,12 @@ def generic_term(diagnosis: Diagnosis) -> Html:
     term = diagnosis.unexplained.generic
     if term is None:
         return Html("")
-    worth = f"It adds {likelihood(term.held_out)} to the log-likelihood of data that it was not fitted on"
+    worth = f"It adds {likelihood(term.held_out)} to the log-likelihood of data left out of the fit"
     if math.isfinite(term.gain.ratio):
-        worth += f", where path errors of free runs become {number(term.gain.ratio, 3)} times smaller with it"
+        worth += f", and makes path errors of free runs there {number(term.gain.ratio, 3)} times smaller"
     words = (
-        f"The extended model therefore has {GENERIC}: a sum of products of command and motion, found by a sparse "
-        f"regression. {worth}. It foretells drives like these and says nothing of why; drives of another kind may need "
+        f"The extended model therefore has {GENERIC}: a sum of products of command and motion, found by sparse "
+        f"regression. {worth}. It predicts drives like these without giving a cause; drives of another kind may need "
         "other products."
     )
     rows = [_row(name, estimate) for name, estimate in term.estimates.items()]
@@ -44,7 +44,7 @@ def generic_figure(diagnosis: Diagnosis) -> Html:
         return Html("")
     pair = max(shown, key=lambda pair: pair.removed)
     words = f"{signal_words(pair.signal)} over {regressor(pair.regressor).words}"
-    caption = f"What remains of the {words} without the generic term, and with it. Nothing left would be a flat line."
+    caption = f"Residual of the {words} without and with the generic term. A complete model leaves a flat line."
     return tell_tale_figure(pair, caption, "the generic term")
 
 

@@ -1,4 +1,4 @@
-"""What was measured: paths, gain, how parameters moved, what remains, and all residuals."""
+"""Paths, the improvement, how parameters moved, unexplained residuals, and all residuals."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -57,12 +57,12 @@ def gain(diagnosis: Diagnosis) -> Html:
     ]
     intro = (
         "Path errors are root mean square distances of free runs over windows of "
-        f"{diagnosis.evidence.window:g} s, each begun at the real robot's state. Held-out data were not fitted on; the "
-        "interval of the ratio is a block bootstrap's."
+        f"{diagnosis.evidence.window:g} s, each started at the real robot's state. Held-out data were left out of "
+        "the fit; the interval of the ratio is from a block bootstrap."
     )
-    headings = ("error", "before", "after", "ratio", "after beside before")
+    headings = ("error", "before", "after", "ratio", "comparison")
     told = joined(quiet(intro), table(headings, rows, numbers=(1, 2, 3))) if rows else Html("")
-    return section("The gain", told, _shifts(diagnosis.effects, diagnosis))
+    return section("Improvement", told, _shifts(diagnosis.effects, diagnosis))
 
 
 def _path_rows(before: Fitted, after: Fitted, found: Gain | None) -> list[list[str]]:
@@ -112,11 +112,10 @@ def _shifts(effects: Sequence[NamedEffect], diagnosis: Diagnosis) -> Html:
     if not rows:
         return Html("")
     words = (
-        "What a model lacks hides in the parameters that it has: they take the values that make up for it best, and "
-        "mislead wherever the robot is driven in another way. So far did they move when the effects were added to the "
-        "paper's model one after the other."
+        "An effect that is missing in a model biases the parameters that it has: they compensate for it in these "
+        "drives, and are wrong in others. The table shows how far each parameter moved as effects were added."
     )
-    headings = ("parameter", "moved by", "share of its value before", "when this came in")
+    headings = ("parameter", "moved by", "relative change", "when this effect was added")
     heading = tag("h3", "How far the paper's parameters moved")
     return joined(heading, paragraph(words), table(headings, rows, numbers=(1, 2)))
 
@@ -144,22 +143,20 @@ def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
     """Return what structure no effect of the catalogue explains; nothing where no residual was looked at."""
     unexplained = diagnosis.unexplained
     if not unexplained.present:
-        clean = "Nothing: no residual of the final model can be foretold from time, command, motion or place."
-        return section("What remains unexplained", paragraph(clean) if pairs else Html(""))
+        clean = "None: time, command, motion and position predict no residual of the final model."
+        return section("Unexplained residuals", paragraph(clean) if pairs else Html(""))
     signal = unexplained.signal or "path"
     by = " and ".join(regressor(name).words for name in unexplained.regressors) or "the regressors together"
     words = (
-        f"The final model errs in the {signal_words(signal)} in a way that no effect of the catalogue explains: "
-        f"{share_sentence(unexplained, signal_words(signal), by)}. A prediction error is a reading less what the final "
-        "model, which follows the sensors, foretold of it just before."
+        f"No effect in the catalogue explains all errors of the {signal_words(signal)} in the final model: "
+        f"{share_sentence(unexplained, signal_words(signal), by)}. A one-step prediction error is a reading minus the "
+        "prediction of the final model, which is corrected by all earlier readings."
     )
     shown = [p for name in unexplained.regressors for p in pairs if (p.signal, p.regressor) == (signal, name)]
-    caption = (
-        f"What the final model leaves of the {signal_words(signal)}. A model that misses nothing leaves flat lines."
-    )
+    caption = f"Residuals of the {signal_words(signal)} in the final model. A complete model leaves flat lines."
     left = remaining_figure(shown[:MOST_REMAINING], caption) if shown else Html("")
     figure = generic_figure(diagnosis) or left
-    return section("What remains unexplained", paragraph(words), generic_term(diagnosis), figure)
+    return section("Unexplained residuals", paragraph(words), generic_term(diagnosis), figure)
 
 
 def parameters(diagnosis: Diagnosis) -> Html:
@@ -203,8 +200,8 @@ def residuals(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
     if not pairs:
         return Html("")
     words = (
-        "What each signal says minus what the model predicts, over everything that might foretell it. A model that "
-        "misses nothing leaves flat lines at zero. Marks are means in bins with their standard errors, which allow "
-        "for errors that last; grey dots are single samples. Errors of the pose are those grown over a second."
+        "Each measured signal minus the prediction of the model, against all quantities that might predict it. A "
+        "complete model leaves flat lines at zero. Marks are means in bins with standard errors that allow for "
+        "correlated errors; grey dots are single samples. Errors of the pose are those that accumulate over a second."
     )
     return section("All residuals", paragraph(words), all_residuals(pairs, changed=diagnosis.is_extended))

@@ -1,4 +1,4 @@
-"""Where it all comes from: what was wrong with the data, and what was diagnosed with what."""
+"""Problems in the data, and which recordings and which version made the diagnosis."""
 
 from importlib.metadata import version
 
@@ -13,13 +13,21 @@ def data(diagnosis: Diagnosis) -> Html:
     faults = [[code(check.check), f"{check.found:,}", check.sentence] for check in diagnosis.checks if check.found]
     clean = tuple(check.check for check in diagnosis.checks if not check.found)
     late = joined(*map(paragraph, diagnosis.lateness_sentences))
-    listed = quiet(f"{len(clean)} checks found nothing: ", codes(clean), ".") if clean else Html("")
+    listed = (
+        quiet(f"{len(clean)} {'check' if len(clean) == 1 else 'checks'} found no problem: ", codes(clean), ".")
+        if clean
+        else Html("")
+    )
     if not faults:
         sound = diagnosis.verdict != BAD_DATA
-        told = "No check of the data found a fault." if sound else "Why they cannot be used stands at the top."
+        told = (
+            "No check found a problem in the data."
+            if sound
+            else "The reason why they cannot be used is at the top of the page."
+        )
         words = paragraph(told) if clean else Html("")
-        return section("The data", words, late, listed)
-    return section("The data", table(("check", "found", "what it means"), faults, numbers=(1,)), late, listed)
+        return section("Data", words, late, listed)
+    return section("Data", table(("check", "found", "what it means"), faults, numbers=(1,)), late, listed)
 
 
 def provenance(diagnosis: Diagnosis) -> Html:
@@ -32,6 +40,6 @@ def provenance(diagnosis: Diagnosis) -> Html:
     )
     model = quiet(
         "The paper's model is that of Edwards, Gaskell and Olson, AAMAS 2018: K2/K3, K1 and base width, from commands "
-        "to path. The equations of all effects stand in docs/effects.md."
+        "to path. The equations of all effects are in docs/effects.md."
     )
     return section("Provenance", joined(said, sources, model))

@@ -45,14 +45,14 @@ def path_figure(path: Path, *, changed: bool) -> Html:
     """Return the figure of one recording; where nothing changed the model, only what the paper's makes of it."""
     track = track_of(path)
     if not np.any(np.isfinite(track.real.x)):
-        return tag("p", f"{path.label}: no pose to draw.")
+        return tag("p", f"{path.label}: no poses to draw.")
     stages = (("before", track.before), ("after", track.after)) if changed else (("paper's model", track.before),)
     plots = [_path_plot(track, simulated, title) for title, simulated in stages]
     seconds = float(path.time[-1] - path.time[0])
     cut = f" The first {DENSE:g} s of {seconds:,.0f} s are drawn." if seconds > DENSE else ""
     words = (
-        f"{path.label}: the real path, and free runs of the model from the real robot's start with the recorded "
-        f"commands; nothing corrects them on the way. The dot is the start.{cut}"
+        f"{path.label}: the real path, and free runs of the model with the recorded commands from the real robot's "
+        f"start, without any correction. The dot is the start.{cut}"
     )
     distances = [before_key("distance before"), after_key("distance after")] if changed else []
     return tag(
@@ -111,7 +111,7 @@ def _distance_plot(track: Track, changed: bool) -> Html:
         line(frame, track.time, after, AFTER, 1.6),
         x_label="time [s]",
         y_label="distance from the real robot [m]",
-        title="how far off in time",
+        title="distance over time",
         alt=f"Distance between simulated and real robot in time; at the end {words}.",
     )
 

@@ -10,7 +10,7 @@ from cmr.recordings.signal import Floats
 
 
 class Term(NamedTuple):
-    """What a quantity is called, its unit, and after how much of it all begins anew (0: never)."""
+    """The name of a quantity, its unit, and its period (0: not periodic)."""
 
     words: str
     unit: str

@@ -1,20 +1,33 @@
 """Judge an effect that was tested: is it there, does it hold on other data, are its values possible, does it matter?"""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import USUAL_RATE, locality, rarity, unlikelihood, worth_naming
+from cmr.estimation.candidates import USUAL_RATE, Excitation, locality, rarity, unlikelihood
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.cross_validation import contradicted
+from cmr.estimation.search.cross_validation import as_seen
 from cmr.estimation.search.inflation import Inflation
+from cmr.estimation.search.measures import (
+    at_the_end,
+    implausible_change,
+    left_out_gain,
+    likelihood_ratio,
+    moment_at_an_end,
+    size_below_limit,
+    turns_exceeded,
+    undetermined,
+)
+from cmr.estimation.search.trace import Measure
 from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import ParameterDefinition
+from cmr.recordings.signal import Floats
 
 THRESHOLD = 30.0  # drop of the sum of squares that one parameter must bring
 PER_PARAMETER = 5.0  # more for each further one
@@ -24,13 +37,15 @@ PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each furth
 ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
 AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
 TOO_SMALL = "It is too small to matter."
+MAY_BE_CHANCE = "What it explains may be chance."
+TOO_UNUSUAL = "It explains too little for sizes that are so unusual."
 
 
 @dataclass(frozen=True)
 class CandidateEffect:
     """An effect fitted beside others: its drop of the sum of squared white errors, and what it gains on left-out data.
 
-    `fit` is None where only a quick fit was made.
+    `fit` is None where only a quick fit was made. `measure` is the number for which the effect is not named, if known.
     """
 
     effect: Effect
@@ -38,6 +53,11 @@ class CandidateEffect:
     values: Mapping[str, float]
     fit: Fit | None = None
     held_out: float = float("nan")
+    measure: Measure | None = None
+
+    def reason(self, why: str) -> str:
+        """Return the sentence that says why the effect is not named: that of its measure, else `why`."""
+        return self.measure.sentence if self.measure else why
 
     @property
     def evidence(self) -> float:
@@ -60,28 +80,80 @@ class SelectedEffect:
 
 def why_not(problem: Problem, before: Fit, candidate: CandidateEffect, inflation: Inflation) -> str:
     """Return why an effect is not named, empty if nothing speaks against it; TOO_SMALL if nothing else does."""
-    inflated = inflation.of(candidate.effect.name)
-    if candidate.drop < needed(candidate.effect) * inflated:
-        return "What it explains may be chance."
-    further = unlikelihood(candidate.values, problem.excitation) - unlikelihood(before.values, problem.excitation)
-    if candidate.drop < (needed(candidate.effect) + further) * inflated:
-        return "It explains too little for sizes that are so unusual."
+    return next((why for why, _ in _objections(problem, before, candidate, inflation)), "")
+
+
+def measured(
+    problem: Problem, before: Fit, candidate: CandidateEffect, inflation: Inflation, why: str
+) -> CandidateEffect:
+    """Return an effect with the measure behind a reason of `why_not`; as it is where the reason is another."""
+    measures = (measure for reason, measure in _objections(problem, before, candidate, inflation) if reason == why)
+    return replace(candidate, measure=next(measures, candidate.measure))
+
+
+def too_small(candidate: CandidateEffect, excitation: Excitation) -> Measure | None:
+    """Return by how much an effect is too small to be named; None if it is large enough."""
+    return size_below_limit(candidate.effect, candidate.values, _stds(candidate), excitation)
+
+
+def _stds(candidate: CandidateEffect) -> dict[str, float]:
+    """Return the standard deviations of an effect's parameters where everything was free in its fit, else none."""
     names = [parameter.name for parameter in candidate.effect.parameters]
-    moment = candidate.values.get(f"{candidate.effect.name}_time")
-    if moment is not None and not problem.moving[0] < moment < problem.moving[1]:
-        return "It would begin where the drive begins or ends."
-    if contradicted({name: candidate.values[name] for name in names}, problem.excitation):
-        return "The robot was seen to turn faster."
-    stds = {name: candidate.fit.std(name) for name in names} if candidate.fit else {}
-    if needs_another_robot(before, candidate.values):
-        return "It would need absurd values of the paper's parameters."
-    if any(at_its_end(definition(name), candidate.values[name]) for name in names):
-        return "It would need absurd values of its own parameters."
-    if any(not stds[name] > 0.0 for name in names if name in stds and definition(name).switches):
-        return "These drives do not tell its size."
+    return {name: candidate.fit.std(name) for name in names} if candidate.fit else {}
+
+
+def _objections(
+    problem: Problem, before: Fit, candidate: CandidateEffect, inflation: Inflation
+) -> Iterator[tuple[str, Measure]]:
+    """Yield what speaks against naming an effect, each reason with the measure that decides."""
+    values, drop, inflated = candidate.values, candidate.drop, inflation.of(candidate.effect.name)
+    least = needed(candidate.effect)
+    if drop < least * inflated:
+        yield MAY_BE_CHANCE, likelihood_ratio(drop, least * inflated)
+    least += unlikelihood(values, problem.excitation) - unlikelihood(before.values, problem.excitation)
+    if drop < least * inflated:
+        yield TOO_UNUSUAL, likelihood_ratio(drop, least * inflated, unusual=True)
+    stds = _stds(candidate)
+    yield from _impossible(problem, before, candidate, stds)
     if candidate.fit is not None and not candidate.held_out > 0.0:
-        return "It does not hold on data that it was not fitted on."
-    return "" if worth_naming({name: candidate.values[name] for name in names}, stds, problem.excitation) else TOO_SMALL
+        yield "It does not hold on data left out of the fit.", left_out_gain(candidate.held_out)
+    small = size_below_limit(candidate.effect, values, stds, problem.excitation)
+    if small is not None:
+        yield TOO_SMALL, small
+
+
+def _impossible(
+    problem: Problem, before: Fit, candidate: CandidateEffect, stds: Mapping[str, float]
+) -> Iterator[tuple[str, Measure]]:
+    """Yield which values of an effect, or of the paper's parameters beside it, are impossible or unknown."""
+    values, names = candidate.values, [parameter.name for parameter in candidate.effect.parameters]
+    moment = values.get(f"{candidate.effect.name}_time")
+    if moment is not None and not problem.moving[0] < moment < problem.moving[1]:
+        at_an_end = moment_at_an_end(f"{candidate.effect.name}_time", moment, problem.moving)
+        yield "It would begin where the drive begins or ends.", at_an_end
+    own = {name: values[name] for name in names}
+    seen = as_seen(own, problem.excitation)
+    for name in (name for name in names if seen[name] != own[name]):
+        yield "The robot was seen to turn faster.", turns_exceeded(name, own[name], seen[name])
+    if needs_another_robot(before, values):
+        name, factor = _most_changed(before, values)
+        change = implausible_change(name, factor, ABSURD)
+        yield "It would need implausible values of the paper's parameters.", change
+    for name in (name for name in names if at_its_end(definition(name), values[name])):
+        yield "It would need implausible values of its own parameters.", at_the_end(name, values[name])
+    for name, std in stds.items():
+        if definition(name).switches and not std > 0.0:
+            yield "These drives do not determine its size.", undetermined(name, std)
+
+
+def _most_changed(before: Fit, after: Mapping[str, float]) -> tuple[str, float]:
+    """Return which of the paper's parameters an effect changes most, and its ratio; the motor's rate for k2_over_k3."""
+    ratios = {name: after[name] / before.values[name] for name in before.names if name in PAPER}
+    if "k2_over_k3" in ratios:
+        rates = [one["k1"] * one["k2_over_k3"] for one in (before.values, after)]
+        ratios["k2_over_k3"] = rates[1] / rates[0]
+    worst = max(ratios, key=lambda name: abs(math.log(ratios[name])) if ratios[name] > 0.0 else math.inf)
+    return "the motor's rate, k1 k2_over_k3," if worst == "k2_over_k3" else worst, ratios[worst]
 
 
 def needs_another_robot(before: Fit, after: Mapping[str, float]) -> bool:
@@ -114,11 +186,17 @@ def held_out_gain(problem: Problem, before: Fit, after: Fit) -> float:
 
 
 def left_out(fit: Fit, folds: np.typing.NDArray[np.int64]) -> float:
-    """Return the sum of squared white errors of folds, each foretold by a fit without it (to first order).
+    """Return the sum of squared white errors of folds, each predicted by a fit without it (to first order)."""
+    errors = left_out_errors(fit, folds)
+    return float(errors @ errors)
+
+
+def left_out_errors(fit: Fit, folds: np.typing.NDArray[np.int64]) -> Floats:
+    """Return the white errors (n,), those of each of the `folds` (n,) predicted by a fit without it (to first order).
 
     When and where an effect acts stays as found: without the moment itself, slopes say nothing of it.
     """
-    total = 0.0
+    errors = np.empty_like(fit.rest)
     refitted = [name in PAPER or definition(name).switches for name in fit.names]
     every = fit.slopes[:, refitted]
     normal, right = every.T @ every, every.T @ fit.rest
@@ -127,6 +205,5 @@ def left_out(fit: Fit, folds: np.typing.NDArray[np.int64]) -> float:
         slopes, rest = every[inside], fit.rest[inside]
         remaining = normal - slopes.T @ slopes
         step = -np.linalg.lstsq(remaining, right - slopes.T @ rest, rcond=1e-10)[0]
-        foretold = rest + slopes @ step
-        total += float(foretold @ foretold)
-    return total
+        errors[inside] = rest + slopes @ step
+    return errors

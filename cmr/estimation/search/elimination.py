@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import is_rough, locality, worth_naming
+from cmr.estimation.candidates import is_rough, locality
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import (
@@ -14,12 +14,15 @@ from cmr.estimation.search.criteria import (
     CandidateEffect,
     SelectedEffect,
     held_out_gain,
+    measured,
     needed,
+    too_small,
     why_not,
 )
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.placement import explored
 from cmr.estimation.search.profile import polished
+from cmr.estimation.search.trace import Measure
 from cmr.model.parameters import DEFINITIONS as PAPER
 
 
@@ -52,7 +55,7 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
         if not failing:
             break
         worst, why = min(failing, key=lambda pair: pair[0].candidate.drop)
-        dropped.append((worst.candidate, why))
+        dropped.append((measured(problem, worst.before, worst.candidate, inflation, why), why))
         standing = [one for one in standing if one is not worst]
         final = worst.before
     both = {name: float(np.hypot(doubt, doubts.get(name, 0.0))) for name, doubt in problem.doubts(final).items()}
@@ -115,25 +118,29 @@ def _without_small(
     problem: Problem, named: Sequence[SelectedEffect], current: Fit
 ) -> tuple[list[SelectedEffect], list[CandidateEffect], Fit]:
     """Return the effects that matter, those that do not, with their values, and the fit without these."""
-    matters = [_matters(problem, one, current) for one in named]
+    matters = [_too_small(problem, one, current) is None for one in named]
     small = [one for one, does in zip(named, matters, strict=True) if not does]
     if not small:
         return list(named), [], current
     fit = problem.fit(*without(current, small), current.noise, renew=0)
-    tested = [replace(one.candidate, values=current.values) for one in small]
+    measures = [_too_small(problem, one, current) for one in small]
+    tested = [
+        replace(one.candidate, values=current.values, measure=measure)
+        for one, measure in zip(small, measures, strict=True)
+    ]
     return [one for one, does in zip(named, matters, strict=True) if does], tested, fit
 
 
-def _matters(problem: Problem, one: SelectedEffect, fit: Fit) -> bool:
-    names = [parameter.name for parameter in one.candidate.effect.parameters]
-    values, stds = {name: fit.values[name] for name in names}, {name: fit.std(name) for name in names}
-    return worth_naming(values, stds, problem.excitation)
+def _too_small(problem: Problem, one: SelectedEffect, fit: Fit) -> Measure | None:
+    """Return by how much an effect is too small to be named, with its values in a fit; None if it matters."""
+    return too_small(replace(one.candidate, values=fit.values, fit=fit), problem.excitation)
 
 
 def pruned(
     problem: Problem, named: list[SelectedEffect], current: Fit, inflation: Inflation
-) -> tuple[list[SelectedEffect], Fit]:
-    """Drop effects that the others have made redundant."""
+) -> tuple[list[SelectedEffect], Fit, list[tuple[str, float, float]]]:
+    """Drop effects that the others have made redundant; return these with their drop and what it should have been."""
+    removed: list[tuple[str, float, float]] = []
     drops = [
         fit.squares - current.squares for fit in problem.without(current, [[one.candidate.effect] for one in named])
     ]
@@ -145,9 +152,11 @@ def pruned(
         if not any(redundant):
             break
         first = redundant.index(True)
+        drop, least = fits[first].squares - current.squares, _least(unsure[first], inflation)
+        removed.append((unsure[first].candidate.effect.name, drop, least))
         named = [one for one in named if one is not unsure[first]]
         current, unsure = fits[first], unsure[first + 1 :]
-    return named, current
+    return named, current, removed
 
 
 def without(fit: Fit, effects: Sequence[SelectedEffect]) -> tuple[dict[str, float], tuple[str, ...]]:

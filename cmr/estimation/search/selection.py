@@ -16,15 +16,25 @@ from cmr.estimation.gains import COARSE
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.chance import chance_on_commands, coarse_ticks, tick_of, with_jitter_as_rival
-from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect, needed, why_not
+from cmr.estimation.search.criteria import (
+    THRESHOLD,
+    TOO_SMALL,
+    CandidateEffect,
+    SelectedEffect,
+    measured,
+    needed,
+    too_small,
+    why_not,
+)
 from cmr.estimation.search.cross_validation import alternatives, elsewhere
 from cmr.estimation.search.elimination import finished, pruned
-from cmr.estimation.search.exchange import BETTER, Exchange, best_exchange
+from cmr.estimation.search.exchange import BETTER, Exchange, best_exchange, penalty_of
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.leap import best_leap
+from cmr.estimation.search.measures import coarse_tick, too_small_to_be_named
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
 from cmr.estimation.search.screening import Screening, screen
-from cmr.estimation.search.trace import ADDED, REJECTED, REMOVED, REPLACED, Decision, Trace
+from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
 from cmr.model.catalogue import CATALOGUE
 
 ALIKE = 12.0  # drops that differ by less cannot be distinguished,
@@ -33,7 +43,11 @@ MOST_EFFECTS = 12  # with those that are too small to be named
 FEW = 3  # effects: exchanges have tried all others in the place of two of them
 MOST_STEPS = 30  # additions and exchanges
 LESS = "It explains less than the effect named."
-AS_BEFORE = "This model was left before: the search ends here."
+AS_BEFORE = "The search has been at this model before and fits it no better now: it ends here."
+CLEANED = "What it did is removed from the data, and the search starts again."
+REDUNDANT = "The other effects explain nearly as much without it."
+TOGETHER = "The likelihood ratio of these effects together is above the threshold."
+STAYS = "What is too small stays in the model only during the search, so that it hides no other effect."
 SMALLER_SHOWN = 0.5  # of the typical size: a drive in which less would not show leaves an effect unseen
 MOST_SMALL = 8  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
@@ -82,14 +96,15 @@ def search(problem: Problem, base: Fit, say: Callable[[str], None]) -> Search:
         by_chance, cleaned = chance
         name = by_chance.candidate.effect.name
         say(f"Searching again without {name} ...")
-        trace.note(ADDED, [name], by_chance.candidate.drop, reason="Its traces are taken out; the search begins again.")
+        trace.note(ADDED, [name], by_chance.candidate.drop, reason=CLEANED)
         clean_base = cleaned.fit(base.values, base.names, found.final.noise, renew=0)
         least = LEFT_BY_CHANCE * by_chance.candidate.drop / THRESHOLD
         found = replace(_selected(cleaned, clean_base, say, trace, least), base=base)
         named = with_jitter_as_rival(cleaned, [by_chance, *found.named], found.final)
     coarse = coarse_ticks(problem, found.final)
     if coarse:
-        trace.note(ADDED, ["encoder_quantisation"], coarse.candidate.drop, reason="The readings fall on few ticks.")
+        ticks = coarse_tick(tick_of(problem), COARSE)
+        trace.note(ADDED, ["encoder_quantisation"], coarse.candidate.drop, reason=ticks.sentence, measures=[ticks])
         named = [*named, coarse]
     named = sorted(named, key=lambda one: -one.candidate.drop)
     return replace(found, named=named, decisions=tuple(trace.decisions))
@@ -174,22 +189,20 @@ class _Selection:
         """Make an exchange, if there is one; tell whether it leads to a new model."""
         if exchange is None:
             return False
-        what = f"{' and '.join(exchange.leaving)} left for it." if exchange.leaving else "Both are needed at once."
-        self.trace.note(REPLACED, exchange.coming, self.current.squares - exchange.fit.squares, reason=what)
+        self._note_exchanged(exchange)
         stay = [one for one in self.named if one.candidate.effect.name not in exchange.leaving]
         return self._moved_to([*stay, *exchange.selected], exchange.fit)
 
     def _moved_to(self, named: list[SelectedEffect], fit: Fit) -> bool:
         """Take another model without what is redundant in it; tell whether it is a new one."""
-        before = [one.candidate.effect.name for one in named]
         if len(named) > 1:
-            named, fit = pruned(self.problem, named, fit, self.inflation)
+            named, fit, redundant = pruned(self.problem, named, fit, self.inflation)
+            for name, drop, least in redundant:
+                self.trace.note(REMOVED, [name], drop, least, REDUNDANT)
         after = frozenset(one.candidate.effect.name for one in named)
-        for name in before:
-            if name not in after:
-                self.trace.note(REMOVED, [name], float("nan"), reason="The others explain as much without it.")
-        if fit.squares > self._visited.get(after, np.inf) - BETTER:
-            self.trace.note(REJECTED, sorted(after), float("nan"), reason=AS_BEFORE)
+        gained = self._visited.get(after, np.inf) - fit.squares
+        if gained < BETTER:
+            self.trace.note(REJECTED, sorted(after), gained, BETTER, AS_BEFORE)
             return False
         self._visited[after] = fit.squares
         self.named, self.current = named, fit
@@ -197,14 +210,45 @@ class _Selection:
         return True
 
     def _note_added(self, chosen: SelectedEffect) -> None:
-        effect = chosen.candidate.effect
-        least = needed(effect) * self.inflation.of(effect.name)
-        self.trace.note(ADDED, [effect.name], chosen.candidate.drop, least, "It explains most.")
+        candidate, least = chosen.candidate, self._least(chosen.candidate)
+        name, small = candidate.effect.name, too_small(candidate, self.problem.excitation)
+        reason = f"{small.sentence} {STAYS}" if small else "It has the largest likelihood ratio."
+        self.trace.note(INCLUDED if small else ADDED, [name], candidate.drop, least, reason, [small])
+        margin = _margin(candidate, self.inflation)
+        for rival in (other for other, _ in self.others if other.effect.name in chosen.rivals):
+            alike = f"It explains the data as well as {name}: the difference is below the threshold."
+            self.trace.note(INDISTINCT, [rival.effect.name, name], candidate.drop - rival.drop, margin, alike)
+
+    def _note_exchanged(self, exchange: Exchange) -> None:
+        """Note an exchange, with the effects that come and are too small to be named."""
+        found = [too_small(one.candidate, self.problem.excitation) for one in exchange.selected]
+        small = [measure for measure in found if measure]
+        reason = f"In place of {' and '.join(exchange.leaving)}." if exchange.leaving else TOGETHER
+        reason = f"{reason} {too_small_to_be_named(small)} {STAYS}" if small else reason
+        action = INCLUDED if len(small) == len(found) else ADDED
+        least = penalty_of(exchange.leaving, exchange.coming, self.inflation) + BETTER * self.inflation.all
+        drop = self.current.squares - exchange.fit.squares
+        self.trace.note(REPLACED if exchange.leaving else action, exchange.coming, drop, least, reason, small)
 
     def _note_rejected(self) -> None:
+        """Note the strongest effects that were rejected, and keep the measures for which all were."""
+        self.others = [
+            (measured(self.problem, self.current, candidate, self.inflation, why), why)
+            for candidate, why in self.others
+        ]
         for candidate, why in sorted(self.others, key=lambda other: -other[0].drop)[:NOTED]:
-            least = needed(candidate.effect) * self.inflation.of(candidate.effect.name)
-            self.trace.note(REJECTED, [candidate.effect.name], candidate.drop, least, why)
+            self.trace.note(
+                REJECTED,
+                [candidate.effect.name],
+                candidate.drop,
+                self._least(candidate),
+                candidate.reason(why),
+                [candidate.measure],
+            )
+
+    def _least(self, candidate: CandidateEffect) -> float:
+        """Return the drop of the sum of squares below which an effect may be chance."""
+        return needed(candidate.effect) * self.inflation.of(candidate.effect.name)
 
 
 def _selected(
@@ -221,7 +265,8 @@ def _selected(
         screening = state.screened()
     last = finished(problem, state.named, state.current, state.inflation)
     for candidate, why in last.dropped:
-        trace.note(REMOVED, [candidate.effect.name], candidate.drop, reason=why)
+        reason, measures = candidate.reason(why), [candidate.measure]
+        trace.note(REMOVED, [candidate.effect.name], candidate.drop, reason=reason, measures=measures)
     others = [*last.dropped, *state.others]
     unseen = _unseen(problem, screening, [one.candidate.effect.name for one in last.named])
     return Search(
@@ -279,12 +324,17 @@ def _choose(
     if small is not None:
         others = [(chosen, LESS), *(other for other in others if other[0] is not small)]
         chosen = small
-    margin = max(ALIKE * inflation.of(chosen.effect.name), ALIKE_SHARE * chosen.drop)
+    margin = _margin(chosen, inflation)
     close = [candidate for candidate, _ in others if chosen.drop - candidate.drop < margin]
     if small is None and not problem.by_moments:
         return _chosen_by_free_runs(problem, current, chosen, others, close)
     rivals = tuple(one.effect.name for one in close if not why_not(problem, current, one, inflation))
     return SelectedEffect(chosen, rivals, current), others
+
+
+def _margin(chosen: CandidateEffect, inflation: Inflation) -> float:
+    """Return by how much another effect must explain less to be distinguished from the one chosen."""
+    return max(ALIKE * inflation.of(chosen.effect.name), ALIKE_SHARE * chosen.drop)
 
 
 def _chosen_by_free_runs(

@@ -4,7 +4,23 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-ADDED, REPLACED, REMOVED, REJECTED = "added", "replaced", "removed", "not added"
+# INCLUDED: too small to be named, but in the model until the end of the search so that it hides no other effect.
+ADDED, INCLUDED, REPLACED, REMOVED, REJECTED = "added", "included", "replaced", "removed", "not added"
+INDISTINCT = "not distinguished"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """The number that decided, and the limit with which it was compared, both in `unit`.
+
+    `quantity` is the name of a parameter or of a statistic, `sentence` states the comparison in words.
+    """
+
+    quantity: str
+    value: float
+    limit: float
+    unit: str
+    sentence: str
 
 
 @dataclass(frozen=True)
@@ -13,7 +29,8 @@ class Decision:
 
     `step` counts the models from 0, the paper's. `effects` are those that the `action` concerns. `statistic` is the
     likelihood-ratio statistic of the decision, the drop of the sum of squared white errors, and `threshold` the value
-    with which it was compared; NaN where there is none. `reason` is a sentence.
+    with which it was compared; NaN where there is none. For INDISTINCT, `statistic` is the difference to the
+    likelihood ratio of the effect named. `reason` is a sentence, `measures` the numbers in it that decided.
     """
 
     step: int
@@ -22,14 +39,29 @@ class Decision:
     statistic: float
     threshold: float
     reason: str
+    measures: tuple[Measure, ...] = ()
 
 
 def with_removed(
-    decisions: Sequence[Decision], removed: Iterable[tuple[str, float]], reason: str
+    decisions: Sequence[Decision], removed: Iterable[tuple[str, float]], reason: str, measures: tuple[Measure, ...] = ()
 ) -> tuple[Decision, ...]:
-    """Return decisions with those that took back effects, each with its statistic, once the search was over."""
+    """Return decisions with those that removed effects, each with its statistic, once the search was over."""
     step = max((decision.step for decision in decisions), default=0)
-    return (*decisions, *(Decision(step, REMOVED, (name,), drop, math.nan, reason) for name, drop in removed))
+    return (*decisions, *(Decision(step, REMOVED, (name,), drop, math.nan, reason, measures) for name, drop in removed))
+
+
+def with_rivals(decisions: Sequence[Decision], rivals: Iterable[tuple[str, str]]) -> tuple[Decision, ...]:
+    """Return decisions with a row for each pair (named effect, rival) whose likelihood ratios were not compared."""
+    step = max((decision.step for decision in decisions), default=0)
+    told = {decision.effects for decision in decisions if decision.action == INDISTINCT}
+    return (
+        *decisions,
+        *(
+            Decision(step, INDISTINCT, (rival, name), math.nan, math.nan, f"It explains the data as well as {name}.")
+            for name, rival in rivals
+            if (rival, name) not in told
+        ),
+    )
 
 
 @dataclass
@@ -40,7 +72,14 @@ class Trace:
     step: int = 0
 
     def note(
-        self, action: str, effects: Sequence[str], statistic: float, threshold: float = float("nan"), reason: str = ""
+        self,
+        action: str,
+        effects: Sequence[str],
+        statistic: float,
+        threshold: float = math.nan,
+        reason: str = "",
+        measures: Iterable[Measure | None] = (),
     ) -> None:
-        """Add a decision to the present step."""
-        self.decisions.append(Decision(self.step, action, tuple(effects), statistic, threshold, reason))
+        """Add a decision to the present step; of its measures, None stands for no measure."""
+        known = tuple(measure for measure in measures if measure is not None)
+        self.decisions.append(Decision(self.step, action, tuple(effects), statistic, threshold, reason, known))

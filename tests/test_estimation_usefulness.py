@@ -1,0 +1,58 @@
+"""A name must improve something on data left out of the fit, and the number that decides is reported."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.usefulness import OF_USE, _largest, _of_readings
+from cmr.model.catalogue import CATALOGUE
+from cmr.recordings.signal import Floats
+
+READINGS, FOLDS = 40, 5
+
+
+def whole_with(outlier: float, other: float) -> tuple[Any, Any, Fit]:
+    """Return a fit in which a gyro's bias acts on two readings of different folds only, and the fit without it.
+
+    Without the bias these readings err by `outlier` and `other`, all others by 0.1 or -0.1.
+    """
+    errors: Floats = 0.1 * (-1.0) ** np.arange(READINGS, dtype=np.float64)
+    errors[[0, 1]] = outlier, other
+    slopes = np.zeros((READINGS, 1))
+    slopes[[0, 1], 0] = -1.0
+    bias = 0.5 * (outlier + other)
+    noise = cast(Any, None)
+    final = Fit({"gyro_bias": bias}, ("gyro_bias",), errors + slopes[:, 0] * bias, slopes, noise)
+    predictor = SimpleNamespace(times={"yaw_rate": np.arange(float(READINGS))})
+    problem = SimpleNamespace(predictors=(predictor,), folds=np.arange(READINGS) % FOLDS)
+    whole = SimpleNamespace(found=SimpleNamespace(problem=problem), final=final)
+    effect = SimpleNamespace(candidate=SimpleNamespace(effect=CATALOGUE["gyro_bias"]))
+    return whole, effect, Fit({}, (), errors, np.zeros((READINGS, 0)), noise)
+
+
+def test_what_a_sensor_does_is_judged_on_readings_that_were_left_out_of_the_fit() -> None:
+    whole, effect, without_it = whole_with(3.0, 0.0)
+    # On the fitted readings the bias reduces the errors, but neither of the two readings predicts the other.
+    assert np.linalg.norm(without_it.rest) > OF_USE * np.linalg.norm(whole.final.rest)
+    (ratio,) = _of_readings(whole, effect, without_it).values()
+    assert ratio < 1.0
+
+
+def test_what_a_sensor_does_in_all_folds_is_of_use() -> None:
+    whole, effect, without_it = whole_with(3.0, 2.9)
+    ((words, ratio),) = _of_readings(whole, effect, without_it).items()
+    assert ratio > 5.0
+    assert words == "the one-step prediction of the yaw rate"
+
+
+def test_the_error_that_grows_most_without_an_effect_is_reported_with_the_limit() -> None:
+    use = _largest({"the path of free runs": 1.0031, "the yaw rate of free runs": 0.98})
+    assert use.measure.value == pytest.approx(1.0031)
+    assert use.measure.limit == OF_USE
+    assert use.measure.sentence == (
+        "Without it no error on left-out data grows by 1 % or more: the largest change is +0.31 %, in the path of free "
+        "runs."
+    )

@@ -1,0 +1,109 @@
+"""The measure that decides about an effect agrees with the decision, and its sentence has the value and the limit."""
+
+import math
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from cmr.diagnosis.diagnose import _candidates
+from cmr.estimation.candidates import SMALLEST, Excitation, size, worth_naming
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, measured, why_not
+from cmr.estimation.search.inflation import Inflation
+from cmr.estimation.search.measures import size_below_limit, with_unit
+from cmr.estimation.search.selection import _Selection
+from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, Trace
+from cmr.model.catalogue import CATALOGUE, definition
+from cmr.recordings.signal import Floats
+
+ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
+USUAL = Excitation(ROBOT, turning=2.0)
+PROBLEM = cast(Any, SimpleNamespace(excitation=USUAL, moving=(1.0, 59.0), by_moments=True))
+ROWS = 8
+
+
+def candidate(name: str, share: float, drop: float, explained: int | None = None) -> CandidateEffect:
+    """Return an effect of one parameter, of a share of the size that matters; it explains one row of the errors."""
+    rest, slopes = np.ones(ROWS), np.zeros((ROWS, 1))
+    slopes[0] = 1e6
+    if explained is not None:
+        rest[explained] = 0.0
+    values = {**ROBOT, name: share * SMALLEST * size(definition(name), USUAL)}
+    fit = Fit(values, (name,), rest, slopes, cast(Any, None))
+    return CandidateEffect(CATALOGUE[name], drop, values, fit, held_out=0.4 * drop)
+
+
+def fit_of(*names: str) -> Fit:
+    rest: Floats = np.ones(ROWS)
+    return Fit(ROBOT, names, rest, np.ones((ROWS, len(names))), cast(Any, None))
+
+
+@pytest.mark.parametrize("name", [one.name for one in CATALOGUE.values()])
+@pytest.mark.parametrize(("share", "std"), [(0.0, 0.0), (0.9, 0.0), (1.1, 0.0), (1.1, 1.0), (4.0, 1.0)])
+def test_the_size_measured_is_below_its_limit_exactly_where_it_is_not_worth_naming(
+    name: str, share: float, std: float
+) -> None:
+    effect = CATALOGUE[name]
+    least = {one.name: SMALLEST * size(one, USUAL) for one in effect.parameters if one.switches}
+    values = {one.name: share * least.get(one.name, 0.0) for one in effect.parameters}
+    stds = {one: std * value for one, value in least.items()}
+    small = size_below_limit(effect, values, stds, USUAL)
+    assert (small is None) == worth_naming(values, stds, USUAL)
+    if small:
+        assert abs(small.value) <= small.limit
+        assert with_unit(small.value, small.unit) in small.sentence
+        assert with_unit(small.limit, small.unit) in small.sentence
+
+
+def test_a_reason_of_the_judgement_has_the_measure_of_the_same_reason() -> None:
+    for one, quantity in (
+        (candidate("gyro_bias", 0.5, 500.0), "gyro_bias"),
+        (candidate("gyro_bias", 2.0, 1.0), "likelihood_ratio"),
+    ):
+        why = why_not(PROBLEM, fit_of(), one, Inflation(1.0))
+        known = measured(PROBLEM, fit_of(), one, Inflation(1.0), why)
+        assert known.measure
+        assert known.measure.quantity == quantity
+        assert known.reason(why) == known.measure.sentence
+
+
+def test_a_small_effect_is_included_and_its_rivals_are_rows_with_the_difference() -> None:
+    trace = Trace()
+    state = _Selection(PROBLEM, fit_of(), trace, 1.0)
+    rival = candidate("gyro_drift", 2.0, 495.0)
+    state.others = [(rival, "It explains less.")]
+    for share in (0.5, 2.0):
+        chosen = SimpleNamespace(candidate=candidate("gyro_bias", share, 500.0), rivals=("gyro_drift",))
+        state._note_added(cast(Any, chosen))
+    assert [one.action for one in trace.decisions] == [INCLUDED, INDISTINCT, ADDED, INDISTINCT]
+    assert trace.decisions[0].measures[0].quantity == "gyro_bias"
+    assert (trace.decisions[1].effects, trace.decisions[1].statistic) == (("gyro_drift", "gyro_bias"), 5.0)
+    assert trace.decisions[1].threshold > 5.0
+
+
+def test_a_rejected_effect_keeps_the_measure_for_which_it_was() -> None:
+    trace = Trace()
+    state = _Selection(PROBLEM, fit_of(), trace, 1.0)
+    state.others = [(candidate("gyro_bias", 0.5, 500.0), TOO_SMALL)]
+    state._note_rejected()
+    (row,), ((kept, why),) = trace.decisions, state.others
+    assert (row.action, why) == (REJECTED, TOO_SMALL)
+    assert kept.measure is row.measures[0]
+    assert row.reason.startswith("Its size, 0.00")
+
+
+def test_small_effects_that_explain_the_same_are_one_that_is_seen() -> None:
+    first, same = candidate("gyro_bias", 0.5, 500.0, explained=3), candidate("gyro_drift", 0.5, 400.0, explained=3)
+    other, chance = candidate("coulomb_friction", 0.5, 90.0, explained=5), candidate("turn_slip", 2.0, 3.0)
+    others = [(first, TOO_SMALL), (same, TOO_SMALL), (other, TOO_SMALL), (chance, "Chance.")]
+    found = _candidates(cast(Any, SimpleNamespace(others=others, seen=fit_of("k1"), inflation=4.0)))
+    assert [one.name for one in found if one.harmless] == ["gyro_bias", "coulomb_friction"]
+    assert found[0].estimates["gyro_bias"].value == first.values["gyro_bias"]
+    assert found[0].estimates["gyro_bias"].std == pytest.approx(2.0 * 1e-6)
+
+
+def test_a_value_is_told_with_two_digits_and_its_unit() -> None:
+    told = [with_unit(0.4, "rad/s^2"), with_unit(-0.0025, "-"), with_unit(12.0, "m"), with_unit(512.3, "s")]
+    assert [*told, with_unit(math.nan, "m")] == ["0.40 rad/s^2", "-0.0025", "12 m", "512 s", "nan m"]
