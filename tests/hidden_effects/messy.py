@@ -57,8 +57,11 @@ class Messy(NamedTuple):
     recording: Recording
 
 
-def messy(seed: int, plan: str, at_once: int = AT_ONCE) -> Messy:
-    """Return a robot with `at_once` imperfections, and its recording of a plan of PLANS, or of the rich drive."""
+def messy(seed: int, plan: str, at_once: int = AT_ONCE, drive: int = 0) -> Messy:
+    """Return a robot with `at_once` imperfections, and its recording of a plan of PLANS, or of the rich drive.
+
+    Another `drive` has other noise.
+    """
     random = np.random.default_rng([seed, 19])
     robot = draw_robot(random)
     names = random.choice(list(ORDINARY), at_once, replace=False)
@@ -74,14 +77,15 @@ def messy(seed: int, plan: str, at_once: int = AT_ONCE) -> Messy:
     }
     nominal = ParameterFile(0, {name: Value(value) for name, value in draw_nominal(robot, random).items()})
     plant = {**robot, **hidden}
+    luck = seed + 1_000_000 * drive
     with sensors_at(SENSOR_RATE):
         if plan == "rich":
             seconds = RICH_DRIVE_SECONDS
             commands = drives.packets(rich_drive(), seconds)
         else:
             seconds = sum(held for _, held in PLANS[plan])
-            commands = steered(pursuit(robot, PLANS[plan]), plant, seconds, REALISTIC, seed)
-        recording = drives.drive(commands, plant, seconds, REALISTIC, seed, nominal=nominal).recording
+            commands = steered(pursuit(robot, PLANS[plan]), plant, seconds, REALISTIC, luck)
+        recording = drives.drive(commands, plant, seconds, REALISTIC, luck, nominal=nominal).recording
     return Messy(robot, hidden, recording)
 
 
