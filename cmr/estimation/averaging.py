@@ -20,7 +20,7 @@ from cmr.estimation.sizes import SPREAD, Sizes
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.recordings.signal import Floats, Mask
 
-PRESENT = 0.2  # prior probability that an effect is present
+PRESENT = 0.3  # prior probability that an effect is present
 UNCERTAIN, CERTAIN = float(np.log(PRESENT / (1.0 - PRESENT))), 1e3  # logarithms of odds
 HALF = 0.5
 BELIEF = 0.65  # power of the likelihood: errors are neither quite white nor the model exact
@@ -155,7 +155,8 @@ class Averaging:
         ridge = RIDGE * np.diag(self._products)[:count]
         # What does nothing at all here, such as a limit that is not reached, stays where it is, too.
         flat = products[:count, :count] + np.diag(np.where(ridge > 0.0, ridge, 1.0))
-        mixed = np.linalg.solve(flat, np.column_stack([products[:count, count:], pulls[:count]]))
+        inverse = _inverse(flat)
+        mixed = inverse @ np.column_stack([products[:count, count:], pulls[:count]])
         along, own = mixed[:, :-1], mixed[:, -1]
         start = self._of_sizes(self._start)
         normal = products[count:, count:] - products[count:, :count] @ along
@@ -171,7 +172,7 @@ class Averaging:
             normal, pull, slabs, odds, self._likely, steps, self._problem.seed, traces=traces
         )
         values, likeliest = (self._with(sizes, -own - along @ (sizes - start)) for sizes in (mean, mode))
-        of_flat = np.linalg.inv(flat) + along @ spread @ along.T
+        of_flat = inverse + along @ spread @ along.T
         covariance = np.block([[of_flat, -along @ spread], [-spread @ along.T, spread]])
         presence = {effect.name: float(share) for effect, share in zip(self._effects, shares, strict=True)}
         return Posterior(values, self._names, covariance, presence, self, likeliest)
@@ -222,6 +223,12 @@ def relinearised(problem: Problem, fit: Fit, inflation: float) -> tuple[Averagin
         averaging = Averaging(problem, about, inflation, found.likely, fit.values)
         found = averaging.posterior(steps=FEW_STEPS)
     return averaging, found
+
+
+def _inverse(normal: Floats) -> Floats:
+    """Return the inverse of a symmetric matrix (p, p) whose rows may have very different units."""
+    scale = 1.0 / np.sqrt(np.diag(normal))
+    return np.asarray(np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
 def _on(problem: Problem, values: Mapping[str, float]) -> list[str]:
