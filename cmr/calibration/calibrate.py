@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cmr.calibration.doubts import in_doubt
+from cmr.calibration.doubts import in_doubt, in_doubt_alone
 from cmr.calibration.paper import calibrate_by_paper
 from cmr.calibration.path_errors import path_errors
-from cmr.calibration.result import CalibrationResult
+from cmr.calibration.result import CalibrationResult, tells
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import Estimation, estimate, nominal_of
 from cmr.estimation.simulation_error import SimulationErrorProblem
@@ -17,7 +17,7 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
 AVERAGE, PAPER = METHODS = ("average", "paper")
-LARGEST_RELATIVE_STD = 0.3  # an estimate with a larger standard deviation is a guess and is not given
+UNTOLD = "The drive tells nothing of it: its standard deviation is {:.0f} % of the value."
 # Findings of the data checks that are worth telling though nothing was set aside.
 TOLD = ("pose_jumps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
 SMALLEST_RADIUS_ERROR = 0.02  # relative; a smaller contradiction of wheels and path may be slip
@@ -85,7 +85,8 @@ def _alone(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
         estimates = {n: Estimate(base.values[n], float(np.hypot(base.std(n), doubts[n]))) for n in base.names}
     parameters = {name: value for name, value in base.values.items() if name in DEFINITIONS}
     parameters = {name: value for name, value in parameters.items() if name not in estimation.ready.unknown}
-    return _result(estimation, nominal, parameters, estimates, "three parameters alone", ())
+    doubts = in_doubt_alone(estimation, estimates)
+    return _result(estimation, nominal, parameters, estimates, "three parameters alone", doubts)
 
 
 def _result(
@@ -96,14 +97,15 @@ def _result(
     method: str,
     doubts: tuple[str, ...],
 ) -> CalibrationResult:
-    unidentified = dict(estimation.ready.untold)
-    trusted = {}
-    for name, one in estimates.items():
-        if name in DEFINITIONS and not one.std <= LARGEST_RELATIVE_STD * one.value:
-            unidentified[name] = f"The drive tells it to {100.0 * one.std / abs(one.value):.0f} % only."
-        else:
-            trusted[name] = one
-    if not set(trusted) & set(DEFINITIONS):
+    """Return the result; of a parameter that the data tell nothing of, the given value goes with the others."""
+    unidentified, trusted = dict(estimation.ready.untold), dict(estimates)
+    for name in set(estimates) & set(DEFINITIONS):
+        if not tells(estimates[name]):
+            unidentified[name] = UNTOLD.format(100.0 * estimates[name].std / abs(estimates[name].value))
+            if nominal.has(name):
+                del trusted[name]
+                parameters = {**parameters, name: nominal.value(name)}
+    if not set(estimates) & set(DEFINITIONS) - set(unidentified):
         reasons = "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
         raise EstimationError(f"Nothing could be identified. {reasons}")
     given = {name: value.value for name, value in nominal.values.items()}

@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 EFFECTS = "effects in use: those that the drive shows, and what others that it may hide come to on average"
 
 
+def tells(estimate: Estimate) -> bool:
+    """Tell whether an estimate says anything of a parameter that is positive: its 95 % interval is."""
+    return estimate.interval[0] > 0.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class CalibrationResult:
     """What was found of one robot.
@@ -70,11 +75,6 @@ class CalibrationResult:
         return np.array([estimate.value for estimate in self.estimates.values()])
 
     @property
-    def success(self) -> bool:
-        """Whether every parameter that was looked for was found."""
-        return not self.unidentified
-
-    @property
     def message(self) -> str:
         """What came of it, in a sentence or two."""
         found = f"Found {', '.join(self.names)}."
@@ -88,15 +88,19 @@ class CalibrationResult:
 
     def parameter_file(self, provenance: Mapping[str, Any]) -> ParameterFile:
         """Return the parameter file to write: estimates with the effects in use, and nominal values of the rest."""
-        told = {**self.estimates, **self.effects}
-        values = {name: Value(value, told[name].std if name in told else None) for name, value in self.values.items()}
-        given = {name: self.nominal.values[name] for name in values if name in self.nominal.values}
-        values |= {name: value for name, value in given.items() if name not in told}
+        values = {name: self._written(name, value) for name, value in self.values.items()}
         in_use = effects_on(self.values)
         found: dict[str, Any] = {"method": self.method, "samples": self.samples}
         if math.isfinite(self.path_rmse_after):
             found["path_rmse_m"] = round(self.path_rmse_after, 6)
         return ParameterFile(self.robot_id, values, tuple(one.name for one in in_use), {**provenance, **found})
+
+    def _written(self, name: str, value: float) -> Value:
+        """Return a value as the file holds it: with its deviation, or as it was given."""
+        told, given = {**self.estimates, **self.effects}, self.nominal.values.get(name)
+        if name in told:
+            return Value(value, told[name].std)
+        return given if given is not None and given.value == value else Value(value)
 
     def summary(self) -> str:
         """Return a table for a person."""
