@@ -81,8 +81,8 @@ def _alone(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
         assert problem is not None
         courses = SimulationErrorProblem(problem.predictors, problem.gains, problem.excitation)
         base = courses.base(estimation.ready.start, base.names)
-        doubts = courses.doubts(base)
-        estimates = {n: Estimate(base.values[n], float(np.hypot(base.std(n), doubts[n]))) for n in base.names}
+        bursts = courses.doubts(base)
+        estimates = {n: Estimate(base.values[n], float(np.hypot(base.std(n), bursts[n]))) for n in base.names}
     parameters = {name: value for name, value in base.values.items() if name in DEFINITIONS}
     parameters = {name: value for name, value in parameters.items() if name not in estimation.ready.unknown}
     doubts = in_doubt_alone(estimation, estimates)
