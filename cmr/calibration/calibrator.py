@@ -12,7 +12,7 @@ import numpy as np
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
 from cmr.calibration.calibrate import AVERAGE, calibrate
-from cmr.calibration.coverage import MOVING_AT_ALL, Coverage
+from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.running import RunningFit
@@ -23,13 +23,18 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import LAST_NUMBER, RobotMessages
 from cmr.recordings.recording import Recorder, Recording
 
-REST = 1_000_000  # us at rest that end the manoeuvre
+REST = 1_000_000  # us at rest that end the manoeuvre;
+LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
 FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
 HEARD = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
+WAITING = (
+    "Waiting for the robot to move: drive figure-eights, both lobes, best for 30 s at about 0.2 m/s and then for 30 s "
+    "at about 0.5 m/s."
+)
 
 
 class Calibrator:
@@ -187,16 +192,37 @@ class Calibrator:
             if self._onset is None:
                 self._onset = utime
                 self.state = calibration_status_t.COLLECTING
-        rested = self._last_motion is not None and utime - self._last_motion >= REST
-        if (self._coverage.complete and rested) or self._coverage.exceeds(ENOUGH):
+        rested = 0 if self._last_motion is None else utime - self._last_motion
+        if (self._coverage.complete and self._ends(rested)) or self._coverage.exceeds(ENOUGH):
             self._end = utime
             self.state = calibration_status_t.FITTING
 
+    def _ends(self, rested: int) -> bool:
+        """Tell whether a rest of this time [us] ends a covered drive."""
+        return rested >= LONG_REST or (rested >= REST and self._coverage.only_speed is None)
+
+    def _radius(self) -> float | None:
+        """Return the wheel radius [m] as far as it is known."""
+        nominal = self._nominal or self._messages.parameters
+        return nominal.value("wheel_radius") if nominal is not None and nominal.has("wheel_radius") else None
+
+    def _covered(self) -> str:
+        """Say what to do once the drive is covered."""
+        only = self._coverage.only_speed
+        if only is None:
+            return "Covered. Stop the robot to finish."
+        radius = self._radius() if self._has_wheels else None
+        at, other = "one speed", "another speed, less than half or more than twice as fast,"
+        if radius is not None:
+            at, other = f"{only * radius:.2g} m/s", f"about {second_speed(only * radius):.1g} m/s"
+        stop = f"stop for {LONG_REST * 1e-6:.0f} s to finish"
+        return f"Covered at {at}. Drive on at {other} for narrower intervals, or {stop}."
+
     def _sentence(self) -> str:
         if self.state == calibration_status_t.WAITING:
-            return "Waiting for the robot to move: drive a figure-eight, both lobes."
+            return WAITING
         if self.state == calibration_status_t.COLLECTING:
-            return f"Still needed: {self.missing}." if self.missing else "Covered. Stop the robot to finish."
+            return f"Still needed: {self.missing}." if self.missing else self._covered()
         if self.state == calibration_status_t.FITTING:
             return "The manoeuvre is complete; computing the parameters."
         if self.result is None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cmr.calibration.coverage import only_speed, second_speed
 from cmr.estimation.averaging import Posterior
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation
@@ -23,11 +24,6 @@ HALF = 0.5  # of its standard deviation alone, below which a parameter is much s
 ALONE = "Three parameters alone do not describe this robot: it has the effects that are named here."
 HIDING = 0.4  # correlation from which on an effect that was not named hides in a parameter
 UNSURE = (0.03, 0.97)  # probabilities between which an effect may or may not be there
-ONE_SPEED = 1.6  # ratio of a drive's fast and slow wheel speeds below which it has one speed
-SLOW, FAST = 20.0, 80.0  # percentiles of the speeds while the robot moves
-RESTING = 0.1  # of the usual speed
-SLOWER, FASTER = 0.4, 2.5  # second speeds, as multiples of the first
-BRISK = 0.35  # m/s; a robot that went as fast is asked to go slower, else faster
 
 
 def in_doubt(estimation: Estimation) -> tuple[str, ...]:
@@ -69,11 +65,6 @@ def _telling(wide: Sequence[str], told: Mapping[str, Estimate], speed: float | N
     return [TELLING[name] for name in wide if _share(told[name]) > POOR]
 
 
-def second_speed(speed: float) -> float:
-    """Return the speed [m/s] at which a drive of one `speed` [m/s] would be worth continuing."""
-    return (SLOWER if speed > BRISK else FASTER) * speed
-
-
 def _sentence(name: str, share: float, average: Posterior | None) -> str:
     known = f"{name} is known to {100.0 * share:.2g} % only"
     hiding = hiding_in(name, average) if average is not None else []
@@ -99,12 +90,8 @@ def hiding_in(name: str, average: Posterior) -> list[str]:
 def one_speed(estimation: Estimation) -> float | None:
     """Return the speed [m/s] of a drive that has only one, else None."""
     speeds = np.concatenate([_speeds(p.segment.observations) for p in estimation.found.problem.predictors])
-    usual = float(np.median(speeds)) if len(speeds) else 0.0
-    moving = speeds[speeds > RESTING * usual]
-    if usual <= 0.0 or not len(moving):
-        return None
-    slow, fast = np.percentile(moving, (SLOW, FAST))
-    return float(np.median(moving)) * estimation.found.base.values["wheel_radius"] if fast < ONE_SPEED * slow else None
+    speed = only_speed(speeds)
+    return None if speed is None else speed * estimation.found.base.values["wheel_radius"]
 
 
 def _speeds(observations: Observations) -> Floats:
