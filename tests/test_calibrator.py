@@ -81,7 +81,9 @@ def test_during_the_drive_the_estimates_are_told_and_their_intervals_shrink() ->
                 assert abs(getattr(status, name) - truth) < 5.0 * getattr(status, f"{name}_std"), name
             due = next(looks)
     assert len(spreads) == 5
-    assert np.all(np.diff(spreads, axis=0)[:, 1:] < 0.0)  # k1 and base_width tell themselves all the time,
+    # From one average to the next a deviation may grow, where an effect shows that may hide. Over 22 s they shrink:
+    # those of k1 and base_width, which tell themselves all the time, at least as the root of the time driven does.
+    assert np.all(np.divide(spreads[-1], spreads[0])[1:] < np.sqrt(6.0 / 28.0))
     assert spreads[-1][0] < spreads[0][0]  # k2_over_k3 when the speed changes
     # What is found in the end does not depend on having looked.
     assert calibrator.fit() is not None

@@ -14,6 +14,7 @@ from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POS
 from cmr.calibration.calibrate import AVERAGE, calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
+from cmr.calibration.loading import NOMINAL, made_up_recording
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.running import RunningFit
 from cmr.calibration.segments import LEAD
@@ -31,6 +32,7 @@ HEARD = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
+LOADING = "Loading the estimator; the first time on a computer it has to be compiled, which takes a minute."
 WAITING = (
     "Waiting for the robot to move: drive figure-eights, both lobes, best for 30 s at about 0.2 m/s and then for 30 s "
     "at about 0.5 m/s."
@@ -43,7 +45,8 @@ class Calibrator:
     `nominal` gives at least the wheel radius; None takes the newest parameters announced during the drive. `method` and
     `paper_only` are those of `calibrate`.
     `state` is one of the states of calibration_status_t; `result` is there once `fit` succeeded. `preview` is what the
-    drive told when `look` was last called. `missing` says what the drive still lacks.
+    drive told when `look` was last called, `averages` how often that was averaged anew. `missing` says what the drive
+    still lacks. While `loading` is true, `load` has not come to its end.
     """
 
     def __init__(
@@ -55,7 +58,8 @@ class Calibrator:
         self.preview: CalibrationResult | None = None
         self.failure = ""
         self._nominal, self._method, self._paper_only = nominal, method, paper_only
-        self._running = RunningFit(nominal)
+        self.loading = False
+        self._running = RunningFit(nominal, paper_only=paper_only)
         self._recorder = Recorder(robot_id)
         self._log: RobotMessages | None = None
         self._coverage = Coverage()
@@ -128,6 +132,22 @@ class Calibrator:
         recording = Recording.of(self._messages)
         first = 0 if self._onset is None else self._onset - int(2 * LEAD * 1e6)
         return recording.between(first, self._end if self._end is not None else self._latest)
+
+    @property
+    def averages(self) -> int:
+        """How often the estimates of a drive that goes on were averaged anew."""
+        return self._running.averages
+
+    def load(self) -> None:
+        """Load the estimator, and compile it the first time on a computer: fit a short drive that was made up."""
+        try:
+            recording = made_up_recording()
+            running = RunningFit(NOMINAL, paper_only=self._paper_only)
+            for part in (0.9, 1.0):  # an average, and the fit after one
+                running.look(recording.between(0, int(part * recording.wheels.utime[-1])))
+            calibrate(recording, NOMINAL, method=self._method, paper_only=self._paper_only)
+        finally:
+            self.loading = False
 
     @property
     def tells_something(self) -> bool:
@@ -220,7 +240,7 @@ class Calibrator:
 
     def _sentence(self) -> str:
         if self.state == calibration_status_t.WAITING:
-            return WAITING
+            return LOADING if self.loading else WAITING
         if self.state == calibration_status_t.COLLECTING:
             return f"Still needed: {self.missing}." if self.missing else self._covered()
         if self.state == calibration_status_t.FITTING:
