@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cmr.calibration.contradictions import SMALLEST_RADIUS_ERROR, radius_sentence
 from cmr.calibration.doubts import in_doubt, in_doubt_alone
 from cmr.calibration.paper import calibrate_by_paper
 from cmr.calibration.path_errors import path_errors
@@ -20,11 +21,6 @@ AVERAGE, PAPER = METHODS = ("average", "paper")
 UNTOLD = "The drive tells nothing of it: its standard deviation is {:.0f} % of the value."
 # Findings of the data checks that are worth telling though nothing was set aside.
 TOLD = ("pose_jumps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
-SMALLEST_RADIUS_ERROR = 0.02  # relative; a smaller contradiction of wheels and path may be slip
-RADIUS = (
-    "The wheels turn {factor:.3f} times as far as the path says. Check wheel_radius ({fitting:.4g} m would fit instead "
-    "of {radius:g} m) and the encoder's ticks per turn."
-)
 
 
 def calibrate(
@@ -158,7 +154,7 @@ def _radius_note(radius: float, estimates: Mapping[str, Estimate]) -> tuple[str,
         one = estimates.get(name)
         if one is not None and abs(one.value) > max(SMALLEST_RADIUS_ERROR, 3.0 * one.std):
             factor = (1.0 + one.value) ** sign
-            return (RADIUS.format(factor=factor, fitting=radius / factor, radius=radius),)
+            return (radius_sentence(factor, radius),)
     return ()
 
 

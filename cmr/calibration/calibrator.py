@@ -11,7 +11,7 @@ import numpy as np
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
-from cmr.calibration.calibrate import AVERAGE, calibrate
+from cmr.calibration.calibrate import AVERAGE, PAPER, calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.loading import NOMINAL, made_up_recording
@@ -59,7 +59,7 @@ class Calibrator:
         self.failure = ""
         self._nominal, self._method, self._paper_only = nominal, method, paper_only
         self.loading = False
-        self._running = RunningFit(nominal, paper_only=paper_only)
+        self._running = self._running_fit(nominal)
         self._recorder = Recorder(robot_id)
         self._log: RobotMessages | None = None
         self._coverage = Coverage()
@@ -142,12 +142,15 @@ class Calibrator:
         """Load the estimator, and compile it the first time on a computer: fit a short drive that was made up."""
         try:
             recording = made_up_recording()
-            running = RunningFit(NOMINAL, paper_only=self._paper_only)
+            running = self._running_fit(NOMINAL)
             for part in (0.9, 1.0):  # an average, and the fit after one
                 running.look(recording.between(0, int(part * recording.wheels.utime[-1])))
             calibrate(recording, NOMINAL, method=self._method, paper_only=self._paper_only)
         finally:
             self.loading = False
+
+    def _running_fit(self, nominal: ParameterFile | None) -> RunningFit:
+        return RunningFit(nominal, paper=self._method == PAPER, paper_only=self._paper_only)
 
     @property
     def tells_something(self) -> bool:

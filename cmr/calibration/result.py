@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cmr.calibration.grid import Grid
     from cmr.calibration.segments import Segment
 
+GRID = "grid"  # the method of a result that is the least error of a grid, not refined
 EFFECTS = "effects in use: those that the drive shows, and what others that it may hide come to on average"
 
 

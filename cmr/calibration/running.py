@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cmr.calibration.paper import minimum_so_far
 from cmr.calibration.path_errors import path_errors
 from cmr.calibration.result import CalibrationResult, tells
 from cmr.estimation.averaging import Posterior, averaged
@@ -29,18 +30,21 @@ class RunningFit:
 
     Between two averages the parameters are fitted with the effects that the last one found likely. With `paper_only`
     there are no effects: in place of the averages the three parameters are fitted that predict best by themselves, and
-    nothing is fitted in between. `clock` tells how long the work takes [s].
+    nothing is fitted in between; with `paper`, they are those of the paper's grid. `clock` tells how long work takes
+    [s].
     """
 
     def __init__(
         self,
         nominal: ParameterFile | None,
         *,
+        paper: bool = False,
         paper_only: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.averages = 0
-        self._nominal, self._paper_only, self._clock = nominal, paper_only, clock
+        self._nominal, self._clock = nominal, clock
+        self._paper, self._paper_only = paper, paper_only
         self._average: Posterior | None = None
         self._newest: CalibrationResult | None = None
         self._averaged_at = -math.inf  # s of the drive
@@ -55,9 +59,13 @@ class RunningFit:
         began, seconds = self._clock(), _length(recording)
         # The next look begins when this one ends: if that would be late for an average, it is due now.
         due = self._newest is None or seconds + self._quick > self._averaged_at + AVERAGE_PERIOD
-        if self._newest is not None and self._paper_only and not due:
+        if self._newest is not None and (self._paper or self._paper_only) and not due:
             return self._newest
         nominal = nominal_of([recording], self._nominal)
+        if self._paper:
+            self._newest, self._averaged_at = minimum_so_far(recording, nominal), seconds
+            self.averages += 1
+            return self._newest
         ready = self._prepared(recording, nominal)
         assert ready.base is not None
         if due or self._average is None or not set(ready.base.names) <= set(self._average.names):
@@ -124,8 +132,8 @@ class RunningFit:
 
 def _length(recording: Recording) -> float:
     """Return how long a drive is so far [s]."""
-    wheels = recording.wheels.seconds
-    return float(wheels[-1]) if len(wheels) else 0.0
+    signal = recording.wheels if len(recording.wheels) else recording.poses
+    return float(signal.seconds[-1]) if len(signal) else 0.0
 
 
 def _estimate(average: Posterior, name: str) -> Estimate:
