@@ -16,6 +16,7 @@ from cmr.calibration.paper import _radius_note
 from cmr.calibration.plots import figure_of
 from cmr.calibration.segments import segments_of
 from cmr.calibration.surface import told_by_surface
+from cmr.commands.calibrate import main
 from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import Value, parse
@@ -115,3 +116,10 @@ def test_the_drive_that_goes_on_is_told_by_the_method_that_was_asked_for(drive: 
     assert calibrator.preview is not None
     assert calibrator.preview.method == "grid"
     assert calibrator.averages == 1
+
+
+def test_paper_only_with_the_paper_s_method_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as wrong:
+        main(["--log", "run.lcm", "--method", "paper", "--paper-only"])
+    assert wrong.value.code == 2
+    assert "--paper-only" in capsys.readouterr().err

@@ -8,6 +8,7 @@ from cmr.calibration.contradictions import SMALLEST_RADIUS_ERROR, radius_sentenc
 from cmr.calibration.doubts import in_doubt, in_doubt_alone
 from cmr.calibration.paper import calibrate_by_paper
 from cmr.calibration.path_errors import path_errors
+from cmr.calibration.preparing import TOLD
 from cmr.calibration.result import CalibrationResult, tells
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import Estimation, estimate, nominal_of
@@ -19,8 +20,6 @@ from cmr.recordings.signal import Floats
 
 AVERAGE, PAPER = METHODS = ("average", "paper")
 UNTOLD = "The drive tells nothing of it: its standard deviation is {:.0f} % of the value."
-# Findings of the data checks that are worth telling though nothing was set aside.
-TOLD = ("pose_jumps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
 
 
 def calibrate(
@@ -35,7 +34,8 @@ def calibrate(
     `nominal` gives at least wheel_radius; by default it is what the recording announces. The parameters are averaged
     over the effects that the recordings show or may hide (`cmr.estimation`), and the effects in use are part of the
     result. With `paper_only` there are none: the three parameters are those that predict best by themselves. `method`
-    "paper" is the paper's: a grid search over the whole path. Recordings without wheels have no other.
+    "paper" is the paper's: a grid search over the whole path, which knows no effects in any case. Recordings without
+    wheels have no other.
     Raises EstimationError when nothing at all can be found, or when signals contradict one another.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)

@@ -195,9 +195,9 @@ NOT_EXPLAINED = (
     "wheel_radius, ticks per turn or poses (m, rad, y to the left). Leave out --method paper to find out which."
 )
 BENT = (
-    "The wheels would turn {factor:.3f} times as far as the fitted path says, but in each half second they go as far as "
-    "the poses: something bends the path, such as unequal motors or wheels, or slip. Leave out --method paper to find "
-    "out what."
+    "The wheels would turn {factor:.3f} times as far as the fitted path says, but in each half second they go as far "
+    "as the poses: something bends the path, such as unequal motors or wheels, or slip. Leave out --method paper to "
+    "find out what."
 )
 _UNEXPLAINED = (
     "The model does not explain this drive: its path is {:.3g} m off, on a way of {:.3g} m. Do not use these numbers "

@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.free_runs import WINDOW
 from cmr.model.catalogue import definition, effects_on
@@ -34,15 +32,14 @@ def tells(estimate: Estimate) -> bool:
 class CalibrationResult:
     """What was found of one robot.
 
-    `estimates` holds each identified parameter's value and standard deviation. `covariance` [products of units] is that
-    of `names`, in their order. `unidentified` tells, by parameter, why the data do not determine it. `nominal` is what
+    `estimates` holds each identified parameter's value and standard deviation. `covariance` [products of units] is
+    theirs, in their order. `unidentified` tells, by parameter, why the data do not determine it. `nominal` is what
     was known before, `samples` how many measurements were compared. `path_rmse_before` and `path_rmse_after` are the
     root mean square distances [m] between the real path and the one simulated freely with the nominal and with the
     found parameters, over windows of 3 s (the paper's method: over the whole drive), NaN where there is no path to
     compare. `notes` are sentences on what else was noticed. `parameters` are all values that the robot is to be
-    simulated with, `effects` the estimates of those of
-    effects in use, both by name; without any, they are the nominal values and the estimates. `named` are the effects
-    that the drive shows. `recordings` are what was compared, `segments` the same cut for the paper's method, `grid` the
+    simulated with, `effects` the estimates of those of effects in use, both by name; without any, they are the nominal
+    values and the estimates. `named` are the effects that the drive shows. `recordings` are what was compared, `segments` the same cut for the paper's method, `grid` the
     error surface of its grid search, None without one; `by_wheels` tells that the path follows the measured wheels, not
     the commands.
     """
@@ -64,22 +61,6 @@ class CalibrationResult:
     effects: Mapping[str, Estimate] = field(default_factory=dict)
     named: tuple[str, ...] = ()
     by_wheels: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The identified parameters, in the order of `x` and `covariance`."""
-        return tuple(self.estimates)
-
-    @property
-    def x(self) -> Floats:
-        """The estimates, shape (n,)."""
-        return np.array([estimate.value for estimate in self.estimates.values()])
-
-    @property
-    def message(self) -> str:
-        """What came of it, in a sentence or two."""
-        found = f"Found {', '.join(self.names)}."
-        return " ".join([found, *(f"{name}: not identifiable, {why}." for name, why in self.unidentified.items())])
 
     @property
     def values(self) -> dict[str, float]:

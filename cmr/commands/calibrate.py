@@ -11,7 +11,7 @@ from typing import Any
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CALIBRATION_STATUS, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE
-from cmr.calibration.calibrate import AVERAGE, METHODS, calibrate
+from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
 from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationResult
@@ -84,7 +84,12 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="FILE",
         help="draw path, residuals and error surface, as .png, .svg or .pdf",
     )
-    return options.parse_args(arguments)
+    given = options.parse_args(arguments)
+    if given.method == PAPER and given.paper_only:
+        options.error(
+            "--paper-only chooses among what --method average finds; --method paper knows the three parameters only"
+        )
+    return given
 
 
 def _nominal(path: Path | None) -> ParameterFile | None:
