@@ -33,15 +33,15 @@ class CalibrationResult:
     """What was found of one robot.
 
     `estimates` holds each identified parameter's value and standard deviation. `covariance` [products of units] is
-    theirs, in their order. `unidentified` tells, by parameter, why the data do not determine it. `nominal` is what
-    was known before, `samples` how many measurements were compared. `path_rmse_before` and `path_rmse_after` are the
-    root mean square distances [m] between the real path and the one simulated freely with the nominal and with the
-    found parameters, over windows of 3 s (the paper's method: over the whole drive), NaN where there is no path to
-    compare. `notes` are sentences on what else was noticed. `parameters` are all values that the robot is to be
-    simulated with, `effects` the estimates of those of effects in use, both by name; without any, they are the nominal
-    values and the estimates. `named` are the effects that the drive shows. `recordings` are what was compared, `segments` the same cut for the paper's method, `grid` the
-    error surface of its grid search, None without one; `by_wheels` tells that the path follows the measured wheels, not
-    the commands.
+    theirs, in their order. `unidentified` tells, by parameter, why the data do not determine it. `nominal` is what was
+    known before, `samples` how many measurements were compared. `path_rmse_before` and `path_rmse_after` are the root
+    mean square distances [m] between the real path and the one simulated freely with the nominal and with the found
+    parameters, over windows of 3 s (the paper's method: over the whole drive), NaN where there is no path to compare.
+    `notes` are sentences on what else was noticed. `parameters` are all values that the robot is to be simulated with,
+    `effects` the estimates of those of effects in use, both by name; without any, they are the nominal values and the
+    estimates. `named` are the effects that the drive shows. `recordings` are what was compared, `segments` the same cut
+    for the paper's method, `grid` the error surface of its grid search, None without one; `by_wheels` tells that the
+    path follows the measured wheels, not the commands.
     """
 
     robot_id: int
