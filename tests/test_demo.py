@@ -224,7 +224,7 @@ class Replay:
         said = (folder / "calibrate.txt").open("w+")
         command = [str(BIN / "cmr-calibrate"), "--robot", "0", "--out", str(self.out), "--lcm-url", url]
         self.calibrator = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + 120.0  # the first time, it compiles the estimator before it is ready
         while "Waiting" not in (folder / "calibrate.txt").read_text() and time.monotonic() < deadline:
             time.sleep(0.05)
         self.player = subprocess.Popen([*player, "-s", f"{speed:g}", "-l", url, str(log)], env=os.environ | environment)

@@ -4,10 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cmr.calibration.doubts import in_doubt
+from cmr.calibration.contradictions import SMALLEST_RADIUS_ERROR, radius_sentence
+from cmr.calibration.doubts import in_doubt, in_doubt_alone
 from cmr.calibration.paper import calibrate_by_paper
 from cmr.calibration.path_errors import path_errors
-from cmr.calibration.result import CalibrationResult
+from cmr.calibration.preparing import TOLD
+from cmr.calibration.result import CalibrationResult, tells
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import Estimation, estimate, nominal_of
 from cmr.estimation.simulation_error import SimulationErrorProblem
@@ -17,14 +19,7 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
 AVERAGE, PAPER = METHODS = ("average", "paper")
-LARGEST_RELATIVE_STD = 0.3  # an estimate with a larger standard deviation is a guess and is not given
-# Findings of the data checks that are worth telling though nothing was set aside.
-TOLD = ("pose_jumps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
-SMALLEST_RADIUS_ERROR = 0.02  # relative; a smaller contradiction of wheels and path may be slip
-RADIUS = (
-    "The wheels turn {factor:.3f} times as far as the path says. Check wheel_radius ({fitting:.4g} m would fit instead "
-    "of {radius:g} m) and the encoder's ticks per turn."
-)
+UNTOLD = "The drive tells nothing of it: its standard deviation is {:.0f} % of the value."
 
 
 def calibrate(
@@ -39,7 +34,8 @@ def calibrate(
     `nominal` gives at least wheel_radius; by default it is what the recording announces. The parameters are averaged
     over the effects that the recordings show or may hide (`cmr.estimation`), and the effects in use are part of the
     result. With `paper_only` there are none: the three parameters are those that predict best by themselves. `method`
-    "paper" is the paper's: a grid search over the whole path. Recordings without wheels have no other.
+    "paper" is the paper's: a grid search over the whole path, which knows no effects in any case. Recordings without
+    wheels have no other.
     Raises EstimationError when nothing at all can be found, or when signals contradict one another.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
@@ -81,11 +77,12 @@ def _alone(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
         assert problem is not None
         courses = SimulationErrorProblem(problem.predictors, problem.gains, problem.excitation)
         base = courses.base(estimation.ready.start, base.names)
-        doubts = courses.doubts(base)
-        estimates = {n: Estimate(base.values[n], float(np.hypot(base.std(n), doubts[n]))) for n in base.names}
+        bursts = courses.doubts(base)
+        estimates = {n: Estimate(base.values[n], float(np.hypot(base.std(n), bursts[n]))) for n in base.names}
     parameters = {name: value for name, value in base.values.items() if name in DEFINITIONS}
     parameters = {name: value for name, value in parameters.items() if name not in estimation.ready.unknown}
-    return _result(estimation, nominal, parameters, estimates, "three parameters alone", ())
+    doubts = in_doubt_alone(estimation, estimates)
+    return _result(estimation, nominal, parameters, estimates, "three parameters alone", doubts)
 
 
 def _result(
@@ -96,14 +93,15 @@ def _result(
     method: str,
     doubts: tuple[str, ...],
 ) -> CalibrationResult:
-    unidentified = dict(estimation.ready.untold)
-    trusted = {}
-    for name, one in estimates.items():
-        if name in DEFINITIONS and not one.std <= LARGEST_RELATIVE_STD * one.value:
-            unidentified[name] = f"The drive tells it to {100.0 * one.std / abs(one.value):.0f} % only."
-        else:
-            trusted[name] = one
-    if not set(trusted) & set(DEFINITIONS):
+    """Return the result; of a parameter that the data tell nothing of, the given value goes with the others."""
+    unidentified, trusted = dict(estimation.ready.untold), dict(estimates)
+    for name in set(estimates) & set(DEFINITIONS):
+        if not tells(estimates[name]):
+            unidentified[name] = UNTOLD.format(100.0 * estimates[name].std / abs(estimates[name].value))
+            if nominal.has(name):
+                del trusted[name]
+                parameters = {**parameters, name: nominal.value(name)}
+    if not set(estimates) & set(DEFINITIONS) - set(unidentified):
         reasons = "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
         raise EstimationError(f"Nothing could be identified. {reasons}")
     given = {name: value.value for name, value in nominal.values.items()}
@@ -156,7 +154,7 @@ def _radius_note(radius: float, estimates: Mapping[str, Estimate]) -> tuple[str,
         one = estimates.get(name)
         if one is not None and abs(one.value) > max(SMALLEST_RADIUS_ERROR, 3.0 * one.std):
             factor = (1.0 + one.value) ** sign
-            return (RADIUS.format(factor=factor, fitting=radius / factor, radius=radius),)
+            return (radius_sentence(factor, radius),)
     return ()
 
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
-from cmr.calibration.calibrate import AVERAGE, calibrate
-from cmr.calibration.coverage import MOVING_AT_ALL, Coverage
+from cmr.calibration.calibrate import AVERAGE, PAPER, calibrate
+from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
+from cmr.calibration.loading import NOMINAL, made_up_recording
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.running import RunningFit
 from cmr.calibration.segments import LEAD
@@ -23,13 +24,19 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import LAST_NUMBER, RobotMessages
 from cmr.recordings.recording import Recorder, Recording
 
-REST = 1_000_000  # us at rest that end the manoeuvre
+REST = 1_000_000  # us at rest that end the manoeuvre;
+LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
 FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
 HEARD = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
+LOADING = "Loading the estimator; the first time on a computer it has to be compiled, which takes a minute."
+WAITING = (
+    "Waiting for the robot to move: drive figure-eights, both lobes, best for 30 s at about 0.2 m/s and then for 30 s "
+    "at about 0.5 m/s."
+)
 
 
 class Calibrator:
@@ -38,7 +45,8 @@ class Calibrator:
     `nominal` gives at least the wheel radius; None takes the newest parameters announced during the drive. `method` and
     `paper_only` are those of `calibrate`.
     `state` is one of the states of calibration_status_t; `result` is there once `fit` succeeded. `preview` is what the
-    drive told when `look` was last called. `missing` says what the drive still lacks.
+    drive told when `look` was last called, `averages` how often that was averaged anew. `missing` says what the drive
+    still lacks. While `loading` is true, `load` has not come to its end.
     """
 
     def __init__(
@@ -50,7 +58,8 @@ class Calibrator:
         self.preview: CalibrationResult | None = None
         self.failure = ""
         self._nominal, self._method, self._paper_only = nominal, method, paper_only
-        self._running = RunningFit(nominal)
+        self.loading = False
+        self._running = self._running_fit(nominal)
         self._recorder = Recorder(robot_id)
         self._log: RobotMessages | None = None
         self._coverage = Coverage()
@@ -125,6 +134,25 @@ class Calibrator:
         return recording.between(first, self._end if self._end is not None else self._latest)
 
     @property
+    def averages(self) -> int:
+        """How often the estimates of a drive that goes on were averaged anew."""
+        return self._running.averages
+
+    def load(self) -> None:
+        """Load the estimator, and compile it the first time on a computer: fit a short drive that was made up."""
+        try:
+            recording = made_up_recording()
+            running = self._running_fit(NOMINAL)
+            for part in (0.9, 1.0):  # an average, and the fit after one
+                running.look(recording.between(0, int(part * recording.wheels.utime[-1])))
+            calibrate(recording, NOMINAL, method=self._method, paper_only=self._paper_only)
+        finally:
+            self.loading = False
+
+    def _running_fit(self, nominal: ParameterFile | None) -> RunningFit:
+        return RunningFit(nominal, paper=self._method == PAPER, paper_only=self._paper_only)
+
+    @property
     def tells_something(self) -> bool:
         """Whether the robot is being driven and has moved long enough for a first look."""
         return self.state == calibration_status_t.COLLECTING and self._coverage.seconds[MOVING_AT_ALL] > FIRST_LOOK
@@ -187,16 +215,37 @@ class Calibrator:
             if self._onset is None:
                 self._onset = utime
                 self.state = calibration_status_t.COLLECTING
-        rested = self._last_motion is not None and utime - self._last_motion >= REST
-        if (self._coverage.complete and rested) or self._coverage.exceeds(ENOUGH):
+        rested = 0 if self._last_motion is None else utime - self._last_motion
+        if (self._coverage.complete and self._ends(rested)) or self._coverage.exceeds(ENOUGH):
             self._end = utime
             self.state = calibration_status_t.FITTING
 
+    def _ends(self, rested: int) -> bool:
+        """Tell whether a rest of this time [us] ends a covered drive."""
+        return rested >= LONG_REST or (rested >= REST and self._coverage.only_speed is None)
+
+    def _radius(self) -> float | None:
+        """Return the wheel radius [m] as far as it is known."""
+        nominal = self._nominal or self._messages.parameters
+        return nominal.value("wheel_radius") if nominal is not None and nominal.has("wheel_radius") else None
+
+    def _covered(self) -> str:
+        """Say what to do once the drive is covered."""
+        only = self._coverage.only_speed
+        if only is None:
+            return "Covered. Stop the robot to finish."
+        radius = self._radius() if self._has_wheels else None
+        at, other = "one speed", "another speed, less than half or more than twice as fast,"
+        if radius is not None:
+            at, other = f"{only * radius:.2g} m/s", f"about {second_speed(only * radius):.1g} m/s"
+        stop = f"stop for {LONG_REST * 1e-6:.0f} s to finish"
+        return f"Covered at {at}. Drive on at {other} for narrower intervals, or {stop}."
+
     def _sentence(self) -> str:
         if self.state == calibration_status_t.WAITING:
-            return "Waiting for the robot to move: drive a figure-eight, both lobes."
+            return LOADING if self.loading else WAITING
         if self.state == calibration_status_t.COLLECTING:
-            return f"Still needed: {self.missing}." if self.missing else "Covered. Stop the robot to finish."
+            return f"Still needed: {self.missing}." if self.missing else self._covered()
         if self.state == calibration_status_t.FITTING:
             return "The manoeuvre is complete; computing the parameters."
         if self.result is None:

@@ -3,14 +3,44 @@
 Both lobes of a figure-eight, both directions of turn: time is counted in buckets by what the wheels do, and each
 bucket must reach its minimum. Only wheel speeds are looked at (duties, where no wheels are measured), as the ratio
 of turning to driving, so that no parameter of the robot need be known beforehand.
+
+A drive at one speed is enough, but at two it tells more: `only_speed` tells which speed there was, if only one.
 """
 
 from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.recordings.signal import Floats
 
 MOVING = 0.02  # sum of both sides' duty, or of wheel speeds as a share of the fastest seen; below it the robot rests
 TURNING = 0.05  # |right - left| / (|left| + |right|); a lobe of three base widths' radius has 0.17
 LONGEST_SAMPLE = 0.1  # s; a gap in the data does not count as driving
 SLOWEST_SPEED = 0.5  # rad/s; the fastest speed seen counts as at least this, so that encoder noise is not motion
+SPAN = 0.5  # s over which speeds are averaged; over less, the steps of an encoder would look like other speeds
+RESTING = 0.1  # of the usual speed
+SLOW, FAST = 20.0, 80.0  # percentiles of the speeds while the robot moves
+ONE_SPEED = 1.6  # ratio of a drive's fast and slow speeds below which it has one speed
+SLOWER, FASTER = 0.4, 2.5  # second speeds, as multiples of the first
+BRISK = 0.35  # m/s; a robot that went as fast is asked to go slower, else faster
+
+
+def only_speed(speeds: Floats) -> float | None:
+    """Return the speed of a drive that has only one, in the unit of `speeds` (n,), which are none below 0; else None.
+
+    One that only turned on the spot has none.
+    """
+    usual = float(np.median(speeds)) if len(speeds) else 0.0
+    if usual <= 0.0:
+        return None
+    moving = speeds[speeds > RESTING * usual]
+    slow, fast = np.percentile(moving, (SLOW, FAST))
+    return float(np.median(moving)) if fast < ONE_SPEED * slow else None
+
+
+def second_speed(speed: float) -> float:
+    """Return the speed [m/s] at which it is worth driving on after a drive at one `speed` [m/s]."""
+    return (SLOWER if speed > BRISK else FASTER) * speed
 
 
 @dataclass(frozen=True)
@@ -34,6 +64,8 @@ class Coverage:
         self.seconds = dict.fromkeys(BUCKETS, 0.0)
         self._last_utime: int | None = None
         self._fastest = SLOWEST_SPEED
+        self._speeds: list[float] = []
+        self._way, self._time = 0.0, 0.0  # driven, and for how long [s], since the last of the speeds
 
     def add(self, utime: int, left: float, right: float) -> bool:
         """Count one sample; tell whether the robot moves in it. One older than the last adds no time."""
@@ -44,10 +76,22 @@ class Coverage:
         self._last_utime = max(utime, self._last_utime or 0)
         if moving:
             self.seconds[MOVING_AT_ALL] += dt
+            self._add_speed(abs(left + right) / 2.0, dt)
             ratio = (right - left) / total
             if abs(ratio) > TURNING:
                 self.seconds[LEFT if ratio > 0.0 else RIGHT] += dt
         return moving
+
+    def _add_speed(self, speed: float, dt: float) -> None:
+        self._way, self._time = self._way + speed * dt, self._time + dt
+        if self._time >= SPAN:
+            self._speeds.append(self._way / self._time)
+            self._way, self._time = 0.0, 0.0
+
+    @property
+    def only_speed(self) -> float | None:
+        """The speed of both wheels together [rad/s, or duty] if there was only one so far, else None."""
+        return only_speed(np.array(self._speeds))
 
     @property
     def complete(self) -> bool:

@@ -1,10 +1,12 @@
 """Say which parameters a drive leaves in doubt, what may hide in them, and which second speed would tell."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cmr.calibration.coverage import only_speed, second_speed
 from cmr.estimation.averaging import Posterior
+from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.observer import Observations
@@ -12,39 +14,61 @@ from cmr.recordings.signal import Floats
 
 # Relative standard deviations beyond which a parameter is in doubt: more than a drive at two speeds leaves usually.
 WIDE: Mapping[str, float] = {"k2_over_k3": 0.015, "k1": 0.006, "base_width": 0.008}
+POOR = 0.1  # relative standard deviation beyond which it is said what kind of driving tells a parameter
+TELLING: Mapping[str, str] = {
+    "k2_over_k3": "Stops, starts and other changes of speed tell k2_over_k3.",
+    "k1": "Steady driving, at two speeds, tells k1.",
+    "base_width": "Turns in both directions tell base_width.",
+}
+HALF = 0.5  # of its standard deviation alone, below which a parameter is much surer beside effects
+ALONE = "Three parameters alone do not describe this robot: it has the effects that are named here."
 HIDING = 0.4  # correlation from which on an effect that was not named hides in a parameter
 UNSURE = (0.03, 0.97)  # probabilities between which an effect may or may not be there
-ONE_SPEED = 1.6  # ratio of a drive's fast and slow wheel speeds below which it has one speed
-SLOW, FAST = 20.0, 80.0  # percentiles of the speeds while the robot moves
-RESTING = 0.1  # of the usual speed
-SLOWER, FASTER = 0.4, 2.5  # second speeds, as multiples of the first
-BRISK = 0.35  # m/s; a robot that went as fast is asked to go slower, else faster
 
 
 def in_doubt(estimation: Estimation) -> tuple[str, ...]:
-    """Return a sentence for each parameter of the paper that is in doubt, and one on the second speed."""
+    """Return a sentence for each parameter of the paper that is in doubt, and one on the drive that would tell it."""
     assert estimation.whole is not None
-    average = estimation.whole.average
-    if average is None:
-        return ()
-    told = estimation.estimates
-    wide = [name for name in WIDE if name in told and told[name].std > WIDE[name] * abs(told[name].value)]
-    sentences = [_sentence(name, told[name].std / abs(told[name].value), average) for name in wide]
-    speed = one_speed(estimation)
+    average, told = estimation.whole.average, estimation.estimates
+    wide = _wide(told)
+    sentences = [_sentence(name, _share(told[name]), average) for name in wide]
+    return (*sentences, *_telling(wide, told, one_speed(estimation)))
+
+
+def in_doubt_alone(estimation: Estimation, alone: Mapping[str, Estimate]) -> tuple[str, ...]:
+    """Return what `in_doubt` does for the three parameters `alone`, or how sure effects would make them."""
+    wide, beside = _wide(alone), estimation.estimates
+    sentences = [_sentence(name, _share(alone[name]), None) for name in wide]
+    surer = [name for name in wide if name in beside and beside[name].std < HALF * alone[name].std]
+    if surer and estimation.found.named:
+        known = " and ".join(f"{name} to {100.0 * _share(beside[name]):.2g} %" for name in surer)
+        return (*sentences, f"{ALONE} With them, without --paper-only, this drive tells {known}.")
+    return (*sentences, *_telling(wide, alone, one_speed(estimation)))
+
+
+def _wide(told: Mapping[str, Estimate]) -> list[str]:
+    return [name for name in WIDE if name in told and _share(told[name]) > WIDE[name]]
+
+
+def _share(estimate: Estimate) -> float:
+    return estimate.std / abs(estimate.value)
+
+
+def _telling(wide: Sequence[str], told: Mapping[str, Estimate], speed: float | None) -> list[str]:
+    """Return what drive would tell the parameters that are in doubt; `speed` [m/s] is that of a drive with only one."""
     if wide and speed is not None:
-        second = (SLOWER if speed > BRISK else FASTER) * speed
         narrower = " and ".join(wide) if len(wide) < 3 else "all three"
-        sentences.append(
-            f"The whole drive is near {speed:.2g} m/s. Half a minute more at {second:.1g} m/s, in the same drive or "
-            f"in another log, would narrow {narrower}."
-        )
-    return tuple(sentences)
+        return [
+            f"The whole drive is near {speed:.2g} m/s. Half a minute more at {second_speed(speed):.1g} m/s, in the "
+            f"same drive or in another log, would narrow {narrower}."
+        ]
+    return [TELLING[name] for name in wide if _share(told[name]) > POOR]
 
 
-def _sentence(name: str, share: float, average: Posterior) -> str:
+def _sentence(name: str, share: float, average: Posterior | None) -> str:
     known = f"{name} is known to {100.0 * share:.2g} % only"
-    hiding = hiding_in(name, average)
-    if not hiding:
+    hiding = hiding_in(name, average) if average is not None else []
+    if average is None or not hiding:
         return f"{known}."
     listed = ", ".join(f"{effect} (probability {average.presence[effect]:.2f})" for effect in hiding)
     return f"{known}: {listed} may hide in it."
@@ -66,12 +90,8 @@ def hiding_in(name: str, average: Posterior) -> list[str]:
 def one_speed(estimation: Estimation) -> float | None:
     """Return the speed [m/s] of a drive that has only one, else None."""
     speeds = np.concatenate([_speeds(p.segment.observations) for p in estimation.found.problem.predictors])
-    usual = float(np.median(speeds)) if len(speeds) else 0.0
-    moving = speeds[speeds > RESTING * usual]
-    if usual <= 0.0 or not len(moving):
-        return None
-    slow, fast = np.percentile(moving, (SLOW, FAST))
-    return float(np.median(moving)) * estimation.found.base.values["wheel_radius"] if fast < ONE_SPEED * slow else None
+    speed = only_speed(speeds)
+    return None if speed is None else speed * estimation.found.base.values["wheel_radius"]
 
 
 def _speeds(observations: Observations) -> Floats:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from cmr.calibration.grid import TIME_CONSTANTS
-from cmr.calibration.result import CalibrationResult
+from cmr.calibration.result import CalibrationResult, tells
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.signs import require_consistent_signs
 from cmr.model.motion import wheel_speeds
@@ -17,7 +17,6 @@ from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal, hold
 
-LARGEST_RELATIVE_STD = 0.3  # an estimate with a larger standard deviation is a guess and is not given
 NOTHING = (
     "Nothing to compare: it takes wheels that move (MOTOR_FEEDBACK_N) with commands (MOTOR_COMMAND_N), or with poses "
     "(POSE_N) or a gyro (GYRO_N)."
@@ -37,7 +36,7 @@ def calibrate_motors(recordings: Sequence[Recording], nominal: ParameterFile) ->
     if not driven:
         raise EstimationError(NOTHING)
     found = fit_motor(driven)
-    estimates = {n: one for n, one in found.items() if one.std <= LARGEST_RELATIVE_STD * one.value}
+    estimates = {n: one for n, one in found.items() if tells(one)}
     hardly = {
         n: f"The speed hardly changed (standard deviation {one.std:.2g} of {one.value:.3g})."
         for n, one in found.items()

@@ -6,15 +6,19 @@ the whole path, whatever its parameters; `calibrate` is for those.
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
+from cmr.calibration.contradictions import SMALLEST_RADIUS_ERROR, radius_sentence, wheels_against_poses
 from cmr.calibration.fitting import PAPER_PARAMETERS, Fit, fit_by_path
+from cmr.calibration.grid import Axes, Grid, axes_for, minimum, search
 from cmr.calibration.linear import WHEEL_FACTOR
 from cmr.calibration.preparing import Prepared, prepare
-from cmr.calibration.result import CalibrationResult
+from cmr.calibration.result import GRID, CalibrationResult, tells
 from cmr.calibration.segments import MOVING_DUTY, Segment, heading_range, path_error, travelled
+from cmr.calibration.surface import told_by_surface
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.signs import require_consistent_signs
 from cmr.model.parameters import DEFINITIONS, RobotParameters
@@ -22,9 +26,7 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
-SMALLEST_RADIUS_ERROR = 0.02  # relative; a smaller contradiction of wheels and path may be slip
 SMALLEST_TURN = 0.5  # rad; less says nothing about the base width
-LARGEST_RELATIVE_STD = 0.3  # an estimate with a larger standard deviation is a guess and is not given
 WORST_FACTOR = 3.0  # of wheel angles to the path; beyond it, or under one over it, something is wrong, not inexact
 WORST_PATH_ERROR = 0.1  # of the way driven; a larger one means that the model does not explain the drive
 CONFUSED = 0.95  # correlation from which on two parameters are called confused
@@ -63,20 +65,93 @@ def _by_path(
     prepared: Prepared, segments: list[Segment], nominal: ParameterFile, first: Mapping[str, float] | None
 ) -> CalibrationResult:
     """Grid search over the three parameters, then refinement: the paper's calibration."""
-    unidentified = {}
-    names, known = PAPER_PARAMETERS, {"wheel_radius": nominal.value("wheel_radius")}
-    if heading_range(segments) < SMALLEST_TURN:
-        unidentified["base_width"] = "the robot never turned"
-        names = ("k2_over_k3", "k1")
-        known["base_width"] = nominal.value("base_width") if nominal.has("base_width") else 1.0
+    names, known, unidentified = _looked_for(segments, nominal)
     fit = fit_by_path(prepared, segments, names, known, first)
-    factor = fit.refined.nuisance.get(WHEEL_FACTOR)
-    if factor is not None and not 1.0 / WORST_FACTOR < factor.value < WORST_FACTOR:
-        raise EstimationError(NOT_EXPLAINED.format(factor=factor.value, radius=known["wheel_radius"]))
-    note = _radius_note(known["wheel_radius"], factor)
+    if not _explains(fit):
+        grid = fit.grid or search(segments, known["wheel_radius"], _axes(segments, known))
+        return _distrusted(prepared, _of_surface(prepared, segments, nominal, grid), names, known)
+    note = _radius_note(segments, known["wheel_radius"], fit.refined.nuisance.get(WHEEL_FACTOR))
     reason = "the speed hardly changed while the path was recorded"
     result = _result(prepared, fit, nominal, known, unidentified, reason, note)
     return replace(result, notes=(*result.notes, _trust(prepared, names, known, fit, result)))
+
+
+def _explains(fit: Fit) -> bool:
+    """Tell whether a fit makes sense: the wheels turn about as far as the path needs, and something was found."""
+    factor = fit.refined.nuisance.get(WHEEL_FACTOR)
+    plausible = factor is None or 1.0 / WORST_FACTOR < factor.value < WORST_FACTOR
+    return plausible and any(map(tells, fit.refined.estimates.values()))
+
+
+def _looked_for(
+    segments: list[Segment], nominal: ParameterFile
+) -> tuple[tuple[str, ...], dict[str, float], dict[str, str]]:
+    """Return what is looked for, the values that are known, and why what else there is cannot be found."""
+    names, known = PAPER_PARAMETERS, {"wheel_radius": nominal.value("wheel_radius")}
+    if heading_range(segments) >= SMALLEST_TURN:
+        return names, known, {}
+    known["base_width"] = nominal.value("base_width") if nominal.has("base_width") else 1.0
+    return names[:2], known, {"base_width": "the robot never turned"}
+
+
+def _distrusted(
+    prepared: Prepared, result: CalibrationResult, names: tuple[str, ...], known: Mapping[str, float]
+) -> CalibrationResult:
+    """Return the minimum of a grid with the reasons why it cannot be trusted."""
+    segments, radius = result.segments, known["wheel_radius"]
+    minima = []
+    for half in (_halved(prepared, part).segments() for part in (0, 1)):
+        with suppress(EstimationError):  # the robot may have stood still in one of them
+            minima += [minimum(half, radius, _axes(half, known))]
+    apart = ""
+    if len(minima) == 2:
+        pairs = [f"{name} {minima[0][name]:.4g} and {minima[1][name]:.4g}" for name in names]
+        apart = f" Its halves by themselves give {', '.join(pairs)}."
+    way = sum(travelled(segment.x, segment.y) for segment in segments)
+    notes = [NOT_EXPLAINED.format(after=result.path_rmse_after, way=way, apart=apart)]
+    factor = wheels_against_poses(segments, radius)
+    if abs(factor - 1.0) > SMALLEST_RADIUS_ERROR:
+        notes.append(radius_sentence(factor, radius))
+    return replace(result, notes=(*result.notes, *notes))
+
+
+def minimum_so_far(recording: Recording, nominal: ParameterFile) -> CalibrationResult:
+    """Return the minimum of the grid for a drive that goes on.
+
+    Raises EstimationError when there is nothing to compare, yet.
+    """
+    prepared = prepare([recording])
+    segments = prepared.segments()
+    if not segments:
+        raise EstimationError("No path was recorded, yet.")
+    _names, known, _unidentified = _looked_for(segments, nominal)
+    return _of_surface(prepared, segments, nominal, search(segments, known["wheel_radius"], _axes(segments, known)))
+
+
+def _axes(segments: list[Segment], known: Mapping[str, float]) -> Axes:
+    return axes_for(segments, known["wheel_radius"], known.get("base_width"))
+
+
+def _of_surface(prepared: Prepared, segments: list[Segment], nominal: ParameterFile, grid: Grid) -> CalibrationResult:
+    """Return the result of a grid search alone: its minimum, with what the surface tells of each parameter."""
+    names, known, unidentified = _looked_for(segments, nominal)
+    estimates, untold = told_by_surface(grid, names)
+    values = {**known, **grid.best}
+    return CalibrationResult(
+        robot_id=prepared.recordings[0].robot_id,
+        estimates=estimates,
+        unidentified={**unidentified, **untold},
+        nominal=nominal,
+        method=GRID,
+        samples=sum(len(segment.x) for segment in segments),
+        covariance=np.diag([one.std**2 for one in estimates.values()]),
+        path_rmse_before=_error(segments, dict(known) | _values(nominal)),
+        path_rmse_after=_error(segments, values),
+        notes=prepared.notes,
+        segments=segments,
+        grid=grid,
+        parameters={name: value for name, value in values.items() if name in names or nominal.has(name)},
+    )
 
 
 def _trust(
@@ -88,13 +163,17 @@ def _trust(
     first = {name: one.value for name, one in fit.refined.estimates.items()}
     halves = []
     for part in (0, 1):
-        half = replace(prepared, recordings=[_half(recording, part) for recording in prepared.recordings])
+        half = _halved(prepared, part)
         segments = half.segments()
         if not segments:
             return TRUST.format(strays)
         halves.append(fit_by_path(half, segments, names, known, first).refined.estimates)
     apart = [f"{name} {halves[0][name].value:.4g} and {halves[1][name].value:.4g}" for name in result.estimates]
     return TRUST.format(f"{strays}, and its halves by themselves give {', '.join(apart)}")
+
+
+def _halved(prepared: Prepared, part: int) -> Prepared:
+    return replace(prepared, recordings=[_half(recording, part) for recording in prepared.recordings])
 
 
 def _half(recording: Recording, part: int) -> Recording:
@@ -110,9 +189,15 @@ TRUST = (
     "out --method paper to find out how."
 )
 NOT_EXPLAINED = (
-    "The model does not explain the path of this drive as a whole: its wheels would turn {factor:.3g} times as far. "
-    "Unequal motors or wheels do that, and so do a wrong wheel_radius ({radius:g} m), ticks per turn or poses (m, rad, "
-    "y to the left). Leave out --method paper to find out which."
+    "Do not trust these numbers: the model does not explain the path of this drive as a whole. At best it strays "
+    "{after:.2g} m (root mean square) on a way of {way:.3g} m.{apart} This method simulates the whole drive freely, so "
+    "that a heading that drifts bends all that follows. Unequal motors or wheels make it drift, and so do a wrong "
+    "wheel_radius, ticks per turn or poses (m, rad, y to the left). Leave out --method paper to find out which."
+)
+BENT = (
+    "The wheels would turn {factor:.3f} times as far as the fitted path says, but in each half second they go as far "
+    "as the poses: something bends the path, such as unequal motors or wheels, or slip. Leave out --method paper to "
+    "find out what."
 )
 _UNEXPLAINED = (
     "The model does not explain this drive: its path is {:.3g} m off, on a way of {:.3g} m. Do not use these numbers "
@@ -132,10 +217,9 @@ def _result(
     """Return the result of a fit to the path; `known` are values that the path is simulated with besides."""
     found = fit.refined.estimates
     estimates = _trusted(found, fit.correlation, unidentified, reason)
-    _require(estimates, unidentified)
     given = dict(known) | _values(nominal)
     kept = [list(found).index(name) for name in estimates]
-    after = _error(fit, given | {name: e.value for name, e in estimates.items()})
+    after = _error(fit.segments, given | {name: e.value for name, e in estimates.items()})
     way = sum(travelled(segment.x, segment.y) for segment in fit.segments)
     if after > WORST_PATH_ERROR * way:
         notes = (*notes, _UNEXPLAINED.format(after, way))
@@ -147,7 +231,7 @@ def _result(
         method=fit.method,
         samples=sum(len(segment.x) for segment in fit.segments),
         covariance=fit.refined.covariance[np.ix_(kept, kept)],
-        path_rmse_before=_error(fit, given),
+        path_rmse_before=_error(fit.segments, given),
         path_rmse_after=after,
         notes=(*prepared.notes, *fit.notes, *notes),
         segments=fit.segments,
@@ -157,53 +241,43 @@ def _result(
 
 def _trusted(
     found: Mapping[str, Estimate],
-    correlation: Floats | None,
+    correlation: Floats,
     unidentified: dict[str, str],
     reason: str,
 ) -> dict[str, Estimate]:
     """Return the estimates that the information in the data determines; add the others to `unidentified`."""
     trusted = {}
     for row, (name, estimate) in enumerate(found.items()):
-        if 0.0 < estimate.value < math.inf and estimate.std <= LARGEST_RELATIVE_STD * estimate.value:
+        if tells(estimate):
             trusted[name] = estimate
             continue
-        with_others = np.zeros(len(found)) if correlation is None else np.abs(correlation[row])
-        confused = [other for other, r in zip(found, with_others, strict=True) if r > CONFUSED and other != name]
+        pairs = zip(found, np.abs(correlation[row]), strict=True)
+        confused = [other for other, r in pairs if r > CONFUSED and other != name]
         told = f", and it cannot be told from {' and '.join(confused)}" if confused else ""
         unidentified[name] = f"{reason}{told} (standard deviation {estimate.std:.2g} of {estimate.value:.3g})"
     return trusted
 
 
-def _radius_note(radius: float, factor: Estimate | None) -> tuple[str, ...]:
-    """Tell when wheel speeds and path contradict each other: the given wheel radius is wrong, or the encoder scale."""
+def _radius_note(segments: list[Segment], radius: float, factor: Estimate | None) -> tuple[str, ...]:
+    """Say what contradicts what where the wheels turn less or more than the fitted path says, by `factor`."""
     if factor is None or abs(factor.value - 1.0) < max(SMALLEST_RADIUS_ERROR, 3.0 * factor.std):
         return ()
-    return (
-        f"The wheels turn {factor.value:.3f} times as far as the path says. Check wheel_radius "
-        f"({radius / factor.value:.4g} m would fit instead of {radius:g} m) and the encoder's ticks per turn.",
-    )
-
-
-def _require(estimates: dict[str, Estimate], unidentified: dict[str, str]) -> None:
-    """Raise EstimationError when nothing at all was found."""
-    if not estimates:
-        raise EstimationError(
-            "The paper's method identifies nothing: the robot is not quite as its model has it, or the drive tells too "
-            f"little ({'; '.join(f'{name}: {reason}' for name, reason in unidentified.items())}). Leave out --method "
-            "paper to find out which."
-        )
+    by_seconds = wheels_against_poses(segments, radius)
+    if abs(by_seconds - 1.0) > SMALLEST_RADIUS_ERROR:
+        return (radius_sentence(by_seconds, radius),)
+    return (BENT.format(factor=factor.value),)
 
 
 def _values(parameters: ParameterFile) -> dict[str, float]:
     return {name: value.value for name, value in parameters.values.items()}
 
 
-def _error(fit: Fit, values: Mapping[str, float]) -> float:
+def _error(segments: list[Segment], values: Mapping[str, float]) -> float:
     """Return the path error [m]; NaN where a parameter is not known."""
     if not set(RobotParameters._fields) <= set(values):
         return math.nan
     parameters = RobotParameters.of(values)
-    return path_error(fit.segments, [segment.simulate(parameters) for segment in fit.segments])
+    return path_error(segments, [segment.simulate(parameters) for segment in segments])
 
 
 def _commanded(recording: Recording) -> bool:

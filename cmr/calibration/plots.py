@@ -9,7 +9,7 @@ import numpy as np
 
 from cmr.calibration.grid import Grid
 from cmr.calibration.preparing import prepare
-from cmr.calibration.result import CalibrationResult
+from cmr.calibration.result import GRID, CalibrationResult
 from cmr.calibration.segments import Segment
 from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.estimation import free_runs
@@ -29,6 +29,8 @@ WINDOW_OF_ERRORS = free_runs.WINDOW  # s
 WINDOW = 0.1  # s over which wheel speeds are averaged; over less, the steps of an encoder hide all else
 LEVELS = 25  # of the error surface
 COARSE_TICKS, FINE_TICKS = (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)  # of a logarithmic axis
+
+UNEXPLAINED = "  (the model does not explain this drive: do not trust the numbers)"
 
 Paths = list[Trajectory] | None  # one for each segment; None where parameters are missing
 
@@ -54,7 +56,7 @@ def figure_of(result: CalibrationResult) -> "Figure":
     before = _paths(result, nominal, result.path_rmse_before)
     _draw_drives(rows[0], result, before, _paths(result, result.values, result.path_rmse_after))
     if grid:
-        _draw_surface(rows[1], grid, result.values)
+        _draw_surface(rows[1], grid, {} if result.method == GRID else result.values)
     return figure
 
 
@@ -62,7 +64,8 @@ def _title(result: CalibrationResult) -> str:
     """Return what was found in a line."""
     estimates = result.estimates.items()
     found = (f"{name} {e.value:.4g} \u00b1 {e.std:.2g} {DEFINITIONS[name].unit}" for name, e in estimates)
-    return f"Calibration of robot {result.robot_id}:  {',  '.join(found)}"
+    trust = UNEXPLAINED if result.method == GRID else ""
+    return f"Calibration of robot {result.robot_id}:  {',  '.join(found)}{trust}"
 
 
 def _paths(result: CalibrationResult, values: Mapping[str, float], error: float) -> Paths:
@@ -156,7 +159,9 @@ def _draw_surface(figure: "SubFigure", grid: Grid, values: Mapping[str, float]) 
         ):
             if set(names) <= set(point):
                 at = [point[name] for name in names]
-                place.plot(*at, marker, color=colour, markeredgecolor="black", markersize=12, label=label)
+                place.plot(
+                    *at, marker, color=colour, markeredgecolor="black", markersize=12, label=label, clip_on=False
+                )
     places[0].legend(loc="best", facecolor="white", framealpha=0.8)
     bar = figure.colorbar(filled, ax=places, label="path error [m], root mean square", pad=0.01)
     _plain_ticks(bar.ax.yaxis, levels)

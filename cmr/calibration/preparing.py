@@ -14,13 +14,8 @@ from cmr.recordings.signal import SECONDS, Signal
 
 UNKNOWN_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 SLOWEST_MOTOR, USUAL_MOTOR = 0.5, 0.15  # s that wheels lag their commands
-TOLD = (
-    "pose_jumps",
-    "gaps",
-    "unusable_messages",
-    "rejected_messages",
-    "damaged_log",
-)  # findings worth telling though nothing was set aside
+# Findings of the data checks that are worth telling though nothing was set aside.
+TOLD = ("pose_jumps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
 LEAST_LAG = 0.02  # s; the refinement finds a smaller one itself
 LAG_MARGIN, LEAST_CLOCK_STD = 3.0, 2e-3  # standard deviations of the lag; s
 

@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.free_runs import WINDOW
 from cmr.model.catalogue import definition, effects_on
@@ -21,24 +19,29 @@ if TYPE_CHECKING:
     from cmr.calibration.grid import Grid
     from cmr.calibration.segments import Segment
 
+GRID = "grid"  # the method of a result that is the least error of a grid, not refined
 EFFECTS = "effects in use: those that the drive shows, and what others that it may hide come to on average"
+
+
+def tells(estimate: Estimate) -> bool:
+    """Tell whether an estimate says anything of a parameter that is positive: its 95 % interval is."""
+    return estimate.interval[0] > 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationResult:
     """What was found of one robot.
 
-    `estimates` holds each identified parameter's value and standard deviation. `covariance` [products of units] is that
-    of `names`, in their order. `unidentified` tells, by parameter, why the data do not determine it. `nominal` is what
-    was known before, `samples` how many measurements were compared. `path_rmse_before` and `path_rmse_after` are the
-    root mean square distances [m] between the real path and the one simulated freely with the nominal and with the
-    found parameters, over windows of 3 s (the paper's method: over the whole drive), NaN where there is no path to
-    compare. `notes` are sentences on what else was noticed. `parameters` are all values that the robot is to be
-    simulated with, `effects` the estimates of those of
-    effects in use, both by name; without any, they are the nominal values and the estimates. `named` are the effects
-    that the drive shows. `recordings` are what was compared, `segments` the same cut for the paper's method, `grid` the
-    error surface of its grid search, None without one; `by_wheels` tells that the path follows the measured wheels, not
-    the commands.
+    `estimates` holds each identified parameter's value and standard deviation. `covariance` [products of units] is
+    theirs, in their order. `unidentified` tells, by parameter, why the data do not determine it. `nominal` is what was
+    known before, `samples` how many measurements were compared. `path_rmse_before` and `path_rmse_after` are the root
+    mean square distances [m] between the real path and the one simulated freely with the nominal and with the found
+    parameters, over windows of 3 s (the paper's method: over the whole drive), NaN where there is no path to compare.
+    `notes` are sentences on what else was noticed. `parameters` are all values that the robot is to be simulated with,
+    `effects` the estimates of those of effects in use, both by name; without any, they are the nominal values and the
+    estimates. `named` are the effects that the drive shows. `recordings` are what was compared, `segments` the same cut
+    for the paper's method, `grid` the error surface of its grid search, None without one; `by_wheels` tells that the
+    path follows the measured wheels, not the commands.
     """
 
     robot_id: int
@@ -60,27 +63,6 @@ class CalibrationResult:
     by_wheels: bool = False
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The identified parameters, in the order of `x` and `covariance`."""
-        return tuple(self.estimates)
-
-    @property
-    def x(self) -> Floats:
-        """The estimates, shape (n,)."""
-        return np.array([estimate.value for estimate in self.estimates.values()])
-
-    @property
-    def success(self) -> bool:
-        """Whether every parameter that was looked for was found."""
-        return not self.unidentified
-
-    @property
-    def message(self) -> str:
-        """What came of it, in a sentence or two."""
-        found = f"Found {', '.join(self.names)}."
-        return " ".join([found, *(f"{name}: not identifiable, {why}." for name, why in self.unidentified.items())])
-
-    @property
     def values(self) -> dict[str, float]:
         """Nominal values of the paper's parameters, replaced by what was found, and those of effects in use."""
         known = {name: value.value for name, value in self.nominal.values.items() if name in DEFINITIONS}
@@ -88,15 +70,19 @@ class CalibrationResult:
 
     def parameter_file(self, provenance: Mapping[str, Any]) -> ParameterFile:
         """Return the parameter file to write: estimates with the effects in use, and nominal values of the rest."""
-        told = {**self.estimates, **self.effects}
-        values = {name: Value(value, told[name].std if name in told else None) for name, value in self.values.items()}
-        given = {name: self.nominal.values[name] for name in values if name in self.nominal.values}
-        values |= {name: value for name, value in given.items() if name not in told}
+        values = {name: self._written(name, value) for name, value in self.values.items()}
         in_use = effects_on(self.values)
         found: dict[str, Any] = {"method": self.method, "samples": self.samples}
         if math.isfinite(self.path_rmse_after):
             found["path_rmse_m"] = round(self.path_rmse_after, 6)
         return ParameterFile(self.robot_id, values, tuple(one.name for one in in_use), {**provenance, **found})
+
+    def _written(self, name: str, value: float) -> Value:
+        """Return a value as the file holds it: with its deviation, or as it was given."""
+        told, given = {**self.estimates, **self.effects}, self.nominal.values.get(name)
+        if name in told:
+            return Value(value, told[name].std)
+        return given if given is not None and given.value == value else Value(value)
 
     def summary(self) -> str:
         """Return a table for a person."""

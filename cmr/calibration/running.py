@@ -1,67 +1,143 @@
 """The parameters while a drive goes on: fitted at each look, averaged over what may be hidden every few seconds."""
 
-from collections.abc import Mapping
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from cmr.calibration.paper import minimum_so_far
 from cmr.calibration.path_errors import path_errors
-from cmr.calibration.result import CalibrationResult
+from cmr.calibration.result import CalibrationResult, tells
 from cmr.estimation.averaging import Posterior, averaged
 from cmr.estimation.checks import looked_at
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import nominal_of
 from cmr.estimation.preparation import Ready, prepare
+from cmr.estimation.simulation_error import SimulationErrorProblem
+from cmr.estimation.thinning import thinned
 from cmr.model.catalogue import CATALOGUE
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 
-AVERAGE_PERIOD = 4.0  # s of the drive
+AVERAGE_PERIOD = 4.0  # s of the drive, from the beginning of one average to that of the next
+LONGEST = 2.0  # s that an average may take; where it takes longer, the next one uses fewer readings
 
 
 class RunningFit:
-    """The estimates of a drive that goes on.
+    """The estimates of a drive that goes on; `averages` counts the averages so far.
 
-    Between two averages the parameters are fitted with the effects that the last one found likely.
+    Between two averages the parameters are fitted with the effects that the last one found likely. With `paper_only`
+    there are no effects: in place of the averages the three parameters are fitted that predict best by themselves, and
+    nothing is fitted in between; with `paper`, they are those of the paper's grid. `clock` tells how long work takes
+    [s].
     """
 
-    def __init__(self, nominal: ParameterFile | None) -> None:
-        self._nominal = nominal
+    def __init__(
+        self,
+        nominal: ParameterFile | None,
+        *,
+        paper: bool = False,
+        paper_only: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.averages = 0
+        self._nominal, self._clock = nominal, clock
+        self._paper, self._paper_only = paper, paper_only
         self._average: Posterior | None = None
-        self._averaged_at = -np.inf
+        self._newest: CalibrationResult | None = None
+        self._averaged_at = -math.inf  # s of the drive
+        self._quick = 0.0  # s that the last fit took
+        self._every = 1  # one of so many readings is used
 
     def look(self, recording: Recording) -> CalibrationResult:
         """Return what a drive tells so far; the recording must begin where that of the look before did.
 
         Raises EstimationError where it tells nothing, yet.
         """
+        began, seconds = self._clock(), _length(recording)
+        # The next look begins when this one ends: if that would be late for an average, it is due now.
+        due = self._newest is None or seconds + self._quick > self._averaged_at + AVERAGE_PERIOD
+        if self._newest is not None and (self._paper or self._paper_only) and not due:
+            return self._newest
         nominal = nominal_of([recording], self._nominal)
-        ready = prepare(looked_at([recording]), nominal)
-        if ready.problem is None or ready.base is None:
-            raise EstimationError(ready.refused)
-        seconds = max(p.segment.observations.time + p.segment.observations.seconds for p in ready.problem.predictors)
-        if self._average is None or seconds > self._averaged_at + AVERAGE_PERIOD:
-            self._average = averaged(ready.problem, ready.base, 1.0, [])
+        if self._paper:
+            self._newest, self._averaged_at = minimum_so_far(recording, nominal), seconds
+            self.averages += 1
+            return self._newest
+        ready = self._prepared(recording, nominal)
+        assert ready.base is not None
+        if due or self._average is None or not set(ready.base.names) <= set(self._average.names):
             self._averaged_at = seconds
-            values: Mapping[str, float] = self._average.values
-            estimates = {name: Estimate(values[name], self._average.std(name)) for name in ready.base.names}
+            values, estimates = self._alone(ready) if self._paper_only else self._averaged(ready)
+            took = self._clock() - began
+            self._every = max(1, math.ceil(self._every * took / LONGEST))
+            self._quick = self._quick or took  # no fit takes longer than an average
+            self.averages += 1
         else:
             values, estimates = self._fitted(ready, self._average, seconds)
-        return _result(ready, nominal, recording, estimates, values)
+            self._quick = self._clock() - began
+        self._newest = _result(ready, nominal, recording, estimates, values)
+        return self._newest
+
+    def _prepared(self, recording: Recording, nominal: ParameterFile) -> Ready:
+        """Return the recording ready to be fitted, with as many of its readings as there is time for."""
+        looked = [
+            replace(one, segments=tuple(thinned(segment, self._every) for segment in one.segments))
+            for one in looked_at([recording])
+        ]
+        ready = prepare(looked, nominal)
+        if ready.problem is None or ready.base is None:
+            raise EstimationError(ready.refused)
+        return ready
+
+    def _averaged(self, ready: Ready) -> tuple[Mapping[str, float], dict[str, Estimate]]:
+        """Return values and estimates averaged over what may be hidden."""
+        assert ready.problem is not None
+        assert ready.base is not None
+        self._average = average = averaged(ready.problem, ready.base, 1.0, [])
+        return average.values, {name: _estimate(average, name) for name in ready.base.names}
+
+    def _alone(self, ready: Ready) -> tuple[Mapping[str, float], dict[str, Estimate]]:
+        """Return values and estimates of the three parameters with which free runs err least."""
+        assert ready.problem is not None
+        assert ready.base is not None
+        courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
+        base = courses.base(ready.start, ready.base.names)
+        bursts = courses.doubts(base)
+        stds = {name: float(np.hypot(base.std(name), bursts[name])) for name in base.names}
+        return base.values, {name: Estimate(base.values[name], std) for name, std in stds.items()}
 
     def _fitted(
         self, ready: Ready, average: Posterior, seconds: float
     ) -> tuple[Mapping[str, float], dict[str, Estimate]]:
-        """Return values and estimates of a fit with the effects that the last average found likely."""
+        """Return values and estimates of a fit with the effects that the last average found likely.
+
+        The others stay as the average has them: without them the parameters would move at each average, and back.
+        """
         assert ready.problem is not None
         assert ready.base is not None
         own = [parameter.name for name in average.likely for parameter in CATALOGUE[name].parameters]
-        start = {**ready.base.values, **{name: average.values[name] for name in (*ready.base.names, *own)}}
-        noise = ready.problem.found(ready.problem.errors(start))
-        fit = ready.problem.fit(start, (*ready.base.names, *own), noise, renew=0)
+        noise = ready.problem.found(ready.problem.errors(average.values))
+        fit = ready.problem.fit(average.values, (*ready.base.names, *own), noise, renew=0)
+        # Of sizes the average knows what is usual: where that tells more than the data do, the fit tells nothing new.
+        if any(not fit.std(name) <= average.std(name) for name in ready.base.names):
+            return average.values, {name: _estimate(average, name) for name in ready.base.names}
         # What the fit does not know of may still be there: less of it the longer the drive.
-        shrinking = np.sqrt(self._averaged_at / seconds)
-        stds = {n: max(fit.std(n), shrinking * average.std(n)) if n in average.names else fit.std(n) for n in fit.names}
-        return fit.values, {name: Estimate(fit.values[name], float(stds[name])) for name in ready.base.names}
+        shrinking = float(np.sqrt(self._averaged_at / seconds))
+        stds = {name: max(fit.std(name), shrinking * average.std(name)) for name in ready.base.names}
+        return fit.values, {name: Estimate(fit.values[name], std) for name, std in stds.items()}
+
+
+def _length(recording: Recording) -> float:
+    """Return how long a drive is so far [s]."""
+    signal = recording.wheels if len(recording.wheels) else recording.poses
+    return float(signal.seconds[-1]) if len(signal) else 0.0
+
+
+def _estimate(average: Posterior, name: str) -> Estimate:
+    return Estimate(average.values[name], average.std(name))
 
 
 def _result(
@@ -74,7 +150,7 @@ def _result(
     assert ready.problem is not None
     given = {name: value.value for name, value in nominal.values.items()}
     before, after = path_errors(ready.problem, given, values)
-    found = {name: one for name, one in estimates.items() if one.std <= abs(one.value)}
+    found = {name: one for name, one in estimates.items() if tells(one)}
     return CalibrationResult(
         robot_id=recording.robot_id,
         estimates=found,
@@ -85,4 +161,5 @@ def _result(
         covariance=np.diag([one.std**2 for one in found.values()]),
         path_rmse_before=before,
         path_rmse_after=after,
+        parameters=values,
     )

@@ -11,7 +11,7 @@ from typing import Any
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CALIBRATION_STATUS, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE
-from cmr.calibration.calibrate import AVERAGE, METHODS, calibrate
+from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
 from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationResult
@@ -84,7 +84,12 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="FILE",
         help="draw path, residuals and error surface, as .png, .svg or .pdf",
     )
-    return options.parse_args(arguments)
+    given = options.parse_args(arguments)
+    if given.method == PAPER and given.paper_only:
+        options.error(
+            "--paper-only chooses among what --method average finds; --method paper knows the three parameters only"
+        )
+    return given
 
 
 def _nominal(path: Path | None) -> ParameterFile | None:
@@ -125,6 +130,8 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     path = options.out or Path(f"robot_{robot_id}.yaml")
     calibrator = Calibrator(robot_id, nominal, method=options.method, paper_only=options.paper_only)
     work = Work()
+    calibrator.loading = True
+    work.begin(calibrator.load)
     report, look = Timer(STATUS_PERIOD), Timer(LOOK_PERIOD)
     finished_at: float | None = None
     said = ""
@@ -133,6 +140,8 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
             process.subscribe(stream, robot_id, every=True)
         for _utime in process.loop(rate_hz=50.0):
             process.dispatch(calibrator.handle)
+            if calibrator.loading or process.state == process_status_t.STARTING:
+                process.state = process_status_t.STARTING if calibrator.loading else process_status_t.RUNNING
             if work.idle and calibrator.complete and calibrator.state == calibration_status_t.FITTING:
                 work.begin(calibrator.fit)
             elif work.idle and calibrator.tells_something and look.due():
@@ -143,7 +152,7 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
             if report.due():
                 status = calibrator.status()
                 process.publish(CALIBRATION_STATUS, status, robot_id)
-                said = _say(robot_id, status, said)
+                said = _say(robot_id, status, calibrator.averages, said)
             if finished_at is not None and time.monotonic() > finished_at + ANNOUNCING:
                 break
     if calibrator.state == calibration_status_t.FAILED:
@@ -206,9 +215,10 @@ def _save(parameters: ParameterFile, path: Path) -> None:
         raise CommandError(f"{path}: cannot be written: {error.strerror}. Choose another place with --out.") from error
 
 
-def _say(robot_id: int, status: Any, said: str) -> str:
-    """Print the status once for each new state, and each time another tenth is covered; return what was said."""
-    saying = f"{status.state} {int(status.progress * 10)}"
+def _say(robot_id: int, status: Any, averages: int, said: str) -> str:
+    """Print the status for each new state, tenth that is covered, and average; return what was said."""
+    kind = status.message if status.state == calibration_status_t.WAITING else ""
+    saying = f"{status.state} {int(status.progress * 10)} {averages} {kind}"
     if saying != said:
         print(f"robot {robot_id}: {100 * status.progress:3.0f} %  {status.message}{_so_far(status)}", flush=True)
     return saying
