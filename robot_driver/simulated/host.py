@@ -9,6 +9,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable
+from operator import attrgetter
 from random import Random
 
 from robot_driver.emulator.robot_in_time import RobotInTime
@@ -19,6 +20,7 @@ SWITCHED_ON = 1000 * 10**9  # ns; the steady time when the robot is switched on
 START_UTIME = 1_800_000_000_000_000  # us; the time of day then
 SECOND = 10**9  # ns
 NEVER = 2**63
+_DUE = attrgetter("due")
 
 
 class _Thread:
@@ -183,7 +185,7 @@ class SimulatedHost(Host):
         robot = self._robot
         while True:
             if self._woken or self._following.ended:
-                self._following, self._woken = min(self._threads, key=_due), False
+                self._following, self._woken = min(self._threads, key=_DUE), False
             following = self._following
             if robot is not None:
                 robot.let_happen((following.due[0] - SWITCHED_ON) / SECOND)
@@ -233,8 +235,13 @@ class SimulatedLine:
         """Return what has arrived, up to `most` bytes, as soon as there is any; b"" after `timeout` seconds."""
         if not self._arrived and timeout > 0.0:
             self._host.wait(timeout, self)
-        data = bytes(self._arrived[:most])
-        del self._arrived[:most]
+        arrived = self._arrived
+        if len(arrived) <= most:
+            data = bytes(arrived)
+            arrived.clear()
+        else:
+            data = bytes(arrived[:most])
+            del arrived[:most]
         return data
 
 
@@ -291,7 +298,3 @@ class SimulatedThread:
         """Wait until it has ended."""
         if self._thread is not None and not self._thread.ended:
             self._host.wait(math.inf if timeout is None else timeout, self._thread)
-
-
-def _due(thread: _Thread) -> tuple[int, int]:
-    return thread.due
