@@ -5,9 +5,9 @@ the true times lie on a straight line over the numbers of the readings, below al
 convex hull. The sensor's rate is its own, whatever it says; a few per cent around the nominal one are believed.
 """
 
+import math
 from bisect import bisect
 from collections import deque
-from collections.abc import Callable
 
 WINDOW = 30.0  # s of readings that a line is fitted to; over that time no quartz drifts noticeably
 RATE_TOLERANCE = 0.05  # share by which a sensor's rate may differ from its nominal one
@@ -35,8 +35,9 @@ class ClockFit:
 
     def __init__(self, nominal_rate: float, unnoticed: int = 1) -> None:
         self._nominal = 1e9 / nominal_rate  # ns
-        self._slowest = self._nominal / (1 + RATE_TOLERANCE)  # ns; the smallest slope
+        self._slowest, self._fastest = self._nominal / (1 + RATE_TOLERANCE), self._nominal * (1 + RATE_TOLERANCE)  # ns
         self._hull: deque[Point] = deque()
+        self._slope_known: float | None = None  # of the hull as it is
         self._step = unnoticed
         self._arrivals: deque[Point] = deque(maxlen=SLIP_BEFORE + SLIP_AFTER)  # the last reading of each
         self._missing = 0
@@ -58,10 +59,11 @@ class ClockFit:
             return 1.0
         (first, begin), (last, end) = self._hull[0], self._hull[-1]
         drift = end - begin - (last - first) * self._nominal
-        pace, difference = self._nominal / self._slope(), self._difference_of_halves()
-        is_straight = difference < PACE_AGREEMENT * abs(pace - 1.0)
-        is_sure = abs(pace - 1.0) > OWN_PACE and abs(drift) > LONGEST_DRIFT * 1e9 and is_straight
-        return pace if is_sure else 1.0
+        pace = self._nominal / self._slope()
+        if abs(pace - 1.0) <= OWN_PACE or abs(drift) <= LONGEST_DRIFT * 1e9:
+            return 1.0
+        is_straight = self._difference_of_halves() < PACE_AGREEMENT * abs(pace - 1.0)
+        return pace if is_straight else 1.0
 
     def times_of(self, readings: list[Point]) -> list[int]:
         """Return when readings were taken that came together, as (number, time by which it was taken at the latest).
@@ -77,12 +79,14 @@ class ClockFit:
         for point in points:
             self._add(point)
         self._arrivals.append(points[-1])
-        line = self._line()
+        at, time, slope = self._line()
         newest, latest = points[-1]
         # Those before are no earlier than the line, so that what is missing delays the newest by as much, at least.
-        if latest - line(newest) >= SLIP * self._step * self._slowest and self._count_missing():
-            line = self._line()
-        return [min(round(line(number + self._missing)), latest) for number, latest in readings]
+        late = latest - (time + slope * (newest - at))
+        if late >= SLIP * self._step * self._slowest and self._count_missing():
+            at, time, slope = self._line()
+        at -= self._missing
+        return [min(round(time + slope * (number - at)), latest) for number, latest in readings]
 
     def _count_missing(self) -> bool:
         """Tell whether readings were lost unnoticed: then all that has come since is late by whole periods."""
@@ -102,6 +106,7 @@ class ClockFit:
         since = [self._arrivals.pop() for _ in range(SLIP_AFTER)][::-1]
         while len(self._hull) > 1 and self._hull[-1][0] > self._arrivals[-1][0]:
             self._hull.pop()
+        self._slope_known = None
         for number, latest in since:
             self._arrivals.append((number + missing, latest))
             self._add(self._arrivals[-1])
@@ -109,23 +114,31 @@ class ClockFit:
 
     def _begin_anew(self) -> None:
         self._hull.clear()
+        self._slope_known = None
         self._arrivals.clear()
 
     def _add(self, point: Point) -> None:
         hull = self._hull
-        while len(hull) >= 2 and _is_above(hull[-1], hull[-2], point):
+        number, time = point
+        while len(hull) >= 2:
+            (before, began), (middle, reached) = hull[-2], hull[-1]
+            if (reached - began) * (number - before) < (time - began) * (middle - before):
+                break  # the last one lies below the line from the one before it to this one
             hull.pop()
         hull.append(point)
+        self._slope_known = None
         oldest = point[0] - WINDOW * 1e9 / self._nominal
         while len(hull) > 2 and hull[0][0] < oldest:
             hull.popleft()
 
-    def _line(self) -> Callable[[int], float]:
-        """Return the highest line of the middle's slope that no reading lies below: times by numbers."""
-        slope = self._slope()
-        begin = self._hull[0][0]
-        _, at, time = min([(time - slope * (at - begin), at, time) for at, time in self._hull])
-        return lambda number: time + slope * (number - at)
+    def _line(self) -> tuple[int, int, float]:
+        """Return the highest line of the middle's slope that no reading lies below: a point of it, and the slope."""
+        slope, begin, lowest, touched = self._slope(), self._hull[0][0], math.inf, self._hull[0]
+        for point in self._hull:
+            height = point[1] - slope * (point[0] - begin)
+            if height < lowest:
+                lowest, touched = height, point
+        return *touched, slope
 
     def _difference_of_halves(self) -> float:
         """Return by what share of a period readings come less often in one half of them than in the other."""
@@ -138,15 +151,17 @@ class ClockFit:
         return abs(begin[1] + end[1] - 2 * middle) / ((number - begin[0]) * self._nominal)
 
     def _slope(self) -> float:
-        hull = self._hull
-        middle = (hull[0][0] + hull[-1][0]) / 2
-        for i in range(1, len(hull)):
-            if hull[i][0] >= middle and hull[i][0] > hull[i - 1][0]:
-                slope = (hull[i][1] - hull[i - 1][1]) / (hull[i][0] - hull[i - 1][0])
-                return min(max(slope, self._nominal / (1 + RATE_TOLERANCE)), self._nominal * (1 + RATE_TOLERANCE))
+        """Return the time between two readings in the middle of the hull (ns)."""
+        if self._slope_known is None:
+            self._slope_known = self._slope_of_hull()
+        return self._slope_known
+
+    def _slope_of_hull(self) -> float:
+        middle = (self._hull[0][0] + self._hull[-1][0]) / 2
+        before, began = self._hull[0]
+        for number, time in self._hull:
+            if number >= middle and number > before:
+                slope = (time - began) / (number - before)
+                return min(max(slope, self._slowest), self._fastest)
+            before, began = number, time
         return self._nominal
-
-
-def _is_above(middle: Point, before: Point, after: Point) -> bool:
-    """Tell whether a point lies on or above the line from the one before it to the one after it."""
-    return (middle[1] - before[1]) * (after[0] - before[0]) >= (after[1] - before[1]) * (middle[0] - before[0])

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from cmr.bus.messages import make
 from cmr.msg import gyro_t
 from robot_driver.clock import Stamps
 from robot_driver.clock_fit import ClockFit
@@ -113,11 +112,13 @@ class GyroDevice(Device):
 
     def _why_no_rate(self, readings: list[GyroReading]) -> str:
         """Count those that are not valid; return why there has been no rate for a while, or ""."""
-        invalid = sum(not reading.valid for reading in readings)
-        self.counts["not valid"] += invalid
-        if invalid < len(readings):
-            self._last_valid = self._host.monotonic()
-        if self._host.monotonic() - self._last_valid < INVALID_LIMIT:
+        now = self._host.monotonic()
+        for reading in readings:
+            if reading.valid:
+                self._last_valid = now
+            else:
+                self.counts["not valid"] += 1
+        if now - self._last_valid < INVALID_LIMIT:
             return ""
         return (
             f"The gyro at {self._port.path} says that its readings are not valid. Wait until it has started; if that "
@@ -140,31 +141,29 @@ class GyroDevice(Device):
 
     def _measured(self, readings: list[GyroReading], arrived: int) -> list[int]:
         """Return when readings that came together were taken (monotonic ns), as well as can be known."""
-        latest = [arrived - round(self._port.wire_time(reading.bytes_since) * 1e9) for reading in readings]
-        numbers = [self._number(reading) for reading in readings]
-        if not self._gyro.nominal_rate:
-            self._clock_fit = None
-        elif readings:
+        numbered = []
+        for reading in readings:
+            lost = reading.lost_before
+            self._count += lost + 1  # lost ones are counted too
+            if lost:
+                self.counts["lost"] += lost
+            numbered.append((self._count, arrived - round(self._port.wire_time(reading.bytes_since) * 1e9)))
+        if self._gyro.nominal_rate:
             self._clock_fit = self._clock_fit or ClockFit(self._gyro.nominal_rate, self._gyro.unnoticed)
-            latest = self._clock_fit.times_of(list(zip(numbers, latest, strict=True)))
+            fitted = self._clock_fit.times_of(numbered)
+        else:
+            self._clock_fit, fitted = None, [latest for _, latest in numbered]
         return [
-            reading.measured if reading.measured and 0 <= arrived - reading.measured < LONGEST_DELAY else fitted
-            for reading, fitted in zip(readings, latest, strict=True)
+            reading.measured if reading.measured and 0 <= arrived - reading.measured < LONGEST_DELAY else time
+            for reading, time in zip(readings, fitted, strict=True)
         ]
-
-    def _number(self, reading: GyroReading) -> int:
-        """Return the number of a reading, the lost ones being counted too."""
-        self.counts["lost"] += reading.lost_before
-        self._count += reading.lost_before + 1
-        return self._count
 
     def _message(self, reading: GyroReading, measured: int, arrived: int) -> Any:
         pace = self._clock_fit.pace if reading.per_period and self._clock_fit else 1.0
-        return make(
-            gyro_t,
-            utime=self._stamps.next(measured),
-            robot_id=self._robot_id,
-            yaw_rate=self._sign * pace * reading.yaw_rate,
-            valid=int(reading.valid),
-            received_utime=self._host.utime_at(arrived),
-        )
+        message = gyro_t()  # not by `make`, which takes its time: there may be 5,000 a second
+        message.utime = self._stamps.next(measured)
+        message.robot_id = self._robot_id
+        message.yaw_rate = self._sign * pace * reading.yaw_rate
+        message.valid = int(reading.valid)
+        message.received_utime = self._host.utime_at(arrived)
+        return message

@@ -17,6 +17,7 @@ DATA_HEADER, SELF_TEST_HEADER = bytes.fromhex("FE81FF55"), bytes.fromhex("FE8100
 GYROS_VALID, ACCELEROMETERS_VALID = 0b0000_0111, 0b0111_0000
 INVALID_AFTER_RATE_CHANGE = 2  # messages
 TEMPERATURE = 25  # deg C
+_FORMAT_A = struct.Struct(">6fBBh")  # what is between header and checksum
 UPRIGHT = ",".join(f"{1.0 if number % 4 == 0 else 0.0:+.6E}" for number in range(9))
 CHOICES = {
     "ROTFMT": ("RATE", "DELTA"),
@@ -84,9 +85,9 @@ class KvhBinaryDevice:
         z = math.degrees(rate) if self.kept["ROTUNITS"] == "DEG" else rate
         z *= 1.0 if self.kept["ROTFMT"] == "RATE" else self._period
         status = ACCELEROMETERS_VALID | (GYROS_VALID if valid else 0)
-        data = DATA_HEADER + struct.pack(">6fBBh", 0.0, 0.0, z, 0.0, 0.0, 1.0, status, self._sequence, TEMPERATURE)
+        data = DATA_HEADER + _FORMAT_A.pack(0.0, 0.0, z, 0.0, 0.0, 1.0, status, self._sequence, TEMPERATURE)
         self._sequence = (self._sequence + 1) % 128
-        return data + struct.pack(">I", crc_mpeg2(data))
+        return data + crc_mpeg2(data).to_bytes(4, "big")
 
     def _obey(self, command: str) -> str:
         """Carry out one command; return the answer without its line end, "" where there is none."""

@@ -8,11 +8,14 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from operator import attrgetter
 from typing import Protocol
 
 from robot_driver.emulator.device import Device, Transmission
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.sensors import MotionCapture, Pose
+
+_wake_time = attrgetter("wake_time")
 
 
 class Adapter(Protocol):
@@ -32,7 +35,10 @@ class NoAdapter:
 
 
 class WireLine:
-    """A device, what it is seen through, and until when (s) the wire is busy in each direction."""
+    """A device, what it is seen through, and until when (s) the wire is busy in each direction.
+
+    `arriving` are the bytes that reach the client at the moment `arrives` (s), which is infinity for none.
+    """
 
     def __init__(self, name: str, device: Device, adapter: Adapter) -> None:
         self.name = name
@@ -41,6 +47,7 @@ class WireLine:
         self.wake_time = device.wake_time  # changes only by what the device is given, or does
         self.busy_to_device = 0.0
         self.busy_to_client = 0.0
+        self.arriving, self.arrives = bytearray(), math.inf
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
         """Have the device take bytes of which the last has arrived at `time`."""
@@ -59,8 +66,7 @@ class RobotInTime:
     """The plant, the devices and cameras that look at it, and all that is on its way between them.
 
     The plant is moved to the exact time at which somebody looks: a request's last byte has arrived, a sample is
-    due. What a
-    device sends goes to `deliver(name, data)`, what the cameras see to `on_pose`, each when it is there.
+    due. What a device sends goes to `deliver(name, data)`, what the cameras see to `on_pose`, each when it is there.
     """
 
     def __init__(
@@ -85,6 +91,7 @@ class RobotInTime:
         self._motion_capture = motion_capture
         self._on_pose = on_pose
         self._events: list[tuple[float, int, Callable[[], object]]] = []
+        self._next_wake = self._earliest_wake()
         self._order = itertools.count()  # events of the same time happen in the order they were scheduled
 
     def bring(self, name: str, data: bytes, start: float) -> None:
@@ -97,13 +104,7 @@ class RobotInTime:
 
     def next_due(self) -> float:
         """Return the time of the earliest event or of the first device to act."""
-        due = self._events[0][0] if self._events else math.inf
-        if self._motion_capture is not None:
-            due = min(due, self._motion_capture.wake_time)
-        for line in self._in_order:
-            if line.wake_time < due:
-                due = line.wake_time
-        return due
+        return min(self._events[0][0], self._next_wake) if self._events else self._next_wake
 
     def let_happen(self, until: float) -> float:
         """Do everything that is due by `until`, in order of time; return when the next is due.
@@ -111,36 +112,58 @@ class RobotInTime:
         What happens may set `until` to an earlier time.
         """
         self.until = until
-        while (due := self.next_due()) <= self.until:
+        events = self._events
+        while True:
+            is_event = bool(events) and events[0][0] <= self._next_wake
+            due = events[0][0] if is_event else self._next_wake
+            if due > self.until:
+                return due
             self.now = due
-            if self._events and self._events[0][0] <= due:
-                heapq.heappop(self._events)[2]()
-                continue
-            self.plant.advance(due)
-            if self._motion_capture is not None and self._motion_capture.wake_time <= due:
-                pose = self._motion_capture.wake(due)
-                self._schedule(pose.ready, partial(self._on_pose, pose))
+            if is_event:
+                heapq.heappop(events)[2]()
             else:
-                line = min(self._in_order, key=_wake_time)
-                self._send(line, line.wake(due))
-        return due
+                self.plant.advance(due)
+                self._look(due)
+
+    def _look(self, due: float) -> None:
+        """Have the cameras, or the device whose turn it is, look at the robot."""
+        if self._motion_capture is not None and self._motion_capture.wake_time <= due:
+            pose = self._motion_capture.wake(due)
+            self._schedule(pose.ready, partial(self._on_pose, pose))
+        else:
+            line = min(self._in_order, key=_wake_time)
+            self._send(line, line.wake(due))
+        self._next_wake = self._earliest_wake()
+
+    def _earliest_wake(self) -> float:
+        """Return when a device or the cameras next act of their own accord."""
+        earliest = math.inf if self._motion_capture is None else self._motion_capture.wake_time
+        for line in self._in_order:
+            if line.wake_time < earliest:
+                earliest = line.wake_time
+        return earliest
 
     def _receive(self, line: WireLine, data: bytes, arrival: float) -> None:
         self.plant.advance(arrival)
         self._send(line, line.receive(data, arrival))
+        self._next_wake = self._earliest_wake()
 
     def _send(self, line: WireLine, transmissions: list[Transmission]) -> None:
         """Hand bytes to the client when they have come up the wire, after those that are still on it."""
-        for transmission in transmissions:
-            on_wire = len(transmission.data) * line.device.byte_time
-            line.busy_to_client = max(transmission.time, line.busy_to_client + on_wire)
-            begin = line.busy_to_client - on_wire
-            for moment, piece in line.adapter.pieces(begin, line.busy_to_client, transmission.data):
-                self._schedule(moment, partial(self._deliver, line.name, piece))
+        for time, data in transmissions:
+            on_wire = len(data) * line.device.byte_time
+            line.busy_to_client = end = max(time, line.busy_to_client + on_wire)
+            for moment, piece in line.adapter.pieces(end - on_wire, end, data):
+                if moment == line.arrives:
+                    line.arriving += piece
+                    continue
+                line.arriving, line.arrives = bytearray(piece), moment
+                self._schedule(moment, partial(self._arrive, line, line.arriving))
+
+    def _arrive(self, line: WireLine, data: bytearray) -> None:
+        if data is line.arriving:
+            line.arrives = math.inf
+        self._deliver(line.name, bytes(data))
 
     def _schedule(self, moment: float, action: Callable[[], object]) -> None:
         heapq.heappush(self._events, (moment, next(self._order), action))
-
-
-def _wake_time(line: WireLine) -> float:
-    return line.wake_time

@@ -83,18 +83,25 @@ class RoboteqDevice:
     def receive(self, data: bytes, time: float) -> list[Transmission]:
         """Take bytes of which the last has arrived at `time`; echo them, and answer every line that is complete."""
         sent: list[Transmission] = []
-        for byte in data:
-            reply = (bytes([byte]) if not self._configuration["ECHOF"][0] else b"") + self._take(byte, time)
+        while data:
+            if self._configuration["ECHOF"][0]:
+                taken = _up_to_end(data)
+                reply = self._take(taken, time)
+            else:
+                taken = data[:1]
+                reply = taken + self._take(taken, time)
+            data = data[len(taken) :]
             if reply:
                 time += len(reply) * self.byte_time
                 sent.append(Transmission(time, reply))
         return sent
 
-    def _take(self, byte: int, time: float) -> bytes:
-        """Add one byte to the line; return the answer if that completes it, else nothing."""
-        if byte not in ENDS:
-            self._line = (self._line + bytes([byte]))[-LONGEST_LINE:]
+    def _take(self, data: bytes, time: float) -> bytes:
+        """Add bytes to the line, the last of which may end it; return the answer if it does, else nothing."""
+        if data[-1] not in ENDS:
+            self._line = (self._line + data)[-LONGEST_LINE:]
             return b""
+        self._line = (self._line + data[:-1])[-LONGEST_LINE:]
         line, self._line = self._line.decode("ascii", "replace").strip(), b""
         return (self._answer(line, time) + END).encode("ascii") if line else b""
 
@@ -188,6 +195,14 @@ class RoboteqDevice:
     def _currents(self) -> list[int]:
         """Return both currents in units of 0.1 A."""
         return [round(current * 10.0) for current in self._plant.motor_currents()]
+
+
+def _up_to_end(data: bytes) -> bytes:
+    """Return the first bytes, up to the first that ends a line."""
+    for place, byte in enumerate(data):
+        if byte in ENDS:
+            return data[: place + 1]
+    return data
 
 
 def _of_channel(values: list[int], channel: int = 0) -> list[int]:

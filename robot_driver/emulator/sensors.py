@@ -20,8 +20,9 @@ class YawGyro:
 
     def rate(self, duration: float) -> float:
         """Return the mean rate of turn (rad/s, counter-clockwise) over the `duration` (s) since the last call."""
-        p, time = self._plant.parameters, self._plant.time
-        theta = self._plant.theta_at(time - p.gyro_latency)
+        p, plant = self._plant.parameters, self._plant
+        time = plant.time
+        theta = plant.theta_at(time - p.gyro_latency) if p.gyro_latency else plant.theta
         turned, self._last_theta = theta - self._last_theta, theta
         measured = turned / duration * (1.0 + p.gyro_scale) + p.gyro_bias + p.gyro_drift * time / 100.0
         if p.gyro_magnetism:

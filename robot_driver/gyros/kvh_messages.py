@@ -8,7 +8,9 @@ import re
 import struct
 import zlib
 from dataclasses import dataclass
+from typing import NamedTuple
 
+_ROTATION = struct.Struct(">fff")
 LONGEST_LINE = 256  # bytes; the longest answer, that to ?AXES, has 132
 
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
@@ -35,8 +37,7 @@ _LENGTHS = SELF_TESTS | {header: layout.length for header, layout in LAYOUTS.ite
 _LONGEST_MESSAGE = max(_LENGTHS.values())  # bytes
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """One data message.
 
     `rotation` is about the axes x, y, z in the unit that the device is set to, counter-clockwise positive seen from
@@ -83,17 +84,18 @@ class Stream:
             message = _message(data[start:end], len(data) - start)
             position = start + 1  # within a damaged message the next whole one may begin
             if message is not None:
-                complete += [*self._answers(data[text:start]), message]
+                if text < start:
+                    complete += self._answers(data[text:start])
+                complete.append(message)
                 self._line = b""  # what stood before a message is not the beginning of an answer
                 text = position = end
         end = len(data) if beginning is None else beginning.start()
-        complete += self._answers(data[text:end])
+        if text < end:
+            complete += self._answers(data[text:end])
         self._waiting = data[end:]
         return complete
 
     def _answers(self, text: bytes) -> list[Answer]:
-        if not text:
-            return []
         *lines, rest = re.split(rb"[\r\n]", self._line + text)
         self._line = rest[-LONGEST_LINE:]
         matches = [_ANSWER.search(line[-LONGEST_LINE:]) for line in lines]
@@ -109,12 +111,18 @@ def checksum(data: bytes) -> int:
     return int.from_bytes(mirrored.to_bytes(4, "little").translate(_REVERSED_BITS), "big")
 
 
+def ends_with_checksum(data: bytes) -> bool:
+    """Tell whether the last four bytes are the checksum of those before: then that of all together is 0."""
+    return zlib.crc32(data.translate(_REVERSED_BITS)) == 0xFFFFFFFF
+
+
 def _message(data: bytes, bytes_since: int) -> Sample | SelfTest | None:
     """Return what a message of the right length says, None if it is damaged."""
     header = data[:4]
-    if header in SELF_TESTS:
-        return SelfTest() if sum(data[:-1]) & 0xFF == data[-1] else None
-    if header not in LAYOUTS or checksum(data[:-4]) != int.from_bytes(data[-4:], "big"):
+    layout = LAYOUTS.get(header)
+    if layout is None:
+        is_sound = header in SELF_TESTS and sum(data[:-1]) & 0xFF == data[-1]
+        return SelfTest() if is_sound else None
+    if not ends_with_checksum(data):
         return None
-    status = LAYOUTS[header].status
-    return Sample(struct.unpack_from(">fff", data, 4), data[status], data[status + 1], bytes_since)
+    return Sample(_ROTATION.unpack_from(data, 4), data[layout.status], data[layout.status + 1], bytes_since)

@@ -19,6 +19,7 @@ class SimulatedBus:
         self._host = host
         self._path = path
         self._inboxes: dict[str, list[Inbox]] = {}
+        self._channels: dict[tuple[str, int], str] = {}  # by name of the stream and robot
 
     def __enter__(self) -> "SimulatedBus":
         self._log = lcm.EventLog(str(self._path), "w", overwrite=True)
@@ -38,7 +39,10 @@ class SimulatedBus:
 
     def publish(self, stream: Stream, message: Any, robot_id: int) -> None:
         """Send a message to all who listen and to the log."""
-        channel = stream.channel(robot_id if stream.per_robot else None)
+        channel = self._channels.get((stream.name, robot_id))
+        if channel is None:
+            channel = stream.channel(robot_id if stream.per_robot else None)
+            self._channels[stream.name, robot_id] = channel
         self._log.write_event(self._host.utime(), channel, message.encode())
         for inbox in self._inboxes.get(channel, ()):
             inbox.append((channel, message))

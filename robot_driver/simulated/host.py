@@ -9,6 +9,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable
+from operator import attrgetter
 from random import Random
 
 from robot_driver.emulator.robot_in_time import RobotInTime
@@ -19,6 +20,7 @@ SWITCHED_ON = 1000 * 10**9  # ns; the steady time when the robot is switched on
 START_UTIME = 1_800_000_000_000_000  # us; the time of day then
 SECOND = 10**9  # ns
 NEVER = 2**63
+_DUE = attrgetter("due")
 
 
 class _Thread:
@@ -60,12 +62,17 @@ class SimulatedHost(Host):
     def arrive(self, name: str, data: bytes) -> None:
         """Have bytes of the robot arrive at a port."""
         self.follow_robot()
-        self._lines[name].arrive(data)
+        line = self._lines[name]
+        if line.is_open:
+            line.arrived += data
+            self.wake(line)
 
     def follow_robot(self) -> None:
         """Let time pass until what the robot does just now; called before anybody here sees it."""
         assert self._robot is not None
-        self._now = max(self._now, SWITCHED_ON + math.ceil(self._robot.now * SECOND))
+        now = SWITCHED_ON + math.ceil(self._robot.now * SECOND)
+        if now > self._now:
+            self._now = now
 
     def robot_time(self) -> float:
         """Return the time since the robot was switched on (s)."""
@@ -183,7 +190,7 @@ class SimulatedHost(Host):
         robot = self._robot
         while True:
             if self._woken or self._following.ended:
-                self._following, self._woken = min(self._threads, key=_due), False
+                self._following, self._woken = min(self._threads, key=_DUE), False
             following = self._following
             if robot is not None:
                 robot.let_happen((following.due[0] - SWITCHED_ON) / SECOND)
@@ -200,30 +207,24 @@ class SimulatedHost(Host):
 
 
 class SimulatedLine:
-    """A port of the simulated computer."""
+    """A port of the simulated computer; what has `arrived` waits to be read."""
 
     def __init__(self, host: SimulatedHost, name: str, adapter: UsbAdapter | OwnUsb) -> None:
         self._host = host
         self._name = name
         self._adapter = adapter
-        self._arrived = bytearray()
-        self._is_open = False
+        self.arrived = bytearray()
+        self.is_open = False
 
     def opened(self) -> "SimulatedLine":
         """Return this, open; it kept nothing from before."""
-        self._arrived.clear()
-        self._is_open = True
+        self.arrived.clear()
+        self.is_open = True
         return self
 
     def close(self) -> None:
         """Give the port up; what comes from now on is lost."""
-        self._is_open = False
-
-    def arrive(self, data: bytes) -> None:
-        """Take what the robot sends."""
-        if self._is_open:
-            self._arrived += data
-            self._host.wake(self)
+        self.is_open = False
 
     def write(self, data: bytes) -> None:
         """Send to the robot."""
@@ -231,10 +232,15 @@ class SimulatedLine:
 
     def read(self, most: int, timeout: float) -> bytes:
         """Return what has arrived, up to `most` bytes, as soon as there is any; b"" after `timeout` seconds."""
-        if not self._arrived and timeout > 0.0:
+        arrived = self.arrived
+        if not arrived and timeout > 0.0:
             self._host.wait(timeout, self)
-        data = bytes(self._arrived[:most])
-        del self._arrived[:most]
+        if len(arrived) <= most:
+            data = bytes(arrived)
+            arrived.clear()
+        else:
+            data = bytes(arrived[:most])
+            del arrived[:most]
         return data
 
 
@@ -291,7 +297,3 @@ class SimulatedThread:
         """Wait until it has ended."""
         if self._thread is not None and not self._thread.ended:
             self._host.wait(math.inf if timeout is None else timeout, self._thread)
-
-
-def _due(thread: _Thread) -> tuple[int, int]:
-    return thread.due

@@ -1,6 +1,5 @@
 """What stands between an emulated device's wire and the driver: an adapter to USB that holds bytes back."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from random import Random
 
@@ -40,8 +39,9 @@ class UsbAdapter:
         self._tick = 0.0  # when the bytes that are held are sent
         self._held = 0
 
-    def pieces(self, begin: float, end: float, data: bytes) -> Iterator[tuple[float, bytes]]:
-        """Yield when bytes that are on the wire from `begin` to `end` are with the computer."""
+    def pieces(self, begin: float, end: float, data: bytes) -> list[tuple[float, bytes]]:
+        """Return when bytes that are on the wire from `begin` to `end` are with the computer, piece by piece."""
+        pieces = []
         byte_time = (end - begin) / len(data)
         while data:
             first = begin + byte_time
@@ -52,8 +52,9 @@ class UsbAdapter:
             count = min(len(data), in_time, PACKET - self._held)
             self._held = (self._held + count) % PACKET
             begin += count * byte_time
-            yield (begin if not self._held else self._tick), data[:count]
+            pieces.append((self._tick if self._held else begin, data[:count]))
             data = data[count:]
+        return pieces
 
     def way_down(self) -> float:
         """Draw how long it takes until bytes that are written are on the wire (s)."""
@@ -63,10 +64,10 @@ class UsbAdapter:
 class OwnUsb:
     """A device with USB of its own."""
 
-    def pieces(self, begin: float, end: float, data: bytes) -> Iterator[tuple[float, bytes]]:
-        """Yield all at the end."""
+    def pieces(self, begin: float, end: float, data: bytes) -> list[tuple[float, bytes]]:
+        """Return one piece, at the end."""
         del begin
-        yield end, data
+        return [(end, data)]
 
     def way_down(self) -> float:
         """Return 0."""
