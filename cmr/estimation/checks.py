@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from cmr.estimation.estimates import EstimationError
 from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
 from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
@@ -10,13 +12,14 @@ from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.checks import check
 from cmr.recordings.findings import Finding, Findings
-from cmr.recordings.lags import Lag
+from cmr.recordings.lags import Lag, lags_of
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
 MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more cannot be true, none can be trusted
 LARGEST_LAG = 0.35  # s; a pose's clock that is further off is moved, a smaller difference may be named
 LEAST_LAG, SURELY = 0.02, 3.0  # s, and standard deviations, by which poses must be ahead of what they show
+LEAST_CHANGE = 0.005  # s, and as many deviations, by which a lag must change for a clock to be skewed
 # s that wheels lag their commands: at most, and usually. Commands whose clock is set right come a little early, so that
 # what is left is a delay.
 SLOWEST_MOTOR, USUAL_MOTOR = 0.5, 0.2
@@ -83,12 +86,14 @@ def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
 
     The checks are those of the recording as it came, so that what was wrong stays told; they allow for a late clock.
     Only a clock that is far off is touched, or one that shows what has not happened yet. A pose that is a little late
-    may be the fault of the localisation, and is then a finding about it; so may be a command.
+    may be the fault of the localisation, and is then a finding about it; so may be a command. A clock that runs at
+    another rate is no constant lag: it is left to be found as such.
     """
     findings = check(recording)
     notes = []
     lag = findings.lag("poses")
-    if lag is not None and lag.reference == "wheels" and not -_least(lag) <= lag.seconds <= LARGEST_LAG:
+    far_off = lag is not None and lag.reference == "wheels" and not -_least(lag) <= lag.seconds <= LARGEST_LAG
+    if lag is not None and far_off and not (abs(lag.seconds) < LARGEST_LAG and _skewed(recording)):
         late = round(lag.seconds / SECONDS)
         poses = replace(recording.poses, utime=recording.poses.utime - late)
         recording, findings = replace(recording, poses=poses), replace(findings, splits=findings.splits - late)
@@ -101,6 +106,18 @@ def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
         where = "behind" if early < 0 else "ahead of"
         notes.append(SET_RIGHT.format(what="commands", late=abs(early * SECONDS), where=where))
     return recording, findings, " ".join(notes)
+
+
+def _skewed(recording: Recording) -> bool:
+    """Tell whether the lag of the poses is surely another one in the second half of a recording than in the first."""
+    first, last = int(recording.wheels.utime[0]), int(recording.wheels.utime[-1])
+    middle = (first + last) // 2
+    halves = [recording.between(first, middle), recording.between(middle, last)]
+    lags = [lag for half in halves for lag in lags_of(half) if lag.sensor == "poses" and lag.known]
+    if len(lags) < len(halves):
+        return False
+    change, doubt = lags[1].seconds - lags[0].seconds, float(np.hypot(lags[0].std, lags[1].std))
+    return abs(change) > max(LEAST_CHANGE, SURELY * doubt)
 
 
 def _least(lag: Lag) -> float:

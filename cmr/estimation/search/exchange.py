@@ -262,7 +262,7 @@ def _singles(screening: Screening, left: Left, leaving: tuple[str, ...], inflati
     sizes = np.diag(left.normal)
     for number in np.flatnonzero(sizes > OWN * screening.linear.sizes) if leaving else ():
         share = float(-left.pulls[number] / sizes[number])
-        if _possible(screening, number, share):
+        if possible(screening, number, share):
             squares = left.squares + share * float(left.pulls[number])
             score = squares + penalty_of(leaving, [screening.trials[number].effect], inflation)
             yield _Proposal(leaving, (int(number),), (share,), score)
@@ -282,13 +282,13 @@ def _pairs(screening: Screening, left: Left, leaving: tuple[str, ...], inflation
     # Most pairs explain too little, whatever their penalty; they are not looked at one by one.
     for index in np.argsort(squares)[:BEST_PAIRS]:
         numbers, shares = (int(first[index]), int(second[index])), (float(share[index]), float(other[index]))
-        possible = all(_possible(screening, number, part) for number, part in zip(numbers, shares, strict=True))
+        parts = zip(numbers, shares, strict=True)
         effects = sorted({screening.trials[number].effect for number in numbers})
-        if possible and _compatible(screening, numbers):
+        if _compatible(screening, numbers) and all(possible(screening, *part) for part in parts):
             yield _Proposal(leaving, numbers, shares, float(squares[index]) + penalty_of(leaving, effects, inflation))
 
 
-def _possible(screening: Screening, number: Any, share: float) -> bool:
+def possible(screening: Screening, number: Any, share: float) -> bool:
     """Tell whether a trial may come with this share of its size."""
     trial = screening.trials[number]
     if trial.threshold:

@@ -33,12 +33,11 @@ from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.leap import best_leap
 from cmr.estimation.search.measures import coarse_tick, too_small_to_be_named
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
+from cmr.estimation.search.rivals import margin_of, rivals_of
 from cmr.estimation.search.screening import Screening, screen
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
 from cmr.model.catalogue import CATALOGUE
 
-ALIKE = 12.0  # drops that differ by less cannot be distinguished,
-ALIKE_SHARE = 0.02  # nor those that differ by less than this share
 MOST_EFFECTS = 12  # with those that are too small to be named
 FEW = 3  # effects: exchanges have tried all others in the place of two of them
 MOST_STEPS = 30  # additions and exchanges
@@ -122,6 +121,7 @@ class _Selection:
         self._least_inflation = least_inflation
         self._visited: dict[frozenset[str], float] = {frozenset(): base.squares}
         self._ahead_tried = False
+        self._exchanged_for: set[str] = set()
 
     @cached_property
     def _afar(self) -> Averaging:
@@ -190,6 +190,7 @@ class _Selection:
         if exchange is None:
             return False
         self._note_exchanged(exchange)
+        self._exchanged_for.update(exchange.coming)
         stay = [one for one in self.named if one.candidate.effect.name not in exchange.leaving]
         return self._moved_to([*stay, *exchange.selected], exchange.fit)
 
@@ -214,7 +215,7 @@ class _Selection:
         name, small = candidate.effect.name, too_small(candidate, self.problem.excitation)
         reason = f"{small.sentence} {STAYS}" if small else "It has the largest likelihood ratio."
         self.trace.note(INCLUDED if small else ADDED, [name], candidate.drop, least, reason, [small])
-        margin = _margin(candidate, self.inflation)
+        margin = margin_of(candidate, self.inflation)
         for rival in (other for other, _ in self.others if other.effect.name in chosen.rivals):
             alike = f"It explains the data as well as {name}: the difference is below the threshold."
             self.trace.note(INDISTINCT, [rival.effect.name, name], candidate.drop - rival.drop, margin, alike)
@@ -246,6 +247,19 @@ class _Selection:
                 [candidate.measure],
             )
 
+    def with_rivals(self, screening: Screening) -> list[SelectedEffect]:
+        """Return the effects selected, with the rivals of those that came in exchanges."""
+        return [self._with_rivals(screening, one) for one in self.named]
+
+    def _with_rivals(self, screening: Screening, one: SelectedEffect) -> SelectedEffect:
+        name = one.candidate.effect.name
+        if name not in self._exchanged_for:
+            return one
+        rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
+        for rival in rivals:
+            self.trace.note(INDISTINCT, [rival, name], float("nan"), reason=f"It explains the data as well as {name}.")
+        return replace(one, rivals=rivals)
+
     def _least(self, candidate: CandidateEffect) -> float:
         """Return the drop of the sum of squares below which an effect may be chance."""
         return needed(candidate.effect) * self.inflation.of(candidate.effect.name)
@@ -263,7 +277,7 @@ def _selected(
         if not state.improved(screening):
             break
         screening = state.screened()
-    last = finished(problem, state.named, state.current, state.inflation)
+    last = finished(problem, state.with_rivals(screening), state.current, state.inflation)
     for candidate, why in last.dropped:
         reason, measures = candidate.reason(why), [candidate.measure]
         trace.note(REMOVED, [candidate.effect.name], candidate.drop, reason=reason, measures=measures)
@@ -324,17 +338,12 @@ def _choose(
     if small is not None:
         others = [(chosen, LESS), *(other for other in others if other[0] is not small)]
         chosen = small
-    margin = _margin(chosen, inflation)
+    margin = margin_of(chosen, inflation)
     close = [candidate for candidate, _ in others if chosen.drop - candidate.drop < margin]
     if small is None and not problem.by_moments:
         return _chosen_by_free_runs(problem, current, chosen, others, close)
     rivals = tuple(one.effect.name for one in close if not why_not(problem, current, one, inflation))
     return SelectedEffect(chosen, rivals, current), others
-
-
-def _margin(chosen: CandidateEffect, inflation: Inflation) -> float:
-    """Return by how much another effect must explain less to be distinguished from the one chosen."""
-    return max(ALIKE * inflation.of(chosen.effect.name), ALIKE_SHARE * chosen.drop)
 
 
 def _chosen_by_free_runs(

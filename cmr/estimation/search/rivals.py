@@ -1,0 +1,58 @@
+"""Find the rivals of an effect: others that explain the data as well in its place."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect, held_out_gain, why_not
+from cmr.estimation.search.exchange import possible
+from cmr.estimation.search.inflation import Inflation
+from cmr.estimation.search.screening import Score, Screening, start_of
+from cmr.model.catalogue import CATALOGUE
+
+ALIKE = 12.0  # drops that differ by less cannot be distinguished,
+ALIKE_SHARE = 0.02  # nor those that differ by less than this share
+MOST = 4  # rivals that are looked for
+
+
+def margin_of(candidate: CandidateEffect, inflation: Inflation) -> float:
+    """Return by how much the drops of effects must differ from this one's to be distinguished."""
+    return max(ALIKE * inflation.of(candidate.effect.name), ALIKE_SHARE * candidate.drop)
+
+
+def rivals_of(
+    problem: Problem, current: Fit, screening: Screening, one: SelectedEffect, inflation: Inflation
+) -> tuple[str, ...]:
+    """Return the effects that explain the data as well as one of those in the model, beside all others in it.
+
+    To first order, the screening beside the model tells which; these are then fitted.
+    """
+    name = one.candidate.effect.name
+    own = {parameter.name for parameter in one.candidate.effect.parameters}
+    left = screening.linear.beside([free for free in current.names if free not in own], [name])
+    margin = margin_of(one.candidate, inflation)
+    sizes = np.maximum(np.diag(left.normal), np.finfo(np.float64).tiny)
+    shares, drops = -left.pulls / sizes, left.pulls**2 / sizes
+    starts: dict[str, dict[str, float]] = {}
+    for number in np.argsort(-drops):
+        trial, share = screening.trials[number], float(shares[number])
+        alike = left.squares - drops[number] < current.squares + margin
+        if alike and possible(screening, number, share) and len(starts) < MOST:
+            starts.setdefault(trial.effect, start_of(Score(trial, 0.0, share)))
+    if not starts:
+        return ()
+    (without,) = problem.without(current, [[one.candidate.effect]])
+    models = [
+        ({**without.values, **start}, (*without.names, *(p.name for p in CATALOGUE[effect].parameters)))
+        for effect, start in starts.items()
+    ]
+    before, *fits = problem.fits([(without.values, without.names), *models], current.noise)
+    alike = [
+        CandidateEffect(CATALOGUE[effect], before.squares - fit.squares, fit.values, fit)
+        for effect, fit in zip(starts, fits, strict=True)
+        if fit.squares < current.squares + margin
+    ]
+    judged = [replace(tested, held_out=held_out_gain(problem, before, tested.fit)) for tested in alike if tested.fit]
+    return tuple(tested.effect.name for tested in judged if not why_not(problem, before, tested, inflation))
