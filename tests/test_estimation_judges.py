@@ -62,3 +62,18 @@ def test_a_recording_held_out_speaks_against_a_name_that_does_not_hold_in_it() -
     last = [one for one in found.decisions if one.effects == ("motor_gain_asymmetry",)][-1]
     assert last.reason.startswith("With the named effects, free runs in the held-out recordings are less accurate ")
     assert [one.quantity for one in last.measures] == ["error_ratio"]
+
+
+def test_a_pose_clock_that_runs_fast_is_named_and_no_latency_beside_it() -> None:
+    """Its poses are ahead of the wheels, more and more: to shift all of them by the mean makes the first ones late."""
+    hidden = hidden_recording("clock_skew", seed=0)
+    assert hidden.truth.parameters["clock_skew"] < 0.0
+    assert [one.name for one in diagnose(hidden.recording).effects] == ["clock_skew"]
+
+
+def test_an_effect_that_came_in_an_exchange_has_its_rivals() -> None:
+    """An encoder's scale beside unequal wheels: nothing tells it from the radius of both wheels."""
+    effects = diagnose(hidden_recording("wheel_radius_asymmetry", "encoder_scale", seed=1).recording).effects
+    scales = [one for one in effects if one.name in ("wheel_radius_scale", "encoder_scale")]
+    (scale,) = scales
+    assert {scale.name, *scale.indistinguishable_from} == {"wheel_radius_scale", "encoder_scale"}

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from cmr.estimation.candidates import size
 from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_use_held_out
@@ -127,6 +128,20 @@ def estimate(
     `held_out_sources` name the recordings. `progress` is told, in a sentence, what is being done.
     Raises EstimationError where nothing can be fitted for a reason other than bad data.
     """
+    # Threads of OpenBLAS spin where the matrices are as small as here: a fit of 4 s would take 40 s of two processors.
+    with threadpool_limits(1, "blas"):
+        return _estimated(recordings, nominal, held_out, sources, held_out_sources, progress)
+
+
+def _estimated(
+    recordings: Sequence[Recording],
+    nominal: ParameterFile,
+    held_out: Sequence[Recording],
+    sources: Sequence[str],
+    held_out_sources: Sequence[str],
+    progress: Callable[[str], None],
+) -> Estimation:
+    """Estimate one robot's parameters; see `estimate`."""
     progress("Checking the data ...")
     looked = tuple(looked_at(recordings, sources))
     ready = prepare(looked, nominal)
