@@ -23,6 +23,7 @@ from cmr.msg import calibration_status_t
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import LAST_NUMBER, RobotMessages
 from cmr.recordings.recording import Recorder, Recording
+from cmr.recordings.signal import SECONDS
 
 REST = 1_000_000  # us at rest that end the manoeuvre;
 LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
@@ -69,6 +70,7 @@ class Calibrator:
         self._end: int | None = None
         self._latest = 0
         self._forgotten = 0
+        self.left_out = 0.0  # s of a log that follow the manoeuvre
 
     def handle(self, utime: int, channel: str, message: Any) -> None:
         """Take one message; those of other robots, and those after the manoeuvre, are passed over."""
@@ -103,6 +105,7 @@ class Calibrator:
         if calibrator._end is not None:
             over = int(np.searchsorted(latest, calibrator._end + STRAGGLERS, side="right"))
             if over < len(number):
+                calibrator.left_out = (int(latest[-1]) - int(latest[over])) * SECONDS
                 messages = messages.until(int(number[over]))
                 calibrator._latest = int(latest[over])
         calibrator._log = messages

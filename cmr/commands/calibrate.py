@@ -25,6 +25,7 @@ from cmr.recordings.recording import RecordingError, read_messages
 STATUS_PERIOD = 0.25  # s
 LOOK_PERIOD = 0.4  # s; the estimates so far are renewed as often, if the computer can
 FINISHED = (calibration_status_t.DONE, calibration_status_t.FAILED)
+FURTHER = 5.0  # s; a log that goes on for longer than this after a drive may hold another one
 ANNOUNCING = 3.0  # s for which a new file is announced before the command ends; cmr-sim goes on announcing it
 
 
@@ -122,6 +123,11 @@ def _gather(path: Path, robot_id: int | None, nominal: ParameterFile | None) -> 
     calibrator = Calibrator.of(read_messages(path, robot_id), nominal)
     if calibrator.missing:
         print(f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.")
+    if calibrator.left_out > FURTHER:
+        print(
+            f"{path}: the first drive is used, as in a live calibration. {calibrator.left_out:.0f} s follow after it; "
+            "cmr-diagnose uses the whole log."
+        )
     return calibrator
 
 
