@@ -92,6 +92,8 @@ class PlantParameters(NamedTuple):
 
 
 NEUTRAL = PlantParameters()
+# The one object for all records: compiled functions compare another one to it at every call, field by field.
+_RECORD = np.dtype([(name, np.float64) for name in PlantParameters._fields])
 
 # Typical sizes by effect. Times and places fit a drive of 40 s or more about the world's origin.
 TYPICAL: Mapping[str, Mapping[str, float]] = {
@@ -163,4 +165,4 @@ def as_record(parameters: PlantParameters) -> Any:
 
 def as_records(parameters: PlantParameters) -> Any:
     """Return an array of one record: to hand it over from Python takes a twentieth of the time of the record."""
-    return np.array([tuple(parameters)], dtype=[(name, np.float64) for name in parameters._fields])
+    return np.array([tuple(parameters)], dtype=_RECORD)

@@ -72,6 +72,7 @@ MODES = {
     "CLIN 2": "linear commands",
 }
 LONGEST_MODE = 12  # bytes of an answer
+_WHOLE_NUMBER = re.compile(rb"0|-?[1-9][0-9]{0,9}")
 
 
 class Roboteq(Controller):
@@ -190,16 +191,21 @@ class Roboteq(Controller):
         def parse(answer: bytes) -> T:
             return convert(*_values(command[1:], answer, range(least, most + 1), allowed))
 
-        return self._request(command, len(command) + most * (LONGEST_VALUE + 1), parse)
+        return self._request(command, len(command) + most * (LONGEST_VALUE + 1), parse, least)
 
-    def _request(self, command: str, longest_answer: int, parse: Callable[[bytes], T]) -> Request[T]:
+    def _request(
+        self, command: str, longest_answer: int, parse: Callable[[bytes], T], least_values: int = 0
+    ) -> Request[T]:
         """Return a request for one line, with or without echo before its answer."""
         line = command.encode("ascii")
+        name = line[1:] + b"="
 
         def missing(reply: bytes) -> int:
             answer = _without_echo(line, reply)
             if answer.endswith(END) or len(reply) >= len(line) + len(END) + longest_answer:
                 return 0
+            if least_values and answer.startswith(name):
+                return _missing_of_values(answer, len(name), least_values)
             return max(1, len(DONE) - len(answer))
 
         def checked(reply: bytes) -> T:
@@ -217,6 +223,13 @@ def _without_echo(line: bytes, reply: bytes) -> bytes:
     return reply[len(line) :].removeprefix(END) if reply.startswith(line) else reply
 
 
+def _missing_of_values(answer: bytes, begin: int, least: int) -> int:
+    """Return how many bytes are missing, at least, where so many values begin at `begin`: digits, colons, the end."""
+    values = max(0, least - 1 - answer.count(b":", begin))
+    last_is_empty = len(answer) == begin or answer.endswith((b":", b"-"))
+    return 2 * values + last_is_empty + len(END)
+
+
 def _acknowledged(answer: bytes) -> None:
     if answer != DONE:
         raise BadReply("It was refused." if answer == REFUSED else f"{answer!r} is no acknowledgement.")
@@ -231,7 +244,7 @@ def _values(name: str, answer: bytes, count: range, allowed: range) -> list[int]
     texts = answer[len(prefix) : -len(END)].split(b":")
     if not answer.startswith(prefix) or end != END or len(texts) not in count:
         raise BadReply(f"{answer!r} is no answer to the query {name}.")
-    if not all(re.fullmatch(rb"0|-?[1-9][0-9]{0,9}", text) for text in texts):
+    if not all(map(_WHOLE_NUMBER.fullmatch, texts)):
         raise BadReply(f"{answer!r} does not consist of whole numbers.")
     values = [int(text) for text in texts]
     if not all(value in allowed for value in values):
