@@ -247,6 +247,17 @@ def test_help_shows_an_example() -> None:
     ended = subprocess.run([*START, "--help"], capture_output=True, text=True, timeout=PATIENCE)
     assert ended.returncode == 0
     assert "cmr-driver --port" in ended.stdout
+    assert "what FILE.yaml of --settings hides" in " ".join(ended.stdout.split())
+
+
+def test_an_impossible_effect_is_refused_with_file_key_value_and_range(tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text("effects: {command_loss: 2}\n")
+    ended = subprocess.run(
+        [*START, "--no-pose", "--settings", str(file)], capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert ended.returncode == 1
+    assert f"{file}: effects.command_loss must be 0 to 1, not 2." in ended.stderr
 
 
 def test_a_second_emulator_in_the_same_folder_is_refused_and_the_first_keeps_its_links(tmp_path: Path) -> None:

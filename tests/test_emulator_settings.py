@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from cmr.plant.parameters import NEUTRAL, RANGES, TYPICAL
 from robot_driver.emulator.settings import SettingsError, load_settings
 
 
@@ -36,6 +37,21 @@ def test_effects_are_hidden_by_name_and_count_instead_of_the_imperfection_of_tha
     assert settings.ideal().effects == {}
 
 
+def test_an_ideal_robot_has_what_its_file_hides_and_nothing_else(tmp_path: Path) -> None:
+    path = written(tmp_path, "effects: {backlash: 0.1}\nimperfections: {turn_slip: {enabled: true, size: 0.02}}\n")
+    settings = load_settings(path, ideal=True)
+    ideal = load_settings().ideal().plant
+    assert settings.plant == ideal._replace(backlash=0.1, turn_slip=0.02)
+    assert load_settings(ideal=True) == load_settings().ideal()
+
+
+def test_what_is_typical_and_what_is_neutral_is_possible() -> None:
+    sizes = [item for typical in TYPICAL.values() for item in typical.items()]
+    for name, value in (*NEUTRAL._asdict().items(), *sizes):
+        least, largest = RANGES[name]
+        assert least <= value <= largest, name
+
+
 def test_an_empty_file_is_the_default_robot(tmp_path: Path) -> None:
     assert load_settings(written(tmp_path, "# nothing\n")) == load_settings()
 
@@ -45,6 +61,15 @@ def test_an_empty_file_is_the_default_robot(tmp_path: Path) -> None:
     [
         ("effects: {backslash: 0.1}", "effects.backslash is unknown. Known are: battery_sag"),
         ("effects: {backlash: wide}", "effects.backlash must be a number, not 'wide'"),
+        ("effects: {encoder_quantisation: 0}", "effects.encoder_quantisation must be 1 or more, not 0."),
+        ("effects: {gyro_latency: -0.02}", "effects.gyro_latency must be 0 to 10, not -0.02."),
+        ("effects: {saturation: -1}", "effects.saturation must be 0.01 to 1, not -1."),
+        ("effects: {electrical_lag: -1}", "effects.electrical_lag must be 0 to 10, not -1."),
+        ("effects: {command_loss: 2}", "effects.command_loss must be 0 to 1, not 2."),
+        ("effects: {coulomb_friction: -5}", "effects.coulomb_friction must be 0 to 1000, not -5."),
+        ("effects: {pose_latency: .inf}", "effects.pose_latency must be 0 to 10, not inf."),
+        ("effects: {turn_slip: .nan}", "effects.turn_slip must be 0 to 10, not nan."),
+        ("imperfections: {battery_sag: {size: 3}}", "imperfections.battery_sag.size must be 0 to 0.5, not 3."),
         ("effects: 3", "effects must be a section with some of: "),
         ("wheel: 3", "wheel is unknown. Known are: seed, robot"),
         ("robot: {wheel_radios: 3}", "robot.wheel_radios is unknown. Known are: wheel_radius"),
@@ -69,6 +94,7 @@ def test_a_mistake_is_named_with_its_remedy(tmp_path: Path, text: str, said: str
     path = written(tmp_path, text)
     with pytest.raises(SettingsError) as error:
         load_settings(path)
+    assert str(error.value).startswith(f"{path}: ")
     assert said in str(error.value)
     assert "\n" not in str(error.value)
 

@@ -58,4 +58,10 @@ def compiled_once(function: Callable[P, R]) -> Callable[P, R]:
                 fcntl.flock(held.enter_context((folder / "lock").open("w")), fcntl.LOCK_EX)
             return cast("R", result(*arguments, **options))
 
+    vars(called)["compiled"] = result
     return called
+
+
+def loaded(function: Callable[P, R]) -> Callable[P, R]:
+    """Return what `compiled_once` made, to be called without a detour; it must have been called once before."""
+    return cast("Callable[P, R]", getattr(function, "compiled", function))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import Annotated, Any, NamedTuple, TypeAlias, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,87 +11,93 @@ Floats: TypeAlias = NDArray[np.float64]
 
 
 class PlantParameters(NamedTuple):
-    """One robot; by default a typical one of the paper's model, with every effect neutral."""
+    """One robot; by default a typical one of the paper's model, with every effect neutral.
 
-    wheel_radius: float = 0.04  # m
-    k2_over_k3: float = 118.0  # rad/s^2
-    k1: float = 0.054  # s/rad
-    base_width: float = 0.161  # m
+    Beside each parameter stand the least and the largest value with which the plant's equations still make sense.
+    """
+
+    wheel_radius: Annotated[float, (1e-3, 100.0)] = 0.04  # m
+    k2_over_k3: Annotated[float, (1e-3, 1e6)] = 118.0  # rad/s^2
+    k1: Annotated[float, (1e-6, 1e3)] = 0.054  # s/rad
+    base_width: Annotated[float, (1e-3, 100.0)] = 0.161  # m
     # Battery and electronics.
-    battery_sag: float = 0.0  # 1, source resistance
-    battery_drift: float = 0.0  # 1, share of the voltage lost when the reference energy has been drawn
-    saturation: float = 1.0  # duty
-    current_limit: float = math.inf  # duty
-    slew_limit: float = math.inf  # duty/s
-    deadband: float = 0.0  # duty
-    command_delay: float = 0.0  # s
-    command_jitter: float = 0.0  # s
-    command_loss: float = 0.0  # 1, probability
-    turn_rate_limit: float = math.inf  # rad/s
-    electrical_lag: float = 0.0  # s
+    battery_sag: Annotated[float, (0.0, 0.5)] = 0.0  # 1, source resistance
+    battery_drift: Annotated[float, (0.0, 1.0)] = 0.0  # 1, share of the voltage lost with the reference energy
+    saturation: Annotated[float, (0.01, 1.0)] = 1.0  # duty
+    current_limit: Annotated[float, (1e-3, math.inf)] = math.inf  # duty
+    slew_limit: Annotated[float, (1e-3, math.inf)] = math.inf  # duty/s
+    deadband: Annotated[float, (0.0, 1.0)] = 0.0  # duty
+    command_delay: Annotated[float, (0.0, 10.0)] = 0.0  # s
+    command_jitter: Annotated[float, (0.0, 10.0)] = 0.0  # s
+    command_loss: Annotated[float, (0.0, 1.0)] = 0.0  # 1, probability
+    turn_rate_limit: Annotated[float, (1e-3, math.inf)] = math.inf  # rad/s
+    electrical_lag: Annotated[float, (0.0, 10.0)] = 0.0  # s
     # Motors and gearing.
-    coulomb_friction: float = 0.0  # rad/s^2
-    static_friction: float = 0.0  # rad/s^2
-    quadratic_drag: float = 0.0  # 1/rad
-    motor_gain_asymmetry: float = 0.0  # 1
-    back_emf_asymmetry: float = 0.0  # 1
-    motor_heating: float = 0.0  # 1
-    motor_coupling: float = 0.0  # 1
-    backlash: float = 0.0  # rad
-    payload_change_share: float = 0.0  # 1
-    payload_change_time: float = 0.0  # s
+    coulomb_friction: Annotated[float, (0.0, 1000.0)] = 0.0  # rad/s^2
+    static_friction: Annotated[float, (0.0, 1000.0)] = 0.0  # rad/s^2
+    quadratic_drag: Annotated[float, (0.0, 10.0)] = 0.0  # 1/rad
+    motor_gain_asymmetry: Annotated[float, (-0.9, 0.9)] = 0.0  # 1
+    back_emf_asymmetry: Annotated[float, (-0.9, 0.9)] = 0.0  # 1
+    motor_heating: Annotated[float, (-0.9, 10.0)] = 0.0  # 1
+    motor_coupling: Annotated[float, (-0.9, 0.9)] = 0.0  # 1
+    backlash: Annotated[float, (0.0, 6.3)] = 0.0  # rad
+    payload_change_share: Annotated[float, (-10.0, 0.9)] = 0.0  # 1
+    payload_change_time: Annotated[float, (0.0, math.inf)] = 0.0  # s
     # Wheels and ground.
-    wheel_radius_scale: float = 0.0  # 1
-    wheel_radius_asymmetry: float = 0.0  # 1
-    wheel_wobble_share: float = 0.0  # 1
-    wheel_wobble_phase: float = 0.0  # rad
-    turn_slip: float = 0.0  # s/rad
-    turn_asymmetry: float = 0.0  # 1
-    longitudinal_slip: float = 0.0  # s
-    lateral_skid: float = 0.0  # s
-    slope_x: float = 0.0  # rad/s^2
-    slope_y: float = 0.0  # rad/s^2
-    surface_change_k1: float = 0.0  # 1
-    surface_change_base_width: float = 0.0  # 1
-    surface_change_time: float = 0.0  # s
-    surface_patch_friction: float = 0.0  # rad/s^2
-    surface_patch_base_width: float = 0.0  # 1
-    surface_patch_x: float = 0.0  # m
-    surface_patch_y: float = 0.0  # m
-    surface_patch_radius: float = 0.4  # m
+    wheel_radius_scale: Annotated[float, (-0.9, 10.0)] = 0.0  # 1
+    wheel_radius_asymmetry: Annotated[float, (-0.9, 0.9)] = 0.0  # 1
+    wheel_wobble_share: Annotated[float, (-0.9, 0.9)] = 0.0  # 1
+    wheel_wobble_phase: Annotated[float, (-6.3, 6.3)] = 0.0  # rad
+    turn_slip: Annotated[float, (0.0, 10.0)] = 0.0  # s/rad
+    turn_asymmetry: Annotated[float, (-0.9, 0.9)] = 0.0  # 1
+    longitudinal_slip: Annotated[float, (0.0, 1.0)] = 0.0  # s
+    lateral_skid: Annotated[float, (-10.0, 10.0)] = 0.0  # s
+    slope_x: Annotated[float, (-1000.0, 1000.0)] = 0.0  # rad/s^2
+    slope_y: Annotated[float, (-1000.0, 1000.0)] = 0.0  # rad/s^2
+    surface_change_k1: Annotated[float, (-0.9, 10.0)] = 0.0  # 1
+    surface_change_base_width: Annotated[float, (-0.9, 10.0)] = 0.0  # 1
+    surface_change_time: Annotated[float, (0.0, math.inf)] = 0.0  # s
+    surface_patch_friction: Annotated[float, (0.0, 1000.0)] = 0.0  # rad/s^2
+    surface_patch_base_width: Annotated[float, (-0.9, 10.0)] = 0.0  # 1
+    surface_patch_x: Annotated[float, (-1e4, 1e4)] = 0.0  # m
+    surface_patch_y: Annotated[float, (-1e4, 1e4)] = 0.0  # m
+    surface_patch_radius: Annotated[float, (0.0, 1e4)] = 0.4  # m
     # Sensors.
-    encoder_scale: float = 0.0  # 1
-    encoder_asymmetry: float = 0.0  # 1
-    encoder_quantisation: float = math.inf  # ticks per turn
-    gyro_bias: float = 0.0  # rad/s
-    gyro_scale: float = 0.0  # 1
-    gyro_drift: float = 0.0  # rad/s in 100 s
-    gyro_latency: float = 0.0  # s
-    pose_latency: float = 0.0  # s
-    clock_skew: float = 0.0  # 1
-    pose_offset: float = 0.0  # m
-    pose_distortion: float = 0.0  # 1/m^2
+    encoder_scale: Annotated[float, (-0.9, 10.0)] = 0.0  # 1
+    encoder_asymmetry: Annotated[float, (-0.9, 0.9)] = 0.0  # 1
+    encoder_quantisation: Annotated[float, (1.0, math.inf)] = math.inf  # ticks per turn
+    gyro_bias: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/s
+    gyro_scale: Annotated[float, (-10.0, 10.0)] = 0.0  # 1
+    gyro_drift: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/s in 100 s
+    gyro_latency: Annotated[float, (0.0, 10.0)] = 0.0  # s
+    pose_latency: Annotated[float, (0.0, 10.0)] = 0.0  # s
+    clock_skew: Annotated[float, (-0.1, 0.1)] = 0.0  # 1
+    pose_offset: Annotated[float, (-100.0, 100.0)] = 0.0  # m
+    pose_distortion: Annotated[float, (-1.0, 1.0)] = 0.0  # 1/m^2
     # Other laws of friction than the effects': where it sets in smoothly, where it is larger at low speed.
-    friction_smoothing: float = 0.0  # rad/s
-    friction_bump: float = 0.0  # 1
-    stribeck_shape: float = 2.0  # 1
-    viscous_friction: float = 0.0  # 1/s
+    friction_smoothing: Annotated[float, (0.0, 1000.0)] = 0.0  # rad/s
+    friction_bump: Annotated[float, (0.0, 1000.0)] = 0.0  # 1
+    stribeck_shape: Annotated[float, (0.01, 100.0)] = 2.0  # 1
+    viscous_friction: Annotated[float, (0.0, 1000.0)] = 0.0  # 1/s
     # What no effect describes.
-    cubic_motor: float = 0.0  # 1
-    weak_reverse: float = 0.0  # 1
-    torque_ripple: float = 0.0  # 1
-    coasting: float = 0.0  # 1
-    caster_flip: float = 0.0  # rad/s
-    traction_loss: float = 0.0  # 1/s
-    side_wind: float = 0.0  # m/s
-    side_wind_direction: float = 0.0  # rad
-    floor_camber: float = 0.0  # rad/m
-    encoder_miscount: float = 0.0  # 1
-    gyro_magnetism: float = 0.0  # rad/s
-    pose_heading_warp: float = 0.0  # rad
+    cubic_motor: Annotated[float, (-1.0, 1.0)] = 0.0  # 1
+    weak_reverse: Annotated[float, (-1.0, 1.0)] = 0.0  # 1
+    torque_ripple: Annotated[float, (-1.0, 1.0)] = 0.0  # 1
+    coasting: Annotated[float, (0.0, 1.0)] = 0.0  # 1
+    caster_flip: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/s
+    traction_loss: Annotated[float, (0.0, 1000.0)] = 0.0  # 1/s
+    side_wind: Annotated[float, (-100.0, 100.0)] = 0.0  # m/s
+    side_wind_direction: Annotated[float, (-6.3, 6.3)] = 0.0  # rad
+    floor_camber: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/m
+    encoder_miscount: Annotated[float, (0.0, 1.0)] = 0.0  # 1
+    gyro_magnetism: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/s
+    pose_heading_warp: Annotated[float, (-6.3, 6.3)] = 0.0  # rad
 
 
 NEUTRAL = PlantParameters()
+RANGES: Mapping[str, tuple[float, float]] = {  # least and largest value, by name
+    name: hint.__metadata__[0] for name, hint in get_type_hints(PlantParameters, include_extras=True).items()
+}
 # The one object for all records: compiled functions compare another one to it at every call, field by field.
 _RECORD = np.dtype([(name, np.float64) for name in PlantParameters._fields])
 

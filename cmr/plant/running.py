@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cmr.plant.compiling import compiled_once
+from cmr.plant.compiling import compiled_once, loaded
 from cmr.plant.motors import switched, wanted_duties
 from cmr.plant.parameters import Floats, PlantParameters, as_records
 from cmr.plant.physics import advance, disturbed_by
@@ -96,6 +96,7 @@ class RunningRobot:
         self._drawn = 0
         self._duties = np.zeros(2)
         self._load()
+        self._go_on = loaded(go_on)
 
     def drive(self, left: float, right: float) -> None:
         """Have the motors get these duties from now on."""
@@ -109,7 +110,9 @@ class RunningRobot:
             if time - self.time > STEP:
                 end = min(time, self.time + MOST_STEPS * STEP)
                 steps = max(1, math.ceil((end - self.time) / STEP - 1e-6))
-            go_on(self._records, self.carried, self._duties, (self.time, end), self._noise, self._next_draws(steps))
+            self._go_on(
+                self._records, self.carried, self._duties, (self.time, end), self._noise, self._next_draws(steps)
+            )
             self.time = end
 
     def _load(self) -> None:

@@ -19,6 +19,7 @@ from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 
 CHECK_PERIOD = 0.2  # s between looks at whether the emulated robot still runs
+IDEAL_HELP = "no effects and imperfections but the noise of the sensors, and what FILE.yaml of --settings hides"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -29,7 +30,7 @@ def main(arguments: list[str]) -> int:
     """
     options = _options(arguments)
     try:
-        settings = _settings(options)
+        settings = load_settings(options.settings, seed=options.seed, ideal=options.ideal)
         ports = Ports(Path(options.ports or _default_folder(options.robot)), ("motor", "gyro"))
         if options.no_pose:
             return _run_without_bus(options, settings, ports)
@@ -49,7 +50,7 @@ def _options(arguments: list[str]) -> Namespace:
     options.add_argument("--controller", choices=sorted(CONTROLLER_DEVICES), default="roboclaw", help="on port motor")
     options.add_argument("--gyro", choices=sorted(GYRO_DEVICES), default="dsp3000", help="on port gyro")
     options.add_argument("--settings", type=Path, metavar="FILE.yaml", help="what differs from the default robot")
-    options.add_argument("--ideal", action="store_true", help="no imperfections but the noise of the sensors")
+    options.add_argument("--ideal", action="store_true", help=IDEAL_HELP)
     options.add_argument("--seed", type=int, metavar="N", help="of all random numbers, instead of that of the settings")
     options.add_argument("--ports", type=Path, metavar="DIR", help=f"folder for the ports; else {_default_folder(0)}")
     options.add_argument("--pose-rate", type=float, default=50.0, metavar="HZ", help="rate of POSE_N")
@@ -62,11 +63,6 @@ def _options(arguments: list[str]) -> Namespace:
 
 def _default_folder(robot_id: int) -> Path:
     return Path(tempfile.gettempdir()) / f"cmr-robot-{robot_id}"
-
-
-def _settings(options: Namespace) -> Settings:
-    settings = load_settings(options.settings, seed=options.seed)
-    return settings.ideal() if options.ideal else settings
 
 
 def _devices(options: Namespace, settings: Settings, plant: Plant) -> dict[str, Device]:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias, TypeVar, get_type_hints
 
 import yaml
 
-from cmr.plant.parameters import PlantParameters, plant_parameters
+from cmr.plant.parameters import RANGES, PlantParameters, plant_parameters
 
 DEFAULT_FILE = Path(__file__).with_name("default.yaml")
 
@@ -240,7 +240,11 @@ class Settings:
         for name, value in self.effects.items():
             if name not in EFFECT_PARAMETERS:
                 raise SettingsError(f"effects.{name} is unknown. Known are: {', '.join(EFFECT_PARAMETERS)}.")
-            _require(not math.isnan(value), self, f"effects.{name}", "a number")
+            _require_possible(name, value, f"effects.{name}")
+        for name in IMPERFECTIONS_OF_PLANT:
+            _require_possible(name, getattr(self.imperfections, name).size, f"imperfections.{name}.size")
+        ticks = self.imperfections.encoder_quantisation.ticks_per_turn
+        _require_possible("encoder_quantisation", ticks, "imperfections.encoder_quantisation.ticks_per_turn")
 
     @property
     def plant(self) -> PlantParameters:
@@ -257,24 +261,27 @@ class Settings:
         return {name: getattr(self.robot, name) for name in ("k2_over_k3", "k1", "base_width")}
 
     def ideal(self) -> "Settings":
-        """Return a copy without the imperfections that the paper's model does not know; sensor noise stays."""
+        """Return a copy without effects and imperfections that the paper's model does not know; sensor noise stays."""
         return dataclasses.replace(self, imperfections=self.imperfections.ideal(), effects={})
 
 
-def load_settings(path: Path | None = None, *, seed: int | None = None) -> Settings:
+def load_settings(path: Path | None = None, *, seed: int | None = None, ideal: bool = False) -> Settings:
     """Read settings: those of default.yaml, replaced where the file at `path` or `seed` says otherwise.
 
+    `ideal`: those of default.yaml without its effects and imperfections; what the file says counts all the same.
     Raises SettingsError when the file cannot be read, is not YAML, or holds an unknown key or an impossible value.
     """
     values = _read(DEFAULT_FILE)
-    if path is not None:
-        try:
+    if ideal:
+        values = dataclasses.asdict(parse_settings(values).ideal())
+    try:
+        if path is not None:
             values = _merge(values, _read(path), "")
-        except SettingsError as error:
-            raise SettingsError(f"{path}: {error}") from error
-    if seed is not None:
-        values["seed"] = seed
-    return parse_settings(values)
+        if seed is not None:
+            values["seed"] = seed
+        return parse_settings(values)
+    except SettingsError as error:
+        raise SettingsError(f"{path or DEFAULT_FILE}: {error}") from error
 
 
 def parse_settings(values: dict[str, Any]) -> Settings:
@@ -359,6 +366,14 @@ def _scalar(kind: type, value: Any, name: str) -> Any:
 def _require(holds: bool, section: object, name: str, expected: str) -> None:
     if not holds:
         raise SettingsError(f"{type(section).__name__.lower()}: {name} must be {expected}.")
+
+
+def _require_possible(parameter: str, value: float, name: str) -> None:
+    """Raise SettingsError unless the plant can have this value of a parameter."""
+    least, largest = RANGES[parameter]
+    if not least <= value <= largest:
+        limit = f"{least:g} to {largest:g}" if math.isfinite(largest) else f"{least:g} or more"
+        raise SettingsError(f"{name} must be {limit}, not {value:g}.")
 
 
 def _require_positive(section: object, *names: str) -> None:
