@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from cmr.bus.messages import make
 from cmr.msg import gyro_t
 from robot_driver.clock import Stamps
 from robot_driver.clock_fit import ClockFit
@@ -161,11 +160,10 @@ class GyroDevice(Device):
 
     def _message(self, reading: GyroReading, measured: int, arrived: int) -> Any:
         pace = self._clock_fit.pace if reading.per_period and self._clock_fit else 1.0
-        return make(
-            gyro_t,
-            utime=self._stamps.next(measured),
-            robot_id=self._robot_id,
-            yaw_rate=self._sign * pace * reading.yaw_rate,
-            valid=int(reading.valid),
-            received_utime=self._host.utime_at(arrived),
-        )
+        message = gyro_t()  # not by `make`, which takes its time: there may be 5,000 a second
+        message.utime = self._stamps.next(measured)
+        message.robot_id = self._robot_id
+        message.yaw_rate = self._sign * pace * reading.yaw_rate
+        message.valid = int(reading.valid)
+        message.received_utime = self._host.utime_at(arrived)
+        return message

@@ -100,7 +100,7 @@ class SerialPort:
 
         Raises PortLost.
         """
-        line = self._opened()
+        line = self._line or self._opened()
         try:
             data = line.read(most, timeout)
         except PORT_ERRORS as error:
@@ -126,7 +126,10 @@ class SerialPort:
             raise
         if request.then is None:
             return answer
-        further = self.exchange(replace(request.then(answer.value), not_after=request.not_after))
+        further_request = request.then(answer.value)
+        if further_request.not_after != request.not_after:
+            further_request = replace(further_request, not_after=request.not_after)
+        further = self.exchange(further_request)
         measured = answer.measured if request.confirms else (answer.measured + further.measured) // 2
         return Answer(further.value, measured, further.arrived)
 
@@ -169,8 +172,9 @@ class SerialPort:
             if not data:
                 raise BadReply(f"{request.name}: {len(reply)} bytes came in time, at least {missing} are missing.")
             reply += data
-            began = began or self.host.monotonic_ns() - int(1e9 * self.wire_time(len(data)))
-            piece_deadline = self.host.monotonic() + REPLY_MARGIN
+            if began is None:
+                began = self.host.monotonic_ns() - int(1e9 * self.wire_time(len(data)))
+            piece_deadline = self._last_traffic + REPLY_MARGIN
             deadline = piece_deadline if request.ends_in_silence else max(deadline, piece_deadline)
         arrived = self.host.monotonic_ns()
         # The device looks between the last byte of the request and the first of the reply: midway, as both ends'

@@ -84,17 +84,18 @@ class Stream:
             message = _message(data[start:end], len(data) - start)
             position = start + 1  # within a damaged message the next whole one may begin
             if message is not None:
-                complete += [*self._answers(data[text:start]), message]
+                if text < start:
+                    complete += self._answers(data[text:start])
+                complete.append(message)
                 self._line = b""  # what stood before a message is not the beginning of an answer
                 text = position = end
         end = len(data) if beginning is None else beginning.start()
-        complete += self._answers(data[text:end])
+        if text < end:
+            complete += self._answers(data[text:end])
         self._waiting = data[end:]
         return complete
 
     def _answers(self, text: bytes) -> list[Answer]:
-        if not text:
-            return []
         *lines, rest = re.split(rb"[\r\n]", self._line + text)
         self._line = rest[-LONGEST_LINE:]
         matches = [_ANSWER.search(line[-LONGEST_LINE:]) for line in lines]

@@ -62,12 +62,17 @@ class SimulatedHost(Host):
     def arrive(self, name: str, data: bytes) -> None:
         """Have bytes of the robot arrive at a port."""
         self.follow_robot()
-        self._lines[name].arrive(data)
+        line = self._lines[name]
+        if line.is_open:
+            line.arrived += data
+            self.wake(line)
 
     def follow_robot(self) -> None:
         """Let time pass until what the robot does just now; called before anybody here sees it."""
         assert self._robot is not None
-        self._now = max(self._now, SWITCHED_ON + math.ceil(self._robot.now * SECOND))
+        now = SWITCHED_ON + math.ceil(self._robot.now * SECOND)
+        if now > self._now:
+            self._now = now
 
     def robot_time(self) -> float:
         """Return the time since the robot was switched on (s)."""
@@ -202,30 +207,24 @@ class SimulatedHost(Host):
 
 
 class SimulatedLine:
-    """A port of the simulated computer."""
+    """A port of the simulated computer; what has `arrived` waits to be read."""
 
     def __init__(self, host: SimulatedHost, name: str, adapter: UsbAdapter | OwnUsb) -> None:
         self._host = host
         self._name = name
         self._adapter = adapter
-        self._arrived = bytearray()
-        self._is_open = False
+        self.arrived = bytearray()
+        self.is_open = False
 
     def opened(self) -> "SimulatedLine":
         """Return this, open; it kept nothing from before."""
-        self._arrived.clear()
-        self._is_open = True
+        self.arrived.clear()
+        self.is_open = True
         return self
 
     def close(self) -> None:
         """Give the port up; what comes from now on is lost."""
-        self._is_open = False
-
-    def arrive(self, data: bytes) -> None:
-        """Take what the robot sends."""
-        if self._is_open:
-            self._arrived += data
-            self._host.wake(self)
+        self.is_open = False
 
     def write(self, data: bytes) -> None:
         """Send to the robot."""
@@ -233,9 +232,9 @@ class SimulatedLine:
 
     def read(self, most: int, timeout: float) -> bytes:
         """Return what has arrived, up to `most` bytes, as soon as there is any; b"" after `timeout` seconds."""
-        if not self._arrived and timeout > 0.0:
+        arrived = self.arrived
+        if not arrived and timeout > 0.0:
             self._host.wait(timeout, self)
-        arrived = self._arrived
         if len(arrived) <= most:
             data = bytes(arrived)
             arrived.clear()
