@@ -122,19 +122,19 @@ class RunningRobot:
 
     def advance(self, time: float) -> None:
         """Let the world go on until `time` [s]; a time that has passed changes nothing."""
-        while self.time < time:
+        while (now := self.time) < time:
             end, steps = time, 1
-            if time - self.time > STEP:
-                end = min(time, self.time + MOST_STEPS * STEP)
-                steps = max(1, math.ceil((end - self.time) / STEP - 1e-6))
-            self._go_on(
-                self._records, self.carried, self._duties, (self.time, end), self._noise, self._next_draws(steps)
-            )
+            if time - now > STEP:
+                end = min(time, now + MOST_STEPS * STEP)
+                steps = max(1, math.ceil((end - now) / STEP - 1e-6))
+            draws = self._next_draws(steps)
+            self._go_on(self._records, self.carried, self._duties, (now, end), self._noise, draws)
             self.time = end
 
     def _load(self) -> None:
         """Compile or load what lets time pass before anybody waits for it."""
         switch(self._records, self.carried.copy(), self._duties)
+        electrics_of(self._records, self.carried, 0.0)
         go_on(self._records, self.carried.copy(), self._duties, (0.0, STEP), self._noise, np.zeros((1, 6)))
 
     def _next_draws(self, steps: int) -> Floats:

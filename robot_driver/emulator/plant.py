@@ -69,6 +69,7 @@ class Plant:
         self._electrics = settings.electrics
         self._commanded = CommandedRobot(self._running, self.parameters, Random(f"{settings.seed} commands"))
         self._turned, self._counted, self._counted_at = [0.0, 0.0], [0.0, 0.0], 0.0
+        self._remembers = self.parameters.gyro_latency != 0.0
         self._headings: deque[tuple[float, float]] = deque([(0.0, robot.theta)])
 
     @property
@@ -120,7 +121,7 @@ class Plant:
     def advance(self, time: float) -> None:
         """Let the world go on until `time` (s); a time that has passed changes nothing."""
         self._commanded.advance(time)
-        if self.parameters.gyro_latency:
+        if self._remembers:
             self._headings.append((self.time, self.theta))
             while self._headings[0][0] < self.time - 2.0 * self.parameters.gyro_latency - STEP:
                 self._headings.popleft()

@@ -50,8 +50,7 @@ class SimulatedHost(Host):
         self._order = itertools.count(1)
         self._running = _Thread("main", seed)
         self._threads = [self._running]
-        self._following = self._running  # who goes on first, unless somebody was woken since
-        self._woken = True
+        self._following = self._running  # who goes on first, while time passes
         self._failures: list[BaseException] = []
 
     def plug_in(self, robot: RobotInTime, adapters: dict[str, UsbAdapter | OwnUsb]) -> None:
@@ -181,24 +180,24 @@ class SimulatedHost(Host):
             if thread.waits_for is reason:
                 due = self._now + self.lateness.of_waking(thread.random)
                 thread.due, thread.waits_for = min(thread.due, (due, next(self._order))), None
-                self._woken = True
+                if thread.due < self._following.due:
+                    self._following = thread
                 if self._robot is not None:
                     self._robot.until = min(self._robot.until, (thread.due[0] - SWITCHED_ON) / SECOND)
 
     def _let_happen(self) -> _Thread:
         """Let time pass until a thread goes on; return it."""
         robot = self._robot
+        self._following = min(self._threads, key=_DUE)
         while True:
-            if self._woken or self._following.ended:
-                self._following, self._woken = min(self._threads, key=_DUE), False
-            following = self._following
+            following, (due, order) = self._following, self._following.due
             if robot is not None:
-                robot.let_happen((following.due[0] - SWITCHED_ON) / SECOND)
-            if self._woken:
-                continue
-            assert following.due[0] < NEVER, "all threads wait for ever"
-            self._now = max(self._now, following.due[0])
-            following.waits_for, self._woken = None, True
+                robot.let_happen((due - SWITCHED_ON) / SECOND)
+            if self._following is not following or following.due[1] != order:
+                continue  # somebody was woken meanwhile
+            assert due < NEVER, "all threads wait for ever"
+            self._now = max(self._now, due)
+            following.waits_for = None
             return following
 
     def _hand_over(self, thread: _Thread) -> None:
