@@ -23,8 +23,9 @@ class Lateness:
 
     def of_waking(self, random: Random) -> int:
         """Draw by how much a thread runs late (ns)."""
-        late = self.waking * (0.5 + random.random())
-        if self.busy and random.random() < self.busy:
+        draw = random.random
+        late = self.waking * (0.5 + draw())
+        if self.busy and draw() < self.busy:
             late += random.expovariate(1.0 / self.held_up)
         return int(1e9 * late)
 
