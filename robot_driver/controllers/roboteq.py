@@ -205,7 +205,7 @@ class Roboteq(Controller):
             if answer.endswith(END) or len(reply) >= longest:
                 return 0
             if least_values and answer.startswith(name):
-                return _missing_of_values(answer, len(name), least_values)
+                return min(_missing_of_values(answer, len(name), least_values), longest - len(reply))
             return 1 if answer else len(DONE)
 
         def checked(reply: bytes) -> T:
