@@ -78,7 +78,7 @@ class ClockFit:
         points = [(number + self._missing, latest) for number, latest in readings]
         for point in points:
             self._add(point)
-        self._arrivals.append(points[-1])
+        self._arrivals.append(point)
         at, time, slope = self._line()
         newest, latest = points[-1]
         # Those before are no earlier than the line, so that what is missing delays the newest by as much, at least.

@@ -142,12 +142,13 @@ class GyroDevice(Device):
     def _measured(self, readings: list[GyroReading], arrived: int) -> list[int]:
         """Return when readings that came together were taken (monotonic ns), as well as can be known."""
         numbered = []
+        wire_time = self._port.wire_time
         for reading in readings:
             lost = reading.lost_before
             self._count += lost + 1  # lost ones are counted too
             if lost:
                 self.counts["lost"] += lost
-            numbered.append((self._count, arrived - round(self._port.wire_time(reading.bytes_since) * 1e9)))
+            numbered.append((self._count, arrived - round(wire_time(reading.bytes_since) * 1e9)))
         if self._gyro.nominal_rate:
             self._clock_fit = self._clock_fit or ClockFit(self._gyro.nominal_rate, self._gyro.unnoticed)
             fitted = self._clock_fit.times_of(numbered)

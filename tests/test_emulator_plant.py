@@ -163,6 +163,49 @@ def test_battery_sag_takes_the_set_share_from_one_stalled_motor_at_full_duty() -
     assert plant.battery_voltage() == pytest.approx(settings.electrics.battery_voltage * 0.75)
 
 
+def test_battery_drift_lowers_the_voltage_by_what_has_been_drawn() -> None:
+    plant = Plant(hiding(battery_drift=0.5))
+    plant.command(0.5, 0.5)
+    voltages = [plant.battery_voltage()]
+    for time in (1.0, 2.0):
+        plant.advance(time)
+        voltages.append(plant.battery_voltage())
+    assert voltages[0] == plain().electrics.battery_voltage
+    assert voltages[0] > voltages[1] > voltages[2] > 0.9 * voltages[0]
+
+
+@pytest.mark.parametrize("effect", ["encoder_scale", "encoder_asymmetry", "encoder_miscount"])
+def test_the_speeds_of_the_encoders_are_those_of_their_counts(effect: str) -> None:
+    plant = Plant(hiding(**{effect: 0.1}))
+    plant.command(0.9, 0.8)
+    plant.advance(5.0)  # no wheel gains any more speed
+    before = plant.encoder_counts()
+    for step in range(1, 101):
+        plant.advance(5.0 + 0.01 * step)
+        after = plant.encoder_counts()
+    counted = [later - earlier for earlier, later in zip(before, after, strict=True)]
+    assert plant.encoder_speeds() == pytest.approx(counted, abs=1.0)
+    true = [wheel.velocity * plain().robot.ticks_per_turn / (2.0 * math.pi) for wheel in (plant.left, plant.right)]
+    assert all(abs(speed / exact - 1.0) > 0.05 for speed, exact in zip(plant.encoder_speeds(), true, strict=True))
+
+
+def test_the_currents_are_those_of_unequal_motors() -> None:
+    stall = plain().electrics.stall_current
+    for effects, expected in (
+        ({}, (stall, stall)),
+        ({"motor_gain_asymmetry": 0.1}, (1.1 * stall, 0.9 * stall)),
+        ({"saturation": 0.6}, (0.6 * stall, 0.6 * stall)),
+        ({"current_limit": 0.3}, (0.3 * stall, 0.3 * stall)),
+    ):
+        plant = Plant(hiding(**effects))
+        plant.command(1.0, 1.0)
+        assert plant.motor_currents() == pytest.approx(expected)
+    plant = Plant(hiding(back_emf_asymmetry=0.1))
+    plant.left.velocity = plant.right.velocity = 10.0
+    k1 = plain().robot.k1
+    assert plant.motor_currents() == pytest.approx((-11.0 * k1 * stall, -9.0 * k1 * stall))
+
+
 def test_command_delay_puts_the_same_motion_off() -> None:
     late, prompt = Plant(with_one("command_delay", enabled=True, size=0.03)), Plant(plain())
     for plant in (late, prompt):

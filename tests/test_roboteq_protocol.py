@@ -102,6 +102,17 @@ def test_an_answer_is_found_in_pieces_of_any_size_with_and_without_echo(
     assert request.parse(reply) == expected
 
 
+@pytest.mark.parametrize("answer", [b"C=0:0\r", b"C=-12:345\r", b"C=1234567890:-1234567890\r"])
+def test_of_an_answer_as_much_is_read_at_once_as_is_surely_missing(answer: bytes) -> None:
+    missing = Roboteq().read_encoders().missing
+    asked = [missing(answer[:length]) for length in range(len(answer) + 1)]
+    assert all(asked[length] <= len(answer) - length for length in range(len(answer) + 1))
+    assert asked[0] == len(b"-\r")  # it may be refused
+    assert asked[len(b"C=")] == len(b"0:0\r")
+    assert asked[answer.index(b":") + 1] == len(b"0\r")
+    assert asked[-1] == 0
+
+
 @given(st.sampled_from(ORDER), st.binary(max_size=120))
 def test_garbage_is_refused_and_never_waited_for_without_end(line: bytes, garbage: bytes) -> None:
     request = every_request(Roboteq())[line]

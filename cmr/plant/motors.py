@@ -79,10 +79,16 @@ def given(p: PlantParameters, side: Side) -> float:
 
 
 @compiled
-def driving(p: PlantParameters, s: float, side: Side, q: float, energy: float, t: float) -> float:
-    """Return the acceleration that motor and drag give one side [rad/s^2]."""
+def supply(p: PlantParameters, q: float, energy: float) -> float:
+    """Return the battery's voltage as a share of that without load, when full."""
     # battery_sag: V = u (1 - R q); battery_drift: V = u (1 - k E / E_ref).
-    v = given(p, side) * (1.0 - p.battery_sag * q) * (1.0 - p.battery_drift * energy / REFERENCE_ENERGY)
+    return (1.0 - p.battery_sag * q) * (1.0 - p.battery_drift * energy / REFERENCE_ENERGY)
+
+
+@compiled
+def current(p: PlantParameters, s: float, side: Side, q: float, energy: float, t: float) -> float:
+    """Return the current of one motor as a share of that when it is stalled at full duty."""
+    v = given(p, side) * supply(p, q, energy)
     # saturation: V clipped to +-V_max; motor_gain_asymmetry: V (1 + s g).
     v = clip(v, p.saturation) * (1.0 + s * p.motor_gain_asymmetry)
     # back_emf_asymmetry: K1 (1 + s g); motor_heating: K1 (1 + h H); surface_change: K1 (1 + e) after T.
@@ -92,10 +98,17 @@ def driving(p: PlantParameters, s: float, side: Side, q: float, energy: float, t
     # coasting: K1 (1 - c) while no duty is given.
     if abs(side.u) < IDLE:
         k1 *= 1.0 - p.coasting
+    # current_limit: abs(V - K1 psi) <= I_max.
+    return clip(v - k1 * side.psi, p.current_limit)
+
+
+@compiled
+def driving(p: PlantParameters, s: float, side: Side, q: float, energy: float, t: float) -> float:
+    """Return the acceleration that motor and drag give one side [rad/s^2]."""
     # payload_change: a (1 - p) after T.
     a = p.k2_over_k3 * (1.0 - p.payload_change_share) if t >= p.payload_change_time else p.k2_over_k3
-    # current_limit: abs(V - K1 psi) <= I_max.  quadratic_drag: domega -= k psi abs(psi).
-    acceleration = a * clip(v - k1 * side.psi, p.current_limit) - p.quadratic_drag * side.psi * abs(side.psi)
+    # quadratic_drag: domega -= k psi abs(psi).
+    acceleration = a * current(p, s, side, q, energy, t) - p.quadratic_drag * side.psi * abs(side.psi)
     acceleration -= p.viscous_friction * side.psi
     return acceleration + side.torque * min(1.0, abs(side.psi) / FELT_SPEED)
 

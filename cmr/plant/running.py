@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cmr.plant.compiling import compiled_once, loaded
-from cmr.plant.motors import switched, wanted_duties
+from cmr.plant.motors import current, load, supply, switched, wanted_duties
 from cmr.plant.parameters import Floats, PlantParameters, as_records
 from cmr.plant.physics import advance, disturbed_by
 from cmr.plant.state import Body, Robot, Side, at_rest
@@ -73,6 +73,19 @@ def switch(records: Any, carried: Floats, duties: Floats) -> None:
         carried[k], carried[k + 1] = now[0], now[1]
 
 
+@compiled_once
+def electrics_of(records: Any, carried: Floats, t: float) -> tuple[float, float, float]:
+    """Return the battery's voltage and the currents of both motors (left, right) at t [s].
+
+    As shares: of the voltage without load, when full, and of the current of a motor stalled at full duty.
+    """
+    p, c = records[0], carried
+    left = Side(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9])
+    right = Side(c[10], c[11], c[12], c[13], c[14], c[15], c[16], c[17], c[18], c[19])
+    q, energy = load(p, left.u, right.u, left.psi, right.psi), c[24]
+    return supply(p, q, energy), current(p, 1.0, left, q, energy, t), current(p, -1.0, right, q, energy, t)
+
+
 class RunningRobot:
     """The plant at `time` [s since it was at rest at `pose`]; `carried` is ordered as PLACES.
 
@@ -103,21 +116,25 @@ class RunningRobot:
         self._duties[:] = left, right
         switch(self._records, self.carried, self._duties)
 
+    def electrics(self) -> tuple[float, float, float]:
+        """Return the battery's voltage and both motors' currents, as `electrics_of` does."""
+        return electrics_of(self._records, self.carried, self.time)
+
     def advance(self, time: float) -> None:
         """Let the world go on until `time` [s]; a time that has passed changes nothing."""
-        while self.time < time:
+        while (now := self.time) < time:
             end, steps = time, 1
-            if time - self.time > STEP:
-                end = min(time, self.time + MOST_STEPS * STEP)
-                steps = max(1, math.ceil((end - self.time) / STEP - 1e-6))
-            self._go_on(
-                self._records, self.carried, self._duties, (self.time, end), self._noise, self._next_draws(steps)
-            )
+            if time - now > STEP:
+                end = min(time, now + MOST_STEPS * STEP)
+                steps = max(1, math.ceil((end - now) / STEP - 1e-6))
+            draws = self._next_draws(steps)
+            self._go_on(self._records, self.carried, self._duties, (now, end), self._noise, draws)
             self.time = end
 
     def _load(self) -> None:
         """Compile or load what lets time pass before anybody waits for it."""
         switch(self._records, self.carried.copy(), self._duties)
+        electrics_of(self._records, self.carried, 0.0)
         go_on(self._records, self.carried.copy(), self._duties, (0.0, STEP), self._noise, np.zeros((1, 6)))
 
     def _next_draws(self, steps: int) -> Floats:

@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from cmr.plant.parameters import Floats, PlantParameters
 
+Number = TypeVar("Number", float, Floats)  # of one moment, or of many
 TURN = 2.0 * math.pi
 MISCOUNTING_SPEEDS = (6.0, 12.0)  # rad/s; between them an encoder begins to miss counts
 WARP_LENGTH = 1.5  # m; over which the error of the pose's heading repeats
@@ -58,8 +60,8 @@ REALISTIC = Noise(
 
 
 def ticks(
-    p: PlantParameters, s: float, phi: Floats, ticks_per_turn: float, nominal: float, phase: float = 0.0
-) -> Floats:
+    p: PlantParameters, s: float, phi: Number, ticks_per_turn: float, nominal: float, phase: float = 0.0
+) -> Number:
     """Return the count of one side's encoder, in ticks of which the driver believes `nominal` make a turn.
 
     `phase` [ticks of the disc, 0 to 1] tells how near to the next tick the wheel stood at the start.
@@ -68,16 +70,21 @@ def ticks(
     """
     turns = phi / TURN * (1.0 + p.encoder_scale) * (1.0 + s * p.encoder_asymmetry)
     disc = min(ticks_per_turn, p.encoder_quantisation)
-    return turns * nominal if math.isinf(disc) else np.floor(turns * disc + phase) * (nominal / disc)
+    return turns * nominal if math.isinf(disc) else np.floor(turns * disc + phase) * nominal / disc
+
+
+def missed(p: PlantParameters, speed: Number) -> Number:
+    """Return the share of its counts that an encoder misses at this speed [rad/s]. encoder_miscount: m at speed."""
+    share: Number = p.encoder_miscount * np.interp(abs(speed), MISCOUNTING_SPEEDS, (0.0, 1.0))
+    return share
 
 
 def counted(p: PlantParameters, phi: Floats, time: Floats) -> Floats:
-    """Return the angle that the encoder would count without steps. encoder_miscount: a share m is missed at speed."""
+    """Return the angle that the encoder would count without steps."""
     if p.encoder_miscount == 0.0:
         return phi
     turned, duration = np.diff(phi, prepend=0.0), np.diff(time, prepend=-1.0)
-    missed = p.encoder_miscount * np.interp(np.abs(turned / duration), MISCOUNTING_SPEEDS, (0.0, 1.0))
-    return np.asarray(np.cumsum(turned * (1.0 - missed)))
+    return np.asarray(np.cumsum(turned * (1.0 - missed(p, turned / duration))))
 
 
 def wheel_speed(count: Floats, time: Floats, nominal: float) -> Floats:
@@ -93,14 +100,19 @@ def gyro_time(p: PlantParameters, time: Floats) -> Floats:
 def gyro(
     p: PlantParameters, time: Floats, w: Floats, theta: Floats, noise: Noise, random: np.random.Generator
 ) -> Floats:
-    """Return what the gyro says at `time` when the robot turns with `w` at heading `theta`.
+    """Return what the gyro says at `time` when the robot turns with `w` at heading `theta`."""
+    measured = rate_seen(p, time, w, theta)
+    steps = np.sqrt(np.diff(time, prepend=0.0)) * random.standard_normal(len(time))
+    return measured + noise.gyro_walk * np.cumsum(steps) + noise.gyro * random.standard_normal(len(time))
+
+
+def rate_seen(p: PlantParameters, time: Number, w: Number, theta: Number) -> Number:
+    """Return what the gyro would say without noise.
 
     gyro_scale: w (1 + e); gyro_bias: + B; gyro_drift: + D t / 100 s; gyro_magnetism: + M sin(2 theta).
     """
     measured = w * (1.0 + p.gyro_scale) + p.gyro_bias + p.gyro_drift * time / 100.0
-    measured = measured + p.gyro_magnetism * np.sin(2.0 * theta)
-    steps = np.sqrt(np.diff(time, prepend=0.0)) * random.standard_normal(len(time))
-    return measured + noise.gyro_walk * np.cumsum(steps) + noise.gyro * random.standard_normal(len(time))
+    return measured + p.gyro_magnetism * np.sin(2.0 * theta) if p.gyro_magnetism else measured
 
 
 def pose_time(p: PlantParameters, time: Floats) -> Floats:
@@ -122,25 +134,17 @@ def pose(
     return x, y, np.remainder(theta + math.pi, TURN) - math.pi
 
 
-def seen(p: PlantParameters, x: Floats, y: Floats, theta: Floats) -> tuple[Floats, Floats, Floats]:
+def seen(p: PlantParameters, x: Number, y: Number, theta: Number) -> tuple[Number, Number, Number]:
     """Return what the external localisation would say without noise, the heading unwrapped.
 
     pose_offset: the tracked point sits m ahead of the turning centre; pose_distortion: p (1 + k abs(p)^2);
     pose_heading_warp: theta + A sin(2 pi x / 1.5 m).
     """
-    x, y = x + p.pose_offset * np.cos(theta), y + p.pose_offset * np.sin(theta)
-    theta = theta + p.pose_heading_warp * np.sin(TURN * x / WARP_LENGTH)
-    stretch = 1.0 + p.pose_distortion * (x**2 + y**2)
-    return x * stretch, y * stretch, theta
-
-
-def seen_at(p: PlantParameters, x: float, y: float, theta: float) -> tuple[float, float, float]:
-    """Return the same as `seen`, of one pose."""
     if p.pose_offset:
-        x, y = x + p.pose_offset * math.cos(theta), y + p.pose_offset * math.sin(theta)
+        x, y = x + p.pose_offset * np.cos(theta), y + p.pose_offset * np.sin(theta)
     if p.pose_heading_warp:
-        theta += p.pose_heading_warp * math.sin(TURN * x / WARP_LENGTH)
-    stretch = 1.0 + p.pose_distortion * (x * x + y * y)
+        theta = theta + p.pose_heading_warp * np.sin(TURN * x / WARP_LENGTH)
+    stretch = 1.0 + p.pose_distortion * (x**2 + y**2)
     return x * stretch, y * stretch, theta
 
 

@@ -198,15 +198,15 @@ class Roboteq(Controller):
     ) -> Request[T]:
         """Return a request for one line, with or without echo before its answer."""
         line = command.encode("ascii")
-        name = line[1:] + b"="
+        name, longest = line[1:] + b"=", len(line) + len(END) + longest_answer
 
         def missing(reply: bytes) -> int:
-            answer = _without_echo(line, reply)
-            if answer.endswith(END) or len(reply) >= len(line) + len(END) + longest_answer:
+            answer = _without_echo(line, reply) if reply.startswith(line) else reply
+            if answer.endswith(END) or len(reply) >= longest:
                 return 0
             if least_values and answer.startswith(name):
-                return _missing_of_values(answer, len(name), least_values)
-            return max(1, len(DONE) - len(answer))
+                return min(_missing_of_values(answer, len(name), least_values), longest - len(reply))
+            return 1 if answer else len(DONE)
 
         def checked(reply: bytes) -> T:
             answer = _without_echo(line, reply)
@@ -215,7 +215,7 @@ class Roboteq(Controller):
                 raise BadReply("The controller was restarted: it repeats what it receives again.")
             return parse(answer)
 
-        return Request(command, line + END, len(line) + len(END) + longest_answer, missing, checked)
+        return Request(command, line + END, longest, missing, checked)
 
 
 def _without_echo(line: bytes, reply: bytes) -> bytes:
@@ -225,9 +225,9 @@ def _without_echo(line: bytes, reply: bytes) -> bytes:
 
 def _missing_of_values(answer: bytes, begin: int, least: int) -> int:
     """Return how many bytes are missing, at least, where so many values begin at `begin`: digits, colons, the end."""
-    values = max(0, least - 1 - answer.count(b":", begin))
+    values = least - 1 - answer.count(b":", begin)
     last_is_empty = len(answer) == begin or answer.endswith((b":", b"-"))
-    return 2 * values + last_is_empty + len(END)
+    return (2 * values if values > 0 else 0) + last_is_empty + len(END)
 
 
 def _acknowledged(answer: bytes) -> None:

@@ -87,7 +87,7 @@ class KvhBinaryDevice:
         status = ACCELEROMETERS_VALID | (GYROS_VALID if valid else 0)
         data = DATA_HEADER + _FORMAT_A.pack(0.0, 0.0, z, 0.0, 0.0, 1.0, status, self._sequence, TEMPERATURE)
         self._sequence = (self._sequence + 1) % 128
-        return data + crc_mpeg2(data).to_bytes(4, "big")
+        return data + checksum(data)
 
     def _obey(self, command: str) -> str:
         """Carry out one command; return the answer without its line end, "" where there is none."""
@@ -123,9 +123,14 @@ def self_test_message() -> bytes:
 
 def crc_mpeg2(data: bytes) -> int:
     """Return CRC-32/MPEG-2: polynomial 0x04C11DB7, initial value 0xFFFFFFFF, nothing reflected or inverted."""
+    return int.from_bytes(checksum(data), "big")
+
+
+def checksum(data: bytes) -> bytes:
+    """Return CRC-32/MPEG-2 as it goes over the wire."""
     # The same polynomial as the CRC-32 of zlib, which reflects bytes and register and inverts the register.
     reflected = zlib.crc32(data.translate(_MIRRORED)) ^ 0xFFFFFFFF
-    return int.from_bytes(reflected.to_bytes(4, "little").translate(_MIRRORED), "big")
+    return reflected.to_bytes(4, "little").translate(_MIRRORED)
 
 
 _MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))

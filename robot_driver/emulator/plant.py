@@ -11,13 +11,13 @@ from random import Random
 from cmr.plant.commanded import CommandedRobot
 from cmr.plant.parameters import PlantParameters
 from cmr.plant.running import PLACES, STEP, RunningRobot
-from cmr.plant.sensors import MISCOUNTING_SPEEDS, slip_of_way
+from cmr.plant.sensors import missed, slip_of_way, ticks
 from robot_driver.emulator.settings import Settings
 
 __all__ = ["STEP", "Plant", "Wheel"]
 
 TURN = 2.0 * math.pi
-REFERENCE_ENERGY = 10.0  # s of full load; battery_drift is the share of the voltage lost then
+NO_DISC = math.inf  # positions in a turn; that of encoder_quantisation is the only one
 
 
 class Wheel:
@@ -69,6 +69,7 @@ class Plant:
         self._electrics = settings.electrics
         self._commanded = CommandedRobot(self._running, self.parameters, Random(f"{settings.seed} commands"))
         self._turned, self._counted, self._counted_at = [0.0, 0.0], [0.0, 0.0], 0.0
+        self._remembers = self.parameters.gyro_latency != 0.0
         self._headings: deque[tuple[float, float]] = deque([(0.0, robot.theta)])
 
     @property
@@ -120,7 +121,7 @@ class Plant:
     def advance(self, time: float) -> None:
         """Let the world go on until `time` (s); a time that has passed changes nothing."""
         self._commanded.advance(time)
-        if self.parameters.gyro_latency:
+        if self._remembers:
             self._headings.append((self.time, self.theta))
             while self._headings[0][0] < self.time - 2.0 * self.parameters.gyro_latency - STEP:
                 self._headings.popleft()
@@ -128,49 +129,37 @@ class Plant:
     def encoder_counts(self) -> tuple[float, float]:
         """Return the counts of both encoders since the start; whole numbers of the disc's positions."""
         self._count()
-        p = self.parameters
-        scale = (1.0 + p.encoder_scale) / TURN
-        left = self._positions(self._counted[0] * scale * (1.0 + p.encoder_asymmetry))
-        return left, self._positions(self._counted[1] * scale * (1.0 - p.encoder_asymmetry))
+        p, nominal, (left, right) = self.parameters, self._robot.ticks_per_turn, self._counted
+        return ticks(p, 1.0, left, NO_DISC, nominal), ticks(p, -1.0, right, NO_DISC, nominal)
 
     def encoder_speeds(self) -> tuple[float, float]:
         """Return the velocity of both encoders in counts per second."""
-        scale = self._robot.ticks_per_turn / TURN
-        return self.left.velocity * scale, self.right.velocity * scale
+        return self._encoder_speed(1.0, self.left.velocity), self._encoder_speed(-1.0, self.right.velocity)
 
     def motor_currents(self) -> tuple[float, float]:
         """Return the current through both motors in A; positive drives forward."""
-        supply, stall, k1 = self._supply(), self._electrics.stall_current, self._robot.k1
-        left, right = (stall * (supply * wheel.duty - k1 * wheel.velocity) for wheel in (self.left, self.right))
-        return left, right
+        _, left, right = self._running.electrics()
+        return self._electrics.stall_current * left, self._electrics.stall_current * right
 
     def battery_voltage(self) -> float:
         """Return the voltage at the controller in V."""
-        return self._electrics.battery_voltage * self._supply()
+        supply, _, _ = self._running.electrics()
+        return self._electrics.battery_voltage * supply
+
+    def _encoder_speed(self, s: float, velocity: float) -> float:
+        """Return the counts per second of the encoder of one side, s = 1 on the left and -1 on the right."""
+        p = self.parameters
+        counts = self._robot.ticks_per_turn / TURN * (1.0 + p.encoder_scale) * (1.0 + s * p.encoder_asymmetry)
+        return velocity * counts * (1.0 - missed(p, velocity) if p.encoder_miscount else 1.0)
 
     def _count(self) -> None:
         """Have the encoders count what the shafts have turned; some miss a share of it at speed (encoder_miscount)."""
         turned = [self.left.angle, self.right.angle]
-        share, seconds = self.parameters.encoder_miscount, self.time - self._counted_at
-        if share == 0.0:
+        seconds = self.time - self._counted_at
+        if self.parameters.encoder_miscount == 0.0:
             self._counted = turned
         elif seconds > 0.0:
-            slow, fast = MISCOUNTING_SPEEDS
             for side in (0, 1):
                 step = turned[side] - self._turned[side]
-                missed = share * min(1.0, max(0.0, (abs(step) / seconds - slow) / (fast - slow)))
-                self._counted[side] += step * (1.0 - missed)
+                self._counted[side] += step * (1.0 - missed(self.parameters, step / seconds))
         self._turned, self._counted_at = turned, self.time
-
-    def _positions(self, turns: float) -> float:
-        ticks, disc = self._robot.ticks_per_turn, self.parameters.encoder_quantisation
-        return turns * ticks if math.isinf(disc) else math.floor(turns * disc) * ticks / disc
-
-    def _supply(self) -> float:
-        """Return the voltage of the battery as a share of that without load, when full: 1 - R q, less what is drawn."""
-        p = self.parameters
-        if p.battery_sag == 0.0 and p.battery_drift == 0.0:
-            return 1.0
-        load = sum(max(0.0, w.duty * (w.duty - 0.8 * p.k1 * w.velocity)) for w in (self.left, self.right))
-        drawn = float(self._running.carried[PLACES["energy"]])
-        return (1.0 - p.battery_sag * load) * (1.0 - p.battery_drift * drawn / REFERENCE_ENERGY)

@@ -8,14 +8,11 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from operator import attrgetter
 from typing import Protocol
 
 from robot_driver.emulator.device import Device, Transmission
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.sensors import MotionCapture, Pose
-
-_wake_time = attrgetter("wake_time")
 
 
 class Adapter(Protocol):
@@ -131,7 +128,10 @@ class RobotInTime:
             pose = self._motion_capture.wake(due)
             self._schedule(pose.ready, partial(self._on_pose, pose))
         else:
-            line = min(self._in_order, key=_wake_time)
+            line = self._in_order[0]
+            for other in self._in_order:
+                if other.wake_time < line.wake_time:
+                    line = other
             self._send(line, line.wake(due))
         self._next_wake = self._earliest_wake()
 

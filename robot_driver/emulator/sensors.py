@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from random import Random
 
-from cmr.plant.sensors import seen_at
+from cmr.plant.sensors import rate_seen, seen
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import Settings
 
@@ -24,10 +24,7 @@ class YawGyro:
         time = plant.time
         theta = plant.theta_at(time - p.gyro_latency) if p.gyro_latency else plant.theta
         turned, self._last_theta = theta - self._last_theta, theta
-        measured = turned / duration * (1.0 + p.gyro_scale) + p.gyro_bias + p.gyro_drift * time / 100.0
-        if p.gyro_magnetism:
-            measured += p.gyro_magnetism * math.sin(2.0 * theta)
-        return measured + self._noise * self._random.gauss(0.0, 1.0)
+        return rate_seen(p, time, turned / duration, theta) + self._noise * self._random.gauss(0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ class MotionCapture:
         """Measure now, at `time`; with a latency the pose is ready, and stamped, later than that."""
         self.wake_time += self._period
         p, gauss = self._plant.parameters, self._random.gauss
-        x, y, theta = seen_at(p, self._plant.x, self._plant.y, self._plant.theta)
+        x, y, theta = seen(p, self._plant.x, self._plant.y, self._plant.theta)
         x += self._position_noise * gauss(0.0, 1.0)
         y += self._position_noise * gauss(0.0, 1.0)
         theta += self._heading_noise * gauss(0.0, 1.0)

@@ -113,13 +113,14 @@ class KvhBinary(Gyro):
         """Take the next bytes; return the readings completed by them. Damaged messages are skipped."""
         readings = []
         for said in self._stream.feed(data):
-            if isinstance(said, Answer):
-                self._hear(said)
+            if isinstance(said, Sample):
+                if self._reading is not None:
+                    readings.append(_reading(said, self.axis, self._reading, self._lost_before(said.sequence)))
             elif isinstance(said, SelfTest):
                 self._forget()
                 self._request = ENTER_CONFIGURATION
-            elif self._reading is not None:
-                readings.append(_reading(said, self.axis, self._reading, self._lost_before(said.sequence)))
+            else:
+                self._hear(said)
         return readings
 
     def next_request(self) -> bytes:
@@ -180,7 +181,7 @@ def _reading(sample: Sample, axis: int, how: Reading, lost_before: int) -> GyroR
     # Not valid either is NaN, which is never smaller than anything.
     valid = sample.status & how.vouching == how.vouching and abs(rate) <= LARGEST_RATE
     rate = rate if valid else math.nan
-    return GyroReading(rate, valid, sample.bytes_since, lost_before=lost_before, per_period=how.per_period)
+    return GyroReading(rate, valid, sample.bytes_since, None, lost_before, how.per_period)
 
 
 def _scale(settings: Mapping[str, str]) -> float:

@@ -23,8 +23,9 @@ class Lateness:
 
     def of_waking(self, random: Random) -> int:
         """Draw by how much a thread runs late (ns)."""
-        late = self.waking * (0.5 + random.random())
-        if self.busy and random.random() < self.busy:
+        draw = random.random
+        late = self.waking * (0.5 + draw())
+        if self.busy and draw() < self.busy:
             late += random.expovariate(1.0 / self.held_up)
         return int(1e9 * late)
 
@@ -42,18 +43,21 @@ class UsbAdapter:
     def pieces(self, begin: float, end: float, data: bytes) -> list[tuple[float, bytes]]:
         """Return when bytes that are on the wire from `begin` to `end` are with the computer, piece by piece."""
         pieces = []
-        byte_time = (end - begin) / len(data)
-        while data:
+        tick, held, left = self._tick, self._held, len(data)
+        byte_time = (end - begin) / left
+        while left:
             first = begin + byte_time
-            if first > self._tick:
-                self._tick = self._phase + self._latency * (int((first - self._phase) / self._latency) + 1)
-                self._held = 0
-            in_time = len(data) if not byte_time else max(1, int((self._tick - begin) / byte_time + 1e-6))
-            count = min(len(data), in_time, PACKET - self._held)
-            self._held = (self._held + count) % PACKET
+            if first > tick:
+                tick = self._phase + self._latency * (int((first - self._phase) / self._latency) + 1)
+                held = 0
+            count = min(left, PACKET - held)
+            if byte_time:
+                count = min(count, max(1, int((tick - begin) / byte_time + 1e-6)))
+            held = (held + count) % PACKET
             begin += count * byte_time
-            pieces.append((self._tick if self._held else begin, data[:count]))
-            data = data[count:]
+            pieces.append((tick if held else begin, data[-left : count - left or None]))
+            left -= count
+        self._tick, self._held = tick, held
         return pieces
 
     def way_down(self) -> float:

@@ -24,19 +24,19 @@ class RealTimeRun(NamedTuple):
     robots: list[Settings]
 
 
-def drive_in_real_time(cases: Sequence[ChainCase], folder: Path) -> RealTimeRun:
-    """Drive one robot for each case, all at once.
+def drive_in_real_time(cases: Sequence[ChainCase], folder: Path, robots: Sequence[Hidden] | None = None) -> RealTimeRun:
+    """Drive one robot for each case, all at once; `robots` in place of those that the cases draw.
 
     Raises RuntimeError with what was printed where the run fails, ValueError for an effect that needs a place.
     """
     if any(case.effect == "surface_patch" for case in cases):
         raise ValueError("surface_patch: its place is found by driving, which takes simulated time")
     folder.mkdir(parents=True, exist_ok=True)
-    hidden = [hidden_robot(case, case.random) for case in cases]
-    robots = [_robot(robot_id, case, hidden[robot_id], folder) for robot_id, case in enumerate(cases)]
+    hidden = robots or [hidden_robot(case, case.random) for case in cases]
+    entries = [_robot(robot_id, case, hidden[robot_id], folder) for robot_id, case in enumerate(cases)]
     seconds = max(DRIVES[case.drive][2] for case in cases)
     scenario = folder / "scenario.yaml"
-    scenario.write_text(yaml.safe_dump({"duration": seconds, "robots": robots}))
+    scenario.write_text(yaml.safe_dump({"duration": seconds, "robots": entries}))
     command = [str(Path(sys.executable).parent / "cmr-run"), str(scenario)]
     command += ["--out", str(folder / "out"), "--lcm-url", private_url()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=seconds + WAITING, check=False)
