@@ -48,7 +48,9 @@ class Estimator:
         self._yaw_rate = 0.0
         self._gyro_utime = 0
         self._feedback_utime = 0
+        # Where the robot was, less all corrections until then: what was wrong lately was wrong before by as much.
         self._history: deque[tuple[int, Floats]] = deque()
+        self._corrected: Floats = np.zeros(3)
 
     @property
     def state(self) -> RobotState:
@@ -110,7 +112,7 @@ class Estimator:
         noise = np.array([slip_variance, slip_variance, heading_variance]) + REST_STD**2 * dt
         self._covariance = transition @ self._covariance @ transition.T + np.diag(noise)
         self._pose = np.array([self._pose[0] + dx, self._pose[1] + dy, wrap(self._pose[2] + angle)])
-        self._history.append((self._feedback_utime, self._pose))
+        self._history.append((self._feedback_utime, self._pose - self._corrected))
         while self._history[0][0] < self._feedback_utime - HISTORY:
             self._history.popleft()
 
@@ -133,12 +135,11 @@ class Estimator:
         self._pose = self._pose + correction
         self._pose[2] = wrap(self._pose[2])
         self._covariance = (np.eye(3) - gain) @ self._covariance
-        # What was believed of the recent past was wrong by as much.
-        self._history = deque((utime, pose + correction) for utime, pose in self._history)
+        self._corrected = self._corrected + correction
 
     def _pose_at(self, utime: int) -> Floats:
         """Return where the robot was, by today's knowledge, at `utime`."""
         for time, pose in reversed(self._history):
             if time <= utime:
-                return pose
-        return self._history[0][1] if self._history else self._pose
+                return pose + self._corrected
+        return self._history[0][1] + self._corrected if self._history else self._pose
