@@ -20,7 +20,7 @@ from tests.rendered_floor import Box, Eye, Scene, Sheet
 
 EVERY = 10  # poses of the emulator from one picture to the next: there are 5 pictures a second
 SECONDS = 18.0  # of driving: a lobe to the right, and one to the left
-REST = 4.0  # s before and after it; a drive at one speed ends after 3 s
+REST = 5.0  # s before and after it; a drive at one speed ends after 3 s, and half a second more for stragglers
 TAGS = tuple(
     Sheet(number, x, y, 0.3 * number)
     for number, x, y in ((10, -1.0, -0.35), (11, 0.8, -0.35), (12, 0.8, 0.7), (13, -1.0, 0.7))

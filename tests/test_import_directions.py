@@ -24,7 +24,7 @@ KNOWN: dict[str, set[str]] = {
     "manoeuvres": {"model"},
     "recordings": {*BUS, "parameters", "model"},
     "estimation": {*RECORDED, "manoeuvres"},
-    "calibration": {*RECORDED, "colours", "estimation"},
+    "calibration": {*RECORDED, "colours", "manoeuvres", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
     "diagnosis": {*RECORDED, "colours", "files", "threads", "manoeuvres", "estimation"},
     "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
