@@ -75,7 +75,8 @@ def recording(seconds: float, seed: int = 0) -> Recording:
     samples, h = len(left), STEP * 1e-6
     utime = EPOCH + np.arange(samples) * STEP
     radians_per_tick = 2.0 * math.pi / TICKS_PER_TURN
-    angles = np.cumsum((path[3:, :-1] + path[3:, 1:]) * h / 2.0, axis=1)
+    turned = np.cumsum((path[3:, :-1] + path[3:, 1:]) * h / 2.0, axis=1)
+    angles = np.column_stack([np.zeros(2), turned[:, :-1]])  # at the beginning of each step, as all else
     ticks = np.floor(angles / radians_per_tick)
     psi = np.diff(ticks, prepend=0.0) * radians_per_tick / h
     yaw_rate = np.gradient(theta, h)
