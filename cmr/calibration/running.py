@@ -16,7 +16,7 @@ from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import nominal_of
 from cmr.estimation.preparation import Ready, prepare
 from cmr.estimation.simulation_error import SimulationErrorProblem
-from cmr.estimation.thinning import thinned
+from cmr.estimation.thinning import ALL, PerSensor, thinned
 from cmr.model.catalogue import CATALOGUE
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
@@ -84,7 +84,9 @@ class RunningFit:
     def _prepared(self, recording: Recording, nominal: ParameterFile) -> Ready:
         """Return the recording ready to be fitted, with as many of its readings as there is time for."""
         looked = [
-            replace(one, segments=tuple(thinned(segment, self._every) for segment in one.segments))
+            replace(
+                one, segments=tuple(thinned(segment, PerSensor(*[self._every] * len(ALL))) for segment in one.segments)
+            )
             for one in looked_at([recording])
         ]
         ready = prepare(looked, nominal)

@@ -13,7 +13,7 @@ from cmr.estimation.initial_guess import guess_base_width, guess_motor, turn_rat
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Errors, Predictor, predictors
 from cmr.estimation.problem import Problem
-from cmr.estimation.thinning import share_used, thinned
+from cmr.estimation.thinning import ALL, share_used, thinned
 from cmr.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.observer import MOTION
@@ -21,7 +21,7 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.findings import Finding
 
 MOTOR = ("k2_over_k3", "k1")
-THINNED = "The drives are longer than the diagnosis needs: one of {every} readings of each sensor is used."
+THINNED = "More was recorded than is needed. Used are: {shares}."
 GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
@@ -84,7 +84,9 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
         return Ready(None, None, checks, notes, refused)
     segments = [segment for one in looked if not one.useless for segment in one.segments]
     every = share_used(segments)
-    notes += (THINNED.format(every=every),) if every > 1 else ()
+    if every != ALL:
+        parts = [f"one of {one} readings of the {name}" for name, one in every._asdict().items() if one > 1]
+        notes += (THINNED.format(shares=", ".join(parts)),)
     ready = predictors([thinned(segment, every) for segment in segments])
     start = _start(ready, nominal)
     notes += start.notes
