@@ -28,7 +28,7 @@ LOG_SECONDS = 120.0
 COPIES = 10  # the longer log is so many times as long
 LONGEST_START, LONGEST_FIRST_START = 0.6, 3.0  # s
 LONGEST_WAIT = 60.0  # s; a simulator that has said nothing by then will not
-LONGEST_CALIBRATION, LONGEST_READING = 1.0, 0.25  # s
+LONGEST_CALIBRATION, LONGEST_READING = 3.0, 0.25  # s
 LARGEST_MEMORY = 3.0  # times the log
 LARGEST_GROWTH = 1.2  # of the time per byte when the log gets longer
 # A reader that tells how far its memory rose above what it had before: bytes.
