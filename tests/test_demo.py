@@ -20,6 +20,7 @@ import pytest
 
 from cmr.calibration.calibrate import AVERAGE
 from cmr.calibration.calibrator import Calibrator
+from cmr.commands.demo import before_and_after
 from cmr.commands.demo import main as demo
 from cmr.parameters.file import ParameterFile, load, parse
 from cmr.recordings import Recording
@@ -329,3 +330,16 @@ def processes_naming(folder: Path) -> list[str]:
         if str(folder) in command and int(path.parent.name) != os.getpid() and "pytest" not in command:
             found.append(command)
     return found
+
+
+def test_drives_that_were_interrupted_are_told_by_their_longest_stretches() -> None:
+    """The robot was stopped twice in the first drive and once in the second; the calibration took 20 s."""
+
+    def drive(begin: int, end: int) -> Drive:
+        return Drive(np.array([begin, end], np.int64), *(np.zeros(2) for _ in range(4)))
+
+    stretches = [drive(0, 20), drive(22, 50), drive(52, 60), drive(80, 90), drive(93, 140)]
+    before, after = before_and_after(stretches)
+    assert (before.utime[0], after.utime[0]) == (22, 93)
+    whole = [drive(0, 60), drive(70, 130)]
+    assert before_and_after(whole) == (whole[0], whole[1])
