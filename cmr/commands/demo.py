@@ -281,7 +281,7 @@ def _report(folder: Path, settings: Settings) -> int:
 
 
 def before_and_after(drives: Sequence[Drive]) -> tuple[Drive, Drive]:
-    """Return the longest drive before the longest pause, in which the calibration lies, and the longest one after it."""
+    """Return the longest drives before and after the longest pause, in which the calibration lies."""
     pauses = [after.utime[0] - before.utime[-1] for before, after in pairwise(drives)]
     second = int(np.argmax(pauses)) + 1
     parts = drives[:second], drives[second:]
