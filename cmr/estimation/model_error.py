@@ -21,7 +21,7 @@ OF_EFFECT = {
     "longitudinal_slip": 0.05,
 }
 # Of the paper's parameters: effects beside them are not exactly as the model has them.
-OF_PAPER = {"k2_over_k3": 0.0012, "k1": 0.0008, "base_width": 0.0005}
+OF_PAPER = {"k2_over_k3": 0.0016, "k1": 0.0013, "base_width": 0.0005}
 
 
 def inexactness(name: str, value: float, excitation: Excitation) -> float:
