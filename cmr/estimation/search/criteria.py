@@ -18,6 +18,7 @@ from cmr.estimation.search.measures import (
     left_out_gain,
     likelihood_ratio,
     moment_at_an_end,
+    place_everywhere,
     size_below_limit,
     turns_exceeded,
     undetermined,
@@ -35,6 +36,7 @@ OF_A_PLACE = 50.0  # more for the best of thousands of places: poses that err sl
 CLEARLY = 3.0  # times what an effect must explain: with more to first order it is needed
 PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each further parameter must explain to be better
 ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
+FARTHEST = 1.5  # times its root mean square distance from the origin: farther a robot hardly is on a drive of loops
 AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
 TOO_SMALL = "It is too small to matter."
 MAY_BE_CHANCE = "What it explains may be chance."
@@ -131,6 +133,12 @@ def _impossible(
     if moment is not None and not problem.moving[0] < moment < problem.moving[1]:
         at_an_end = moment_at_an_end(f"{candidate.effect.name}_time", moment, problem.moving)
         yield "It would begin where the drive begins or ends.", at_an_end
+    if locality(candidate.effect) == "place":
+        x, y, radius = (values[f"{candidate.effect.name}_{quantity}"] for quantity in ("x", "y", "radius"))
+        reach, extent = radius - math.hypot(x, y), FARTHEST * problem.excitation.extent
+        if reach > extent:
+            everywhere = place_everywhere(f"{candidate.effect.name}_radius", reach, extent)
+            yield "It would be everywhere, not at a place.", everywhere
     own = {name: values[name] for name in names}
     seen = as_seen(own, problem.excitation)
     for name in (name for name in names if seen[name] != own[name]):

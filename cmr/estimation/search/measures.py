@@ -64,6 +64,12 @@ def moment_at_an_end(name: str, moment: float, moving: tuple[float, float]) -> M
     return Measure(name, moment, limit, "s", sentence)
 
 
+def place_everywhere(name: str, reach: float, extent: float) -> Measure:
+    """Return how far around the origin a place extends [m], in which all of the drive lies."""
+    sentence = f"The place would contain all of the drive, {with_unit(extent, 'm')} around the start."
+    return Measure(name, reach, extent, "m", sentence)
+
+
 def turns_exceeded(name: str, value: float, seen: float) -> Measure:
     """Return a limit [rad/s] of the turns that the robot was seen to exceed."""
     sentence = f"It limits turns to {value:.2g} rad/s, but the robot was measured at {seen:.2g} rad/s."
