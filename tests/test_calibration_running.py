@@ -88,7 +88,7 @@ def test_with_paper_only_the_estimates_so_far_are_of_the_three_parameters_alone(
     assert set(calibrator.preview.parameters) == set(DEFINITIONS)
     beside = RunningFit(None).look(until(drive, 40.0))
     assert set(beside.parameters) > set(DEFINITIONS)
-    # The path that three parameters foretell is worse, and the path error that is told is that of them.
+    # Three parameters predict the path less well; the path error stated is theirs.
     assert calibrator.preview.path_rmse_after > 1.5 * beside.path_rmse_after
 
 

@@ -46,7 +46,7 @@ class Calibrator:
     `nominal` gives at least the wheel radius; None takes the newest parameters announced during the drive. `method` and
     `paper_only` are those of `calibrate`.
     `state` is one of the states of calibration_status_t; `result` is there once `fit` succeeded. `preview` is what the
-    drive told when `look` was last called, `averages` how often that was averaged anew. `missing` says what the drive
+    drive told when `look` was last called, `averages` counts the averages so far. `missing` says what the drive
     still lacks. While `loading` is true, `load` has not come to its end.
     """
 
@@ -138,7 +138,7 @@ class Calibrator:
 
     @property
     def averages(self) -> int:
-        """How often the estimates of a drive that goes on were averaged anew."""
+        """How many averages were taken of the drive so far."""
         return self._running.averages
 
     def load(self) -> None:

@@ -36,7 +36,7 @@ FASTEST = 0.5  # m/s; who follows drives 0.6 m/s at most, and must catch up
 DRIVE = 60.0  # s, of which whole figure-eights come nearest
 # What the lab believed of its robot before: each wrong by a quarter to a third.
 NOMINAL = {"wheel_radius": 0.04, "k2_over_k3": 80.0, "k1": 0.065, "base_width": 0.20}
-START_UP = 240.0  # s for all processes to be in service, on a slow machine that compiles the robot model first
+START_UP = 240.0  # s until all processes are running, on a slow machine that compiles the robot model first
 FIT = 120.0  # s, on a slow machine
 REST_BEFORE = 2.5  # s
 REST = 1_500_000  # us for which robot and leader must stand still before a drive counts as over

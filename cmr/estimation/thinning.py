@@ -1,6 +1,6 @@
 """Long drives say more than is needed: of their readings only so many are used.
 
-A motion that changes within tenths of a second is told by 50 readings a second nearly as well as by 100: the parameters
+Of a motion that changes within tenths of a second, 50 readings a second say nearly as much as 100: the parameters
 of two minutes are as sure to a few percent, in half the time. Beyond that, memory sets the limit.
 """
 
