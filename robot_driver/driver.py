@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, Stream
+from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK, Stream
 from cmr.parameters.following import ParameterFollower
 from robot_driver.battery import Thresholds
 from robot_driver.command_gate import CommandGate
@@ -76,6 +76,7 @@ class Driver:
             limits=settings.limits,
             thresholds=settings.thresholds,
             publish=lambda message: self._outgoing.put((MOTOR_FEEDBACK, message)),
+            publish_duty=lambda message: self._outgoing.put((MOTOR_DUTY, message)),
         )
         self._threads = [PortThread(port, self._motors)]
         self._gyro: GyroDevice | None = None

@@ -4,7 +4,7 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t
@@ -17,7 +17,8 @@ from robot_driver.health import Health
 from robot_driver.port_thread import Device
 from robot_driver.ramp import Limits, Ramp
 from robot_driver.rhythm import Rhythm
-from robot_driver.serial_port import Answer, PortLost, SerialPort
+from robot_driver.sent_duties import SentDuties, SentDuty
+from robot_driver.serial_port import Answer, NotSent, PortLost, SerialPort
 
 T = TypeVar("T")
 
@@ -43,16 +44,10 @@ class _Connection:
     turn: int = 0
 
 
-class _Applied(NamedTuple):
-    """The duty of each side that the device acknowledged, and when it took it [us since the Unix epoch]."""
-
-    left: float
-    right: float
-    utime: int
-
-
 class Motors(Device):
     """Drives two motors through a controller at a steady rate and publishes a motor_feedback_t each time.
+
+    `publish_duty` takes a motor_duty_t for each duty that no feedback tells.
 
     The command to drive comes from `gate`, at the very moment it is sent: whatever happens to other threads, an old
     command does not drive. `fastest_wheel` (rad/s) may be set at any time. `faults` counts replies that failed;
@@ -72,6 +67,7 @@ class Motors(Device):
         limits: Limits,
         thresholds: Thresholds,
         publish: Callable[[Any], None],
+        publish_duty: Callable[[Any], None],
     ) -> None:
         self.fastest_wheel = FASTEST_WHEEL
         self.faults = 0
@@ -87,6 +83,7 @@ class Motors(Device):
         self._ramp = Ramp(limits, longest_step=2 * self._period)
         self._health = Health(gate, thresholds, controller_type.essential, port.path, self._period)
         self._publish = publish
+        self._sent = SentDuties(robot_id, publish_duty)
         self._connection: _Connection | None = None
         self._jumps_told = 0
         self._stamps = Stamps(port.host.utime_at)
@@ -256,7 +253,7 @@ class Motors(Device):
         if not was_doubtful:
             self._read_telemetry(connection)
 
-    def _drive(self, connection: _Connection) -> tuple[_Applied, int]:
+    def _drive(self, connection: _Connection) -> tuple[SentDuty, int]:
         """Send the duty in force; return what was acknowledged, and the status that goes with it."""
         connection.unarmed = self._refusal or connection.unarmed
         self._act(connection)
@@ -274,16 +271,24 @@ class Motors(Device):
         request = connection.controller.drive(*self._wiring.channels(*duties))
         if any(duties):  # zero is never too late
             request = replace(request, not_after=now + DUTY_LIFETIME)
-        answer = self._ask(request)
+        sent = self._host.utime()
+        try:
+            answer = self._ask(request)
+        except BadReply as failed:
+            if not isinstance(failed, NotSent):
+                self._sent.add(SentDuty(*duties, sent))
+            raise
         acknowledged = answer.value
         self._last_driven = self._host.monotonic()
         if max(map(abs, duties)) > TAKEN_FOR_ZERO and not any(acknowledged):
             self._ramp.reset()  # the controller holds the motors by itself: when it lets go, they begin at zero
         else:
             self._ramp.acknowledge()
-        return _Applied(*self._wiring.forward(*acknowledged), self._host.utime_at(answer.measured)), drive.status
+        applied = SentDuty(*self._wiring.forward(*acknowledged), self._host.utime_at(answer.measured))
+        self._sent.add(applied)
+        return applied, drive.status
 
-    def _read_encoders(self, connection: _Connection, applied: _Applied, status: int) -> None:
+    def _read_encoders(self, connection: _Connection, applied: SentDuty, status: int) -> None:
         answer = self._ask(connection.controller.read_encoders())
         self._last_counted = self._host.monotonic()
         if self._port.strays != self._strays:
@@ -291,6 +296,7 @@ class Motors(Device):
         counts = self._wiring.forward_counts(*answer.value)
         motion = self._encoders.update(counts, answer.measured, self.fastest_wheel)
         if motion is not None:
+            self._sent.tell_all_but(applied)
             telemetry = self._health.recent(self._host.monotonic())
             self._publish(self._feedback(telemetry, answer, motion, applied, status))
 
@@ -299,7 +305,7 @@ class Motors(Device):
         telemetry: Telemetry,
         answer: Answer[Any],
         motion: WheelMotion,
-        applied: _Applied,
+        applied: SentDuty,
         status: int,
     ) -> Any:
         # A jump is told with the next believable reading, because it has itself no velocity to publish.

@@ -7,6 +7,7 @@ import errno
 import math
 import os
 import re
+import sys
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,7 @@ T = TypeVar("T")
 
 BITS_PER_BYTE = 10  # 8N1: start bit, eight data bits, stop bit
 REPLY_MARGIN = 0.020  # s on top of the time on the wire: USB adapters hold bytes back for up to 16 ms
+USB_FRAME = 1_000_000  # ns; how long a request may wait for its frame
 PACKET_GAP = 0.010  # s of silence after which a device drops a half-received packet
 RESYNC_LIMIT = 0.1  # s; a device that never stops talking is not waited for
 PSEUDO_TERMINALS = "/dev/pts/"
@@ -30,6 +32,10 @@ NUMBERED = re.compile(r"/dev/tty(USB|ACM)[0-9]+")  # names that go to whatever w
 
 class PortLost(Exception):  # noqa: N818 - unplugging is an event to live with
     """The port cannot be opened or used any more; the text says why and what to do."""
+
+
+class NotSent(BadReply):
+    """It was too late to make the request."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,7 @@ class SerialPort:
         self.strays = 0
         self._stable: str | None = None
         self._line: Line | None = None
+        self._turnaround = sys.maxsize  # how long the device takes to answer, at most (ns)
         self._last_traffic = -math.inf  # when, on the monotonic clock, the last byte was on the wire (s)
 
     def wire_time(self, byte_count: int) -> float:
@@ -153,9 +160,9 @@ class SerialPort:
             self.resynchronise()
 
     def _send(self, request: Request[T]) -> None:
-        """Write a request, unless it is out of date: then BadReply is raised. Raises PortLost."""
+        """Write a request, unless it is out of date: then NotSent is raised. Raises PortLost."""
         if self.host.seconds_since_boot() > request.not_after:
-            raise BadReply(f"{request.name} was held up for so long that it is not sent any more.")
+            raise NotSent(f"{request.name} was held up for so long that it is not sent any more.")
         self.write(request.data)
 
     def _ask(self, request: Request[T]) -> Answer[T]:
@@ -177,11 +184,14 @@ class SerialPort:
             piece_deadline = self._last_traffic + REPLY_MARGIN
             deadline = piece_deadline if request.ends_in_silence else max(deadline, piece_deadline)
         arrived = self.host.monotonic_ns()
-        # The device looks between the last byte of the request and the first of the reply: midway, as both ends'
-        # delays are alike. A reply is longer than its request, so the middle of the whole exchange would be late.
+        # The device looks between the last byte of the request and the first of the reply: midway. A reply is longer
+        # than its request, so the middle of the whole exchange would be late.
         asked = sent + int(1e9 * self.wire_time(len(request.data)))
-        answered = began or arrived
-        return Answer(request.parse(reply), (asked + answered) // 2, arrived)
+        # What takes longer than the fastest answer is on this side: a USB adapter holds replies back for up to 16 ms,
+        # a busy computer lets them wait. Requests leave at once (as in NTP's clock filter, RFC 5905, section 10).
+        turnaround = max((began or arrived) - asked, 0)
+        self._turnaround = min(self._turnaround, turnaround)
+        return Answer(request.parse(reply), asked + min(turnaround, self._turnaround + USB_FRAME) // 2, arrived)
 
     def _opened(self) -> Line:
         if self._line is None:

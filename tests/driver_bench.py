@@ -223,6 +223,7 @@ def _motors(
         limits=Limits(),
         thresholds=thresholds,
         publish=publish,
+        publish_duty=lambda _: None,
     )
 
 

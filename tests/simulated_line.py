@@ -144,6 +144,7 @@ class Bench:
         self.clock, self.stop = clock, Stop(clock)
         self.wanted = (1.0, 1.0)
         self.feedback: list[Any] = []
+        self.duties: list[Any] = []
         port_type = Stream if CONTROLLERS[controller].streams else Packets
         self.line = port_type("a simulated line", 115200, clock)
         self.line.place(device, clock)
@@ -159,6 +160,7 @@ class Bench:
             limits=Limits(),
             thresholds=Thresholds(),
             publish=self.feedback.append,
+            publish_duty=self.duties.append,
         )
         self.gate.note_listening(START - LISTENING_TIME)
 

@@ -117,6 +117,7 @@ class Bench:
         self.device = device
         self.gate = open_gate()
         self.feedback: list[Any] = []
+        self.duties: list[Any] = []
 
     def running(self) -> AbstractContextManager[PortThread]:
         port = SerialPort(str(self.device.link), 115200)
@@ -131,6 +132,7 @@ class Bench:
             limits=Limits(),
             thresholds=Thresholds(),
             publish=self.feedback.append,
+            publish_duty=self.duties.append,
         )
         return PortThread(port, self.motors)
 

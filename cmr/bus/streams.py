@@ -49,6 +49,7 @@ class Stream:
 
 MOTOR_COMMAND = Stream("MOTOR_COMMAND", msg.motor_command_t, True, 20.0, "cmr-pilot, or any controller")
 MOTOR_FEEDBACK = Stream("MOTOR_FEEDBACK", msg.motor_feedback_t, True, 50.0, "cmr-driver")
+MOTOR_DUTY = Stream("MOTOR_DUTY", msg.motor_duty_t, True, None, "cmr-driver")
 GYRO = Stream("GYRO", msg.gyro_t, True, 50.0, "cmr-driver")
 POSE = Stream("POSE", msg.pose_xyt_t, True, 5.0, "external localisation")
 ROBOT_STATE = Stream("ROBOT_STATE", msg.robot_state_t, True, 20.0, "cmr-sim")
@@ -64,6 +65,7 @@ ESTOP = Stream("ESTOP", msg.estop_t, False, 10.0, "whoever engages it, while eng
 STREAMS = (
     MOTOR_COMMAND,
     MOTOR_FEEDBACK,
+    MOTOR_DUTY,
     GYRO,
     POSE,
     ROBOT_STATE,

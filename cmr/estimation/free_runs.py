@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.estimation.prediction import WHEELS
+from cmr.estimation.prediction import FREE, WHEELS
 from cmr.estimation.segments import Segment
 from cmr.model.catalogue import definition
 from cmr.model.motion import RobotState, Trajectory, roll
-from cmr.model.observer import FOLLOWED, MOTION, RESTART, Gains, Innovations, Observations, observe
+from cmr.model.observer import FOLLOWED, MOTION, RESTART, Innovations, Observations, observe
 from cmr.model.parameters import RobotParameters
 from cmr.model.sensors import pose_seen
 from cmr.recordings.signal import Floats
@@ -33,7 +33,6 @@ LEAST = 0.5  # of a window; a stretch that is shorter tells too little
 SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
 SMOOTHED = 0.3  # s before and after a moment, whose poses tell the pose at that moment
 SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
-FREE = Gains(0.0, 0.0, 0.0, 0.0)  # nothing is followed
 
 Indices = NDArray[np.int64]
 Values = Mapping[str, float]

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from cmr.estimation.nonnegative import nonnegative
-from cmr.estimation.prediction import POSE_SIGNALS, Errors, Predictor
+from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Errors, Predictor
 from cmr.model.compiled import compiled
 from cmr.model.observer import MOTION
 from cmr.recordings.signal import Floats
@@ -27,6 +27,7 @@ SPANS = {
 LARGEST_PAST = 1.0 / 6.0  # of the usual segment: what is foretold from the past begins after so much of it
 RIDGE = 1e-6  # of the variance: keeps the model of a signal that never errs solvable
 LEAST_SIZE = 1e-9
+LONGEST_GAP = 10  # readings; in longer ones a wheel is no further off
 RARE = 0.01  # of errors: too few to tell of what size such ones are
 ROUNDS = 3
 FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose before foretell those of the pose
@@ -131,13 +132,17 @@ def _found(
     """Find one signal's noise: weighted least squares for what is foretold, then its size, a few times."""
     spans = _spans(name, [len(predictor.times.get(name, ())) for predictor in predictors])
     order = sum(spans)
-    rows = []
-    for predictor, error, of_others in zip(predictors, errors, others, strict=True):
+    rows, growths = [], growth_in_gaps(name, predictors, errors)
+    grows = [
+        _sizes(name, predictor, error) * growth[:, None] ** 2 if name in predictor.times else np.empty((0, 3))
+        for predictor, error, growth in zip(predictors, errors, growths, strict=True)
+    ]
+    for predictor, error, of_others, own_grows in zip(predictors, errors, others, grows, strict=True):
         if name not in predictor.times or len(predictor.times[name]) <= 2 * order:
             continue
         own = error.of[name][:, 0]
         foreign = of_others if name in POSE_SIGNALS else np.zeros((len(FOREIGN), len(own)))
-        rows.append((own, foreign, _sizes(name, predictor, error)))
+        rows.append((own, foreign, own_grows))
     if not rows:
         ones = tuple(np.ones(len(p.times.get(name, ()))) for p in predictors)
         return SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), ones)
@@ -155,10 +160,7 @@ def _found(
         rest = [one[order:] - past @ p for p, one in zip(pasts, freed, strict=True)]
         size = size_found(np.concatenate(rest), np.concatenate([s[order:] for _, _, s in rows]))
         weights = [1.0 / np.sqrt(np.maximum(s @ size, LEAST_SIZE**2)) for _, _, s in rows]
-    found = tuple(
-        np.sqrt(np.maximum(_sizes(name, p, e) @ size, LEAST_SIZE**2)) if name in p.times else np.empty(0)
-        for p, e in zip(predictors, errors, strict=True)
-    )
+    found = tuple(np.sqrt(np.maximum(own @ size, LEAST_SIZE**2)) for own in grows)
     return SignalNoise(past, foreign_weights, found)
 
 
@@ -233,6 +235,35 @@ def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
     else:
         doubt = predictor.doubt[name]
     return np.stack([np.ones(len(speed)), np.maximum(doubt, np.quantile(doubt, RARE)) ** 2, speed], axis=1)
+
+
+def growth_in_gaps(name: str, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> list[Floats]:
+    """Return by how much errors of a wheel that come after a gap are larger, one array (n,) a segment; of others 1.
+
+    A wheel that rolls to a stop passes its last ticks ever more slowly, and meanwhile nobody corrects its speed. How
+    far off it is after a gap of some readings is known from those without: it is what they corrected on the way.
+    """
+    times = [predictor.times.get(name, np.empty(0)) for predictor in predictors]
+    steps = np.concatenate([np.diff(one) for one in times])
+    if name not in WHEELS or not len(steps):
+        return [np.ones(len(one)) for one in times]
+    usual = float(np.median(steps))
+    sizes = []
+    for missed in range(LONGEST_GAP):
+        parts = [_after_gap(error, name, usual, missed) for error in errors if name in error.of]
+        sizes.append(float(np.median(np.concatenate(parts))))
+    growth = np.maximum.accumulate(np.array(sizes) / sizes[0]) if sizes[0] > 0.0 else np.ones(LONGEST_GAP)
+    gaps = [np.round(np.diff(one, prepend=one[:1]) / usual).astype(np.int64) for one in times]
+    return [growth[np.clip(gap - 1, 0, LONGEST_GAP - 1)] for gap in gaps]
+
+
+def _after_gap(errors: Errors, name: str, interval: float, missed: int) -> Floats:
+    """Return how far off a wheel would be [rad] after each gap, had the observer `missed` so many readings before."""
+    own = errors.of[name][:, 0]
+    result = own[missed:].copy()
+    for back in range(1, missed + 1):
+        result += (errors.followed.angle + errors.followed.psi * back * interval) * own[missed - back : len(own) - back]
+    return np.abs(result)
 
 
 def _acceleration(motion: Floats, dt: float) -> Floats:

@@ -1,7 +1,7 @@
 """Prediction errors of candidate parameters, signal by signal, and made white: independent and of size one."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,17 +13,19 @@ from cmr.recordings.signal import Floats
 
 SIGNALS = ("psi_left", "psi_right", "yaw_rate", "forward", "sideways", "heading")
 WHEELS, POSE_SIGNALS = SIGNALS[:2], SIGNALS[3:]
+FREE = Gains(0.0, 0.0, 0.0, 0.0)  # nothing is followed
 
 
 @dataclass(frozen=True)
 class Errors:
     """Prediction errors of C candidates in one segment, shape (n, C) by signal, and how the first of them moved.
 
-    `motion` has shape (T + 1, columns of the observer's MOTION).
+    `motion` has shape (T + 1, columns of the observer's MOTION); `followed` is how far the sensors were followed.
     """
 
     of: Mapping[str, Floats]
     motion: Floats
+    followed: Gains = FREE
 
 
 class Predictor:
@@ -35,6 +37,10 @@ class Predictor:
         used = {"psi_left": observations.wheel_use[:, 0] > 0, "psi_right": observations.wheel_use[:, 1] > 0}
         self._wheels_foretold = len(observations.given) == 0
         self._used = used
+        self._rests_on = {
+            name: 1 + np.flatnonzero(np.diff(observations.wheel[used[name], side]) == 0.0)
+            for side, name in enumerate(WHEELS)
+        }
         self._restarts = observations.pose_use == RESTART
         self._cosine, self._sine = np.cos(observations.pose[:, 2])[:, None], np.sin(observations.pose[:, 2])[:, None]
 
@@ -77,6 +83,19 @@ class Predictor:
         for name in POSE_SIGNALS:
             of[name][self._restarts] = 0.0  # there was nothing to foretell such a pose from
         return Errors({name: of[name] for name in self.times}, innovations.motion)
+
+    def told_once(self, errors: Errors, gains: Gains) -> Errors:
+        """Return the errors, but for what is left of a wheel's in the further readings of one rest.
+
+        They all say the same: where the wheel stands is told once, and the observer with these gains believes a part of
+        it each time. What is new in them is whether the wheel was to move.
+        """
+        of = dict(errors.of)
+        for name, again in self._rests_on.items():
+            if name in of and len(again):
+                of[name] = of[name].copy()
+                of[name][again] -= (1.0 - gains.angle) * errors.of[name][again - 1]
+        return replace(errors, of=of, followed=gains)
 
     def motion_at(self, motion: Floats, signal: str) -> Floats:
         """Return how the robot moved when each error of a signal arose, shape (n, columns of MOTION)."""

@@ -64,7 +64,7 @@ class Problem:
     def errors(self, values: Mapping[str, object]) -> list[Errors]:
         """Return the prediction errors in each segment; `values` are numbers or arrays (C,)."""
         observer = Observer(values, self.gains)
-        return [predictor.errors_of(observer) for predictor in self.predictors]
+        return [one.told_once(one.errors_of(observer), self.gains) for one in self.predictors]
 
     def white(self, values: Mapping[str, object], noise: Noise) -> Floats:
         """Return all prediction errors made white and tempered, shape (n, C)."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, POSE, Stream
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK, POSE, Stream
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
 from cmr.recordings.signal import Floats, Mask, Signal, Times, no_times
 
@@ -55,11 +55,18 @@ WHEELS = Kept(
     finite=("ticks_left", "ticks_right", "psi_left", "psi_right"),
     measured=True,
 )
+DUTIES = Kept(MOTOR_DUTY, ("left", "right"), finite=("left", "right"))
 GYRO_RATE = Kept(GYRO, ("yaw_rate",), finite=("yaw_rate",), flag="valid")
 POSES = Kept(POSE, ("x", "y", "theta"), finite=("x", "y", "theta"), measured=True)
 
 # The signals of a recording, by the name that Recording has for each.
-KEPT: Mapping[str, Kept] = {"commands": COMMANDS, "wheels": WHEELS, "gyro": GYRO_RATE, "poses": POSES}
+KEPT: Mapping[str, Kept] = {
+    "commands": COMMANDS,
+    "wheels": WHEELS,
+    "gyro": GYRO_RATE,
+    "poses": POSES,
+    "duties": DUTIES,
+}
 
 
 @dataclass(frozen=True)

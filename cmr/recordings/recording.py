@@ -14,7 +14,7 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
 from cmr.recordings.batch import read_robots
 from cmr.recordings.log import LogReader
-from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
+from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times, no_times
 
 __all__ = [
     "Floats",
@@ -39,6 +39,7 @@ class RecordingError(Exception):
 class Recording:
     """All that was recorded of one robot; a signal that was not recorded is empty.
 
+    `duties` are those that were sent although no feedback, of `wheels`, tells them.
     `parameters` is the newest parameter file announced in the recording, None without one. `rejected` counts by
     (channel, reason) messages of the log that could not be decoded, `damaged_bytes` what is no intact event in it.
     """
@@ -48,6 +49,7 @@ class Recording:
     wheels: Signal
     gyro: Signal
     poses: Signal
+    duties: Signal = field(default_factory=lambda: Signal(no_times(), {"left": np.empty(0), "right": np.empty(0)}))
     parameters: ParameterFile | None = None
     rejected: Mapping[tuple[str, str], int] = field(default_factory=dict)
     damaged_bytes: int = 0
@@ -86,7 +88,8 @@ class Recording:
         new = np.diff(utime, prepend=utime[0] - 1) > 0
         fields = {side: self.wheels[f"applied_{side}"] for side in ("left", "right")}
         fields["status"] = self._told("status")
-        return Signal(utime[new], {name: values[sent][new] for name, values in fields.items()})
+        told = Signal(utime[new], {name: values[sent][new] for name, values in fields.items()})
+        return _with_untold(told, self.duties) if len(self.duties) else told
 
     @property
     def _applied_utime(self) -> Times:
@@ -101,18 +104,26 @@ class Recording:
 
     @property
     def signals(self) -> dict[str, Signal]:
-        """The signals by name: commands, wheels, gyro, poses."""
-        return {name: getattr(self, name) for name in KEPT}
+        """What is recorded all the time, by name: commands, wheels, gyro, poses."""
+        return {name: getattr(self, name) for name, kept in KEPT.items() if kept.stream.rate_hz is not None}
 
     def between(self, first: int, last: int) -> "Recording":
         """Return the part from utime `first` to `last`, both included."""
-        parts: dict[str, Any] = {name: signal.between(first, last) for name, signal in self.signals.items()}
+        parts: dict[str, Any] = {name: getattr(self, name).between(first, last) for name in KEPT}
         return replace(self, **parts)
 
     def where(self, keep: Mapping[str, Mask]) -> "Recording":
         """Return the samples at which `keep`, of shape (n,) for each signal named in it, is true."""
         parts: dict[str, Any] = {name: self.signals[name].where(mask) for name, mask in keep.items()}
         return replace(self, **parts)
+
+
+def _with_untold(told: Signal, untold: Signal) -> Signal:
+    """Return duties with those that no feedback tells, in the order in which they were sent."""
+    utime = np.concatenate([told.utime, untold.utime])
+    utime, first = np.unique(utime, return_index=True)
+    more = {**untold.fields, "status": np.zeros(len(untold))}
+    return Signal(utime, {name: np.concatenate([told[name], more[name]])[first] for name in told.fields})
 
 
 class Recorder:

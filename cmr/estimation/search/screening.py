@@ -171,7 +171,7 @@ def _locals(
 def chosen(errors: Sequence[Errors], columns: Sequence[int]) -> list[Errors]:
     """Return the errors of some candidates."""
     return [
-        Errors({name: np.take(every, columns, axis=1) for name, every in one.of.items()}, one.motion) for one in errors
+        replace(one, of={name: np.take(every, columns, axis=1) for name, every in one.of.items()}) for one in errors
     ]
 
 
@@ -197,7 +197,7 @@ def noise_of_all(problem: Problem, changes: Sequence[Errors], noise: Noise, reac
 def _explained(changes: Errors, shares: Floats) -> Errors:
     """Return the errors (n, 1) left when each candidate but the first has explained its share."""
     weights = np.append(1.0, shares)[:, None]
-    return Errors({name: every @ weights for name, every in changes.of.items()}, changes.motion)
+    return replace(changes, of={name: every @ weights for name, every in changes.of.items()})
 
 
 def _score(trial: Trial, size: float, pull: float) -> Score:

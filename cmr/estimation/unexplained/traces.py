@@ -97,7 +97,7 @@ def traces(
         observations.pose_time, np.ascontiguousarray(observations.pose[:, 2]), observations.pose_use, *result,
     )  # fmt: skip
     of = dict(zip(SIGNALS, result, strict=True))
-    return Errors({name: of[name] for name in predictor.times}, motion)
+    return predictor.told_once(Errors({name: of[name] for name in predictor.times}, motion), gains)
 
 
 @inlined
