@@ -1,6 +1,7 @@
 """The motor controller of one robot, as the thread of its port sees it: drive, measure, tell."""
 
 import math
+import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -28,6 +29,8 @@ BLIND_LIMIT = 1.0  # s without encoder counts after which the connection is made
 DUTY_LIFETIME = 0.1  # s after which a duty that has not been sent yet is not the one wanted any more
 TAKEN_FOR_ZERO = 0.002  # duty up to which a controller may take it for zero
 SILENCE_OF_OURS = 0.1  # s that it lasts longer than the device's watchdog
+PROMPT = 3_000_000  # ns; an adapter has not held back what comes sooner
+SLOWEST_ADAPTER, PROBES = 0.016, 16  # s for which it may hold replies back; how often it is asked meanwhile
 ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 ARM_ATTEMPTS = 10  # of one without whose answer the motors may not turn until the next connection
 STOPPING = 0.5  # s for the attempts at the last zero, so that the process still ends within a second
@@ -107,6 +110,7 @@ class Motors(Device):
         self._insist(controller.identify(), stop)
         for request in controller.learn():
             self._insist(request, stop)
+        self._learn_turnaround(controller, stop)
         unarmed = self._arm(controller, stop)
         self._insist(controller.read_encoders(), stop)  # without them nobody would see what the wheels do
         self._insist(controller.drive(0.0, 0.0), stop)  # arming may have taken a board so long that it fell silent
@@ -165,6 +169,17 @@ class Motors(Device):
         controller = self._controller_type()
         controller.monotonic_ns = self._host.monotonic_ns
         return controller
+
+    def _learn_turnaround(self, controller: Controller, stop: threading.Event) -> None:
+        """See how soon the device answers beside a USB adapter that holds its replies back.
+
+        Whoever asks as soon as an answer came always waits as long. Asked a little later each time, the device once
+        answers just before the adapter passes on what it holds.
+        """
+        if PROMPT < self._port.turnaround < sys.maxsize:
+            for number in range(PROBES):
+                stop.wait(SLOWEST_ADAPTER * number / PROBES)
+                self._insist(controller.read_encoders(), stop)
 
     def _count_on(self, controller: Controller, stop: threading.Event) -> None:
         """Decide how ticks go on: a device that still has the watchdog it was given once was not reset, and counts on.
@@ -271,7 +286,7 @@ class Motors(Device):
         request = connection.controller.drive(*self._wiring.channels(*duties))
         if any(duties):  # zero is never too late
             request = replace(request, not_after=now + DUTY_LIFETIME)
-        sent = self._host.utime()
+        sent = self._host.utime_at(self._host.monotonic_ns())
         try:
             answer = self._ask(request)
         except BadReply as failed:

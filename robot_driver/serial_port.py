@@ -50,6 +50,7 @@ class Answer(Generic[T]):
 class SerialPort:
     """The port at `path` of `host` (8N1, no flow control). One thread at a time may use it.
 
+    `turnaround` (ns) is how long the device takes to answer, at most: what its fastest answer so far took.
     `strays` counts the times that bytes were waiting, as a request was to be made, which none had asked for.
     """
 
@@ -60,7 +61,7 @@ class SerialPort:
         self.strays = 0
         self._stable: str | None = None
         self._line: Line | None = None
-        self._turnaround = sys.maxsize  # how long the device takes to answer, at most (ns)
+        self.turnaround = sys.maxsize
         self._last_traffic = -math.inf  # when, on the monotonic clock, the last byte was on the wire (s)
 
     def wire_time(self, byte_count: int) -> float:
@@ -189,9 +190,9 @@ class SerialPort:
         asked = sent + int(1e9 * self.wire_time(len(request.data)))
         # What takes longer than the fastest answer is on this side: a USB adapter holds replies back for up to 16 ms,
         # a busy computer lets them wait. Requests leave at once (as in NTP's clock filter, RFC 5905, section 10).
-        turnaround = max((began or arrived) - asked, 0)
-        self._turnaround = min(self._turnaround, turnaround)
-        return Answer(request.parse(reply), asked + min(turnaround, self._turnaround + USB_FRAME) // 2, arrived)
+        turnaround = (began or arrived) - asked
+        self.turnaround = min(self.turnaround, turnaround)
+        return Answer(request.parse(reply), asked + min(turnaround, self.turnaround + USB_FRAME) // 2, arrived)
 
     def _opened(self) -> Line:
         if self._line is None:

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t
 from robot_driver.controllers.mbot import MBot, MBotGyro
 from robot_driver.controllers.mbot.board import TIME_TELLING
@@ -82,6 +82,7 @@ class Client:
         self.driver = driver
         self.feedback: list[Any] = []
         self.gyro: list[Any] = []
+        self.of = {MOTOR_FEEDBACK: self.feedback, GYRO: self.gyro, MOTOR_DUTY: []}
         open_gate_of(driver)
 
     def until(self, condition: Any, left: float = 0.5, right: float = 0.5) -> None:
@@ -91,7 +92,7 @@ class Client:
             self.driver.turn()
             self.driver.handle(utime, MOTOR_COMMAND.channel(0), command)
             for stream, _, message in self.driver.outgoing():
-                (self.gyro if stream is GYRO else self.feedback).append(message)
+                self.of[stream].append(message)
             return condition()
 
         wait_for(commanded, PATIENCE)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import ESTOP, MOTOR_COMMAND
+from cmr.bus.streams import ESTOP, MOTOR_COMMAND, MOTOR_FEEDBACK
 from cmr.msg import estop_t, motor_command_t, motor_feedback_t
 from robot_driver.controllers import CONTROLLERS, Request
 from robot_driver.controllers.roboclaw import crc
@@ -44,7 +44,7 @@ class Run:
         def commanded() -> object:
             command = make(motor_command_t, utime=now_utime(), robot_id=0, left=left, right=right)
             self.driver.handle(command.utime, MOTOR_COMMAND.channel(0), command)
-            self.feedback += [message for _, _, message in self.driver.outgoing()]
+            self.feedback += [message for stream, _, message in self.driver.outgoing() if stream is MOTOR_FEEDBACK]
             return condition()
 
         wait_for(commanded)
