@@ -20,7 +20,7 @@ from cmr.estimation.prediction import FREE, WHEELS
 from cmr.estimation.segments import Segment
 from cmr.model.catalogue import definition
 from cmr.model.motion import RobotState, Trajectory, roll
-from cmr.model.observer import FOLLOWED, MOTION, RESTART, Innovations, Observations, observe
+from cmr.model.observer import FOLLOWED, LONGEST_LATENCY, MOTION, RESTART, Innovations, Observations, observe
 from cmr.model.parameters import RobotParameters
 from cmr.model.sensors import pose_seen
 from cmr.recordings.signal import Floats
@@ -32,6 +32,7 @@ COMPLETE = 0.95  # share of a window that its poses must span
 LEAST = 0.5  # of a window; a stretch that is shorter tells too little
 SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
 SMOOTHED = 0.3  # s before and after a moment, whose poses tell the pose at that moment
+PAST_STEP = 0.05  # s
 SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
 
 Indices = NDArray[np.int64]
@@ -198,9 +199,30 @@ def _motion(observations: Observations, values: Values) -> Floats:
         motion = observe(unbroken, stacked([values]), FREE).motion
         time = np.arange(len(motion), dtype=np.float64) * observations.dt
         path = Trajectory(*(motion[:, MOTION.index(name)] for name in Trajectory._fields))
+    time, path = _with_past(time, path, parameters, observations.start[3:])
     return np.column_stack(
         pose_seen(observations.time + time, path, parameters, observations.time + observations.pose_time)
     )
+
+
+def _with_past(
+    time: Floats, path: Trajectory, parameters: RobotParameters, psi: Sequence[float]
+) -> tuple[Floats, Trajectory]:
+    """Return times [s] and a path with what was before: the robot came at its first wheel speeds, left and right.
+
+    A late sensor tells it at first.
+    """
+    left, right = parameters.wheel_radius * psi[0], parameters.wheel_radius * psi[1]
+    ago = np.arange(LONGEST_LATENCY, 0.0, -PAST_STEP)
+    turned = ago * (right - left) / parameters.base_width
+    rolled, along = 0.5 * ago * (left + right), path.theta[0] - 0.5 * turned
+    before = {
+        "x": path.x[0] - rolled * np.cos(along),
+        "y": path.y[0] - rolled * np.sin(along),
+        "theta": path.theta[0] - turned,
+    }
+    poses = {name: np.concatenate([past, getattr(path, name)]) for name, past in before.items()}
+    return np.concatenate([time[0] - ago, time]), path._replace(**poses)
 
 
 def _neighbours(observations: Observations) -> tuple[Indices, Indices]:

@@ -66,8 +66,14 @@ def observe(
         for i in range(LANES):
             for row in range(len(numbers)):
                 own[GAIN_ANGLE + row * LANES + i] = numbers[row, block * LANES + i]
+            # What a late sensor tells at first is older than the beginning: the robot came at its first speeds.
+            left, right = own[RADIUS_LEFT + i] * here[PSI_LEFT + i], own[RADIUS_RIGHT + i] * here[PSI_RIGHT + i]
             for h in range(HISTORY):
-                past[h, 0, i], past[h, 1, i], past[h, 2, i] = here[X + i], here[Y + i], here[THETA + i]
+                ago = (HISTORY - h) % HISTORY * dt
+                turned = ago * (right - left) / own[BASE_WIDTH + i]
+                rolled, along = 0.5 * ago * (left + right), here[THETA + i] - 0.5 * turned
+                past[h, 0, i], past[h, 1, i] = here[X + i] - rolled * cos(along), here[Y + i] - rolled * sin(along)
+                past[h, 2, i] = here[THETA + i] - turned
                 for row in range(SPLIT_AT, 8):
                     past[h, row, i] = 0.0
         for border in range(commands.shape[1] + 1):
@@ -269,9 +275,9 @@ def observe(
     POSE_TIME_NUMBERS
     POSE_TIME
                     # A moment still to come lies on the line through the last two borders.
-                    position = max(border + (moment - began - now) / dt, border - (HISTORY - 2.0), 0.0)
-                    first = min(int(position), border - 1 if border > 0 else 0)
-                    share = position - first if border > 0 else 0.0
+                    position = max(border + (moment - began - now) / dt, border - (HISTORY - 2.0))
+                    first = min(int(floor(position)), border - 1)
+                    share = position - first
                     one, other = past[first % HISTORY], past[(first + 1) % HISTORY]
                     own[AT_X + i] = one[0, i] + share * (other[0, i] - one[0, i]) + own[OFFSET_X + i]
                     own[AT_Y + i] = one[1, i] + share * (other[1, i] - one[1, i]) + own[OFFSET_Y + i]
