@@ -96,6 +96,9 @@ def moved(
     v_x = 0.5 * (v_left + v_right)
     body = trailing(body, v_x, h)
     w = yaw_rate(p, v_left, v_right, inside, t) + pushed(p, body, v_x)
+    # travel_reduction: v_x (1 - c abs(w) / (1 + s abs(w))).
+    if p.travel_reduction_share != 0.0:
+        v_x *= max(0.0, 1.0 - p.travel_reduction_share / (1.0 / max(abs(w), 1e-12) + p.travel_reduction_saturation))
     # lateral_skid: v_y = -k v w.
     v_y = -p.lateral_skid * v_x * w + blown(p, body.theta, v_x)
     cosine, sine = math.cos(body.theta + 0.5 * h * w), math.sin(body.theta + 0.5 * h * w)

@@ -50,6 +50,8 @@ class PlantParameters(NamedTuple):
     wheel_wobble_phase: Annotated[float, (-6.3, 6.3)] = 0.0  # rad
     turn_slip: Annotated[float, (0.0, 10.0)] = 0.0  # s/rad
     turn_asymmetry: Annotated[float, (-0.9, 0.9)] = 0.0  # 1
+    travel_reduction_share: Annotated[float, (0.0, 10.0)] = 0.0  # s/rad
+    travel_reduction_saturation: Annotated[float, (0.0, 10.0)] = 0.0  # s/rad
     longitudinal_slip: Annotated[float, (0.0, 1.0)] = 0.0  # s
     lateral_skid: Annotated[float, (-10.0, 10.0)] = 0.0  # s
     slope_x: Annotated[float, (-1000.0, 1000.0)] = 0.0  # rad/s^2
@@ -127,6 +129,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "wheel_radius_asymmetry": {"wheel_radius_asymmetry": 0.015},
     "wheel_wobble": {"wheel_wobble_share": 0.04, "wheel_wobble_phase": 1.0},
     "turn_slip": {"turn_slip": 0.03},
+    "travel_reduction": {"travel_reduction_share": 0.05, "travel_reduction_saturation": 0.0},
     "turn_asymmetry": {"turn_asymmetry": 0.03},
     "longitudinal_slip": {"longitudinal_slip": 0.02},
     "lateral_skid": {"lateral_skid": 0.06},

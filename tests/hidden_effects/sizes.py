@@ -24,6 +24,7 @@ GROWS_WITH: Mapping[str, str] = {
     "turn_rate_limit": "rad/s",
     "caster_flip": "rad/s",
     "turn_slip": "s/rad",
+    "travel_reduction_share": "s/rad",
     "lateral_skid": "s/rad",
     "longitudinal_slip": "time constant",
     "pose_offset": "base width",

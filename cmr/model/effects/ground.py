@@ -184,6 +184,42 @@ TURN_SLIP = Effect(
     confused_with={"turn_asymmetry": "spins at several rates", "turn_rate_limit": "spins at several rates"},
 )
 
+TRAVEL_REDUCTION = Effect(
+    name="travel_reduction",
+    group=GROUP,
+    cause="Turning costs travel: the robot goes less far than its wheels turn, by {travel_reduction_share:.1%} times "
+    "its yaw rate in rad/s while it turns slowly.",
+    # Skid-steer robots travel nearly as far as their wheels turn when they go straight, and half of it in hard turns.
+    equations={
+        "body": """
+            turns = abs(yaw_rate)
+            lost = travel_reduction_share * turns / (1.0 + travel_reduction_saturation * turns)
+            speed = speed * max(0.0, 1.0 - lost)
+        """
+    },
+    parameters=(
+        ParameterDefinition(
+            "travel_reduction_share", "s/rad", "share of the travel lost per yaw rate; 0.5 on ice", 0.0, 5.0, 0.0, 0.05
+        ),
+        ParameterDefinition(
+            "travel_reduction_saturation",
+            "s/rad",
+            "by how much less a fast turn costs than so many slow ones",
+            0.0,
+            10.0,
+            0.0,
+            0.0,
+            switches=False,
+        ),
+    ),
+    needs="circles at two speeds",
+    shows_in="the pose's speed in turns, not the wheels'",
+    confused_with={
+        "wheel_radius_scale": "circles at two speeds",
+        "pose_distortion": "circles at two speeds",
+    },
+)
+
 LATERAL_SKID = Effect(
     name="lateral_skid",
     group=GROUP,
@@ -209,5 +245,6 @@ EFFECTS = (
     SURFACE_CHANGE,
     SURFACE_PATCH,
     TURN_SLIP,
+    TRAVEL_REDUCTION,
     LATERAL_SKID,
 )
