@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cmr.estimation.candidates import Excitation, effects_of_rolling, lanes_of
+from cmr.estimation.candidates import OF_ONE_FRAME, Excitation, effects_of_rolling, lanes_of
 from cmr.estimation.gauss_newton import (
     DAMPINGS,
     Asking,
@@ -27,13 +27,15 @@ from cmr.estimation.prediction import WHEELS, Errors, Predictor
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.compiled import compiled
 from cmr.model.effect import Effect
-from cmr.model.observer import MOTION, Gains, Observer
+from cmr.model.observer import MOTION, RESTART, Gains, Observer
 from cmr.recordings.signal import Floats, Mask
 
 BLOCK = 1.5  # s; neighbouring blocks belong to different folds
 FOLDS = 5
 LARGE = 4.0  # standard deviations from which an error counts less than its square
 X, Y = MOTION.index("x"), MOTION.index("y")
+SAME_POSE, NEARLY_SAME_POSE = 1e-6, 0.05  # m and rad
+MANY, COMING = 5, 0.2  # pieces; rad/s of a wheel of a robot that does not stand still
 EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
 QUICK_STEPS = 5  # of models fitted side by side,
 PROMISED_BESIDE = 1.0  # each as long as its next step promises as much
@@ -91,7 +93,23 @@ class Problem:
     def effects(self) -> tuple[Effect, ...]:
         """The effects of the catalogue that may show: without commands, not those of the motors."""
         rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
-        return effects_of_rolling() if rolls else tuple(CATALOGUE.values())
+        effects = effects_of_rolling() if rolls else tuple(CATALOGUE.values())
+        hidden = OF_ONE_FRAME if self._set_to_one_pose else ()
+        return tuple(effect for effect in effects if effect.name not in hidden)
+
+    @cached_property
+    def _set_to_one_pose(self) -> bool:
+        """Whether the poses are those of pieces that each begin at the same pose: in a frame of its own.
+
+        Poses are exactly the same only if they are set; those of a robot that comes along are set if nearly the same.
+        """
+        observations = [predictor.segment.observations for predictor in self.predictors]
+        begins = np.concatenate([one.pose[one.pose_use == RESTART] for one in observations])
+        if len(begins) < 2:
+            return False
+        apart = np.ptp(begins, axis=0)
+        comes = np.mean([np.max(np.abs(one.start[3:])) > COMING for one in observations]) > 0.5
+        return bool(np.all(apart < SAME_POSE) or (len(begins) >= MANY and comes and np.all(apart < NEARLY_SAME_POSE)))
 
     @cached_property
     def seed(self) -> int:

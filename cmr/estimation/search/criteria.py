@@ -36,6 +36,7 @@ OF_A_PLACE = 50.0  # more for the best of thousands of places: poses that err sl
 CLEARLY = 3.0  # times what an effect must explain: with more to first order it is needed
 PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each further parameter must explain to be better
 ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
+LARGEST_STRETCH = 0.5  # of a usual distance from the origin, by which poses may be stretched
 FARTHEST = 1.5  # times its root mean square distance from the origin: farther a robot hardly is on a drive of loops
 AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
 TOO_SMALL = "It is too small to matter."
@@ -147,6 +148,10 @@ def _impossible(
         name, factor = _most_changed(before, values)
         change = implausible_change(name, factor, ABSURD)
         yield "It would need implausible values of the paper's parameters.", change
+    for name in (name for name in names if definition(name).unit == "1/m^2"):
+        stretch = abs(values[name]) * problem.excitation.extent**2
+        if stretch > LARGEST_STRETCH:
+            yield "It would need implausible values of its own parameters.", at_the_end(name, values[name])
     for name in (name for name in names if at_its_end(definition(name), values[name])):
         yield "It would need implausible values of its own parameters.", at_the_end(name, values[name])
     for name, std in stds.items():

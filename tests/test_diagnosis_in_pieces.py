@@ -1,0 +1,60 @@
+"""Recordings as other people publish them: short pieces that begin in motion, each with its pose set to 0, 0, 0."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cmr.diagnosis.diagnose import diagnose
+from cmr.parameters.file import ParameterFile, Value
+from cmr.plant.sensors import REALISTIC
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import Signal
+from tests.hidden_effects.pieces import in_pieces
+from tests.hidden_effects.robots import draw_nominal, draw_robot
+from tests.reference_plant import drives
+from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
+
+CERTAIN = 3.5  # standard deviations
+CLOCK = 0.002  # s; poses are stamped on a raster of their own, commands are sent on another
+
+
+def driven(hidden: Mapping[str, float], seed: int) -> Recording:
+    random = np.random.default_rng([seed, 20])
+    robot = draw_robot(random)
+    nominal = ParameterFile(0, {name: Value(value) for name, value in draw_nominal(robot, random).items()})
+    commands = drives.packets(rich_drive(), RICH_DRIVE_SECONDS)
+    return drives.drive(commands, {**robot, **hidden}, RICH_DRIVE_SECONDS, REALISTIC, seed, nominal=nominal).recording
+
+
+def without_commands(recording: Recording) -> Recording:
+    untold = {"applied_left": np.nan, "applied_right": np.nan}
+    wheels = {name: np.full(len(values), untold.get(name, 0.0)) for name, values in recording.wheels.fields.items()}
+    told = {name: values for name, values in recording.wheels.fields.items() if name not in untold}
+    none = Signal(np.empty(0, np.int64), {name: np.empty(0) for name in recording.commands.fields})
+    return replace(recording, commands=none, wheels=Signal(recording.wheels.utime, {**wheels, **told}))
+
+
+@pytest.mark.parametrize(("seconds", "commanded"), [(2.0, False), (6.0, True)])
+def test_poses_are_as_late_as_they_are_however_the_drive_is_cut(seconds: float, commanded: bool) -> None:
+    pieces = in_pieces(driven({"pose_latency": 0.22}, 1), seconds)
+    found = diagnose([pieces if commanded else without_commands(pieces)])
+    assert [effect.name for effect in found.effects] == ["pose_latency"]
+    latency = found.effects[0].estimates["pose_latency"]
+    assert latency.value == pytest.approx(0.22, abs=CERTAIN * latency.std + CLOCK)
+
+
+def test_travel_that_turning_costs_is_neither_distortion_nor_a_smaller_wheel() -> None:
+    found = diagnose([in_pieces(driven({"travel_reduction_share": 0.2, "pose_offset": 0.1}, 2), 3.0)])
+    assert {effect.name for effect in found.effects} == {"pose_offset", "travel_reduction"}
+    share = next(e for e in found.effects if e.name == "travel_reduction").estimates["travel_reduction_share"]
+    assert share.value == pytest.approx(0.2, abs=CERTAIN * share.std)
+
+
+def test_what_belongs_to_a_frame_is_not_looked_for_in_pieces_that_have_one_each() -> None:
+    whole = driven({"pose_distortion": 0.03}, 3)
+    assert [effect.name for effect in diagnose([whole]).effects] == ["pose_distortion"]
+    found = diagnose([in_pieces(whole, 4.0)])
+    seen = {candidate.name for candidate in (*found.effects, *found.candidates)}
+    assert not seen & {"pose_distortion", "slope", "surface_patch"}
