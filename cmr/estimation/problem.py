@@ -35,7 +35,7 @@ FOLDS = 5
 LARGE = 4.0  # standard deviations from which an error counts less than its square
 X, Y = MOTION.index("x"), MOTION.index("y")
 SAME_POSE, NEARLY_SAME_POSE = 1e-6, 0.05  # m and rad
-MANY, COMING = 5, 0.2  # pieces; rad/s of a wheel of a robot that does not stand still
+SEVERAL, COMING = 3, 0.2  # pieces; rad/s of a wheel of a robot that does not stand still
 EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
 QUICK_STEPS = 5  # of models fitted side by side,
 PROMISED_BESIDE = 1.0  # each as long as its next step promises as much
@@ -108,8 +108,8 @@ class Problem:
         if len(begins) < 2:
             return False
         apart = np.ptp(begins, axis=0)
-        comes = np.mean([np.max(np.abs(one.start[3:])) > COMING for one in observations]) > 0.5
-        return bool(np.all(apart < SAME_POSE) or (len(begins) >= MANY and comes and np.all(apart < NEARLY_SAME_POSE)))
+        coming = sum(np.max(np.abs(one.start[3:])) > COMING for one in observations)
+        return bool(np.all(apart < SAME_POSE) or (coming >= SEVERAL and np.all(apart < NEARLY_SAME_POSE)))
 
     @cached_property
     def seed(self) -> int:
