@@ -56,5 +56,5 @@ def test_what_belongs_to_a_frame_is_not_looked_for_in_pieces_that_have_one_each(
     whole = driven({"pose_distortion": 0.03}, 3)
     assert [effect.name for effect in diagnose([whole]).effects] == ["pose_distortion"]
     found = diagnose([in_pieces(whole, 4.0)])
-    seen = {candidate.name for candidate in (*found.effects, *found.candidates)}
+    seen = {one.name for one in found.effects} | {one.name for one in found.candidates}
     assert not seen & {"pose_distortion", "slope", "surface_patch"}

@@ -34,7 +34,7 @@ BLOCK = 1.5  # s; neighbouring blocks belong to different folds
 FOLDS = 5
 LARGE = 4.0  # standard deviations from which an error counts less than its square
 X, Y = MOTION.index("x"), MOTION.index("y")
-SAME_POSE, NEARLY_SAME_POSE = 1e-6, 0.05  # m and rad
+SAME_POSE, NEARLY_SAME_POSE, MOST_ALIKE = 1e-6, 0.05, 0.8  # m and rad; share of the pieces
 SEVERAL, COMING = 3, 0.2  # pieces; rad/s of a wheel of a robot that does not stand still
 EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
 QUICK_STEPS = 5  # of models fitted side by side,
@@ -107,9 +107,10 @@ class Problem:
         begins = np.concatenate([one.pose[one.pose_use == RESTART] for one in observations])
         if len(begins) < 2:
             return False
-        apart = np.ptp(begins, axis=0)
+        apart = np.max(np.abs(begins - np.median(begins, axis=0)), axis=1)
         coming = sum(np.max(np.abs(one.start[3:])) > COMING for one in observations)
-        return bool(np.all(apart < SAME_POSE) or (coming >= SEVERAL and np.all(apart < NEARLY_SAME_POSE)))
+        alike = float(np.mean(apart < NEARLY_SAME_POSE)) > MOST_ALIKE
+        return bool(np.all(apart < SAME_POSE) or (coming >= SEVERAL and alike))
 
     @cached_property
     def seed(self) -> int:

@@ -1,6 +1,8 @@
 """Recordings as other people publish them: cut into pieces that begin in motion, each with its pose set to 0, 0, 0."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +20,12 @@ def in_pieces(
     The first begins `first` [s] after the recording. By default each begins where the one before ends.
     """
     parts = list(_parts(recording, seconds, every or seconds, pause, first))
-    signals = {}
+    signals: dict[str, Any] = {}
     for name in SIGNALS:
         own = [part[name] for part in parts]
         fields = {field: np.concatenate([signal[field] for signal in own]) for field in own[0].fields}
         signals[name] = Signal(np.concatenate([signal.utime for signal in own]), fields)
-    return Recording(recording.robot_id, **signals, parameters=recording.parameters)
+    return replace(recording, **signals)
 
 
 def _parts(
