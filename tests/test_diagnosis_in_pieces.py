@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cmr.calibration import EstimationError, calibrate
 from cmr.diagnosis.diagnose import diagnose
 from cmr.parameters.file import ParameterFile, Value
 from cmr.plant.sensors import REALISTIC
@@ -58,3 +59,13 @@ def test_what_belongs_to_a_frame_is_not_looked_for_in_pieces_that_have_one_each(
     found = diagnose([in_pieces(whole, 4.0)])
     seen = {one.name for one in found.effects} | {one.name for one in found.candidates}
     assert not seen & {"pose_distortion", "slope", "surface_patch"}
+
+
+def test_a_calibration_that_would_be_worse_than_what_was_given_is_refused() -> None:
+    """Wheels are stamped 0.2 s late, and the pieces are too short to tell."""
+    whole = driven({}, 0)
+    late = replace(whole, wheels=Signal(whole.wheels.utime + 200_000, dict(whole.wheels.fields)))
+    true = draw_robot(np.random.default_rng([0, 20]))
+    given = ParameterFile(0, {name: Value(value) for name, value in true.items()})
+    with pytest.raises(EstimationError, match="The given parameters stay"):
+        calibrate(in_pieces(late, 2.0), given)

@@ -1,6 +1,6 @@
 """Calibrate a robot: the paper's three parameters, in the presence of whatever else its recordings show."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from cmr.calibration.preparing import TOLD
 from cmr.calibration.result import CalibrationResult, tells
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import Estimation, estimate, nominal_of
+from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.simulation_error import SimulationErrorProblem
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile
@@ -19,6 +20,13 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
 AVERAGE, PAPER = METHODS = ("average", "paper")
+# Times, and m, by which predicted paths may be worse than with the given parameters.
+WORSE, SLIGHTLY_WORSE = 1.1, 0.003
+WORSE_THAN_GIVEN = (
+    "The given parameters stay: whatever is fitted to this recording predicts paths worse over 3 s ({after:.3f} m) "
+    "than they do ({before:.3f} m). Something that no effect explains moves this robot or its sensors. Check the time "
+    "stamps of commands, wheels and poses, and run cmr-diagnose."
+)
 UNTOLD = "The drive tells nothing of it: its standard deviation is {:.0f} % of the value."
 
 
@@ -36,7 +44,8 @@ def calibrate(
     result. With `paper_only` there are none: the three parameters are those that predict best by themselves. `method`
     "paper" is the paper's: a grid search over the whole path, which knows no effects in any case. Recordings without
     wheels have no other.
-    Raises EstimationError when nothing at all can be found, or when signals contradict one another.
+    Raises EstimationError when nothing at all can be found, when signals contradict one another, or when whatever is
+    found predicts paths worse than `nominal` does.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     _require_one_robot(recordings)
@@ -50,7 +59,18 @@ def calibrate(
         return _motors_alone(recordings, nominal)  # a gyro that cannot be trusted tells nothing
     if estimation.whole is None:
         raise EstimationError(estimation.ready.refused)
-    return _alone(estimation, nominal) if paper_only else _in_presence(estimation, nominal)
+    ways = (_alone, _of_free_runs) if paper_only else (_in_presence, _of_free_runs)
+    results = (way(estimation, nominal) for way in ways)
+    return _first_that_helps(results)
+
+
+def _first_that_helps(results: Iterable[CalibrationResult]) -> CalibrationResult:
+    """Return the first result that predicts paths no worse than the given parameters. Raises EstimationError."""
+    for result in results:
+        before, after = result.path_rmse_before, result.path_rmse_after
+        if not after > max(WORSE * before, before + SLIGHTLY_WORSE):
+            return result
+    raise EstimationError(WORSE_THAN_GIVEN.format(before=before, after=after))
 
 
 def _motors_alone(recordings: Sequence[Recording], nominal: ParameterFile) -> CalibrationResult:
@@ -70,15 +90,26 @@ def _alone(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
 
     Where none was found these are the most likely ones; else those with which free runs over short windows err least.
     """
-    found = estimation.found
-    base, estimates = found.base, estimation.baseline
-    if found.named:
-        problem = estimation.ready.problem
-        assert problem is not None
-        courses = SimulationErrorProblem(problem.predictors, problem.gains, problem.excitation)
-        base = courses.base(estimation.ready.start, base.names)
-        bursts = courses.doubts(base)
-        estimates = {n: Estimate(base.values[n], float(np.hypot(base.std(n), bursts[n]))) for n in base.names}
+    if estimation.found.named:
+        return _of_free_runs(estimation, nominal)
+    return _of_three(estimation, nominal, estimation.found.base, estimation.baseline)
+
+
+def _of_free_runs(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
+    """Return the three parameters with which free runs over short windows err least."""
+    problem = estimation.ready.problem
+    assert problem is not None
+    courses = SimulationErrorProblem(problem.predictors, problem.gains, problem.excitation)
+    base = courses.base(estimation.ready.start, estimation.found.base.names)
+    bursts = courses.doubts(base)
+    estimates = {n: Estimate(base.values[n], float(np.hypot(base.std(n), bursts[n]))) for n in base.names}
+    return _of_three(estimation, nominal, base, estimates)
+
+
+def _of_three(
+    estimation: Estimation, nominal: ParameterFile, base: Fit, estimates: dict[str, Estimate]
+) -> CalibrationResult:
+    """Return the three parameters of a fit without effects."""
     parameters = {name: value for name, value in base.values.items() if name in DEFINITIONS}
     parameters = {name: value for name, value in parameters.items() if name not in estimation.ready.unknown}
     doubts = in_doubt_alone(estimation, estimates)
