@@ -69,3 +69,13 @@ def test_a_calibration_that_would_be_worse_than_what_was_given_is_refused() -> N
     given = ParameterFile(0, {name: Value(value) for name, value in true.items()})
     with pytest.raises(EstimationError, match="The given parameters stay"):
         calibrate(in_pieces(late, 2.0), given)
+
+
+def test_commands_and_poses_without_wheels_tell_what_they_tell() -> None:
+    whole = driven({"motor_gain_asymmetry": 0.03, "pose_latency": 0.1}, 5)
+    none = Signal(np.empty(0, np.int64), {name: np.empty(0) for name in whole.wheels.fields})
+    found = diagnose([replace(whole, wheels=none)])
+    assert {effect.name for effect in found.effects} == {"motor_gain_asymmetry", "pose_latency"}
+    for effect in found.effects:
+        for name, one in effect.estimates.items():
+            assert one.value == pytest.approx({"pose_latency": 0.1}.get(name, 0.03), abs=CERTAIN * one.std + CLOCK)

@@ -31,7 +31,7 @@ DRIVE = "Drive a figure-eight, or cmr-pilot's rich_drive, and record it."
 LONG_ENOUGH = (
     f"A diagnosis takes {SHORTEST:.0f} s of driving at least; two minutes of cmr-pilot's rich_drive tell most."
 )
-WITHOUT_WHEELS = "No wheels were recorded (MOTOR_FEEDBACK_N): they are needed to tell the motors from the floor."
+WITHOUT_WHEELS = "Neither wheels (MOTOR_FEEDBACK_N) nor commands (MOTOR_COMMAND_N) were recorded: what drove the robot?"
 WITHOUT_MOTION = (
     "Neither poses (POSE_N) nor a gyro (GYRO_N) were recorded beside the wheels: nothing tells how the robot moved."
 )
@@ -126,10 +126,10 @@ def _least(lag: Lag) -> float:
 
 
 def _tells(segment: Segment) -> bool:
-    """Tell whether a segment says how the wheels, and how the robot, moved."""
+    """Tell whether a segment says what drove the robot, and how it moved."""
     observations = segment.observations
     return (
-        len(observations.wheel_time) >= FEWEST
+        max(len(observations.wheel_time), len(observations.commands.time)) >= FEWEST
         and max(len(observations.pose_time), len(observations.gyro_time)) >= FEWEST
     )
 
@@ -158,7 +158,7 @@ def _why_set_aside(findings: Findings, signal: str) -> list[str]:
 
 def _why_useless(recording: Recording, cleaned: Recording, findings: Findings, segments: Sequence[Segment]) -> str:
     """Return why nothing can be concluded from a recording, and what to do."""
-    if len(recording.wheels) < FEWEST:
+    if max(len(recording.wheels), len(recording.commands)) < FEWEST:
         return WITHOUT_WHEELS
     untrue = _untrue(recording, findings)
     if untrue:

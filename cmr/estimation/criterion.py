@@ -52,5 +52,7 @@ def straying(found: Search) -> float:
         np.diff(observations.wheel, axis=0) / np.diff(observations.wheel_time)[:, None]
         for observations in (p.observations for p in segments)
     ]
+    if not any(map(len, speeds)):
+        return 0.0  # no wheels were read
     usual = float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     return errors.rmse(*WHEELS) / usual if usual > 0.0 else 0.0

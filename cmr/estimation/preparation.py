@@ -31,6 +31,7 @@ LARGEST_DOUBT = 0.05
 NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
 HARDLY_TURNED = "The robot hardly turned: its turns tell the base width to {doubt:.0f} % only."
 TURNS = "A drive with turns tells it: a figure-eight, or cmr-pilot's rich_drive."
+WITHOUT_WIDTH = "No wheels were recorded (MOTOR_FEEDBACK_N): give base_width, nearly, by --parameters."
 WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing tells how the motors follow them: "
 
 WORST_FACTOR = 3.0  # of the wheels' way to that of the poses; beyond it, or under one over it, one of them is wrong
@@ -109,7 +110,7 @@ def _contradiction(ready: Sequence[Predictor], radius: float) -> str:
     """
     by_wheels, by_poses = 0.0, 0.0
     for one in (predictor.segment.observations for predictor in ready):
-        if len(one.pose_time) > 1 and not len(one.given):
+        if len(one.pose_time) > 1 and len(one.wheel_time) and not len(one.given):
             seconds = np.arange(one.pose_time[0], one.pose_time[-1])
             turned = np.interp(seconds, one.wheel_time, one.wheel.mean(axis=1))
             place = [np.interp(seconds, one.pose_time, one.pose[:, axis]) for axis in (0, 1)]
@@ -147,6 +148,13 @@ def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
 def _add_width(start: _Start, ready: Sequence[Predictor], nominal: ParameterFile) -> None:
     """Add the base width; where the turns do not tell it, the nominal one, which is not fitted."""
     width = guess_base_width(ready, start.values["wheel_radius"])
+    if not any(len(predictor.segment.observations.wheel_time) for predictor in ready):
+        if nominal.has("base_width"):  # the poses tell it, beside how the motors follow commands
+            start.values["base_width"] = nominal.value("base_width")
+            start.names = ("base_width",)
+        else:
+            start.refused = WITHOUT_WIDTH
+        return
     if width is not None and width.doubt <= LARGEST_DOUBT:
         start.values["base_width"] = width.value
         start.names = ("base_width",)
