@@ -230,15 +230,15 @@ def test_rows_with_cells_that_hold_no_number_are_skipped_for_that_signal_and_cou
     assert "the file: 1 x row with another number of cells" in said
 
 
-def test_segments_follow_each_other_with_the_gap_and_their_first_pose_is_kept(tmp_path: Path) -> None:
-    mapping = CSV_HEAD | {"segment": {"column": "window", "gap": 5.0}, "pose": POSE | {"only_changes": True}}
-    rows = "0,0.0,0,0,0\n0,0.1,0,0,0\n0,0.2,3,0,0\n1,0.5,3,0,0\n1,0.6,3,0,0\n1,0.7,3,0,1\n"
+def test_segments_follow_each_other_with_the_gap(tmp_path: Path) -> None:
+    mapping = CSV_HEAD | {"segment": {"column": "window", "gap": 5.0}, "pose": POSE}
+    rows = "0,0.0,0,0,0\n0,0.2,3,0,0\n1,0.5,4,0,0\n1,0.7,3,0,1\n"
     poses = run(tmp_path, mapping, write_csv(tmp_path, "window,t,x,y,theta\n" + rows))["POSE_0"]
     assert [pose.utime - START for pose in poses] == [0, 200_000, 5_200_000, 5_400_000]
 
 
 def test_poses_may_be_taken_where_a_counter_changes(tmp_path: Path) -> None:
-    mapping = CSV_HEAD | {"pose": POSE | {"only_changes": "index"}}
+    mapping = CSV_HEAD | {"pose": POSE | {"only_changes": "index", "first_of_piece": "kept"}}
     recording = write_csv(tmp_path, "t,index,x,y,theta\n0,1,0,0,0\n0.1,1,0,0,0\n0.2,2,0,0,0\n")
     assert [pose.utime - START for pose in run(tmp_path, mapping, recording)["POSE_0"]] == [0, 200_000]
 
