@@ -9,54 +9,13 @@ from typing import Any
 
 import lcm
 import pytest
-import yaml
 
-from cmr.bus.messages import decode
 from cmr.commands.command_line import CommandError
 from cmr.parameters.file import parse
 from cmr.tools.import_log import main
+from tests.import_bench import CSV_HEAD, NOMINAL, POSE, START, run, write_csv, write_mapping
 
-NOMINAL = {"wheel_radius": 0.05, "base_width": 0.2}
-START = 1_769_860_800_000_000  # us; 2026-01-31T12:00:00Z
-CSV_HEAD: dict[str, Any] = {
-    "about": "made in a test",
-    "format": "csv",
-    "time": {"column": "t", "start": "2026-01-31T12:00:00Z"},
-    "nominal": NOMINAL,
-}
-POSE = {
-    "x": {"column": "x", "unit": "cm"},
-    "y": {"column": "y", "unit": "m", "sign": -1},
-    "theta": {"column": "theta", "unit": "deg", "scale": 2.0, "offset": 10.0},
-}
 FINGERPRINT = b"anything"
-
-
-def write_mapping(folder: Path, content: dict[str, Any]) -> str:
-    path = folder / "robot.yaml"
-    # The start must be a YAML time stamp, which is a text without quotes.
-    path.write_text(yaml.safe_dump(content).replace("'2026-01-31T12:00:00Z'", "2026-01-31T12:00:00Z"))
-    return str(path)
-
-
-def run(folder: Path, mapping: dict[str, Any], recording: Path, *options: str) -> dict[str, list[Any]]:
-    """Import and return the log's messages by channel, in the order of the log."""
-    out = folder / "run.lcm"
-    assert main([write_mapping(folder, mapping), str(recording), "--out", str(out), *options]) == 0
-    messages: dict[str, list[Any]] = {}
-    last = 0
-    for event in lcm.EventLog(str(out), "r"):
-        message = decode(event.channel, event.data).message
-        assert event.timestamp == message.utime >= last, "events are stamped by utime and in its order"
-        last = event.timestamp
-        messages.setdefault(event.channel, []).append(message)
-    return messages
-
-
-def write_csv(folder: Path, text: str) -> Path:
-    path = folder / "recording.csv"
-    path.write_text(text)
-    return path
 
 
 def write_foreign_log(folder: Path, events: list[tuple[int, str, bytes]]) -> Path:
