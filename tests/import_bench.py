@@ -18,7 +18,7 @@ CSV_HEAD: dict[str, Any] = {
     "time": {"column": "t", "start": "2026-01-31T12:00:00Z"},
     "nominal": NOMINAL,
 }
-POSE = {
+POSE: dict[str, Any] = {
     "x": {"column": "x", "unit": "cm"},
     "y": {"column": "y", "unit": "m", "sign": -1},
     "theta": {"column": "theta", "unit": "deg", "scale": 2.0, "offset": 10.0},

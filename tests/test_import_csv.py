@@ -207,7 +207,7 @@ def test_a_command_that_would_hold_for_years_is_a_damaged_time(tmp_path: Path) -
         run(tmp_path, mapping, write_csv(tmp_path, "t,v,w\n0,0,0\n4e9,0,0\n"))
 
 
-FILES = {
+FILES: dict[str, Any] = {
     "files": {
         "*_wheels.csv": {"time": TIME, "columns": ["t", "left", "right"]},
         "*_poses.csv": {"time": TIME | {"unit": "ms"}},
@@ -227,7 +227,7 @@ FILES = {
         "theta": {"column": "theta", "unit": "deg"},
     },
 }
-SEVERAL = {key: value for key, value in CSV_HEAD.items() if key != "time"} | FILES
+SEVERAL: dict[str, Any] = {key: value for key, value in CSV_HEAD.items() if key != "time"} | FILES
 
 
 def several_files(folder: Path, name: str = "one") -> Path:

@@ -13,6 +13,7 @@ from cmr.recordings.heading_checks import turned_headings
 from cmr.recordings.lags import Lag, lags_of
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
+from cmr.recordings.stale_poses import stale_poses
 from cmr.recordings.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
 from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
 
@@ -27,7 +28,8 @@ __all__ = ["Finding", "Findings", "check"]
 def check(recording: Recording) -> Findings:
     """Find what is wrong in a recording: poses, wheels, clocks, gaps and the log itself."""
     damaged = damaged_samples(recording)
-    sound = _without(recording, [damaged])
+    stale = _over_all(stale_poses(_without(recording, [damaged])), [damaged], recording)
+    sound = _without(recording, [damaged, stale])
     sensors = [*wheel_findings(sound), dead_sensors(sound)]
     plausible = _without(sound, sensors)
     gyro = gyro_findings(plausible)
@@ -38,8 +40,8 @@ def check(recording: Recording) -> Findings:
     faults = path_faults(plausible, known.get("poses", 0.0), known.get("gyro", 0.0))
     turned = turned_headings(plausible, faults, known.get("poses", 0.0))
     findings = [*_pose_findings(faults), turned, *sensors, *gyro]
-    findings = [_over_all(finding, damaged, recording) for finding in findings]
-    findings += [damaged, *_lag_findings(lags, rates), *motion_findings(sound)]
+    findings = [_over_all(finding, [damaged, stale], recording) for finding in findings]
+    findings += [damaged, stale, *_lag_findings(lags, rates), *motion_findings(sound)]
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
     return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates)
@@ -50,12 +52,13 @@ def _without(recording: Recording, found: list[Finding]) -> Recording:
     return Findings(tuple(found), np.empty(0, np.int64), (), {}).cleaned(recording)
 
 
-def _over_all(finding: Finding, damaged: Finding, recording: Recording) -> Finding:
-    """Return a finding in the samples that are not damaged as one in all samples."""
+def _over_all(finding: Finding, before: list[Finding], recording: Recording) -> Finding:
+    """Return a finding in the samples that those `before` it left as one in all samples."""
     spread_out = {}
     for name, mask in finding.set_aside.items():
         whole = np.zeros(len(recording.signals[name]), np.bool_)
-        whole[~damaged.set_aside.get(name, whole)] = mask
+        gone = [one.set_aside[name] for one in before if name in one.set_aside]
+        whole[~np.any(gone, axis=0) if gone else slice(None)] = mask
         spread_out[name] = whole
     return Finding(finding.check, finding.found, finding.sentence, spread_out)
 
