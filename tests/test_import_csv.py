@@ -295,6 +295,8 @@ def test_which_file_is_missing_or_not_to_be_told_is_said(tmp_path: Path) -> None
     (recording / "two_poses.csv.gz").unlink()
     with pytest.raises(CommandError, match=r"no file two_poses\.csv; there is battery\.csv, one_poses\.csv\.gz"):
         run(tmp_path, SEVERAL, recording / "two_wheels.csv")
+    with pytest.raises(CommandError, match="absent: no such file or folder"):
+        run(tmp_path, SEVERAL, tmp_path / "absent")
     with pytest.raises(CommandError, match=r"called like none of the files of the mapping: \*_poses\.csv, \*_wheels"):
         run(tmp_path, SEVERAL, write_csv(recording, "", "other.csv"))
 

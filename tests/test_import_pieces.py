@@ -57,6 +57,12 @@ def test_the_log_tells_its_pieces_by_name_and_their_own_time(tmp_path: Path) -> 
     assert told == [[START, "a", 7.0], [START + 6_000_000, "b", 2.0], [START + 11_500_000, "a", 1.0]]
 
 
+def test_pieces_are_5_seconds_apart_where_the_mapping_says_nothing(tmp_path: Path) -> None:
+    mapping = CSV_HEAD | {"segment": {"column": "window"}, "pose": POSE}
+    recording = write_csv(tmp_path, HEADER + "0,0,0,0,0\n0,0.1,1,0,0\n1,0,0,0,0\n")
+    assert times(run(tmp_path, mapping, recording)) == [0, 100, 5100]
+
+
 def test_a_recording_without_pieces_tells_none(tmp_path: Path) -> None:
     messages = run(tmp_path, CSV_HEAD | {"pose": POSE}, write_csv(tmp_path, "t,x,y,theta\n0,0,0,0\n1,0,0,0\n"))
     assert "pieces" not in parse(messages["PARAMETERS_0"][0].yaml).provenance

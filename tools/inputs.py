@@ -110,6 +110,8 @@ def _only(folder: Path, pattern: str) -> Path:
 
 def _by_one_of_its_files(mapping: Mapping, path: Path) -> Recorded:
     """Return the recording of which `path` is one file: the others are beside it."""
+    if not path.exists():
+        raise SourceError(f"{path}: no such file or folder")
     name = _unpacked(path).name
     pattern = max((one for one in mapping.files if _fits(name, one)), key=len, default=None)
     if pattern is None:

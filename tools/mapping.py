@@ -38,6 +38,7 @@ from cmr.tools.ros_fields import PathError, parse_path
 
 SHIPPED = Path(__file__).resolve().parent / "mappings"
 TICKS_PER_TURN = 65536.0  # of a log whose recording has no ticks: fine enough to keep angles
+USUAL_GAP = 5.0  # s between two pieces; over less than 1 s estimates would go on
 QUATERNION = ("w", "x", "y", "z")
 
 
@@ -168,7 +169,7 @@ class _Reader:
         if file.value("segment") is None:
             return None
         segment = file.block("segment")
-        pieces = Pieces(segment.text("column"), segment.number("gap", positive=True))
+        pieces = Pieces(segment.text("column"), segment.number("gap", USUAL_GAP, positive=True))
         segment.finish()
         return pieces
 
