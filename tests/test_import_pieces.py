@@ -63,6 +63,14 @@ def test_pieces_are_5_seconds_apart_where_the_mapping_says_nothing(tmp_path: Pat
     assert times(run(tmp_path, mapping, recording)) == [0, 100, 5100]
 
 
+def test_pieces_so_close_that_estimates_would_go_on_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mapping = CSV_HEAD | {"segment": {"column": "window", "gap": 0.5}, "pose": POSE}
+    run(tmp_path, mapping, write_csv(tmp_path, HEADER + "0,0,0,0,0\n0,0.1,1,0,0\n1,0,0,0,0\n"))
+    assert "note: pieces 0.5 s apart are taken for one another's continuation" in capsys.readouterr().out
+
+
 def test_a_recording_without_pieces_tells_none(tmp_path: Path) -> None:
     messages = run(tmp_path, CSV_HEAD | {"pose": POSE}, write_csv(tmp_path, "t,x,y,theta\n0,0,0,0\n1,0,0,0\n"))
     assert "pieces" not in parse(messages["PARAMETERS_0"][0].yaml).provenance

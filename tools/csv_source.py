@@ -31,6 +31,8 @@ from cmr.tools.sources import (
 LINES_BETWEEN_REDRAWINGS = 1000
 SEPARATORS = ",;\t"  # the first of them that is in a file's first line separates its cells; else spaces do
 COMMENT = "#"  # a line that begins so holds no row; it may name the columns
+LEAST_GAP = 1.0  # s; estimates go on over shorter silences
+CLOSE = "pieces {gap:g} s apart are taken for one another's continuation; let the segment's gap be more than 1"
 MOST_COLUMNS = 40  # that an error lists
 
 Label = tuple[str, int]  # of a piece: the cell that names it, and how many pieces before it had the same
@@ -60,6 +62,8 @@ def read_csv(mapping: Mapping, paths: Dictionary[str, Path]) -> Source:
     else:
         files = _with_common_labels(files)
         clocks, source.pieces = _one_after_the_other(files, mapping.pieces, start)
+        if mapping.pieces.gap <= LEAST_GAP:
+            source.notes.append(CLOSE.format(gap=mapping.pieces.gap))
     for name, file in files.items():
         source.tables[name] = _table(name, file, start, clocks[name], source)
         require_moving_clocks(paths[name], {name: source.tables[name]}, "map another column as time")
