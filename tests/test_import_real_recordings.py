@@ -25,8 +25,8 @@ COUNTS = {
     "maebot": {"PARAMETERS": 1, "MOTOR_FEEDBACK": 3421, "GYRO": 1376, "POSE": 457},
     "mbot": {"PARAMETERS": 1, "MOTOR_FEEDBACK": 8977, "GYRO": 8977, "MOTOR_COMMAND": 8977},
     "optiodom": {"PARAMETERS": 1, "MOTOR_FEEDBACK": 1387, "POSE": 1388},
-    "husky_tile": {"PARAMETERS": 1, "MOTOR_FEEDBACK": 24_000, "GYRO": 24_000, "MOTOR_COMMAND": 24_000, "POSE": 12_292},
-    "husky_wet_grass": {"PARAMETERS": 1, "MOTOR_FEEDBACK": 12_920, "MOTOR_COMMAND": 12_920, "POSE": 6386},
+    "husky_tile": {"PARAMETERS": 1, "MOTOR_FEEDBACK": 24_000, "GYRO": 24_000, "MOTOR_COMMAND": 24_000, "POSE": 11_692},
+    "husky_wet_grass": {"PARAMETERS": 1, "MOTOR_FEEDBACK": 12_920, "MOTOR_COMMAND": 12_920, "POSE": 6385},
 }
 
 Columns = dict[str, NDArray[Any]]

@@ -9,54 +9,13 @@ from typing import Any
 
 import lcm
 import pytest
-import yaml
 
-from cmr.bus.messages import decode
 from cmr.commands.command_line import CommandError
 from cmr.parameters.file import parse
 from cmr.tools.import_log import main
+from tests.import_bench import CSV_HEAD, NOMINAL, POSE, START, run, write_csv, write_mapping
 
-NOMINAL = {"wheel_radius": 0.05, "base_width": 0.2}
-START = 1_769_860_800_000_000  # us; 2026-01-31T12:00:00Z
-CSV_HEAD: dict[str, Any] = {
-    "about": "made in a test",
-    "format": "csv",
-    "time": {"column": "t", "start": "2026-01-31T12:00:00Z"},
-    "nominal": NOMINAL,
-}
-POSE = {
-    "x": {"column": "x", "unit": "cm"},
-    "y": {"column": "y", "unit": "m", "sign": -1},
-    "theta": {"column": "theta", "unit": "deg", "scale": 2.0, "offset": 10.0},
-}
 FINGERPRINT = b"anything"
-
-
-def write_mapping(folder: Path, content: dict[str, Any]) -> str:
-    path = folder / "robot.yaml"
-    # The start must be a YAML time stamp, which is a text without quotes.
-    path.write_text(yaml.safe_dump(content).replace("'2026-01-31T12:00:00Z'", "2026-01-31T12:00:00Z"))
-    return str(path)
-
-
-def run(folder: Path, mapping: dict[str, Any], recording: Path, *options: str) -> dict[str, list[Any]]:
-    """Import and return the log's messages by channel, in the order of the log."""
-    out = folder / "run.lcm"
-    assert main([write_mapping(folder, mapping), str(recording), "--out", str(out), *options]) == 0
-    messages: dict[str, list[Any]] = {}
-    last = 0
-    for event in lcm.EventLog(str(out), "r"):
-        message = decode(event.channel, event.data).message
-        assert event.timestamp == message.utime >= last, "events are stamped by utime and in its order"
-        last = event.timestamp
-        messages.setdefault(event.channel, []).append(message)
-    return messages
-
-
-def write_csv(folder: Path, text: str) -> Path:
-    path = folder / "recording.csv"
-    path.write_text(text)
-    return path
 
 
 def write_foreign_log(folder: Path, events: list[tuple[int, str, bytes]]) -> Path:
@@ -230,15 +189,15 @@ def test_rows_with_cells_that_hold_no_number_are_skipped_for_that_signal_and_cou
     assert "the file: 1 x row with another number of cells" in said
 
 
-def test_segments_follow_each_other_with_the_gap_and_their_first_pose_is_kept(tmp_path: Path) -> None:
-    mapping = CSV_HEAD | {"segment": {"column": "window", "gap": 5.0}, "pose": POSE | {"only_changes": True}}
-    rows = "0,0.0,0,0,0\n0,0.1,0,0,0\n0,0.2,3,0,0\n1,0.5,3,0,0\n1,0.6,3,0,0\n1,0.7,3,0,1\n"
+def test_segments_follow_each_other_with_the_gap(tmp_path: Path) -> None:
+    mapping = CSV_HEAD | {"segment": {"column": "window", "gap": 5.0}, "pose": POSE}
+    rows = "0,0.0,0,0,0\n0,0.2,3,0,0\n1,0.5,4,0,0\n1,0.7,3,0,1\n"
     poses = run(tmp_path, mapping, write_csv(tmp_path, "window,t,x,y,theta\n" + rows))["POSE_0"]
     assert [pose.utime - START for pose in poses] == [0, 200_000, 5_200_000, 5_400_000]
 
 
 def test_poses_may_be_taken_where_a_counter_changes(tmp_path: Path) -> None:
-    mapping = CSV_HEAD | {"pose": POSE | {"only_changes": "index"}}
+    mapping = CSV_HEAD | {"pose": POSE | {"only_changes": "index", "first_of_piece": "kept"}}
     recording = write_csv(tmp_path, "t,index,x,y,theta\n0,1,0,0,0\n0.1,1,0,0,0\n0.2,2,0,0,0\n")
     assert [pose.utime - START for pose in run(tmp_path, mapping, recording)["POSE_0"]] == [0, 200_000]
 

@@ -34,6 +34,7 @@ FAULTS = {
     "pose_jumps",
     "pose_headings_turned",
     "poses_held",
+    "stale_poses",
     "encoder_spikes",
     "encoder_resets",
     "encoder_stuck",

@@ -59,6 +59,32 @@ class Block:
             raise self.error(key, f"must be greater than 0, not {value!r}")
         return float(value)
 
+    def count(self, key: str, default: int) -> int:
+        """Return a whole number, 0 or more."""
+        value = self.value(key)
+        value = default if value is None else value
+        if type(value) is not int or value < 0:
+            raise self.error(key, f"must be a whole number, 0 or more, not {value!r}")
+        return value
+
+    def switch(self, key: str) -> bool:
+        """Return true or false, which it is where the file says nothing."""
+        value = self.value(key)
+        if value is not None and not isinstance(value, bool):
+            raise self.error(key, f"must be true or false, not {value!r}")
+        return bool(value)
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of texts, each another one, that must be there."""
+        value = self.value(key)
+        if not isinstance(value, list) or not value or not all(isinstance(one, str) and one.strip() for one in value):
+            raise self.error(key, f"must be a list of names, not {value!r}")
+        texts = tuple(one.strip() for one in value)
+        if len(set(texts)) < len(texts):
+            twice = next(text for text in texts if texts.count(text) > 1)
+            raise self.error(key, f"names {twice!r} more than once")
+        return texts
+
     def block(self, key: str) -> "Block":
         """Return the block under `key`, which must be there."""
         return Block(self.value(key), f"{self.place}: {key}")

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from cmr.bus.messages import make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
 from cmr.parameters.file import ParameterFile, Value
-from cmr.tools.mapping import FEEDBACK_PAIRS, FEEDBACK_SINGLES, Command, Feedback, Group, Mapping, Pose, Signal
+from cmr.tools.mapping_types import FEEDBACK_PAIRS, FEEDBACK_SINGLES, Command, Feedback, Group, Mapping, Pose, Signal
 from cmr.tools.quantities import TURN
+from cmr.tools.sampling import SamplingError, in_force_again, recorded, rows_of
 from cmr.tools.sources import MICROSECONDS, Source, Table
 
 Floats = NDArray[np.float64]
@@ -21,6 +22,10 @@ Floats = NDArray[np.float64]
 SIDES = ("left", "right")
 COUNTED_WIDTH = "turn_rate_limit_base_width"  # what says so of a limit of the commanded turns
 PIECE = 4096  # rows that are turned into messages at a time
+STALE = "first pose of a piece, which may be older than the piece (first_of_piece: kept would use it)"
+BODY_FEEDBACK = (
+    "the wheel speeds follow from v and omega by wheel_radius {wheel_radius:.6g} m and base_width {base_width:.6g} m"
+)
 DRIVE_TOLERANCE = 1e-6  # a duty of 1 that was stored as a 32-bit float may be a little more
 
 
@@ -138,7 +143,7 @@ class _Converter:
     def _commands(self, command: Command) -> Batch:
         table, values, _ = self._usable(MOTOR_COMMAND, command)
         if "omega" in values:
-            values = self._wheel_drives(command, values["v"], values["omega"])
+            values = self._drives(command, values["v"], values["omega"])
         largest = max((float(np.abs(values[side]).max(initial=0.0)) for side in SIDES), default=0.0)
         if largest > 1 + DRIVE_TOLERANCE:
             raise ConversionError(
@@ -147,16 +152,24 @@ class _Converter:
         fields = {side: np.clip(values[side], -1.0, 1.0) for side in SIDES}
         return self._batch(MOTOR_COMMAND, table, fields)
 
-    def _wheel_drives(self, command: Command, v: Floats, omega: Floats) -> dict[str, Floats]:
+    def _drives(self, command: Command, v: Floats, omega: Floats) -> dict[str, Floats]:
         """Return the drives that move the body at v [m/s] and omega [rad/s] by the nominal geometry."""
+        full_scale = command.full_scale
+        assert full_scale is not None, "the mapping's check demands full_scale for a command of the body"
+        return {side: speed / full_scale for side, speed in self._wheel_speeds(v, omega).items()}
+
+    def _wheel_speeds(self, v: Floats, omega: Floats) -> dict[str, Floats]:
+        """Return each wheel's speed [rad/s] where the body has v [m/s] and omega [rad/s], by the nominal geometry."""
         radius, base = self._mapping.nominal["wheel_radius"], self._mapping.nominal["base_width"]
-        assert command.full_scale is not None, "the mapping's check demands full_scale for a command of the body"
-        left, right = ((v + sign * omega * base / 2) / radius / command.full_scale for sign in (-1, 1))
-        return {"left": left, "right": right}
+        return {side: (v + sign * omega * base / 2) / radius for side, sign in zip(SIDES, (-1, 1), strict=True)}
 
     def _feedback(self, feedback: Feedback) -> Batch:
         table, values, raw = self._usable(MOTOR_FEEDBACK, feedback)
         keep = np.ones(len(table.utime), bool)
+        if "omega" in values:
+            speeds = self._wheel_speeds(values["v"], values["omega"])
+            values |= {f"psi_{side}": speed for side, speed in speeds.items()}
+            self._source.notes.append(BODY_FEEDBACK.format(**self._mapping.nominal))
         for side in SIDES:
             ticks, psi = f"ticks_{side}", f"psi_{side}"
             if ticks in values:
@@ -183,34 +196,39 @@ class _Converter:
 
     def _poses(self, pose: Pose) -> Batch:
         table, values, _ = self._usable(POSE, pose)
+        begins = np.append(True, table.segment[1:] != table.segment[:-1])[: len(table.utime)]
         keep = np.ones(len(table.utime), bool)
         if pose.only_changes:
-            columns = np.stack([table.columns[name] for name in pose.only_changes])
-            keep[1:] = (columns[:, 1:] != columns[:, :-1]).any(axis=0) | (table.segment[1:] != table.segment[:-1])
+            keep = ~_repeated([table.columns[name] for name in pose.only_changes]) | begins
             self._skip(POSE, "row that repeats the pose before it", keep)
-        return self._batch(POSE, table, values, keep)
+        # Where only changes are measurements, nobody knows since when the first pose of a piece has been there.
+        stale = begins if pose.first == "left_out" else begins & _repeated(list(values.values()))
+        self._skip(POSE, STALE, ~stale)
+        return self._batch(POSE, table, values, keep & ~stale)
 
     def _usable(self, stream: Stream, group: Group) -> tuple[Table, dict[str, Floats], dict[str, NDArray[Any]]]:
         """Return the group's rows with a number for every signal: table, signals in our units, and as recorded."""
-        table = self._source.tables[group.table]
-        raw = {name: self._recorded(signal, table, group) for name, signal in group.signals.items()}
+        tables = self._source.tables
+        table = tables[group.table]
+        raw = {
+            name: recorded(signal, table, tables[signal.table], _period(name, signal))
+            for name, signal in group.signals.items()
+        }
         usable = np.ones(len(table.utime), bool)
         for values in raw.values():
             usable &= np.isfinite(values)
         self._skip(stream, "row without a number for each of its signals", usable)
-        raw = {name: values[usable] for name, values in raw.items()}
+        table, raw = rows_of(table, usable), {name: values[usable] for name, values in raw.items()}
+        if isinstance(group, Command) and group.holds:
+            try:
+                again = in_force_again(table, tables.values())
+            except SamplingError as error:
+                raise ConversionError(str(error)) from error
+            table, raw = rows_of(table, again.rows, again.utime), {name: one[again.rows] for name, one in raw.items()}
         ours = {
             name: signal.gain * raw[name].astype(np.float64) + signal.shift for name, signal in group.signals.items()
         }
-        return _rows(table, usable), ours, raw
-
-    def _recorded(self, signal: Signal, table: Table, group: Group) -> NDArray[Any]:
-        """Return a signal at the group's times; one that is on another channel is interpolated."""
-        if signal.table == group.table:
-            return table.columns[signal.column]
-        other = self._source.tables[signal.table]
-        values: Floats = np.interp(table.utime, other.utime, other.columns[signal.column], left=np.nan, right=np.nan)
-        return values
+        return table, ours, raw
 
     def _skip(self, stream: Stream, reason: str, keep: NDArray[np.bool_]) -> None:
         if not keep.all():
@@ -230,9 +248,15 @@ class _Converter:
         return Batch(stream, columns, {"robot_id": self._robot_id, **constants})
 
 
-def _rows(table: Table, keep: NDArray[np.bool_]) -> Table:
-    columns = {name: values[keep] for name, values in table.columns.items()}
-    return Table(table.utime[keep], table.received_utime[keep], table.segment[keep], columns)
+def _period(name: str, signal: Signal) -> float | None:
+    """Return after how much a signal starts anew, as recorded; None for one that does not."""
+    return TURN / abs(signal.gain) if name == "theta" and signal.gain else None
+
+
+def _repeated(columns: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+    """Tell which rows repeat all of these columns of the row before, shape (n,)."""
+    values = np.stack(columns)
+    return np.append(False, (values[:, 1:] == values[:, :-1]).all(axis=0))[: values.shape[1]]
 
 
 def _counted(signal: Signal, ours: Floats, raw: NDArray[Any]) -> Floats:

@@ -1,74 +1,81 @@
 """cmr-import: turn measured data of other robots into our event logs.
 
-Usage: cmr-import MAPPING INPUT --out RUN.lcm, or cmr-import --list
+Usage: cmr-import MAPPING INPUT [INPUT ...] --out RUN.lcm or FOLDER, or cmr-import --list
 """
 
 import argparse
-import hashlib
+import shlex
+import sys
 from collections.abc import Sequence
+from glob import has_magic
 from pathlib import Path
-from typing import Any
 
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.model.parameters import DEFINITIONS
+from cmr.parameters.file import ParameterFileError
+from cmr.parameters.file import load as load_parameters
 from cmr.tools import mapping as mappings
 from cmr.tools.block import MappingError
-from cmr.tools.converting import Conversion, ConversionError, convert
-from cmr.tools.mapping import Mapping
-from cmr.tools.ros_files import files_of
+from cmr.tools.converting import ConversionError
+from cmr.tools.importing import Imported, import_recording
+from cmr.tools.inputs import Recorded, logs_of, paths_of, recorded
+from cmr.tools.mapping_types import Mapping
 from cmr.tools.ros_records import BagError
-from cmr.tools.ros_source import read_bag
-from cmr.tools.sources import MICROSECONDS, Source, SourceError, read
-from cmr.tools.writing import write_log
+from cmr.tools.sources import SourceError
 
-PIECE_BYTES = 1 << 20
 LARGEST_ROBOT_ID = 999_999_999  # nine digits: what channel names are read with
 
 
 def main(arguments: list[str]) -> int:
-    """Import one recording, or list the shipped mappings.
+    """Import recordings, or list the shipped mappings.
 
-    Raises CommandError when mapping, recording or output cannot be used.
+    Raises CommandError when the mapping, an output or a recording cannot be used; of several recordings those that
+    can be are imported first.
     """
     options = _parse(arguments)
     if options.list:
         print("\n".join(_list()))
         return 0
-    recording, out = Path(options.input), Path(options.out)
-    try:
-        mapping = mappings.load(options.mapping)
-        files = files_of(recording) if mapping.topics else [recording]
-        if out.exists() and any(out.samefile(file) for file in files):
-            raise CommandError(f"{out} is the recording itself; name another file with --out")
-        source = read_bag(mapping, recording) if mapping.topics else read(mapping, recording)
-        conversion = convert(mapping, source, options.robot, _provenance(mapping, recording, files))
-        write_log(out, conversion, options.robot)
-    except (MappingError, BagError, SourceError, ConversionError) as error:
-        raise CommandError(str(error)) from error
-    except OSError as error:
-        raise CommandError(f"{error.filename or out}: {error.strerror or error}") from error
-    print("\n".join(_summary(conversion, source, options.robot, out)))
+    mapping = _mapping(options.mapping, options.parameters)
+    paths = paths_of(options.input)
+    out = Path(options.out)
+    if len(paths) > 1 or has_magic(options.input[0]) or out.is_dir() or options.out.endswith("/"):
+        _import_all(mapping, paths, out, options.robot)
+    else:
+        imported = _import(mapping, _recorded(mapping, paths[0]), out, options.robot)
+        print("\n".join([imported.headline(), *imported.channels(), *imported.remarks(), _next(imported)]))
     return 0
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     command_line = parser(
         "cmr-import",
-        "Turn a recording of another robot (a foreign LCM log, CSV, a ROS 1 or ROS 2 bag, or MCAP) into an event log "
+        "Turn recordings of another robot (foreign LCM logs, CSV files, ROS 1 or ROS 2 bags, MCAP) into event logs "
         "of ours, by a mapping file.",
-        "cmr-import mbot drive_square.log --out run.lcm && cmr-calibrate --log run.lcm",
+        "cmr-import mbot drive_square.log --out run.lcm && cmr-calibrate --log run.lcm\n"
+        "  cmr-import optiodom 'data/**/*_run-??.csv' --out logs/",
         bus="accepted as by every command; an import needs no bus",
     )
     command_line.add_argument("mapping", nargs="?", help="name of a shipped mapping, or path of a mapping file")
     command_line.add_argument(
         "input",
-        nargs="?",
-        help="the recording: an LCM log, .csv, .csv.gz, .bag, .mcap, .db3, or the folder of a bag",
+        nargs="*",
+        help="the recordings: an LCM log, .csv, .csv.gz, .bag, .mcap, .db3, or the folder of a bag or of the CSV files "
+        "of one recording; patterns such as 'runs/*.csv' and '**' are resolved",
     )
-    command_line.add_argument("--out", metavar="RUN.lcm", help="the event log to write; replaced if it is there")
+    command_line.add_argument(
+        "--out",
+        metavar="RUN.lcm",
+        help="the event log to write, replaced if it is there; or a folder, where there are several recordings or it "
+        "ends in /: each log has its recording's name there, and lies as the recordings lie below what they share",
+    )
     command_line.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot in the log")
+    command_line.add_argument(
+        "--parameters", metavar="FILE", help="the robot's nominal parameters, in place of those in the mapping"
+    )
     command_line.add_argument("--list", action="store_true", help="list the shipped mappings and end")
     options = command_line.parse_args(arguments)
-    if not options.list and None in (options.mapping, options.input, options.out):
+    if not options.list and (options.mapping is None or not options.input or options.out is None):
         command_line.error("MAPPING, INPUT and --out are needed; or --list")
     if not 0 <= options.robot <= LARGEST_ROBOT_ID:
         command_line.error(f"--robot must be 0 to {LARGEST_ROBOT_ID}, not {options.robot}")
@@ -81,41 +88,81 @@ def _list() -> list[str]:
     return [f"{name:{width}}  {mappings.load(name).about}" for name in names]
 
 
-def _provenance(mapping: Mapping, recording: Path, files: Sequence[Path]) -> dict[str, Any]:
-    """Return where the nominal parameters and the log come from, and what is needed to undo the mapping."""
-    provenance: dict[str, Any] = {
-        "method": "nominal",
-        "mapping": mapping.name,
-        "log": recording.name or recording.resolve().name,
-        "sha256": _digest(files),
-    }
-    if mapping.feedback is not None:
-        provenance["ticks_per_turn"] = mapping.feedback.ticks_per_turn
-    if mapping.command is not None and mapping.command.full_scale is not None:
-        provenance["full_scale_rad_s"] = mapping.command.full_scale
-    return provenance
+def _mapping(name: str, parameters: str | None) -> Mapping:
+    """Return the mapping, with the paper's parameters of a parameter file as nominal ones where there is one."""
+    try:
+        values = {} if parameters is None else load_parameters(Path(parameters)).values
+        return mappings.load(name, {key: one.value for key, one in values.items() if key in DEFINITIONS})
+    except (MappingError, ParameterFileError) as error:
+        raise CommandError(str(error)) from error
 
 
-def _digest(files: Sequence[Path]) -> str:
-    """Return the SHA-256 of the files' bytes, one after the other."""
-    digest = hashlib.sha256()
-    for file in files:
-        with file.open("rb") as stream:
-            while piece := stream.read(PIECE_BYTES):
-                digest.update(piece)
-    return digest.hexdigest()
+def _recorded(mapping: Mapping, path: Path) -> Recorded:
+    try:
+        return recorded(mapping, path)
+    except (BagError, SourceError) as error:
+        raise CommandError(str(error)) from error
+    except OSError as error:
+        raise CommandError(f"{error.filename or path}: {error.strerror or error}") from error
 
 
-def _summary(conversion: Conversion, source: Source, robot_id: int, out: Path) -> list[str]:
-    """Return what a person wants to know: what came out, what was left out, what to do next."""
-    times = conversion.times()
-    start, end = int(times[0][1][0]), max(int(utimes[-1]) for _, utimes in times)
-    count = sum(len(utimes) for _, utimes in times)
-    lines = [f"{out}: {count} messages over {(end - start) / MICROSECONDS:.1f} s"]
-    for stream, utimes in times:
-        first, last = (int(utime - start) / MICROSECONDS for utime in (utimes[0], utimes[-1]))
-        lines.append(f"  {stream.channel(robot_id):20} {len(utimes):7}  from {first:8.2f} s to {last:8.2f} s")
-    lines += [f"  skipped, {place}: {count} x {reason}" for (place, reason), count in sorted(source.skipped.items())]
-    lines += [f"  note: {note}" for note in source.notes]
-    robot = f" --robot {robot_id}" if robot_id else ""
-    return [*lines, f"next: cmr-calibrate --log {out}{robot}"]
+def _import(mapping: Mapping, recording: Recorded, out: Path, robot_id: int) -> Imported:
+    if out.exists() and any(out.samefile(file) for file in recording.files.values() if file.exists()):
+        raise CommandError(f"{out} is the recording itself; name another file with --out")
+    try:
+        return import_recording(mapping, recording, out, robot_id)
+    except (BagError, SourceError, ConversionError) as error:
+        raise CommandError(str(error)) from error
+    except OSError as error:
+        raise CommandError(f"{error.filename or out}: {error.strerror or error}") from error
+
+
+def _import_all(mapping: Mapping, paths: Sequence[Path], folder: Path, robot_id: int) -> None:
+    """Import the recordings into the folder, all that can be; what cannot is said on stderr when its turn comes."""
+    recordings: dict[tuple[Path, ...], Recorded] = {}
+    failed = 0
+    for path in paths:
+        try:
+            recording = _recorded(mapping, path)
+            recordings.setdefault(tuple(recording.files.values()), recording)
+        except CommandError as error:
+            failed += _said(error)
+    total = failed + len(recordings)
+    logs = logs_of(list(recordings.values()), folder)
+    for recording, log in zip(recordings.values(), logs, strict=True):
+        _make(log.parent)
+        try:
+            imported = _import(mapping, recording, log, robot_id)
+            print("\n".join([imported.headline(), *imported.remarks()]), flush=True)
+        except CommandError as error:
+            failed += _said(error)
+    if failed:
+        raise CommandError(f"{failed} of {total} recordings could not be imported; why is said above")
+    print(_next_of_all(logs, robot_id))
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CommandError(f"{folder}: {error.strerror}; for several recordings --out must be a folder") from error
+
+
+def _said(error: CommandError) -> int:
+    """Say on stderr what cannot be imported; return that it is one."""
+    print(f"cmr-import: {error}", file=sys.stderr, flush=True)
+    return 1
+
+
+def _next(imported: Imported) -> str:
+    return f"next: cmr-calibrate --log {imported.out}{_robot_option(imported.robot_id)}"
+
+
+def _next_of_all(logs: Sequence[Path], robot_id: int) -> str:
+    folders = dict.fromkeys(shlex.quote(str(log.parent)) for log in logs)
+    named = " ".join(f"{folder}/*.lcm" for folder in folders)
+    return f"next: cmr-diagnose {named}{_robot_option(robot_id)} --out diagnosis"
+
+
+def _robot_option(robot_id: int) -> str:
+    return f" --robot {robot_id}" if robot_id else ""

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from cmr.tools.events import Progress
-from cmr.tools.mapping import Mapping
-from cmr.tools.mapping import Topic as MappedTopic
+from cmr.tools.mapping_types import Mapping
+from cmr.tools.mapping_types import Topic as MappedTopic
 from cmr.tools.ros_fields import AbsentError, PathError, Types, getter, parse_path
 from cmr.tools.ros_files import files_of, opened
 from cmr.tools.ros_messages import DecodeError, TypeUnknownError, decoder
 from cmr.tools.ros_records import BagError, BagReader, Message, Topic
-from cmr.tools.sources import LATEST_UTIME, Source, SourceError, Table, in_time_order
+from cmr.tools.sources import LATEST_UTIME, Source, SourceError, Table, in_time_order, require_moving_clocks
 
 MICROSECOND = 1000  # ns
 MESSAGES_BETWEEN_REDRAWINGS = 1000
@@ -67,7 +67,7 @@ def read_bag(mapping: Mapping, path: Path) -> Source:
 def _counters(mapping: Mapping, topic: str) -> frozenset[str]:
     """Return the columns of a topic that count ticks."""
     signals = {} if mapping.feedback is None else mapping.feedback.signals
-    return frozenset(one.column for key, one in signals.items() if key.startswith("ticks_") and one.table == topic)
+    return frozenset(one.columns[0] for key, one in signals.items() if key.startswith("ticks_") and one.table == topic)
 
 
 def _take_all(reader: BagReader, rows: Dictionary[str, "_Rows"], progress: Progress) -> None:
@@ -101,9 +101,7 @@ def _tables(path: Path, rows: Dictionary[str, "_Rows"], source: Source) -> dict[
     shifted = [one for one in rows.values() if one.clock == "shifted_header"]
     shift = min((one.smallest_delay() for one in shifted), default=0)
     tables = {name: one.table(shift if one in shifted else 0) for name, one in rows.items()}
-    for name, table in tables.items():
-        if len(table.utime) > 1 and table.utime[0] == table.utime[-1]:
-            raise SourceError(f"{path}: the time of {name} stands still; for a broken header, map time: received")
+    require_moving_clocks(path, tables, "for a broken header, map time: received")
     return tables
 
 

@@ -3,6 +3,8 @@
 No parameter of the robot is needed, and nothing but NumPy: a calibration that starts with it starts at once.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from cmr.recordings.findings import Finding, Findings, counted
@@ -11,12 +13,14 @@ from cmr.recordings.heading_checks import turned_headings
 from cmr.recordings.lags import Lag, lags_of
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
+from cmr.recordings.stale_poses import stale_poses
 from cmr.recordings.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
 from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
 
 SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
+HALF_PERIOD = 0.5  # of the time between samples: nobody tells if a stamp is that of its beginning, middle or end
 SLOWEST_MOTOR = 0.5  # s by which a robot may follow its commands with all clocks right
-SURE = 3.0  # standard deviations by which they must differ
+SURE = 5.0  # standard deviations by which they must differ
 
 __all__ = ["Finding", "Findings", "check"]
 
@@ -24,20 +28,23 @@ __all__ = ["Finding", "Findings", "check"]
 def check(recording: Recording) -> Findings:
     """Find what is wrong in a recording: poses, wheels, clocks, gaps and the log itself."""
     damaged = damaged_samples(recording)
-    sound = _without(recording, [damaged])
+    stale = _over_all(stale_poses(_without(recording, [damaged])), [damaged], recording)
+    sound = _without(recording, [damaged, stale])
     sensors = [*wheel_findings(sound), dead_sensors(sound)]
     plausible = _without(sound, sensors)
     gyro = gyro_findings(plausible)
     plausible = _without(plausible, gyro)
     lags = lags_of(plausible)
     known = {lag.sensor: lag.seconds for lag in lags if lag.known}
+    rates = rates_of(sound)
     faults = path_faults(plausible, known.get("poses", 0.0), known.get("gyro", 0.0))
     turned = turned_headings(plausible, faults, known.get("poses", 0.0))
     findings = [*_pose_findings(faults), turned, *sensors, *gyro]
-    findings = [_over_all(finding, damaged, recording) for finding in findings]
-    findings += [damaged, *_lag_findings(lags), *motion_findings(sound)]
+    findings = [_over_all(finding, [damaged, stale], recording) for finding in findings]
+    findings += [damaged, stale, *_lag_findings(lags, rates), *motion_findings(sound)]
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
-    return Findings(tuple(findings), sound.poses.utime[faults.jumps], tuple(lags), rates_of(sound))
+    begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
+    return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates)
 
 
 def _without(recording: Recording, found: list[Finding]) -> Recording:
@@ -45,12 +52,13 @@ def _without(recording: Recording, found: list[Finding]) -> Recording:
     return Findings(tuple(found), np.empty(0, np.int64), (), {}).cleaned(recording)
 
 
-def _over_all(finding: Finding, damaged: Finding, recording: Recording) -> Finding:
-    """Return a finding in the samples that are not damaged as one in all samples."""
+def _over_all(finding: Finding, before: list[Finding], recording: Recording) -> Finding:
+    """Return a finding in the samples that those `before` it left as one in all samples."""
     spread_out = {}
     for name, mask in finding.set_aside.items():
         whole = np.zeros(len(recording.signals[name]), np.bool_)
-        whole[~damaged.set_aside.get(name, whole)] = mask
+        gone = [one.set_aside[name] for one in before if name in one.set_aside]
+        whole[~np.any(gone, axis=0) if gone else slice(None)] = mask
         spread_out[name] = whole
     return Finding(finding.check, finding.found, finding.sentence, spread_out)
 
@@ -77,20 +85,21 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
     ]
 
 
-def _lag_findings(lags: list[Lag]) -> list[Finding]:
+def _lag_findings(lags: list[Lag], rates: Mapping[str, float]) -> list[Finding]:
     """Tell where clocks differ; that wheels follow their commands late is how motors are."""
     findings = []
     for sensor in ("poses", "gyro"):
         lag = next((lag for lag in lags if lag.sensor == sensor), None)
-        differs = lag is not None and lag.known and _differs(lag)
+        differs = lag is not None and lag.known and _differs(lag, rates)
         findings.append(Finding(f"{sensor}_clock", int(differs), _lag_sentence(sensor, lag)))
     return findings
 
 
-def _differs(lag: Lag) -> bool:
+def _differs(lag: Lag, rates: Mapping[str, float]) -> bool:
     """Tell whether a clock is wrong; what commands ask for may come late by what a motor takes."""
     late = lag.seconds - (SLOWEST_MOTOR if lag.reference == "commands" and lag.seconds > 0.0 else 0.0)
-    return bool(late * lag.seconds > 0.0 and abs(late) > max(SMALLEST_LAG, SURE * lag.std))
+    stamps = sum(HALF_PERIOD / rates[name] for name in (lag.sensor, lag.reference))
+    return bool(late * lag.seconds > 0.0 and abs(late) > max(SMALLEST_LAG, stamps, SURE * lag.std))
 
 
 def _lag_sentence(sensor: str, lag: Lag | None) -> str:

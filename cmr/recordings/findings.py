@@ -28,7 +28,8 @@ class Finding:
 class Findings:
     """What all checks of a recording found.
 
-    `splits` are the times [us] of the first pose after each jump of the tracker: a path ends before and begins there.
+    `splits` are the times [us] of the first pose after each jump of the tracker, and after each pause of the whole
+    recording: a path ends before and begins there.
     `lags` tell how the sensors' clocks differ, `rates` [Hz] how often each signal came.
     """
 

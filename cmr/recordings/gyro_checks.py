@@ -11,18 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmr.recordings.findings import Finding
-from cmr.recordings.lags import (
-    STEP,
-    IncomparableError,
-    command_travel,
-    common_rates,
-    correlation_of,
-    gyro_travel,
-    pose_travel,
-    wheel_travel,
-)
+from cmr.recordings.rates import STEP, IncomparableError, Rates, common_rates, correlation_of
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import Floats
+from cmr.recordings.travel import travel_of
 
 FEWEST_SPANS = 10  # over which rates are averaged; fewer tell nothing
 # Of what one sign leaves unexplained, the share that the other may leave at most, at whatever lag of the clocks.
@@ -89,38 +80,40 @@ def gyro_findings(recording: Recording) -> list[Finding]:
 
 def _comparisons(recording: Recording) -> dict[str, Comparison]:
     """Compare the gyro's turns with those of the poses, and of the wheels or else the commands, where they tell."""
-    travels = {"poses": pose_travel, "wheels": wheel_travel, "commands": command_travel}
-    if len(recording.wheels) > 1:
-        del travels["commands"]
-    present = [name for name in travels if len(recording.signals[name]) > 1] if len(recording.gyro) > 1 else []
-    origin = int(recording.gyro.utime[0]) if present else 0
+    others = ("poses", "wheels") if len(recording.wheels) > 1 else ("poses", "commands")
+    present = [name for name in others if len(recording.signals[name]) > 1] if len(recording.gyro) > 1 else []
+    origin = int(recording.pieces.first[0]) if present else 0
     compared = {}
     for name in present:
-        other = travels[name](recording.signals[name], origin)
+        gyro, other = (travel_of(recording, one, origin) for one in ("gyro", name))
         try:
-            rates = common_rates(gyro_travel(recording.gyro, origin), other)
+            rates = common_rates(gyro, other, recording.pieces, origin)
         except IncomparableError:
             continue
-        ((gyro, turning),) = rates.pairs  # a gyro does not tell how the robot drives
-        if len(gyro) * STEP > FEWEST_SPANS * rates.span:
-            compared[name] = _compared(gyro, turning, rates.shifts)
+        (pair,) = rates.pairs  # a gyro does not tell how the robot drives
+        if np.count_nonzero(pair[0].told & pair[1].told) * STEP > FEWEST_SPANS * rates.span:
+            compared[name] = _compared(*pair, rates.shifts)
     return {name: comparison for name, comparison in compared.items() if comparison}
 
 
-def _compared(gyro: Floats, other: Floats, shifts: int) -> Comparison | None:
-    """Compare two rates of turning, shape (n,), of clocks up to `shifts` steps apart; None if they are not alike.
+def _compared(gyro: Rates, other: Rates, shifts: int) -> Comparison | None:
+    """Compare two rates of turning, of clocks up to `shifts` steps apart; None if they are not alike.
 
     Both are in error: the regression of the gyro on the other gives too small a factor, that of the other on the gyro
     too large a one.
     """
-    around = np.pad(other, shifts, mode="edge")  # so that the start and the end of a drive count, too
-    correlation = correlation_of(np.pad(gyro, shifts), around, shifts)
+    correlation, _ = correlation_of(gyro, other, shifts)
     best = int(np.argmax(np.abs(correlation)))
     alike = float(correlation[best])
     opposite = max(float(np.max(-math.copysign(1.0, alike) * correlation)), 0.0)
     if 1.0 - alike**2 > LEFT * (1.0 - opposite**2) or best in (0, 2 * shifts):
         return None
-    size = float(np.std(gyro) / np.std(around[2 * shifts - best :][: len(gyro)]))
+    late, early = slice(max(best - shifts, 0), None), slice(max(shifts - best, 0), None)
+    both = [rates.values[at] for rates, at in ((gyro, late), (other, early))]
+    told = [rates.told[at] for rates, at in ((gyro, late), (other, early))]
+    count = min(map(len, both))
+    common = told[0][:count] & told[1][:count]
+    size = float(np.std(both[0][:count][common]) / np.std(both[1][:count][common]))
     return Comparison(alike < 0.0, abs(alike) * size, size / abs(alike))
 
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.recordings.findings import Finding, counted
-from cmr.recordings.lags import command_travel, wheel_travel
 from cmr.recordings.path_faults import PathFaults
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import spread, wrapped
 from cmr.recordings.signal import SECONDS, Floats, Mask
+from cmr.recordings.travel import travel_of
 
 WINDOW = 0.5  # s over which the robot's way is compared with its heading
 TURNED = 0.1  # rad; headings that differ by less may be as true as the robot's slip
@@ -71,11 +71,11 @@ def _ways(recording: Recording, part: NDArray[np.int64], used: Mask, pose_lag: f
     wheels, commands = recording.wheels, recording.commands
     if len(poses) < FEWEST or max(len(wheels), len(commands)) < 2:
         return None
-    origin = int(poses.utime[0])
-    travel = wheel_travel(wheels, origin) if len(wheels) > 1 else command_travel(commands, origin)
+    travel = travel_of(recording, "wheels" if len(wheels) > 1 else "commands", int(poses.utime[0]))
     width = max(round(WINDOW / max(float(np.median(np.diff(poses.seconds))), SECONDS)), 1)
     first = np.arange(0, len(poses) - width, width)
-    first = first[part[first] == part[first + width]]
+    piece = recording.pieces.number(poses.utime)
+    first = first[(part[first] == part[first + width]) & (piece[first] == piece[first + width])]
     last = first + width
     place, theta = poses["x"] + 1j * poses["y"], poses["theta"]
     turned = wrapped(theta[last] - theta[first])

@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.recordings.lags import Travel, command_travel, gyro_travel, wheel_travel
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import quantile, ratio, running_largest, running_median, running_range, wrapped
+from cmr.recordings.run_ends import off_the_ends
 from cmr.recordings.signal import Floats, Mask, Signal
+from cmr.recordings.travel import Travel, travel_of
 
 HALF = 5  # neighbours on either side; a burst of that many outliers is seen through
+SHORTEST_STEP = 1e-6  # s; time stamps are no finer
 COMPARED = 0.5  # s over which two sensors' motions are compared
 LONGEST_GAP = 0.3  # s; over a longer one a sensor does not tell the motion
 EXPLAINED = 0.5  # a sensor is used where what it leaves of the motion is less than this share
@@ -22,6 +24,7 @@ JITTER, JITTER_SHARE = 0.045, 0.75  # s and share of the time to the next by whi
 WHEEL_SLIP, GYRO_SLIP, USUAL_SLIP = 1.0, 0.1, 1.0
 MOTOR_RESPONSE = 0.1  # s by which wheels may follow a command sooner or later than on average
 LARGEST = 0.9  # quantile by which motions are compared: the rest may be outliers
+BENT = 0.5  # of what slip may change by near the end of a run, on average over the way to the end
 
 Complexes = NDArray[np.complex128]
 
@@ -44,24 +47,61 @@ class Motion:
     """The motion from each pose to the next, shape (n - 1,).
 
     `steps` [m, complex, or rad], `doubt` how far wrong the place of a pose may be for its time stamp, `slip` how far
-    slip may go.
+    slip may go, `bend` how far it may lead off a straight line near the end of a run.
     """
 
     steps: NDArray[Any]
     doubt: Floats
     slip: Floats
+    bend: Floats
+
+
+class Steps:
+    """The steps from each pose to the next, shape (n - 1,): `dt` [s], the `run` each is of, and if it is `within` it.
+
+    A step from one run to the next counts to the first one, but tells nothing.
+    """
+
+    def __init__(self, dt: Floats, run: NDArray[np.int64]) -> None:
+        self.run = run[:-1]
+        self.within: Mask = np.diff(run) == 0
+        self.usual = max(float(np.median(dt[self.within])) if self.within.any() else 0.0, SHORTEST_STEP)
+        self.dt: Floats = np.where(self.within, dt, self.usual)
+        self._samples = int(np.clip(round(COMPARED / self.usual), 1, len(dt)))
+
+    @property
+    def reach(self) -> Floats:
+        """The time [s] to the end of a run from where its nature still counts, times what of a change is felt."""
+        return BENT * HALF * running_largest(self.dt, HALF, self.run)
+
+    def rates(self, steps: Floats) -> Floats:
+        """Return steps per time; that from run to run is given the rate of the one before."""
+        rates = steps / self.dt
+        begins = np.flatnonzero(~self.within)
+        rates[begins] = np.where(self.within[begins - 1] & (begins > 0), rates[begins - 1], 0.0)
+        return rates
+
+    def over(self, steps: NDArray[Any]) -> NDArray[Any]:
+        """Return the sums of as many successive steps as motions are compared over, within runs."""
+        samples = self._samples
+        total = _summed(steps)
+        outside = np.append(0, np.cumsum(~self.within))
+        return np.asarray(total[samples:] - total[:-samples])[outside[samples:] == outside[:-samples]]
 
 
 @dataclass(frozen=True)
 class Path:
     """A measured path freed of the motion that sensors tell, shape (n,).
 
-    `place` [m, complex: x + iy] and `heading` [rad] are what is left, `off` and `off_heading` by how much each stands
-    off the median of its neighbours, `doubt` and `doubt_heading` how much of that the motion may be to blame for.
-    `slip` [m], `slip_heading` [rad] are how far slip may have led it astray until each `time` [s].
+    `run` numbers the pieces of the recording: each is a path of its own. `place` [m, complex: x + iy] and `heading`
+    [rad] are what is left, `off` and `off_heading` by how much each stands off the median of its neighbours, or off
+    the line through them near an end, `doubt` and `doubt_heading` how much of that the motion may be to blame for:
+    all of it where there are too few neighbours. `slip` [m], `slip_heading` [rad] are how far slip may have led it
+    astray until each `time` [s].
     """
 
     time: Floats
+    run: NDArray[np.int64]
     place: Complexes
     heading: Floats
     off: Complexes
@@ -75,18 +115,20 @@ class Path:
     def of(cls, recording: Recording, poses: Signal, pose_lag: float = 0.0, gyro_lag: float = 0.0) -> "Path":
         """Free the path of `poses` of the motion that the recording's wheels, else commands, and gyro tell."""
         time, theta, measured = poses.seconds, poses["theta"], poses["x"] + 1j * poses["y"]
+        run = recording.pieces.number(poses.utime)
+        steps = Steps(np.diff(time), run)
         wheels, gyro = _sensors(recording, int(poses.utime[0]), pose_lag, gyro_lag)
-        turned = _turned(time, wrapped(np.diff(theta)), [sensor for sensor in (gyro, wheels) if sensor])
+        turned = _turned(time, wrapped(np.diff(theta)), steps, [sensor for sensor in (gyro, wheels) if sensor])
         left = theta - theta[0] - _summed(turned.steps)
-        smooth = np.unwrap(np.arctan2(running_median(np.sin(left), HALF), running_median(np.cos(left), HALF)))
-        off_heading = wrapped(left - smooth)
-        facing = theta[0] + smooth + _summed(turned.steps)
-        moved = _moved(time, np.diff(measured), facing, wheels)
+        smooth = np.arctan2(running_median(np.sin(left), HALF, run), running_median(np.cos(left), HALF, run))
+        smooth = np.unwrap(smooth)
+        heading = smooth + wrapped(left - smooth)
+        moved = _moved(time, np.diff(measured), theta[0] + smooth + _summed(turned.steps), steps, wheels)
         place = measured - measured[0] - _summed(moved.steps)
-        off = place - running_median(place.real, HALF) - 1j * running_median(place.imag, HALF)
-        doubts = (np.maximum(np.append(0.0, m.doubt), np.append(m.doubt, 0.0)) for m in (moved, turned))
+        off_heading, doubt_heading = _off(time, heading, run, turned)
+        x, y = (_off(time, part, run, moved) for part in (place.real, place.imag))
         slips = (_summed(m.slip) for m in (moved, turned))
-        return cls(time, place, smooth + off_heading, off, off_heading, *doubts, *slips)
+        return cls(time, run, place, heading, x[0] + 1j * y[0], off_heading, x[1], doubt_heading, *slips)
 
     def at(self, index: NDArray[np.int64]) -> "Path":
         """Return the path of these poses alone."""
@@ -99,88 +141,94 @@ def _sensors(
     """Return what tells the motion of the wheels, if need be the commands, and the gyro."""
     wheels = gyro = None
     if len(recording.wheels) > 1:
-        wheels = Sensor(wheel_travel(recording.wheels, origin), pose_lag, WHEEL_SLIP)
+        wheels = Sensor(travel_of(recording, "wheels", origin), pose_lag, WHEEL_SLIP)
     elif len(recording.commands) > 1:
-        wheels = Sensor(command_travel(recording.commands, origin), pose_lag, WHEEL_SLIP, MOTOR_RESPONSE)
+        wheels = Sensor(travel_of(recording, "commands", origin), pose_lag, WHEEL_SLIP, MOTOR_RESPONSE)
     if len(recording.gyro) > 1:
-        gyro = Sensor(gyro_travel(recording.gyro, origin), pose_lag - gyro_lag, GYRO_SLIP)
+        gyro = Sensor(travel_of(recording, "gyro", origin), pose_lag - gyro_lag, GYRO_SLIP)
     return wheels, gyro
 
 
-def _turned(time: Floats, measured: Floats, sensors: list[Sensor]) -> Motion:
+def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion) -> tuple[Floats, Floats]:
+    """Return how far values stand off their neighbours, and how much of that the motion may be to blame for."""
+    off, near, untold = off_the_ends(time, values, HALF, run)
+    off = np.where(near, off, values - running_median(values, HALF, run))
+    doubt, bend = (np.maximum(np.append(0.0, of), np.append(of, 0.0)) for of in (motion.doubt, motion.bend))
+    return off, np.where(untold, np.inf, doubt + np.where(near, bend, 0.0))
+
+
+def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor]) -> Motion:
     """Return the turn from each pose to the next [rad], by the sensor that explains the `measured` one best."""
-    dt = np.diff(time)
-    motion = _usual(measured, dt)
-    over, best = _samples(dt), EXPLAINED
+    motion = _usual(measured, steps)
+    best = EXPLAINED
     for sensor in sensors:
-        told, covered = _told(time - sensor.lag, sensor.travel.time, sensor.travel.turned)
-        whole, part = (_over(np.where(covered, values, 0.0), over) for values in (measured, told))
+        told, covered = _told(time - sensor.lag, sensor.travel, sensor.travel.turned)
+        whole, part = (steps.over(np.where(covered, values, 0.0)) for values in (measured, told))
         factor = ratio(whole, part)
         unexplained = _share(whole - factor * part, whole)
         if unexplained < best:
-            best, motion = unexplained, _preferred(motion, factor * told, covered, dt, sensor)
+            best = unexplained
+            motion = _preferred(motion, factor * told, abs(factor * told), covered, steps, sensor)
     return motion
 
 
-def _moved(time: Floats, measured: Complexes, facing: Floats, sensor: Sensor | None) -> Motion:
+def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sensor: Sensor | None) -> Motion:
     """Return the way from each pose to the next [m, complex], the robot facing `facing` [rad]."""
-    dt = np.diff(time)
     ahead = np.exp(0.5j * (facing[1:] + facing[:-1]))
-    usual = _usual(measured / ahead, dt)
-    motion = Motion(usual.steps * ahead, usual.doubt, usual.slip)
+    usual = _usual(measured / ahead, steps)
+    motion = Motion(usual.steps * ahead, usual.doubt, usual.slip, usual.bend)
     if sensor is None or sensor.travel.driven is None:
         return motion
-    told, covered = _told(time - sensor.lag, sensor.travel.time, sensor.travel.driven)
-    over = _samples(dt)
-    whole, part = (_over(np.where(covered, values, 0.0), over) for values in (measured, told * ahead))
+    told, covered = _told(time - sensor.lag, sensor.travel, sensor.travel.driven)
+    whole, part = (steps.over(np.where(covered, values, 0.0)) for values in (measured, told * ahead))
     size = np.abs(part)
     along = whole * np.conj(part) / np.maximum(size, 1e-300)
     factor = ratio(along.real, size) + 1j * ratio(along.imag, size)
     if _share(whole - factor * part, whole) >= EXPLAINED:
         return motion
-    return _preferred(motion, factor * told * ahead, covered, dt, sensor)
+    turning, _ = _told(time - sensor.lag, sensor.travel, sensor.travel.turned)
+    fastest = abs(factor) * (np.abs(told) + np.abs(turning))  # of the two sides, as if the robot drove straight on
+    return _preferred(motion, factor * told * ahead, fastest, covered, steps, sensor)
 
 
-def _usual(measured: NDArray[Any], dt: Floats) -> Motion:
+def _usual(measured: NDArray[Any], steps: Steps) -> Motion:
     """Return the motion at the median rate of the steps around; it errs where the rate changes."""
-    half = int(np.clip(round(USUAL / max(float(np.median(dt)), 1e-6)), 2, HALF))
+    half = int(np.clip(round(USUAL / steps.usual), 2, HALF))
     parts = [measured.real, measured.imag] if np.iscomplexobj(measured) else [measured]
-    rates = [running_median(part / dt, half) for part in parts]
-    doubt = USUAL_DOUBT * np.sum([running_range(rate, 1) for rate in rates], axis=0) * dt
-    steps = (rates[0] if len(rates) == 1 else rates[0] + 1j * rates[1]) * dt
-    return Motion(steps, doubt, USUAL_SLIP * np.abs(steps))
+    rates = [running_median(steps.rates(part), half, steps.run) for part in parts]
+    ranges = np.sum([running_range(rate, 1, steps.run) for rate in rates], axis=0)
+    usual = np.where(steps.within, rates[0] if len(rates) == 1 else rates[0] + 1j * rates[1], 0.0) * steps.dt
+    bend = np.sum([running_range(rate, HALF, steps.run) for rate in rates], axis=0) * steps.reach
+    return Motion(usual, USUAL_DOUBT * ranges * steps.dt, USUAL_SLIP * np.abs(usual), USUAL_SLIP * bend)
 
 
-def _preferred(usual: Motion, told: NDArray[Any], covered: Mask, dt: Floats, sensor: Sensor) -> Motion:
-    """Return the motion that a sensor told where it did; it errs where the pose's time stamp does."""
-    rate = np.abs(told) / dt
-    doubt = np.minimum(JITTER_SHARE * dt, JITTER) * running_largest(rate, HALF)
+def _preferred(
+    usual: Motion, told: NDArray[Any], fastest: Floats, covered: Mask, steps: Steps, sensor: Sensor
+) -> Motion:
+    """Return the motion that a sensor told where it did; it errs where the pose's time stamp does.
+
+    `fastest` are steps of the faster side of the robot: where it changes its speed, the slip may change.
+    """
+    covered = covered & steps.within
+    rate, side = (np.where(covered, np.abs(of) / steps.dt, 0.0) for of in (told, fastest))
+    doubt = np.minimum(JITTER_SHARE * steps.dt, JITTER) * running_largest(rate, HALF, steps.run)
     if sensor.response:
-        doubt += sensor.response * running_range(rate, HALF)
+        doubt += sensor.response * running_range(rate, HALF, steps.run)
+    bend = sensor.slip * running_range(side, HALF, steps.run) * steps.reach
     return Motion(
         np.where(covered, told, usual.steps),
         np.where(covered, doubt, usual.doubt),
         np.where(covered, sensor.slip * np.abs(told), usual.slip),
+        np.where(covered, bend, usual.bend),
     )
 
 
-def _told(time: Floats, sensor_time: Floats, travel: Floats) -> tuple[Floats, Mask]:
+def _told(time: Floats, travel: Travel, travelled: Floats) -> tuple[Floats, Mask]:
     """Return what a sensor tells of the travel between each time and the next, and where it does, shape (n - 1,)."""
-    after = np.clip(np.searchsorted(sensor_time, time), 1, len(sensor_time) - 1)
-    known = (sensor_time[after] - sensor_time[after - 1] <= LONGEST_GAP) & (time >= sensor_time[0])
-    known &= time <= sensor_time[-1]
-    return np.diff(np.interp(time, sensor_time, travel)), known[1:] & known[:-1]
-
-
-def _samples(dt: Floats) -> int:
-    """Return over how many steps motions are compared."""
-    return int(np.clip(round(COMPARED / max(float(np.median(dt)), 1e-6)), 1, len(dt)))
-
-
-def _over(steps: NDArray[Any], samples: int) -> NDArray[Any]:
-    """Return the sums of so many successive steps."""
-    total = _summed(steps)
-    return np.asarray(total[samples:] - total[:-samples])
+    after = np.clip(np.searchsorted(travel.time, time), 1, len(travel.time) - 1)
+    known = (travel.time[after] - travel.time[after - 1] <= LONGEST_GAP) & (time >= travel.time[0])
+    known &= time <= travel.time[-1]
+    return np.diff(np.interp(time, travel.time, travelled)), known[1:] & known[:-1]
 
 
 def _share(left: NDArray[Any], whole: NDArray[Any]) -> float:

@@ -16,7 +16,8 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.robust import local_noise, running_median, spread, wrapped
 from cmr.recordings.signal import SECONDS, Floats, Mask, Times
 
-OUTLYING = 5.0  # standard deviations; of normal noise in the plane one pose in 250,000 is further off
+OUTLYING = 5.0  # standard deviations at least by which an outlier stands off
+BY_CHANCE = 1e-3  # recordings in which a pose of normal noise stands off by so much that it is called an outlier
 JUMPING = 7.0  # standard deviations; a jump splits a path, so it must be sure
 STEP_HALVES = (1, 4)  # values before and after a step are medians of twice this and one
 LEAST_POSITION, LEAST_HEADING = 0.001, 0.002  # m, rad; noise below this is taken to be this
@@ -88,6 +89,7 @@ def held_poses(recording: Recording, pose_lag: float = 0.0) -> Mask:
     same = np.append(False, np.all([values[1:] == values[:-1] for values in poses.fields.values()], axis=0))[
         : len(poses)
     ]
+    same &= ~recording.pieces.borders(poses.utime)  # a tracker may begin each piece where it began the one before
     turned = _turned_until(recording, poses.utime - round(pose_lag / SECONDS))
     if turned is None or not same.any():
         return np.zeros(len(poses), np.bool_)
@@ -106,7 +108,7 @@ def _turned_until(recording: Recording, utime: Times) -> Floats | None:
         signal, names = recording.commands, ("left", "right")
     else:
         return None
-    dt = np.diff(signal.utime, prepend=signal.utime[:1]) * SECONDS
+    dt = np.diff(recording.pieces.seconds(signal.utime), prepend=0.0)
     turned = np.cumsum((np.abs(signal[names[0]]) + np.abs(signal[names[1]])) * dt)
     return np.interp(utime, signal.utime, turned)
 
@@ -116,9 +118,11 @@ def outlying(path: Path) -> Mask:
     size, size_heading = np.abs(path.off), np.abs(wrapped(path.off_heading))
     noise = np.maximum(local_noise(size, 2), LEAST_POSITION)
     noise_heading = np.maximum(local_noise(size_heading, 1), LEAST_HEADING)
+    # Of normal noise in the plane the share exp(-z^2 / 2) is further off than z standard deviations.
+    outlying = max(OUTLYING, float(np.sqrt(2.0 * np.log(len(size) / BY_CHANCE))))
     allowed, allowed_heading = (
-        np.hypot(OUTLYING * noise, path.doubt),
-        np.hypot(OUTLYING * noise_heading, path.doubt_heading),
+        np.hypot(outlying * noise, path.doubt),
+        np.hypot(outlying * noise_heading, path.doubt_heading),
     )
     return np.asarray((size > allowed) | (size_heading > allowed_heading))
 
@@ -142,7 +146,7 @@ def _excess(path: Path, half: int) -> Floats:
     first, last = slice(0, len(path.time) - 1 - 2 * half), slice(1 + 2 * half, None)
 
     def across(values: NDArray[np.float64]) -> Floats:
-        smooth = running_median(values, half)
+        smooth = running_median(values, half, path.run)
         return np.asarray(smooth[last] - smooth[first])
 
     size = np.hypot(across(path.place.real), across(path.place.imag))
@@ -156,7 +160,10 @@ def _excess(path: Path, half: int) -> Floats:
     share = np.maximum(share, size_heading / (np.hypot(JUMPING * noise_heading, doubt_heading) + slip_heading))
     time = path.time[last] - path.time[first]
     usual = (2 * half + 1) * float(np.median(np.diff(path.time)))
-    return np.where(time < usual + LONGEST_GAP, share, 0.0)
+    # All that either median is of lies in one run; beyond its ends they would be of its mirror image.
+    first_run, last_run = (np.roll(path.run, by)[part] for by, part in ((half, first), (-half, last)))
+    together = (first_run == last_run) & (np.arange(len(time)) >= half) & (np.arange(len(time)) < len(time) - half)
+    return np.where((time < usual + LONGEST_GAP) & together, share, 0.0)
 
 
 def bursts_of(path: Path, before: NDArray[np.int64]) -> tuple[Mask, NDArray[np.int64]]:
@@ -169,7 +176,11 @@ def bursts_of(path: Path, before: NDArray[np.int64]) -> tuple[Mask, NDArray[np.i
     jumps = before.tolist()
     while jumps:
         there = jumps.pop(0)
-        soon = [jump for jump in jumps if path.time[jump] - path.time[there] <= LONGEST_BURST]
+        soon = [
+            jump
+            for jump in jumps
+            if path.time[jump] - path.time[there] <= LONGEST_BURST and path.run[jump] == path.run[there]
+        ]
         back = next((jump for jump in soon if _comes_back(path, there, jump)), None)
         if back is not None:
             burst[there + 1 : back + 1] = True
@@ -188,8 +199,9 @@ def _comes_back(path: Path, there: int, back: int) -> bool:
     def middle(values: Floats, around: slice) -> float:
         return float(np.median(values[around]))
 
-    before, away = slice(max(there - half, 0), there + 1), slice(there + 1, min(there + 1 + half, back + 1))
-    after = slice(back + 1, back + 2 + half)
+    first, end = np.searchsorted(path.run, path.run[there] + np.array([0, 1])).tolist()
+    before, away = slice(max(there - half, first), there + 1), slice(there + 1, min(there + 1 + half, back + 1))
+    after = slice(back + 1, min(back + 2 + half, end))
     x, y, heading = path.place.real, path.place.imag, path.heading
     jump, rest = (
         np.hypot(middle(x, part) - middle(x, before), middle(y, part) - middle(y, before)) for part in (away, after)

@@ -3,6 +3,7 @@
 from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
 from cmr.recordings.batch import read_robots
 from cmr.recordings.log import LogReader
+from cmr.recordings.pieces import Pieces
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times, no_times
 
 __all__ = [
@@ -106,6 +108,11 @@ class Recording:
     def signals(self) -> dict[str, Signal]:
         """What is recorded all the time, by name: commands, wheels, gyro, poses."""
         return {name: getattr(self, name) for name, kept in KEPT.items() if kept.stream.rate_hz is not None}
+
+    @cached_property
+    def pieces(self) -> Pieces:
+        """What was recorded at a stretch: the pieces between pauses in which no signal came."""
+        return Pieces.of(self.signals.values())
 
     def between(self, first: int, last: int) -> "Recording":
         """Return the part from utime `first` to `last`, both included."""

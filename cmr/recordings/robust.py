@@ -1,8 +1,7 @@
 """Statistics that a minority of wrong values does not move."""
 
-from typing import Literal
-
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.recordings.signal import Floats
 
@@ -16,13 +15,16 @@ SHARES = (0.75, 0.9)
 UNIT_QUANTILE = {(1, 0.75): 1.1503, (1, 0.9): 1.6449, (2, 0.75): 1.6651, (2, 0.9): 2.1460}
 
 
-def running_median(values: Floats, half: int) -> Floats:
-    """Return the median of each value and its `half` neighbours on either side, shape (n,); mirrored at the ends."""
+def running_median(values: Floats, half: int, run: NDArray[np.int64] | None = None) -> Floats:
+    """Return the median of each value and its `half` neighbours on either side, shape (n,); mirrored at the ends.
+
+    `run`, shape (n,), not decreasing, numbers the runs of values that are neighbours; without it all are of one.
+    """
     half = min(half, len(values) - 1)
     if half < 1:
         return values.copy()
     # Sorting the windows all at once, by exchanges of whole arrays, is faster than one after another.
-    columns = _neighbours(values, half, "reflect")
+    columns = [values[index] for index in _mirrored(len(values), half, run)]
     for done in range(half + 1):
         for k in range(2 * half - done):
             low, high = columns[k], columns[k + 1]
@@ -63,17 +65,17 @@ def local_noise(sizes: Floats, dimensions: int) -> Floats:
     return np.asarray(noise[np.minimum(np.arange(len(sizes)) // LOCAL, blocks - 1)])
 
 
-def running_largest(values: Floats, half: int) -> Floats:
-    """Return the largest of each value and its `half` neighbours on either side, shape (n,)."""
+def running_largest(values: Floats, half: int, run: NDArray[np.int64] | None = None) -> Floats:
+    """Return the largest of each value and its `half` neighbours on either side in its run, shape (n,)."""
     largest = values
-    for column in _neighbours(values, min(half, len(values) - 1), "edge"):
-        largest = np.maximum(largest, column)
+    for index in _mirrored(len(values), min(half, len(values) - 1), run):
+        largest = np.maximum(largest, values[index])
     return largest
 
 
-def running_range(values: Floats, half: int) -> Floats:
-    """Return the largest less the smallest of each value and its `half` neighbours on either side, shape (n,)."""
-    return running_largest(values, half) + running_largest(-values, half)
+def running_range(values: Floats, half: int, run: NDArray[np.int64] | None = None) -> Floats:
+    """Return the largest less the smallest of each value and its `half` neighbours in its run, shape (n,)."""
+    return running_largest(values, half, run) + running_largest(-values, half, run)
 
 
 def ratio(y: Floats, x: Floats) -> float:
@@ -94,7 +96,21 @@ def wrapped(angle: Floats) -> Floats:
     return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def _neighbours(values: Floats, half: int, mode: Literal["reflect", "edge"]) -> list[Floats]:
-    """Return the values shifted by -half to half places, each of shape (n,); `mode` says what is beyond the ends."""
-    padded = np.pad(values, half, mode=mode)
-    return [padded[k : k + len(values)] for k in range(2 * half + 1)]
+def run_ends(run: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first and the last place of the run that each value, shape (n,), belongs to, by its number."""
+    begins = np.append(0, np.flatnonzero(np.diff(run)) + 1)[: len(run)]
+    lengths = np.diff(begins, append=len(run))
+    return np.repeat(begins, lengths), np.repeat(begins + lengths - 1, lengths)
+
+
+def _mirrored(count: int, half: int, run: NDArray[np.int64] | None) -> list[NDArray[np.int64]]:
+    """Return the places of the neighbours -half to half of each value, each of shape (n,), mirrored in its run's ends."""
+    place = np.arange(count)
+    first, last = (np.zeros(count, np.int64), np.full(count, count - 1)) if run is None else run_ends(run)
+    columns = []
+    for k in range(-half, half + 1):
+        there = place + k
+        there = np.where(there < first, 2 * first - there, there)
+        there = np.where(there > last, 2 * last - there, there)
+        columns.append(np.clip(there, first, last))
+    return columns

@@ -97,19 +97,23 @@ def rates_of(recording: Recording) -> dict[str, float]:
 
 
 def gap_findings(recording: Recording) -> list[Finding]:
-    """Find gaps in the signals, and rates that are uneven."""
+    """Find gaps in the signals, and rates that are uneven.
+
+    A pause in which nothing at all was recorded is none: a signal has a gap where others went on.
+    """
     gaps: dict[str, int] = {}
     uneven: dict[str, int] = {}
     longest = 0.0
     for name, signal in recording.signals.items():
-        intervals = _intervals(signal)
-        if len(intervals) < 2:
+        if len(signal) < 3:
             continue
-        usual = float(np.median(intervals))
+        intervals = np.diff(recording.pieces.seconds(signal.utime))
+        usual = float(np.median(_intervals(signal)))
         wide = intervals > max(GAP_PERIODS * usual, SHORTEST_GAP)
         gaps[name] = int(np.count_nonzero(wide))
         longest = max(longest, float(intervals[wide].max(initial=0.0)))
-        uneven[name] = int(np.mean(np.abs(intervals[~wide] - usual) > UNEVEN * usual) > UNEVEN_SHARE)
+        even = intervals[~wide & ~recording.pieces.borders(signal.utime)[1:]]
+        uneven[name] = int(len(even) and np.mean(np.abs(even - usual) > UNEVEN * usual) > UNEVEN_SHARE)
     rates = ", ".join(f"{name} {rate:.1f} Hz" for name, rate in rates_of(recording).items())
     return [
         Finding("gaps", sum(gaps.values()), f"Gaps in the data: {_listed(gaps)}; the longest is {longest:.2f} s."),

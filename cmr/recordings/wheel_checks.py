@@ -1,6 +1,7 @@
 """What the wheels tell of themselves: absurd readings, counters that start anew, encoders that stand still."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.recordings.findings import Finding, counted
 from cmr.recordings.recording import Recording
@@ -12,6 +13,8 @@ FAST = 0.9  # quantile of the moving speeds that counts as fast driving
 ABSURD = 3.0  # times fast driving; a single reading off by more is absurd
 FEWEST = 20  # moving samples; fewer do not tell what is fast
 AROUND = 2  # readings on either side; as many absurd ones in a row are seen
+LONGEST_SPIKE, MOST_STEPS = 5, 8  # readings, and steps of the counter in them, within which it comes back
+BACK = 0.5  # of the step away; a counter that is nearer is back
 STUCK = 1.0  # s for which an encoder must stand still though its motor is driven
 DRIVEN = 0.8  # of the duty at which a wheel usually turns; with more it should
 MOVING = 0.05  # of fast driving; with less a wheel rests
@@ -27,18 +30,16 @@ def wheel_findings(recording: Recording) -> list[Finding]:
     wheels = recording.wheels
     anew, (absurd, stuck, dead) = 0, np.zeros((3, len(wheels)), np.bool_)
     dt = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
-    # After a gap the counters have gone on, by speeds that nobody saw.
-    longer = np.maximum(1.0, dt / max(quantile(dt[1:], 0.5), SECONDS))
+    begins = recording.pieces.borders(wheels.utime)
+    begins[:1] = True
     for side in SIDES:
-        speed = wheels[f"psi_{side}"]
-        ticks = np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1])
-        absurd |= _stands_out(speed)
-        off = ticks - ratio(ticks, speed * dt) * speed * dt
-        wild = np.abs(off) > ABSURD * _fast(ticks) * longer
-        back = np.append(wild[1:] & (np.abs(off[1:] + off[:-1]) < 0.5 * np.abs(off[1:])), False) & wild
-        absurd |= back
-        anew += int(np.count_nonzero(wild & ~back & ~np.append(False, back[:-1]) & ~absurd))
-        still = _stuck(recording, side, ticks)
+        absurd |= _stands_out(wheels[f"psi_{side}"], np.cumsum(begins))
+        ticks = np.where(begins, 0.0, np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1]))
+        wild = _wild(ticks, wheels[f"psi_{side}"] * dt, dt, begins)
+        spikes, resets = _spikes_and_resets(wild, begins)
+        absurd |= spikes
+        anew += int(np.count_nonzero(resets & ~absurd))
+        still = _stuck(recording, side, ticks, begins)
         stuck |= still
         dead |= _dead(still, ticks)
     return [
@@ -52,7 +53,7 @@ def wheel_findings(recording: Recording) -> list[Finding]:
         Finding(
             "encoder_stuck",
             int(np.count_nonzero(stuck)),
-            f"An encoder stands still for {float(dt[stuck].sum()):.1f} s while its motor is driven and the other side "
+            f"An encoder stands still for {float(dt[stuck & ~begins].sum()):.1f} s while its motor is driven and the other side "
             f"turns: encoder, cable or motor.{' From there on its readings are set aside.' if dead.any() else ''}",
             {"wheels": dead} if dead.any() else {},
         ),
@@ -82,14 +83,18 @@ def dead_sensors(recording: Recording) -> Finding:
 
 
 def motion_findings(recording: Recording) -> list[Finding]:
-    """Tell whether and when the robot moves."""
+    """Tell whether and when the robot moves.
+
+    A recording in pieces, or one that begins in motion, was cut out of a drive: that it ends in motion says nothing.
+    """
     utime, speed = _speed(recording)
-    fast = _fast(speed)
+    seconds, fast = recording.pieces.seconds(utime), _fast(speed)
     moving = speed > MOVING * fast
     never = not moving.any() and _path_extent(recording)[0] <= MOVED
-    rest = float((utime[moving][0] - utime[0]) * SECONDS) if moving.any() else 0.0
-    ending = speed[utime > utime[-1] - ENDING / SECONDS] if len(utime) else speed
-    cut = int(moving.any() and float(np.mean(ending)) > STILL_DRIVING * fast)
+    rest = float(seconds[moving][0] - seconds[0]) if moving.any() else 0.0
+    ending = speed[seconds > seconds[-1] - ENDING] if len(utime) else speed
+    whole = len(recording.pieces) == 1 and moving.any() and not moving[0]
+    cut = int(whole and float(np.mean(ending)) > STILL_DRIVING * fast)
     return [
         Finding("never_moved", int(never), "The robot never moves in this recording."),
         Finding("late_start", int(rest > LATE_START), f"The robot rests for the first {rest:.1f} s."),
@@ -121,15 +126,59 @@ def _fast(values: Floats) -> float:
     return quantile(sizes, FAST) if len(sizes) >= FEWEST else np.inf
 
 
-def _stands_out(speed: Floats) -> Mask:
-    """Tell which readings are absurd beside their neighbours."""
+def _stands_out(speed: Floats, run: NDArray[np.int64]) -> Mask:
+    """Tell which readings are absurd beside their neighbours of the same `run`."""
     if len(speed) <= 2 * AROUND:
         return np.zeros(len(speed), np.bool_)
-    return np.asarray(np.abs(speed - running_median(speed, AROUND)) > ABSURD * _fast(speed))
+    return np.asarray(np.abs(speed - running_median(speed, AROUND, run)) > ABSURD * _fast(speed))
 
 
-def _stuck(recording: Recording, side: str, ticks: Floats) -> Mask:
-    """Tell when the encoder of one side stands still though its motor is driven and the other side turns."""
+def _wild(ticks: Floats, turned: Floats, dt: Floats, begins: Mask) -> Floats:
+    """Return by how much counters go on otherwise than the wheels `turned`; 0 where it is no more than they may.
+
+    All are of shape (n,), and tell of the time since the reading before; of the first of a piece (`begins`) nothing
+    is told. After a gap the counters have gone on, by speeds that nobody saw.
+    """
+    longer = np.maximum(1.0, dt / max(quantile(dt[~begins], 0.5), SECONDS))
+    off = np.where(begins, 0.0, ticks - ratio(ticks, np.where(begins, 0.0, turned)) * turned)
+    return np.where(np.abs(off) > ABSURD * _fast(ticks) * longer, off, 0.0)
+
+
+def _spikes_and_resets(wild: Floats, begins: Mask) -> tuple[Mask, Mask]:
+    """Tell which readings of a counter are absurd, and at which it starts anew, each of shape (n,).
+
+    A counter that comes back within a few readings has not started anew: what it said meanwhile was absurd, as is the
+    last reading of a piece, of which nobody knows whether it would have come back.
+    """
+    spikes, resets = np.zeros((2, len(wild)), np.bool_)
+    piece = np.cumsum(begins)
+    last = np.append(begins[1:], True)
+    at = np.flatnonzero(wild)
+    passed = -1
+    for k, there in enumerate(at.tolist()):
+        if there <= passed:
+            continue
+        returns = np.cumsum(wild[at[k : k + MOST_STEPS]])
+        back = [
+            int(other)
+            for other, rest in zip(at[k + 1 : k + MOST_STEPS], returns[1:], strict=False)
+            if other - there <= LONGEST_SPIKE and piece[other] == piece[there] and abs(rest) < BACK * abs(wild[there])
+        ]
+        if back:
+            spikes[there : back[0]] = True
+            passed = back[0]
+        elif last[there]:
+            spikes[there] = True
+        else:
+            resets[there] = True
+    return spikes, resets
+
+
+def _stuck(recording: Recording, side: str, ticks: Floats, begins: Mask) -> Mask:
+    """Tell when the encoder of one side stands still though its motor is driven and the other side turns.
+
+    `ticks`, shape (n,), are those since the reading before; the first of a piece (`begins`) is as the one after it.
+    """
     wheels, duty = recording.wheels, recording.duty
     none = np.zeros(len(wheels), np.bool_)
     other = wheels[f"psi_{'left' if side == 'right' else 'right'}"] != 0.0
@@ -137,14 +186,20 @@ def _stuck(recording: Recording, side: str, ticks: Floats) -> Mask:
         return none
     at = np.searchsorted(duty.utime, wheels.utime, side="right") - 1
     sizes = {name: np.where(at >= 0, np.abs(duty[name][np.maximum(at, 0)]), 0.0) for name in SIDES}
-    turning = ticks != 0.0
+    turning = np.where(begins, np.roll(ticks, -1), ticks) != 0.0
     usual = sizes[side][turning] if turning.any() else sizes["left" if side == "right" else "right"][other]
     silent = ~turning & other & (sizes[side] > DRIVEN * float(np.median(usual))) & (sizes[side] > 0.0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], silent, [False]]).astype(np.int8)))
-    for first, end in edges.reshape(-1, 2):
+    for first, end in _stretches(silent, begins):
         if (wheels.utime[end - 1] - wheels.utime[first]) * SECONDS >= STUCK:
             none[first:end] = True
     return none
+
+
+def _stretches(marks: Mask, begins: Mask) -> NDArray[np.int64]:
+    """Return first place and end of each stretch of marks within a piece, shape (k, 2)."""
+    ahead = np.append(False, marks[:-1]) & ~begins
+    behind = np.append(marks[1:] & ~begins[1:], False)
+    return np.stack([np.flatnonzero(marks & ~ahead), np.flatnonzero(marks & ~behind) + 1], axis=1)
 
 
 def _dead(stuck: Mask, ticks: Floats) -> Mask:

@@ -1,0 +1,153 @@
+"""What a checked mapping holds: tables of the recording, the signals in them, and the messages that they make."""
+
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+CSV_TABLE = "the file"  # a CSV file is one table; a log has one for each channel, a bag one for each topic
+
+# utime: as the message says. event_time: when the log says it arrived, for a utime that is broken.
+# shifted_utime: utime of a clock that runs well but was set wrong, moved as a whole to the log's clock.
+CLOCKS = ("utime", "event_time", "shifted_utime")
+
+# header: as the message's header says. received: when the recorder got it. published: when an MCAP file says it was.
+# shifted_header: header of a clock that runs well but was set wrong, moved as a whole to the recorder's clock.
+TOPIC_CLOCKS = ("header", "received", "published", "shifted_header")
+
+# How many seconds one of each unit of a CSV file's time is.
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+# kept: the first pose of a piece is used, but where it repeats the last one of the piece before.
+FIRST_POSES = ("left_out", "kept")
+
+FEEDBACK_PAIRS = {"ticks": "ticks", "psi": "wheel_speed", "applied": "drive", "current": "current"}
+FEEDBACK_SINGLES = {"battery_voltage": "voltage", "temperature": "temperature"}
+BODY = {"v": "speed", "omega": "turn_rate"}
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One quantity in the recording: ours = gain × recorded + shift, in our unit.
+
+    `table` is the file, channel or topic it is on (CSV_TABLE if there is one file), `columns` its name there (in a bag
+    a path, see ros_fields); of a heading from a quaternion they are the members w and z, or w, x, y and z. `unit` is
+    the recorded one. A signal that `holds` keeps its value from its row until the next one.
+    """
+
+    table: str
+    columns: tuple[str, ...]
+    unit: str
+    gain: float
+    shift: float
+    holds: bool = False
+
+
+@dataclass(frozen=True)
+class Group:
+    """The signals that make one kind of message, by the message's field; all are sampled at the times of `table`."""
+
+    table: str
+    signals: dict[str, Signal]
+
+
+@dataclass(frozen=True)
+class Feedback(Group):
+    """Wheels, each by itself or as the body's `v` and `omega`. `ticks_per_turn` counts make one turn of a wheel."""
+
+    ticks_per_turn: float
+
+
+@dataclass(frozen=True)
+class Command(Group):
+    """Drives, as `left` and `right` or as the body's `v` and `omega`; duty 1 is `full_scale` [rad/s] where declared.
+
+    Commands that `hold` were recorded where they changed; each is in force until the next one.
+    """
+
+    full_scale: float | None
+    holds: bool = False
+
+
+@dataclass(frozen=True)
+class Pose(Group):
+    """External pose.
+
+    Where `only_changes` names columns, rows that repeat them are no new measurement. `first` is one of FIRST_POSES.
+    """
+
+    only_changes: tuple[str, ...]
+    first: str
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How the messages of a foreign LCM channel are laid out, and which of CLOCKS is right about their time."""
+
+    layout: np.dtype[Any]
+    clock: str
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Which of TOPIC_CLOCKS is right about a bag's topic; its type's .msg text, for bags that do not define it."""
+
+    clock: str
+    definition: str | None
+
+
+@dataclass(frozen=True)
+class File:
+    """How a CSV file is read: `time_column`, in units of `time_unit` [s], counts from `start`.
+
+    `header` names the columns where the file itself does not. The first `skipped_lines` lines are passed over.
+    """
+
+    time_column: str
+    time_unit: float
+    start: datetime
+    header: tuple[str, ...] = ()
+    skipped_lines: int = 0
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Where the value in `column` changes, time starts anew, `gap` seconds after the piece before."""
+
+    column: str
+    gap: float
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """A checked mapping; exactly one of `channels` (LCM log), `topics` (bag) and `files` (CSV) is given.
+
+    `files` has CSV_TABLE alone where the recording is one file; else the names of its files, in which `*` stands for
+    what the files of one recording have in common.
+    """
+
+    name: str
+    about: str
+    nominal: dict[str, float]
+    channels: dict[str, Channel] = field(default_factory=dict)
+    topics: dict[str, Topic] = field(default_factory=dict)
+    files: dict[str, File] = field(default_factory=dict)
+    pieces: Pieces | None = None
+    feedback: Feedback | None = None
+    command: Command | None = None
+    gyro: Group | None = None
+    pose: Pose | None = None
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """The groups that the robot's recordings have."""
+        return tuple(group for group in (self.feedback, self.command, self.gyro, self.pose) if group is not None)
+
+    def columns(self, table: str) -> tuple[str, ...]:
+        """Return the columns of a table that the signals need."""
+        signals = [signal for group in self.groups for signal in group.signals.values() if signal.table == table]
+        needed = [column for signal in signals for column in signal.columns]
+        if self.pose is not None and self.pose.table == table:
+            needed += self.pose.only_changes
+        return tuple(dict.fromkeys(needed))
