@@ -237,11 +237,14 @@ def _preferred(
     """
     covered = covered & steps.within
     speeds = [np.where(covered, side / steps.dt, 0.0) for side in sides]
-    change = np.max([running_range(speed, HALF, steps.run) for speed in speeds], axis=0)
+    late = HALF + int(np.ceil(sensor.response / steps.usual))
+    change, change_late = (
+        np.max([running_range(speed, half, steps.run) for speed in speeds], axis=0) for half in (HALF, late)
+    )
     rate = np.where(covered, np.abs(told) / steps.dt, 0.0)
     doubt = np.minimum(JITTER_SHARE * steps.dt, JITTER) * running_largest(rate, HALF, steps.run)
     bend = sensor.slip * change * steps.reach
-    doubt += sensor.response * change + BENT_WITHIN * bend
+    doubt += sensor.response * change_late + BENT_WITHIN * bend
     return Motion(
         np.where(covered, told, usual.steps),
         np.where(covered, doubt, usual.doubt),
