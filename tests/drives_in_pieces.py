@@ -100,7 +100,7 @@ def recorded(shape: Shape) -> Recording:
     rng = np.random.default_rng([shape.seed, 2])
     between = rng.uniform(0.3, 2.0, len(shape.lengths))  # s for which the robot drives on unseen
     begins = 3.0 + np.append(0.0, np.cumsum(np.array(shape.lengths) + between)[:-1])
-    whole = len(begins) == 1 and rng.uniform() < 0.5  # from the rest before the drive to the rest after it
+    whole = len(begins) == 1 and shape.lengths[0] >= 20.0 and rng.uniform() < 0.5  # from the rest before the drive to the rest after it
     if whole:
         begins[0] = 0.0
     drive = _driven(shape, float(begins[-1] + shape.lengths[-1]), 1.5 if whole else 0.0, rng)

@@ -110,5 +110,7 @@ def _lag_sentence(sensor: str, lag: Lag | None) -> str:
         return f"{subject} clock cannot be compared with that of the {lag.reference}: {lag.why_unknown}."
     if lag.reference == "commands":
         return f"{subject} motion comes {lag.seconds:.3f} +- {lag.std:.3f} s after the commands, motors included."
-    direction = "behind" if lag.seconds > 0.0 else "ahead of"
-    return f"{subject} clock is {abs(lag.seconds):.3f} +- {lag.std:.3f} s {direction} that of the {lag.reference}."
+    size = f"{abs(lag.seconds):.3f} +- {lag.std:.3f} s"
+    if lag.seconds > 0.0:
+        return f"{subject} clock is {size} behind that of the {lag.reference}."
+    return f"{subject} clock is {size} ahead of that of the {lag.reference}, or the {lag.reference} tell late."

@@ -1,13 +1,13 @@
 """A measured path freed of the motion that wheels and gyro tell: what is left is slow, unless poses are wrong."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cmr.recordings.recording import Recording
-from cmr.recordings.robust import quantile, ratio, running_largest, running_median, running_range, wrapped
+from cmr.recordings.robust import quantile, ratio, run_ends, running_largest, running_median, running_range, wrapped
 from cmr.recordings.run_ends import off_the_ends
 from cmr.recordings.signal import Floats, Mask, Signal
 from cmr.recordings.travel import Travel, travel_of
@@ -22,9 +22,14 @@ USUAL_DOUBT = 1.5  # of how much that rate changes between neighbours
 JITTER, JITTER_SHARE = 0.045, 0.75  # s and share of the time to the next by which a pose's time stamp may be wrong
 # Of the motion that a sensor tells, the share by which the true one may be less: wheels may spin, a gyro cannot.
 WHEEL_SLIP, GYRO_SLIP, USUAL_SLIP = 1.0, 0.1, 1.0
-MOTOR_RESPONSE = 0.1  # s by which wheels may follow a command sooner or later than on average
+MOTOR_RESPONSE = 0.15  # s by which wheels may follow a command sooner or later than on average
+# Of the time between a sensor's samples, by how much sooner or later than on average a change is told. Commands may
+# have been given at any time since the one before was recorded.
+HALF_PERIOD, WHOLE_PERIOD = 0.5, 1.0
 LARGEST = 0.9  # quantile by which motions are compared: the rest may be outliers
-BENT = 0.5  # of what slip may change by near the end of a run, on average over the way to the end
+# Of the time over which neighbours are looked at, how far a change of slip leads off their line near the end of a run,
+# and off their median within it.
+BENT, BENT_WITHIN = 0.5, 0.15
 
 Complexes = NDArray[np.complex128]
 
@@ -39,7 +44,7 @@ class Sensor:
     travel: Travel
     lag: float
     slip: float
-    response: float = 0.0
+    response: float
 
 
 @dataclass(frozen=True)
@@ -47,13 +52,15 @@ class Motion:
     """The motion from each pose to the next, shape (n - 1,).
 
     `steps` [m, complex, or rad], `doubt` how far wrong the place of a pose may be for its time stamp, `slip` how far
-    slip may go, `bend` how far it may lead off a straight line near the end of a run.
+    slip may go, `bend` how far a change of it may lead off the line near the end of a
+    run, `unseen` how far the pose at its outer end may be wrong as no neighbour tells what happened there.
     """
 
     steps: NDArray[Any]
     doubt: Floats
     slip: Floats
     bend: Floats
+    unseen: Floats
 
 
 class Steps:
@@ -71,8 +78,14 @@ class Steps:
 
     @property
     def reach(self) -> Floats:
-        """The time [s] to the end of a run from where its nature still counts, times what of a change is felt."""
-        return BENT * HALF * running_largest(self.dt, HALF, self.run)
+        """The time [s] for which neighbours on one side reach."""
+        return HALF * running_largest(self.dt, HALF, self.run)
+
+    def near_ends(self, count: int) -> Mask:
+        """Tell which are among the first or the last `count` of their run."""
+        first, last = run_ends(self.run)
+        place = np.arange(len(first))
+        return np.asarray((place - first < count) | (last - self.within - place < count))
 
     def rates(self, steps: Floats) -> Floats:
         """Return steps per time; that from run to run is given the rate of the one before."""
@@ -141,12 +154,19 @@ def _sensors(
     """Return what tells the motion of the wheels, if need be the commands, and the gyro."""
     wheels = gyro = None
     if len(recording.wheels) > 1:
-        wheels = Sensor(travel_of(recording, "wheels", origin), pose_lag, WHEEL_SLIP)
+        wheels = _sensor(recording, "wheels", origin, pose_lag, WHEEL_SLIP)
     elif len(recording.commands) > 1:
-        wheels = Sensor(travel_of(recording, "commands", origin), pose_lag, WHEEL_SLIP, MOTOR_RESPONSE)
+        wheels = _sensor(recording, "commands", origin, pose_lag, WHEEL_SLIP)
     if len(recording.gyro) > 1:
-        gyro = Sensor(travel_of(recording, "gyro", origin), pose_lag - gyro_lag, GYRO_SLIP)
+        gyro = _sensor(recording, "gyro", origin, pose_lag - gyro_lag, GYRO_SLIP)
     return wheels, gyro
+
+
+def _sensor(recording: Recording, name: str, origin: int, lag: float, slip: float) -> Sensor:
+    travel = travel_of(recording, name, origin)
+    period = float(np.median(np.diff(travel.time)))
+    response = MOTOR_RESPONSE + WHOLE_PERIOD * period if name == "commands" else HALF_PERIOD * period
+    return Sensor(travel, lag, slip, response)
 
 
 def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion) -> tuple[Floats, Floats]:
@@ -154,7 +174,10 @@ def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion) -
     off, near, untold = off_the_ends(time, values, HALF, run)
     off = np.where(near, off, values - running_median(values, HALF, run))
     doubt, bend = (np.maximum(np.append(0.0, of), np.append(of, 0.0)) for of in (motion.doubt, motion.bend))
-    return off, np.where(untold, np.inf, doubt + np.where(near, bend, 0.0))
+    first, last = run_ends(run)
+    place = np.arange(len(run))
+    inward = np.clip(np.where(place - first <= last - place, place, place - 1), 0, len(run) - 2)
+    return off, np.where(untold, np.inf, doubt + np.where(near, BENT * bend + motion.unseen[inward], 0.0))
 
 
 def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor]) -> Motion:
@@ -168,7 +191,7 @@ def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor])
         unexplained = _share(whole - factor * part, whole)
         if unexplained < best:
             best = unexplained
-            motion = _preferred(motion, factor * told, abs(factor * told), covered, steps, sensor)
+            motion = _preferred(motion, factor * told, [factor * told], covered, steps, sensor)
     return motion
 
 
@@ -176,7 +199,7 @@ def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sens
     """Return the way from each pose to the next [m, complex], the robot facing `facing` [rad]."""
     ahead = np.exp(0.5j * (facing[1:] + facing[:-1]))
     usual = _usual(measured / ahead, steps)
-    motion = Motion(usual.steps * ahead, usual.doubt, usual.slip, usual.bend)
+    motion = replace(usual, steps=usual.steps * ahead)
     if sensor is None or sensor.travel.driven is None:
         return motion
     told, covered = _told(time - sensor.lag, sensor.travel, sensor.travel.driven)
@@ -187,8 +210,8 @@ def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sens
     if _share(whole - factor * part, whole) >= EXPLAINED:
         return motion
     turning, _ = _told(time - sensor.lag, sensor.travel, sensor.travel.turned)
-    fastest = abs(factor) * (np.abs(told) + np.abs(turning))  # of the two sides, as if the robot drove straight on
-    return _preferred(motion, factor * told * ahead, fastest, covered, steps, sensor)
+    sides = [abs(factor) * (told + sign * turning) for sign in (1.0, -1.0)]  # each as if the robot drove straight on
+    return _preferred(motion, factor * told * ahead, sides, covered, steps, sensor)
 
 
 def _usual(measured: NDArray[Any], steps: Steps) -> Motion:
@@ -199,27 +222,35 @@ def _usual(measured: NDArray[Any], steps: Steps) -> Motion:
     ranges = np.sum([running_range(rate, 1, steps.run) for rate in rates], axis=0)
     usual = np.where(steps.within, rates[0] if len(rates) == 1 else rates[0] + 1j * rates[1], 0.0) * steps.dt
     bend = np.sum([running_range(rate, HALF, steps.run) for rate in rates], axis=0) * steps.reach
-    return Motion(usual, USUAL_DOUBT * ranges * steps.dt, USUAL_SLIP * np.abs(usual), USUAL_SLIP * bend)
+    # What the robot did in the very first steps, or the last, no median tells: it may have gone as fast as ever.
+    fastest = float(np.max(np.abs(usual) / steps.dt, initial=0.0))
+    unseen = np.where(steps.near_ends(half // 2), fastest * (half // 2) * steps.dt, 0.0)
+    return Motion(usual, USUAL_DOUBT * ranges * steps.dt, USUAL_SLIP * np.abs(usual), USUAL_SLIP * bend, unseen)
 
 
 def _preferred(
-    usual: Motion, told: NDArray[Any], fastest: Floats, covered: Mask, steps: Steps, sensor: Sensor
+    usual: Motion, told: NDArray[Any], sides: list[Floats], covered: Mask, steps: Steps, sensor: Sensor
 ) -> Motion:
     """Return the motion that a sensor told where it did; it errs where the pose's time stamp does.
 
-    `fastest` are steps of the faster side of the robot: where it changes its speed, the slip may change.
+    `sides` are the steps of each side of the robot: where one changes its speed, the slip may change.
     """
     covered = covered & steps.within
-    rate, side = (np.where(covered, np.abs(of) / steps.dt, 0.0) for of in (told, fastest))
+    speeds = [np.where(covered, side / steps.dt, 0.0) for side in sides]
+    late = HALF + int(np.ceil(sensor.response / steps.usual))
+    change, change_late = (
+        np.max([running_range(speed, half, steps.run) for speed in speeds], axis=0) for half in (HALF, late)
+    )
+    rate = np.where(covered, np.abs(told) / steps.dt, 0.0)
     doubt = np.minimum(JITTER_SHARE * steps.dt, JITTER) * running_largest(rate, HALF, steps.run)
-    if sensor.response:
-        doubt += sensor.response * running_range(rate, HALF, steps.run)
-    bend = sensor.slip * running_range(side, HALF, steps.run) * steps.reach
+    bend = sensor.slip * change * steps.reach
+    doubt += sensor.response * change_late + BENT_WITHIN * bend
     return Motion(
         np.where(covered, told, usual.steps),
         np.where(covered, doubt, usual.doubt),
         np.where(covered, sensor.slip * np.abs(told), usual.slip),
         np.where(covered, bend, usual.bend),
+        np.where(covered, 0.0, usual.unseen),
     )
 
 

@@ -17,7 +17,7 @@ from cmr.recordings.robust import local_noise, running_median, spread, wrapped
 from cmr.recordings.signal import SECONDS, Floats, Mask, Times
 
 OUTLYING = 5.0  # standard deviations at least by which an outlier stands off
-BY_CHANCE = 1e-3  # recordings in which a pose of normal noise stands off by so much that it is called an outlier
+BY_CHANCE = 1e-4  # of recordings in which a pose of normal noise stands off by so much that it is called an outlier
 JUMPING = 7.0  # standard deviations; a jump splits a path, so it must be sure
 STEP_HALVES = (1, 4)  # values before and after a step are medians of twice this and one
 LEAST_POSITION, LEAST_HEADING = 0.001, 0.002  # m, rad; noise below this is taken to be this
@@ -120,10 +120,8 @@ def outlying(path: Path) -> Mask:
     noise_heading = np.maximum(local_noise(size_heading, 1), LEAST_HEADING)
     # Of normal noise in the plane the share exp(-z^2 / 2) is further off than z standard deviations.
     outlying = max(OUTLYING, float(np.sqrt(2.0 * np.log(len(size) / BY_CHANCE))))
-    allowed, allowed_heading = (
-        np.hypot(outlying * noise, path.doubt),
-        np.hypot(outlying * noise_heading, path.doubt_heading),
-    )
+    allowed = np.hypot(outlying * noise, path.doubt)
+    allowed_heading = np.hypot(outlying * noise_heading, path.doubt_heading)
     return np.asarray((size > allowed) | (size_heading > allowed_heading))
 
 

@@ -67,10 +67,15 @@ def local_noise(sizes: Floats, dimensions: int) -> Floats:
 
 def running_largest(values: Floats, half: int, run: NDArray[np.int64] | None = None) -> Floats:
     """Return the largest of each value and its `half` neighbours on either side in its run, shape (n,)."""
-    largest = values
-    for index in _mirrored(len(values), min(half, len(values) - 1), run):
-        largest = np.maximum(largest, values[index])
-    return largest
+    first, last = run_ends(np.zeros(len(values), np.int64) if run is None else run)
+    ahead = behind = values
+    place, seen = np.arange(len(values)), 1
+    while seen < half + 1:  # twice as many each time
+        more = min(seen, half + 1 - seen)
+        ahead = np.maximum(ahead, ahead[np.minimum(place + more, last)])
+        behind = np.maximum(behind, behind[np.maximum(place - more, first)])
+        seen += more
+    return np.maximum(ahead, behind)
 
 
 def running_range(values: Floats, half: int, run: NDArray[np.int64] | None = None) -> Floats:
@@ -106,7 +111,7 @@ def run_ends(run: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int6
 def _mirrored(count: int, half: int, run: NDArray[np.int64] | None) -> list[NDArray[np.int64]]:
     """Return the places of the neighbours -half to half of each value, each of shape (n,), mirrored in its run's ends."""
     place = np.arange(count)
-    first, last = (np.zeros(count, np.int64), np.full(count, count - 1)) if run is None else run_ends(run)
+    first, last = run_ends(np.zeros(count, np.int64) if run is None else run)
     columns = []
     for k in range(-half, half + 1):
         there = place + k
