@@ -1,6 +1,6 @@
 """What the paths and residuals that a report shows promise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -72,16 +72,36 @@ def test_a_path_is_told_from_the_recordings_first_sample_on_and_by_its_recording
     assert first.time[-1] == pytest.approx(one.poses.seconds[-1], abs=0.05)
 
 
-def test_of_a_recording_in_many_pieces_the_longest_paths_are_shown() -> None:
-    one = rich()
+def pieces(one: Recording, spans: Sequence[tuple[float, float]], number: int = 0) -> list[Segment]:
+    """Parts of a recording, each from one time [s] to another."""
     first = int(one.poses.utime[0])
+    parts = (one.between(first + round(begin * 1e6), first + round(end * 1e6)) for begin, end in spans)
+    return [segment for part in parts for segment in segments(part, number)]
+
+
+def test_of_a_recording_in_many_pieces_those_are_shown_in_which_the_effects_change_the_path_most() -> None:
+    """The robot rests in most pieces, drives straight on in some, and turns, where the effect acts, in one."""
+    seconds = 40.0
+    still, straight, turning = (packets(constant(*duty), seconds) for duty in ((0.0, 0.0), (0.4, 0.4), (0.3, 0.5)))
+    rest, ahead, turns = (recording(drive, {}, seconds, REALISTIC, 1) for drive in (still, straight, turning))
     many = [
-        segment
-        for number in range(MOST_PATHS + 5)
-        for segment in segments(one.between(first, first + (number + 3) * 1_000_000), number)
+        *pieces(rest, [(3.0 * n, 3.0 * n + 2.5) for n in range(8)]),
+        *pieces(ahead, [(3.0 * n, 3.0 * n + 2.5) for n in range(1, 4)]),
+        *pieces(turns, [(12.0, 14.5)]),
     ]
-    shown = paths_of(many, TRUE, TRUE, [str(number) for number in range(len(many))])
-    assert [path.label for path in shown] == [str(number) for number in range(5, MOST_PATHS + 5)]
+    shown = paths_of(many, TRUE, {**TRUE, "turn_asymmetry": 0.2}, ["run"])
+    assert len(shown) == MOST_PATHS
+    assert (shown[0].piece, shown[0].pieces) == (12, 12)
+    alike = paths_of(many, TRUE, TRUE, ["run"])
+    assert {path.piece for path in alike} == {9, 10, 11, 12}  # those that lead somewhere
+
+
+def test_of_several_recordings_one_piece_of_each_comes_first() -> None:
+    spans = [(10.0 * n, 10.0 * n + 6.0) for n in range(4)]
+    both = [*pieces(rich(), spans, 0), *pieces(rich(REALISTIC, (("turn_asymmetry", 0.2),)), spans, 1)]
+    shown = paths_of(both, TRUE, {**TRUE, "turn_slip": 0.05}, ["a", "b"])
+    assert {path.label for path in shown[:2]} == {"a", "b"}
+    assert len({(path.label, path.piece) for path in shown}) == MOST_PATHS
 
 
 def test_long_recordings_are_shown_by_as_many_points_as_a_page_can_bear() -> None:

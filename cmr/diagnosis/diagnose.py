@@ -1,9 +1,10 @@
 """Find out what the paper's model gets wrong about a robot, and why."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from cmr.diagnosis.against_nominal import dimension_notes, worse_than_nominal
 from cmr.diagnosis.next_experiment import (
     WITHOUT_POSES,
     experiment_to_explain,
@@ -22,11 +23,11 @@ from cmr.diagnosis.result import (
     Fitted,
     NamedEffect,
 )
-from cmr.diagnosis.showing import paths_of, residuals_of
+from cmr.diagnosis.showing import paths_of, pieces_with_path, residuals_of
 from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation, estimate, fit_estimate, nominal_of
-from cmr.estimation.free_runs import WINDOW
+from cmr.estimation.free_runs import WINDOW, Errors
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.preparation import Ready
@@ -37,7 +38,7 @@ from cmr.estimation.search.shifts import moved, shifts
 from cmr.estimation.search.trace import with_rivals
 from cmr.estimation.unexplained.extending import Extended
 from cmr.estimation.unexplained.generic import formula
-from cmr.estimation.unexplained.result import GenericTerm, Unexplained
+from cmr.estimation.unexplained.result import GenericTerm, Unexplained, not_judged
 from cmr.model.catalogue import CATALOGUE, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
@@ -45,10 +46,8 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
-BY_COURSES = (  # whose errors last, and go with much by chance
-    "Effects were fitted to simulated paths (simulation error), not to one-step predictions. The remaining errors were "
-    "not tested for structure."
-)
+BY_COURSES = "Effects were fitted to simulated paths (simulation error), not to one-step predictions."
+NOTHING_FITTED = "The data cannot be used, so nothing was fitted."
 
 
 def diagnose(
@@ -69,9 +68,10 @@ def diagnose(
     can be measured on one of `held_out`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    nominal = nominal_of(recordings, nominal)
     estimation = estimate(
         recordings,
-        nominal_of(recordings, nominal),
+        nominal,
         held_out=held_out,
         sources=sources,
         held_out_sources=held_out_sources,
@@ -84,7 +84,18 @@ def diagnose(
     fitted = tuple(one.name for one in estimation.looked if not one.useless) if sources else ()
     told = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
     lateness = {name: one for name, one in told.items() if one is not None}
-    return _diagnosis(robot_id, estimation, evidence, fitted, lateness)
+    found = _diagnosis(robot_id, estimation, evidence, fitted, lateness)
+    return replace(found, notes=(*found.notes, *_against(nominal, found)))
+
+
+def _against(nominal: ParameterFile, found: Diagnosis) -> Iterator[str]:
+    """Yield sentences on how the fitted models compare with the robot as it was given."""
+    assert found.baseline is not None
+    assert found.extended is not None
+    given = {name: value.value for name, value in nominal.values.items()}
+    yield from dimension_notes(given, found.baseline, found.extended)
+    if found.nominal is not None and found.gain_over_nominal is not None:
+        yield from worse_than_nominal(found.nominal, found.baseline, found.extended, found.gain_over_nominal)
 
 
 def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis:
@@ -93,6 +104,7 @@ def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis
         robot_id=robot_id,
         verdict=BAD_DATA,
         sentence=ready.refused,
+        unexplained=not_judged(NOTHING_FITTED),
         checks=ready.checks,
         notes=ready.notes,
         sources=sources,
@@ -105,7 +117,12 @@ def _evidence(estimation: Estimation) -> Evidence:
     models = estimation.found.base.values, estimation.whole.model.values
     segments = [predictor.segment for predictor in estimation.found.problem.predictors]
     labels = [one.name for one in estimation.looked]
-    return Evidence(window=WINDOW, paths=paths_of(segments, *models, labels), residuals=residuals_of(segments, *models))
+    return Evidence(
+        window=WINDOW,
+        paths=paths_of(segments, *models, labels),
+        pieces=len(pieces_with_path(segments)),
+        residuals=residuals_of(segments, *models),
+    )
 
 
 def _diagnosis(
@@ -130,6 +147,8 @@ def _diagnosis(
         baseline=_fitted(estimation.baseline, measured.before, measured.held_out_before),
         extended=_fitted(estimation.estimates, measured.after, measured.held_out_after),
         gain=measured.gain,
+        nominal=_nominal(estimation),
+        gain_over_nominal=estimation.nominal.gain if estimation.nominal else None,
         evidence=evidence,
         effects=effects,
         candidates=_candidates(found),
@@ -146,8 +165,28 @@ def _diagnosis(
     )
 
 
-def _fitted(estimates: Mapping[str, Estimate], path_rmse: float, held_out: float) -> Fitted:
-    return Fitted(estimates=estimates, path_rmse=path_rmse, held_out_path_rmse=held_out)
+def _fitted(estimates: Mapping[str, Estimate], path_rmse: float, held_out: Errors) -> Fitted:
+    return Fitted(
+        estimates=estimates,
+        path_rmse=path_rmse,
+        held_out_path_rmse=held_out.rmse("position"),
+        held_out_path_median=held_out.median("position"),
+        held_out_heading_rmse=held_out.rmse("heading"),
+        held_out_heading_median=held_out.median("heading"),
+    )
+
+
+def _nominal(estimation: Estimation) -> Fitted | None:
+    """Return the robot as it was given, without what has no meaning for these recordings."""
+    nominal = estimation.nominal
+    if nominal is None:
+        return None
+    known = {name: Estimate(value, math.nan) for name, value in nominal.values.items()}
+    return _fitted(
+        {name: one for name, one in known.items() if name not in estimation.ready.unknown},
+        nominal.path_rmse,
+        nominal.held_out,
+    )
 
 
 def _candidates(found: Search) -> tuple[Candidate, ...]:
@@ -270,6 +309,8 @@ def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, search: 
         nothing = f"None of the {len(CATALOGUE)} effects in the catalogue is large enough to matter here"
     if search.unseen:
         return f"{nothing}, but {len(search.unseen)} of them would not be visible in these drives."
+    if unexplained.not_judged:
+        return f"{nothing}. Whether the remaining errors have structure was not judged."
     return f"{nothing}: the paper's model is sufficient."
 
 

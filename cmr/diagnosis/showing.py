@@ -31,7 +31,7 @@ from cmr.model.observer import MOTION, RESTART, Innovations, Observations
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 
-MOST_PATHS = 12
+MOST_PATHS = 4  # a page with more tells nobody more
 MOST_POINTS = 2000  # of the first DENSE seconds of a path, and as many of the rest
 MOST_SAMPLES = 3000  # of a residual
 GROWN = 1.0  # s over which errors of the pose grow
@@ -92,17 +92,41 @@ class _Sampled(NamedTuple):
 
 
 def paths_of(segments: Sequence[Segment], before: Values, after: Values, labels: Sequence[str]) -> tuple[Path, ...]:
-    """Return the paths of the longest MOST_PATHS segments, and their free runs by two models from the start.
+    """Return the MOST_PATHS paths on which two models differ most, and their free runs by both from the start.
 
-    Segments without poses have none. `labels` are those of the recordings.
+    The one of each recording comes first. Where the models are alike, they are the paths that lead farthest. Segments
+    without poses have none. `labels` are those of the recordings.
     """
-    with_path = [segment for segment in segments if len(segment.observations.pose)]
-    longest = sorted(segment.observations.seconds for segment in with_path)[-MOST_PATHS:]
-    shown = [segment for segment in with_path if segment.observations.seconds >= longest[0]][:MOST_PATHS]
-    return tuple(_path(segment, before, after, labels[segment.recording]) for segment in shown)
+    pieces: dict[int, list[Segment]] = {}
+    for segment in pieces_with_path(segments):
+        pieces.setdefault(segment.recording, []).append(segment)
+    ranked = []
+    for recording, own in pieces.items():
+        paths = [
+            _path(segment, before, after, labels[recording], number, len(own))
+            for number, segment in enumerate(own, start=1)
+        ]
+        paths.sort(key=_difference, reverse=True)
+        ranked += list(enumerate(paths[:MOST_PATHS]))
+    # The best piece of each recording, in order of the difference, then the second best.
+    ranked.sort(key=lambda one: (-one[0], _difference(one[1])), reverse=True)
+    return tuple(path for _, path in ranked[:MOST_PATHS])
 
 
-def _path(segment: Segment, before: Values, after: Values, label: str) -> Path:
+def pieces_with_path(segments: Sequence[Segment]) -> list[Segment]:
+    """Return the segments in which poses were recorded."""
+    return [segment for segment in segments if len(segment.observations.pose)]
+
+
+def _difference(path: Path) -> tuple[float, float]:
+    """Return how far [m] the models are from each other where the path is dense, and how far [m] it leads."""
+    dense = path.time <= path.time[0] + DENSE
+    between = (path.before_x - path.after_x) ** 2 + (path.before_y - path.after_y) ** 2
+    way = (path.x - path.x[0]) ** 2 + (path.y - path.y[0]) ** 2
+    return float(np.sqrt(np.nanmean(between[dense]))), float(np.sqrt(np.nanmean(way[dense])))
+
+
+def _path(segment: Segment, before: Values, after: Values, label: str, piece: int, pieces: int) -> Path:
     observations = segment.observations
     begins = np.flatnonzero(observations.pose_use == RESTART)
     smooth = smoothed_poses(observations, after)
@@ -125,6 +149,8 @@ def _path(segment: Segment, before: Values, after: Values, label: str) -> Path:
         after_x=simulated[:, 0, 1],
         after_y=simulated[:, 1, 1],
         after_theta=simulated[:, 2, 1],
+        piece=piece,
+        pieces=pieces,
     )
 
 

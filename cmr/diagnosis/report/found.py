@@ -25,11 +25,11 @@ BADGES = {
     BAD_DATA: "bad data",
 }
 NOTHING_NAMED = {
-    NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter: "
-    "the paper's model with three parameters is sufficient.",
+    NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter.",
     UNEXPLAINED: "No effect in the catalogue was named, but the residuals have structure: see \u201cUnexplained "
     "residuals\u201d below.",
 }
+SUFFICIENT = "The paper's model with three parameters is sufficient."
 MOST_RUNNERS_UP = 10
 MEND = (
     "Fix the problem named in the first line, then record the drive again. Nothing was fitted to these data, and no "
@@ -67,6 +67,8 @@ def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         numbers.append(("path error on held-out data", " \u2192 ".join(told) + " m"))
     if diagnosis.is_extended and diagnosis.gain and math.isfinite(diagnosis.gain.ratio):
         numbers.append(("improvement", _times(diagnosis.gain.ratio)))
+    if diagnosis.gain_over_nominal and math.isfinite(diagnosis.gain_over_nominal.ratio):
+        numbers.append(("compared with the nominal robot", _times(diagnosis.gain_over_nominal.ratio)))
     if diagnosis.samples:
         numbers.append(("measurements compared", f"{diagnosis.samples:,}"))
     return numbers
@@ -83,6 +85,8 @@ def named(diagnosis: Diagnosis) -> Html:
         return section("Notes", bullets(list(diagnosis.notes)))
     if not diagnosis.effects:
         nothing = NOTHING_NAMED.get(diagnosis.verdict, "No effect was named.")
+        if diagnosis.verdict == NO_EFFECT and not diagnosis.unexplained.not_judged:
+            nothing = f"{nothing} {SUFFICIENT}"
         return section("Effects found", paragraph(nothing), bullets(list(diagnosis.notes)))
     rows = [_found_row(effect) for effect in diagnosis.effects]
     headings = ("effect", "what it means", "parameters", "evidence", "not distinguished from")
