@@ -118,7 +118,7 @@ def test_the_extended_model_tells_what_was_given_and_not_fitted(tmp_path: Path) 
 def test_what_goes_beyond_schema_1_is_what_the_documentation_says(tmp_path: Path) -> None:
     content = written(DIAGNOSIS, tmp_path)
     beyond = {"sentence", "notes", "next_experiment", "candidates", "sources", "samples", "generic_term"}
-    beyond |= {"command_lateness", "decisions", "nominal", "gain_over_nominal"}
+    beyond |= {"command_lateness", "decisions", "nominal", "gain_over_nominal", "not_visible"}
     assert set(content) - set(SCHEMA_1) - {"data_checks"} == beyond
     documentation = document.__doc__ or ""
     assert all(f"`{name}`" in documentation for name in beyond)
@@ -174,6 +174,7 @@ def test_a_document_of_bad_data_has_the_same_fields(tmp_path: Path) -> None:
     assert content["baseline"] == content["nominal"] == {"parameters": {}, **dict.fromkeys(errors)}
     assert content["gain"] == {"held_out_path_rmse_ratio": None, "ci95": [None, None], "signals": {}}
     assert content["unexplained"]["present"] is False
+    assert content["unexplained"]["not_judged"] is None
     assert content["effects"] == []
 
 

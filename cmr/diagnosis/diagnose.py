@@ -4,12 +4,18 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from cmr.diagnosis.against_nominal import dimension_notes, worse_than_nominal
 from cmr.diagnosis.next_experiment import (
     WITHOUT_POSES,
+    AnyDriver,
+    Driver,
+    Pilot,
     experiment_to_explain,
     experiment_to_show,
     experiment_to_tell_apart,
+    without_commands,
 )
 from cmr.diagnosis.result import (
     BAD_DATA,
@@ -39,6 +45,7 @@ from cmr.estimation.search.trace import with_rivals
 from cmr.estimation.unexplained.extending import Extended
 from cmr.estimation.unexplained.generic import formula
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained, not_judged
+from cmr.manoeuvres.in_words import Pace
 from cmr.model.catalogue import CATALOGUE, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
@@ -47,6 +54,7 @@ from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
 BY_COURSES = "Effects were fitted to simulated paths (simulation error), not to one-step predictions."
+FASTEST = 0.98  # of the time a robot is slower than its pace
 NOTHING_FITTED = "The data cannot be used, so nothing was fitted."
 
 
@@ -84,7 +92,8 @@ def diagnose(
     fitted = tuple(one.name for one in estimation.looked if not one.useless) if sources else ()
     told = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
     lateness = {name: one for name, one in told.items() if one is not None}
-    found = _diagnosis(robot_id, estimation, evidence, fitted, lateness)
+    driver = _driver(recordings, estimation, evidence, nominal)
+    found = _diagnosis(robot_id, estimation, evidence, fitted, lateness, driver)
     return replace(found, notes=(*found.notes, *_against(nominal, found)))
 
 
@@ -111,6 +120,21 @@ def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis
     )
 
 
+def _driver(
+    recordings: Sequence[Recording], estimation: Estimation, evidence: Evidence, nominal: ParameterFile
+) -> Driver:
+    """Return `cmr-pilot` where the robot takes commands from the bus, else any driver at the pace seen here."""
+    robot = RobotParameters.of({name: estimation.found.final.values[name] for name in PAPER})
+    if all(recording.driven_on_the_bus for recording in recordings):
+        return Pilot(recordings[0].robot_id, robot)
+    speed, turn_rate = (
+        float(max((np.quantile(np.abs(one.regressors[name]), FASTEST) for one in evidence.residuals), default=0.0))
+        for name in ("speed", "yaw_rate")
+    )
+    width = nominal.value("base_width") if nominal.has("base_width") else float(robot.base_width)
+    return AnyDriver(Pace.seen(speed, turn_rate, width))
+
+
 def _evidence(estimation: Estimation) -> Evidence:
     """Return what a report draws of the paper's model and of the extended one."""
     assert estimation.whole is not None
@@ -131,13 +155,14 @@ def _diagnosis(
     evidence: Evidence,
     sources: tuple[str, ...],
     lateness: Mapping[str, Lateness],
+    driver: Driver,
 ) -> Diagnosis:
     whole, measured, ready = estimation.whole, estimation.measured, estimation.ready
     assert whole is not None
     assert measured is not None
     found, unexplained = estimation.found, _unexplained(whole.extended, measured.gain)
     named = zip(found.named, shifts(found), strict=True)
-    effects = tuple(_named(one, moved_by, estimation, robot_id) for one, moved_by in named)
+    effects = tuple(_named(one, moved_by, estimation, driver) for one, moved_by in named)
     verdict = EFFECTS_FOUND if effects else UNEXPLAINED if unexplained.present else NO_EFFECT
     return Diagnosis(
         robot_id=robot_id,
@@ -154,7 +179,8 @@ def _diagnosis(
         candidates=_candidates(found),
         checks=ready.checks,
         notes=ready.notes if found.problem.by_moments else (*ready.notes, BY_COURSES),
-        next_experiment=_next(robot_id, effects, found, unexplained),
+        next_experiment=_next(driver, effects, found, unexplained),
+        not_visible=found.unseen,
         parameters=estimation.parameters,
         sources=sources,
         samples=len(found.final.rest),
@@ -233,9 +259,8 @@ def _fitted_in(fit: Fit, tested: CandidateEffect) -> bool:
     return all(parameter.name in fit.names for parameter in tested.effect.parameters)
 
 
-def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estimation, robot_id: int) -> NamedEffect:
+def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estimation, driver: Driver) -> NamedEffect:
     effect, found = one.candidate.effect, estimation.found
-    robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     names = [parameter.name for parameter in effect.parameters]
     rivals = one.rivals
     estimates = {name: estimation.estimate(name) for name in names}
@@ -248,27 +273,38 @@ def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estim
         held_out=one.candidate.held_out,
         shift=moved_by,
         indistinguishable_from=rivals,
-        next_experiment=experiment_to_tell_apart(effect.name, rivals, robot_id=robot_id, robot=robot),
+        next_experiment=experiment_to_tell_apart(effect.name, rivals, driver),
     )
 
 
-def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search, unexplained: Unexplained) -> str | None:
+def _next(driver: Driver, effects: Sequence[NamedEffect], found: Search, unexplained: Unexplained) -> str | None:
     """Return what to drive to explain what nothing explains, else to show effects of which these drives say nothing.
 
     None if nothing remains, and all effects would have shown.
     """
     poses = any(len(predictor.segment.observations.pose) for predictor in found.problem.predictors)
     sentences = [] if poses else [WITHOUT_POSES]
-    robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     if unexplained.signal:
-        sentences.append(
-            experiment_to_explain(unexplained.signal, unexplained.regressors, robot_id=robot_id, robot=robot)
-        )
-    elif found.unseen and not any(effect.next_experiment for effect in effects):
+        sentences.append(experiment_to_explain(unexplained.signal, unexplained.regressors, driver))
+        return " ".join(sentences)
+    tested = {effect.name for effect in found.problem.effects}
+    unseen = [name for name in found.unseen if name in tested and _recorded(name, found)]
+    if unseen and not any(effect.next_experiment for effect in effects):
         # Drives that show nothing and would hide several effects hide others, too, that are smaller than usual.
-        certain = found.unseen if effects or len(found.unseen) == 1 else ()
-        sentences.append(experiment_to_show(certain, robot_id=robot_id, robot=robot))
+        sentences.append(experiment_to_show(unseen if effects or len(unseen) == 1 else (), driver))
+    need_commands = [name for name in found.unseen if name not in tested]
+    if need_commands:
+        sentences.append(without_commands(need_commands))
     return " ".join(sentences) or None
+
+
+def _recorded(name: str, found: Search) -> bool:
+    """Tell whether the sensor that an effect is one of was recorded: no drive shows what a sensor does without it."""
+    observations = [predictor.segment.observations for predictor in found.problem.predictors]
+    stages = CATALOGUE[name].equations
+    if all(stage.startswith("gyro") for stage in stages):
+        return any(len(one.gyro) for one in observations)
+    return not all(stage.startswith("pose") for stage in stages) or any(len(one.pose) for one in observations)
 
 
 def _unexplained(whole: Extended, gain: Gain) -> Unexplained:

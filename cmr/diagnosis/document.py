@@ -35,14 +35,14 @@ def document(diagnosis: Diagnosis) -> Document:
     Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `nominal`, the robot as
     it was given, and `gain_over_nominal`, that of the extended model over it; medians and errors of the heading beside
     `held_out_path_rmse_m`; `unexplained.not_judged`, why no structure was looked for (its share is then null), or null;
-    `next_experiment`, what to drive next; `candidates`, the effects that were tested and not named: their sizes, why
-    not, the `measure` that decided with its limit, and whether the effect is certain but `too_small_to_matter`;
-    `sources` and `samples`, what was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was
-    not fitted on; the `sentence` of each data check; `command_lateness`, measured in each recording whose driver
-    reports what it applied; `decisions`, the steps of the search with the `measures` that decided; and `generic_term`,
-    which extends the model without naming a cause, or null. Its `shift` and those of all effects add up to the
-    difference between `baseline` and the fit with all of them. Parameters without a standard deviation were given, not
-    fitted.
+    `next_experiment`, what to drive next, and `not_visible`, all effects that would not show in these drives;
+    `candidates`, the effects that were tested and not named: their sizes, why not, the `measure` that decided with its
+    limit, and whether the effect is certain but `too_small_to_matter`; `sources` and `samples`, what was fitted;
+    `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the `sentence` of each
+    data check; `command_lateness`, measured in each recording whose driver reports what it applied; `decisions`, the
+    steps of the search with the `measures` that decided; and `generic_term`, which extends the model without naming a
+    cause, or null. Its `shift` and those of all effects add up to the difference between `baseline` and the fit with
+    all of them. Parameters without a standard deviation were given, not fitted.
     Raises KeyError for a parameter that the catalogue does not know.
     """
     return {
@@ -63,6 +63,7 @@ def document(diagnosis: Diagnosis) -> Document:
         "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],
         "notes": list(diagnosis.notes),
         "next_experiment": diagnosis.next_experiment,
+        "not_visible": list(diagnosis.not_visible),
         "sources": list(diagnosis.sources),
         "samples": int(diagnosis.samples),
         "decisions": [_decision(decision) for decision in diagnosis.decisions],

@@ -145,8 +145,9 @@ class Diagnosis:
     `effects` are ordered by evidence, `candidates` are the runners-up. `baseline` is the paper's model, `extended`
     that with the effects named and any generic term, both None with bad data. `parameters` holds all values the
     extended model runs with, by name. `checks` tells what was wrong with the data, `notes` are sentences on what else a
-    reader should know, `next_experiment` what to do next if nothing, or not enough, was found. `sources` names the
-    recordings, `samples` counts what the models were fitted to. `nominal` is the robot as it was given, and
+    reader should know, `next_experiment` what to do next if nothing, or not enough, was found, `not_visible` all
+    effects that would not show in these drives if the robot had them. `sources` names the recordings, `samples` counts
+    what the models were fitted to. `nominal` is the robot as it was given, and
     `gain_over_nominal` what the extended model gains over it; both are None where too little of it was given.
     `lateness` tells how late commands took effect, by the name of the recording in which it was measured. `decisions`
     are the steps of the search, in their order.
@@ -166,6 +167,7 @@ class Diagnosis:
     checks: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
     next_experiment: str | None = None
+    not_visible: tuple[str, ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)
     evidence: Evidence = NOTHING_TO_DRAW
     sources: tuple[str, ...] = ()

@@ -6,7 +6,7 @@ from textwrap import TextWrapper
 
 from cmr.diagnosis.job import Outcome
 from cmr.diagnosis.result import GENERIC, Diagnosis, Fitted, NamedEffect
-from cmr.diagnosis.words import harmless_sentence, regressor_name, share_sentence, signal_name
+from cmr.diagnosis.words import harmless_sentence, regressor_name, share_sentence, signal_name, some_of
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.model.catalogue import definition
@@ -70,7 +70,7 @@ def _sentences(effect: NamedEffect) -> list[str]:
     """Return the sentences below an effect's numbers."""
     sentences = [f"{effect.name}: {effect.cause}"]
     if effect.indistinguishable_from:
-        sentences.append(f"These data cannot distinguish it from {', '.join(effect.indistinguishable_from)}.")
+        sentences.append(f"These data cannot distinguish it from {', '.join(some_of(effect.indistinguishable_from))}.")
     if effect.next_experiment:
         sentences.append(f"Next: {effect.next_experiment}")
     return sentences

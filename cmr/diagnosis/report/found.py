@@ -13,7 +13,7 @@ from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.tell_tale import tell_tale
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, Candidate, Diagnosis, NamedEffect
-from cmr.diagnosis.words import harmless_sentence
+from cmr.diagnosis.words import harmless_sentence, some_of
 from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.effect import Effect
@@ -103,8 +103,11 @@ def _rivals(effect: NamedEffect) -> Html:
     entry = CATALOGUE.get(effect.name)
     told_apart_by = entry.confused_with if entry else {}
     lines = [
-        joined(code(other), f" (to distinguish them: {told_apart_by[other]})" if other in told_apart_by else "")
-        for other in effect.indistinguishable_from
+        joined(
+            code(other) if other in effect.indistinguishable_from else other,
+            f" (to distinguish them: {told_apart_by[other]})" if other in told_apart_by else "",
+        )
+        for other in some_of(effect.indistinguishable_from)
     ]
     return joined(*(tag("div", line) for line in lines)) if lines else joined("\u2013")
 

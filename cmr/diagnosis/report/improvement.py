@@ -16,15 +16,16 @@ from cmr.estimation.gain import Gain
 from cmr.model.catalogue import DEFINITIONS
 
 MOVED = 1.0  # standard deviations; a parameter that moved by less stayed where it was
-GAIN_WORDS = {"psi": "wheel speeds", "yaw_rate": "yaw rate", "pose": "pose"}
+GAIN_WORDS = {"psi": "wheel speeds", "yaw_rate": "yaw rate"}
+PATH = "pose"  # the signal of a gain that has a row of its own
 HELD_OUT_PATH = "path, held-out data"
-# What is told of each model: words, unit, and the number.
+# What is told of each model: words, unit as it is set behind a number, and the number.
 ERRORS: tuple[tuple[str, str, Callable[[Fitted], float]], ...] = (
-    (HELD_OUT_PATH, "m", lambda model: model.held_out_path_rmse),
-    ("path, held-out data, median", "m", lambda model: model.held_out_path_median),
+    (HELD_OUT_PATH, " m", lambda model: model.held_out_path_rmse),
+    ("path, held-out data, median", " m", lambda model: model.held_out_path_median),
     ("heading, held-out data", "\u00b0", lambda model: math.degrees(model.held_out_heading_rmse)),
     ("heading, held-out data, median", "\u00b0", lambda model: math.degrees(model.held_out_heading_median)),
-    ("path, fitted data", "m", lambda model: model.path_rmse),
+    ("path, fitted data", " m", lambda model: model.path_rmse),
 )
 
 
@@ -74,17 +75,17 @@ def _error_rows(models: Sequence[_Compared]) -> Iterator[list[str]]:
         if not any(map(math.isfinite, ratios)):
             continue
         intervals = [_interval(one.gain) if words == HELD_OUT_PATH else "" for one in models[:-1]]
-        told = [f"{text} {unit}" for text in alike(errors)]
+        told = [f"{text}{unit}" for text in alike(errors)]
         compared = [f"{number(ratio, 3)}{interval}" for ratio, interval in zip(ratios, intervals, strict=True)]
         yield [words, *told, *compared, _bar(ratios[-1])]
 
 
 def _signal_rows(models: Sequence[_Compared]) -> Iterator[list[str]]:
-    """Yield the rows of the signals of which the last model's gain is known over one before it."""
+    """Yield the rows of the signals but the path of which the last model's gain is known over one before it."""
     gains = [one.gain.signals if one.gain else {} for one in models[:-1]]
     for name in dict.fromkeys(name for of_model in gains for name in of_model):
         ratios = [of_model.get(name, math.nan) for of_model in gains]
-        if any(map(math.isfinite, ratios)):
+        if name != PATH and any(map(math.isfinite, ratios)):
             words = GAIN_WORDS.get(name, signal_words(name))
             yield [words, *([""] * len(models)), *(number(ratio, 3) for ratio in ratios), _bar(ratios[-1])]
 

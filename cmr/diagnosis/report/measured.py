@@ -29,10 +29,8 @@ def paths(diagnosis: Diagnosis) -> Html:
     drawn, pieces = diagnosis.evidence.paths, diagnosis.evidence.pieces
     changed = diagnosis.is_extended
     which = "in which the extended model changes the predicted path most" if changed else "that lead farthest"
-    words = (
-        f"The recordings have {pieces:,} pieces, cut where data are missing. Drawn are the {len(drawn)} {which}: one "
-        "of each recording first."
-    )
+    each = ", one of each recording first" if len({path.label for path in drawn}) > 1 else ""
+    words = f"The data have {pieces:,} pieces, cut where samples are missing. Drawn are the {len(drawn)} {which}{each}."
     figures = [path_figure(path, changed=changed) for path in drawn]
     return section("The path", *([paragraph(words)] if pieces > len(drawn) else []), *figures)
 

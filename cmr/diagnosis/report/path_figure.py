@@ -50,7 +50,7 @@ def path_figure(path: Path, *, changed: bool) -> Html:
     plots = [_path_plot(track, simulated, title) for title, simulated in stages]
     seconds = float(path.time[-1] - path.time[0])
     cut = f" The first {DENSE:g} s of {seconds:,.0f} s are drawn." if seconds > DENSE else ""
-    piece = f", piece {path.piece} of {path.pieces}, from {path.time[0]:.1f} s on" if path.pieces > 1 else ""
+    piece = f", piece {path.piece} of {path.pieces}, {path.time[0]:.1f} s into the log" if path.pieces > 1 else ""
     words = (
         f"{path.label}{piece}: the real path, and free runs of the model from the real robot's start, driven as "
         f"recorded, without any correction. The dot is the start.{cut}"
