@@ -17,6 +17,7 @@ from cmr.diagnosis.next_experiment import (
     experiment_to_tell_apart,
     without_commands,
 )
+from cmr.diagnosis.paths import most_telling, paths_of
 from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
@@ -29,7 +30,7 @@ from cmr.diagnosis.result import (
     Fitted,
     NamedEffect,
 )
-from cmr.diagnosis.showing import paths_of, pieces_with_path, residuals_of
+from cmr.diagnosis.showing import residuals_of
 from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation, estimate, fit_estimate, nominal_of
@@ -140,11 +141,11 @@ def _evidence(estimation: Estimation) -> Evidence:
     assert estimation.whole is not None
     models = estimation.found.base.values, estimation.whole.model.values
     segments = [predictor.segment for predictor in estimation.found.problem.predictors]
-    labels = [one.name for one in estimation.looked]
+    paths = paths_of(segments, *models, [one.name for one in estimation.looked])
     return Evidence(
         window=WINDOW,
-        paths=paths_of(segments, *models, labels),
-        pieces=len(pieces_with_path(segments)),
+        paths=most_telling(paths),
+        pieces=len(paths),
         residuals=residuals_of(segments, *models),
     )
 

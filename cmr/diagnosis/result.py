@@ -14,7 +14,6 @@ from cmr.recordings.signal import Floats
 
 EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
 GENERIC = "a generic term, no physical cause"  # how such a term is labelled everywhere
-DENSE = 120.0  # s from the beginning of a path in which its points are dense, however long it is
 VERDICTS = (EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA)
 
 
@@ -85,9 +84,8 @@ class Fitted:
 class Path:
     """The path of one piece of a recording, and the free runs of the models from its measured start, all of shape (n,).
 
-    Positions in [m], headings [rad, unwrapped], `time` [s] since the recording's first sample. Of a long piece the
-    points are dense only in the first DENSE seconds. `label` names the recording, `piece` counts its pieces from 1 to
-    `pieces`: it is cut where data are missing.
+    Positions in [m], headings [rad, unwrapped], `time` [s] since the recording's first sample. `label` names the
+    recording, `piece` counts its pieces from 1 to `pieces`.
     """
 
     label: str

@@ -1,4 +1,4 @@
-"""What a report shows of a robot and its models: paths of free runs, and residuals over what may explain them.
+"""What a report shows of a robot and its models beside paths: residuals over what may explain them.
 
 What residuals are shown over is the simulated motion, never a sensor's own sample: the noise of a sample that is in
 both would look like structure (errors in variables).
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.diagnosis.result import DENSE, Path, Residual
+from cmr.diagnosis.result import Residual
 from cmr.estimation.free_runs import (
     OVERLAP,
     Averages,
@@ -27,12 +27,10 @@ from cmr.estimation.prediction import WHEELS
 from cmr.estimation.segments import Segment
 from cmr.model.body import forward, wrap
 from cmr.model.catalogue import effects_on
-from cmr.model.observer import MOTION, RESTART, Innovations, Observations
+from cmr.model.observer import MOTION, Innovations, Observations
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 
-MOST_PATHS = 4  # a page with more tells nobody more
-MOST_POINTS = 2000  # of the first DENSE seconds of a path, and as many of the rest
 MOST_SAMPLES = 3000  # of a residual
 GROWN = 1.0  # s over which errors of the pose grow
 AT_THE_END = 0.2  # s whose poses are averaged when they have grown: single ones are noisy
@@ -89,69 +87,6 @@ class _Sampled(NamedTuple):
 
     averages: Averages
     regressors: dict[str, Floats]
-
-
-def paths_of(segments: Sequence[Segment], before: Values, after: Values, labels: Sequence[str]) -> tuple[Path, ...]:
-    """Return the MOST_PATHS paths on which two models differ most, and their free runs by both from the start.
-
-    The one of each recording comes first. Where the models are alike, they are the paths that lead farthest. Segments
-    without poses have none. `labels` are those of the recordings.
-    """
-    pieces: dict[int, list[Segment]] = {}
-    for segment in pieces_with_path(segments):
-        pieces.setdefault(segment.recording, []).append(segment)
-    ranked = []
-    for recording, own in pieces.items():
-        paths = [
-            _path(segment, before, after, labels[recording], number, len(own))
-            for number, segment in enumerate(own, start=1)
-        ]
-        paths.sort(key=_difference, reverse=True)
-        ranked += list(enumerate(paths[:MOST_PATHS]))
-    # The best piece of each recording, in order of the difference, then the second best.
-    ranked.sort(key=lambda one: (-one[0], _difference(one[1])), reverse=True)
-    return tuple(path for _, path in ranked[:MOST_PATHS])
-
-
-def pieces_with_path(segments: Sequence[Segment]) -> list[Segment]:
-    """Return the segments in which poses were recorded."""
-    return [segment for segment in segments if len(segment.observations.pose)]
-
-
-def _difference(path: Path) -> tuple[float, float]:
-    """Return how far [m] the models are from each other where the path is dense, and how far [m] it leads."""
-    dense = path.time <= path.time[0] + DENSE
-    between = (path.before_x - path.after_x) ** 2 + (path.before_y - path.after_y) ** 2
-    way = (path.x - path.x[0]) ** 2 + (path.y - path.y[0]) ** 2
-    return float(np.sqrt(np.nanmean(between[dense]))), float(np.sqrt(np.nanmean(way[dense])))
-
-
-def _path(segment: Segment, before: Values, after: Values, label: str, piece: int, pieces: int) -> Path:
-    observations = segment.observations
-    begins = np.flatnonzero(observations.pose_use == RESTART)
-    smooth = smoothed_poses(observations, after)
-    measured = np.column_stack([observations.pose[:, :2], np.unwrap(observations.pose[:, 2])])
-    simulated = measured[:, :, None] - free_run(observations, begins, smooth, stacked((before, after))).pose
-    simulated[begins] = smooth[begins, :, None]
-    beginning = int(np.searchsorted(observations.pose_time, observations.pose_time[0] + DENSE, side="right"))
-    rest = beginning + _spread(len(measured) - beginning, MOST_POINTS)
-    shown = np.concatenate([_spread(beginning, MOST_POINTS), rest])
-    simulated = simulated[shown]
-    return Path(
-        label=label,
-        time=observations.pose_time[shown] + observations.time,
-        x=measured[shown, 0],
-        y=measured[shown, 1],
-        theta=measured[shown, 2],
-        before_x=simulated[:, 0, 0],
-        before_y=simulated[:, 1, 0],
-        before_theta=simulated[:, 2, 0],
-        after_x=simulated[:, 0, 1],
-        after_y=simulated[:, 1, 1],
-        after_theta=simulated[:, 2, 1],
-        piece=piece,
-        pieces=pieces,
-    )
 
 
 def residuals_of(segments: Sequence[Segment], before: Values, after: Values) -> tuple[Residual, ...]:

@@ -30,7 +30,10 @@ def paths(diagnosis: Diagnosis) -> Html:
     changed = diagnosis.is_extended
     which = "in which the extended model changes the predicted path most" if changed else "that lead farthest"
     each = ", one of each recording first" if len({path.label for path in drawn}) > 1 else ""
-    words = f"The data have {pieces:,} pieces, cut where samples are missing. Drawn are the {len(drawn)} {which}{each}."
+    words = (
+        f"The drives were cut into {pieces:,} pieces, each begun at the real robot's state. Drawn are the {len(drawn)} "
+        f"{which}{each}."
+    )
     figures = [path_figure(path, changed=changed) for path in drawn]
     return section("The path", *([paragraph(words)] if pieces > len(drawn) else []), *figures)
 
