@@ -139,6 +139,15 @@ def test_medians_headings_and_the_given_robot_stand_beside_the_path_error() -> N
     assert content["gain_over_nominal"]["ci95"] == [5.0, 7.0]
 
 
+def test_without_a_path_the_errors_of_other_signals_are_told() -> None:
+    unknown = with_errors(math.nan)
+    gain = Gain(ratio=math.nan, interval=(math.nan, math.nan), signals={"psi": 1.5, "yaw_rate": 2.0})
+    text = " ".join(summary(replace(FOUND, baseline=unknown, extended=unknown, gain=gain)).split())
+    assert "no path was measured on held-out data." in text
+    assert "smaller by a factor of 1.50 (wheel speeds) and 2.00 (yaw rate)." in text
+    assert "nan" not in text
+
+
 def test_where_no_effect_is_found_the_errors_are_still_compared_with_the_given_robot() -> None:
     found = replace(NOTHING, nominal=NOMINAL, gain_over_nominal=Gain(ratio=2.0, interval=(1.8, 2.2), signals={}))
     page = Page(report_of(found))

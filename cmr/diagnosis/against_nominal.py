@@ -8,7 +8,7 @@ from cmr.estimation.gain import Gain
 from cmr.model.catalogue import definition
 
 FAR = 0.1  # share of a nominal dimension; a fit that differs by more is reported
-MUCH_WORSE = 1.05  # times the nominal robot's error; less than that may be chance
+MUCH_WORSE = 1.1  # times the nominal robot's error; less than that may be chance
 USUAL_WIDTHS = (1.0, 2.5)  # of skid-steer robots, fitted over geometric
 CHECK_RADIUS = (
     "Check the nominal value, the encoder's ticks per turn and the scale of the poses. Slipping wheels look alike."

@@ -6,7 +6,7 @@ from textwrap import TextWrapper
 
 from cmr.diagnosis.job import Outcome
 from cmr.diagnosis.result import GENERIC, Diagnosis, Fitted, NamedEffect
-from cmr.diagnosis.words import harmless_sentence, regressor_name, share_sentence, signal_name, some_of
+from cmr.diagnosis.words import GAINED, harmless_sentence, regressor_name, share_sentence, signal_name, some_of
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.model.catalogue import definition
@@ -89,6 +89,8 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
     """Return a sentence on the path errors before and after; none with bad data."""
     if diagnosis.baseline is None or diagnosis.extended is None:
         return []
+    if not math.isfinite(diagnosis.baseline.held_out_path_rmse):
+        return _without_path(diagnosis)
     before = f"Path error on held-out data: {_error(diagnosis.baseline)} with the paper's model"
     if not diagnosis.is_extended:
         return [f"{before}.", *_over_nominal(diagnosis)]
@@ -96,6 +98,21 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.gain is None or not math.isfinite(diagnosis.gain.ratio):
         return [f"{errors}."]
     return [f"{errors}, {_ratio(diagnosis.gain)}.", *_over_nominal(diagnosis)]
+
+
+def _without_path(diagnosis: Diagnosis) -> list[str]:
+    """Return sentences on the errors of other signals, where no path error is known."""
+    compared = (
+        ("the paper's model", diagnosis.gain if diagnosis.is_extended else None),
+        ("the nominal parameters", diagnosis.gain_over_nominal),
+    )
+    errors = [
+        f"Compared with {than}, errors on held-out data are smaller by a factor of "
+        f"{' and '.join(f'{ratio:.2f} ({GAINED[name]})' for name, ratio in gain.signals.items() if name in GAINED)}."
+        for than, gain in compared
+        if gain and GAINED.keys() & gain.signals.keys()
+    ]
+    return ["The path error is not known: no path was measured on held-out data.", *errors]
 
 
 def _over_nominal(diagnosis: Diagnosis) -> list[str]:

@@ -18,6 +18,7 @@ SIGNALS = {
     "sideways": "sideways position",
     "heading": "heading",
 }
+GAINED = {"psi": "wheel speeds", "yaw_rate": "yaw rate"}  # signals of a gain beside the path
 REGRESSORS = {
     "time": "time",
     "command_left": "left command",

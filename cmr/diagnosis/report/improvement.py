@@ -11,12 +11,12 @@ from cmr.diagnosis.report.style import AFTER, BEFORE
 from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.terms import signal_words
 from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
+from cmr.diagnosis.words import GAINED
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.model.catalogue import DEFINITIONS
 
 MOVED = 1.0  # standard deviations; a parameter that moved by less stayed where it was
-GAIN_WORDS = {"psi": "wheel speeds", "yaw_rate": "yaw rate"}
 PATH = "pose"  # the signal of a gain that has a row of its own
 HELD_OUT_PATH = "path, held-out data"
 # What is told of each model: words, unit as it is set behind a number, and the number.
@@ -86,7 +86,7 @@ def _signal_rows(models: Sequence[_Compared]) -> Iterator[list[str]]:
     for name in dict.fromkeys(name for of_model in gains for name in of_model):
         ratios = [of_model.get(name, math.nan) for of_model in gains]
         if name != PATH and any(map(math.isfinite, ratios)):
-            words = GAIN_WORDS.get(name, signal_words(name))
+            words = GAINED.get(name, signal_words(name))
             yield [words, *([""] * len(models)), *(number(ratio, 3) for ratio in ratios), _bar(ratios[-1])]
 
 
