@@ -118,7 +118,7 @@ def test_the_extended_model_tells_what_was_given_and_not_fitted(tmp_path: Path) 
 def test_what_goes_beyond_schema_1_is_what_the_documentation_says(tmp_path: Path) -> None:
     content = written(DIAGNOSIS, tmp_path)
     beyond = {"sentence", "notes", "next_experiment", "candidates", "sources", "samples", "generic_term"}
-    beyond |= {"command_lateness", "decisions"}
+    beyond |= {"command_lateness", "decisions", "nominal", "gain_over_nominal", "not_visible"}
     assert set(content) - set(SCHEMA_1) - {"data_checks"} == beyond
     documentation = document.__doc__ or ""
     assert all(f"`{name}`" in documentation for name in beyond)
@@ -169,9 +169,12 @@ def test_data_checks_tell_what_each_counted(tmp_path: Path) -> None:
 def test_a_document_of_bad_data_has_the_same_fields(tmp_path: Path) -> None:
     content = written(BAD, tmp_path)
     assert content.keys() == written(DIAGNOSIS, tmp_path).keys()
-    assert content["baseline"] == {"parameters": {}, "path_rmse_m": None, "held_out_path_rmse_m": None}
+    errors = {"path_rmse_m", "held_out_path_rmse_m", "held_out_path_median_m"}
+    errors |= {"held_out_heading_rmse_rad", "held_out_heading_median_rad"}
+    assert content["baseline"] == content["nominal"] == {"parameters": {}, **dict.fromkeys(errors)}
     assert content["gain"] == {"held_out_path_rmse_ratio": None, "ci95": [None, None], "signals": {}}
     assert content["unexplained"]["present"] is False
+    assert content["unexplained"]["not_judged"] is None
     assert content["effects"] == []
 
 

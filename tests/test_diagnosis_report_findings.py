@@ -38,7 +38,8 @@ def test_the_gain_is_told_with_its_interval_and_how_far_parameters_moved(found: 
     assert "2.97 (2.61 to 3.30)" in found.text
     assert "0.110 m" in found.text
     assert "0.037 m" in found.text
-    assert "\u22120.0205 m" in found.text
+    assert "0.1820 m" in found.text  # from
+    assert "0.1615 m" in found.text  # to
     assert "\u221211.3 %" in found.text
     assert "0.00002" not in found.text  # a tenth of its standard deviation: it did not move
 

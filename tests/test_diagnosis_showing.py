@@ -1,17 +1,15 @@
 """What the paths and residuals that a report shows promise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 import numpy as np
 import pytest
 
-from cmr.diagnosis.result import DENSE, Residual
+from cmr.diagnosis.paths import LONGEST, MOST_PATHS, MOST_POINTS, most_telling, paths_of
+from cmr.diagnosis.result import Residual
 from cmr.diagnosis.showing import (
-    MOST_PATHS,
-    MOST_POINTS,
     MOST_SAMPLES,
-    paths_of,
     residuals_of,
     structure,
     without_each,
@@ -51,14 +49,15 @@ def without(one: Recording, *signals: str) -> Recording:
 
 def test_the_path_after_is_the_real_one_where_the_model_knows_everything_and_before_it_is_not() -> None:
     effect = {"turn_asymmetry": 0.03, "pose_offset": 0.05}
-    one = rich(SILENT, tuple(effect.items()))
+    whole = rich(SILENT, tuple(effect.items()))
+    one = whole.between(int(whole.poses.utime[0]), int(whole.poses.utime[0]) + round(LONGEST * 1e6))
     (path,) = paths_of(segments(one), TRUE, {**TRUE, **effect}, ["drive"])
     assert path.label == "drive"
     off_before, off_after = (
         np.hypot(x - path.x, y - path.y) for x, y in ((path.before_x, path.before_y), (path.after_x, path.after_y))
     )
     assert np.max(off_after) < 0.005
-    assert np.max(off_before) > 0.1
+    assert np.max(off_before) > 0.09
     assert np.max(np.abs(path.after_theta - path.theta)) < 0.01
     assert path.x == pytest.approx(np.interp(path.time, one.poses.seconds, one.poses["x"]))
 
@@ -66,32 +65,57 @@ def test_the_path_after_is_the_real_one_where_the_model_knows_everything_and_bef
 def test_a_path_is_told_from_the_recordings_first_sample_on_and_by_its_recording() -> None:
     one = rich()
     both = [*segments(one), *segments(one, 1)]
-    first, second = paths_of(both, TRUE, TRUE, ["a", "b"])
-    assert (first.label, second.label) == ("a", "b")
-    assert first.time[0] == 0.0
-    assert first.time[-1] == pytest.approx(one.poses.seconds[-1], abs=0.05)
+    paths = paths_of(both, TRUE, TRUE, ["a", "b"])
+    assert "".join(path.label for path in paths) == "a" * (len(paths) // 2) + "b" * (len(paths) // 2)
+    first = paths[: len(paths) // 2]
+    assert [(path.piece, path.pieces) for path in first] == [(n + 1, len(first)) for n in range(len(first))]
+    assert first[0].time[0] == 0.0
+    assert first[-1].time[-1] == pytest.approx(one.poses.seconds[-1], abs=0.05)
 
 
-def test_of_a_recording_in_many_pieces_the_longest_paths_are_shown() -> None:
-    one = rich()
+def pieces(one: Recording, spans: Sequence[tuple[float, float]], number: int = 0) -> list[Segment]:
+    """Parts of a recording, each from one time [s] to another."""
     first = int(one.poses.utime[0])
+    parts = (one.between(first + round(begin * 1e6), first + round(end * 1e6)) for begin, end in spans)
+    return [segment for part in parts for segment in segments(part, number)]
+
+
+def test_of_a_recording_in_many_pieces_those_are_shown_in_which_the_effects_change_the_path_most() -> None:
+    """The robot rests in most pieces, drives straight on in some, and turns, where the effect acts, in one."""
+    seconds = 40.0
+    still, straight, turning = (packets(constant(*duty), seconds) for duty in ((0.0, 0.0), (0.4, 0.4), (0.3, 0.5)))
+    rest, ahead, turns = (recording(drive, {}, seconds, REALISTIC, 1) for drive in (still, straight, turning))
     many = [
-        segment
-        for number in range(MOST_PATHS + 5)
-        for segment in segments(one.between(first, first + (number + 3) * 1_000_000), number)
+        *pieces(rest, [(3.0 * n, 3.0 * n + 2.5) for n in range(8)]),
+        *pieces(ahead, [(3.0 * n, 3.0 * n + 2.5) for n in range(1, 4)]),
+        *pieces(turns, [(12.0, 14.5)]),
     ]
-    shown = paths_of(many, TRUE, TRUE, [str(number) for number in range(len(many))])
-    assert [path.label for path in shown] == [str(number) for number in range(5, MOST_PATHS + 5)]
+    shown = most_telling(paths_of(many, TRUE, {**TRUE, "turn_asymmetry": 0.2}, ["run"]))
+    assert len(shown) == MOST_PATHS
+    assert (shown[0].piece, shown[0].pieces) == (12, 12)
+    alike = most_telling(paths_of(many, TRUE, TRUE, ["run"]))
+    assert {path.piece for path in alike} == {9, 10, 11, 12}  # those that lead somewhere
 
 
-def test_long_recordings_are_shown_by_as_many_points_as_a_page_can_bear() -> None:
+def test_of_several_recordings_one_piece_of_each_comes_first() -> None:
+    spans = [(10.0 * n, 10.0 * n + 6.0) for n in range(4)]
+    both = [*pieces(rich(), spans, 0), *pieces(rich(REALISTIC, (("turn_asymmetry", 0.2),)), spans, 1)]
+    shown = most_telling(paths_of(both, TRUE, {**TRUE, "turn_slip": 0.05}, ["a", "b"]))
+    assert {path.label for path in shown[:2]} == {"a", "b"}
+    assert len({(path.label, path.piece) for path in shown}) == MOST_PATHS
+
+
+def test_long_recordings_are_cut_and_shown_by_as_many_points_as_a_page_can_bear() -> None:
     seconds = 400.0
     long = recording(packets(figure_eight(seconds, 16), seconds), {}, seconds, REALISTIC, 1)
-    (path,) = paths_of(segments(long), TRUE, TRUE, [""])
-    assert len(path.x) == 2 * MOST_POINTS
-    assert np.all(np.diff(path.time) > 0.0)
-    assert np.max(np.diff(path.time[path.time < DENSE])) < 0.1  # what is drawn of it stays smooth
-    assert path.time[-1] == pytest.approx(seconds, abs=0.1)
+    paths = paths_of(segments(long), TRUE, {**TRUE, "turn_asymmetry": 0.1}, [""])
+    assert len(paths) == np.ceil(seconds / LONGEST)
+    for path in paths:
+        assert len(path.x) <= MOST_POINTS
+        assert 0.0 < path.time[-1] - path.time[0] <= LONGEST
+        assert 0.0 < np.min(np.diff(path.time)) < np.max(np.diff(path.time)) < 0.1  # what is drawn of it stays smooth
+        assert path.before_x[0] == path.after_x[0] == pytest.approx(path.x[0], abs=0.02)  # begun anew
+    assert paths[-1].time[-1] == pytest.approx(seconds, abs=0.1)
     for residual in residuals_of(segments(long), TRUE, TRUE):
         assert len(residual.before) <= MOST_SAMPLES
         assert all(len(values) == len(residual.before) for values in residual.regressors.values())
@@ -211,7 +235,7 @@ def test_only_what_was_recorded_has_residuals() -> None:
     assert set(residuals(without(one, "gyro"), TRUE, TRUE)) == set(SIGNALS) - {"yaw_rate"}
     assert set(residuals(without(one, "poses"), TRUE, TRUE)) == {"psi_left", "psi_right", "yaw_rate"}
     assert set(residuals(without(one, "wheels"), TRUE, TRUE)) == set(SIGNALS) - {"psi_left", "psi_right"}
-    assert paths_of(segments(without(one, "poses")), TRUE, TRUE, [""]) == ()
+    assert paths_of(segments(without(one, "poses")), TRUE, TRUE, [""]) == []
     assert residuals_of([], TRUE, TRUE) == ()
 
 

@@ -1,5 +1,6 @@
 """What no effect describes is found in what a model leaves, and nothing is found where nothing is."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -104,7 +105,10 @@ def test_what_the_model_does_not_know_is_told_with_its_signal_and_what_it_goes_w
 
 
 def test_coarse_encoders_are_not_taken_for_unknown_physics() -> None:
-    assert not left_by(noise="coarse").unexplained.present
+    unexplained = left_by(noise="coarse").unexplained
+    assert not unexplained.present
+    assert math.isnan(unexplained.share)  # not judged, which is not the same as nothing
+    assert "ticks are so coarse" in unexplained.not_judged
 
 
 def motion() -> dict[str, Floats]:

@@ -11,6 +11,10 @@ from cmr.commands.robots import behaviour_of
 from cmr.diagnosis.next_experiment import (
     HOPELESS,
     PARTING,
+    AnyDriver,
+    Pilot,
+    causes,
+    drive_showing,
     experiment_to_explain,
     experiment_to_show,
     experiment_to_tell_apart,
@@ -20,6 +24,7 @@ from cmr.diagnosis.next_experiment import (
 )
 from cmr.diagnosis.words import REGRESSORS
 from cmr.manoeuvres import MANOEUVRES, TYPICAL, in_sequence
+from cmr.manoeuvres.in_words import WORDS, Pace
 from cmr.model.catalogue import CATALOGUE, typical, with_effects
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
@@ -157,9 +162,18 @@ def test_limits_that_a_figure_eight_does_not_reach_are_shown_by_steps() -> None:
     )
 
 
-def test_few_manoeuvres_show_many_effects() -> None:
-    behaviour = driven_by(experiment_to_show([*CATALOGUE]))
-    assert behaviour.name == "rest+repeat_loop+star+rich_drive+rest"
+def test_one_drive_shows_most_of_many_effects_and_three_are_named() -> None:
+    sentence = experiment_to_show([*CATALOGUE])
+    assert driven_by(sentence).name == "rich_drive"
+    _, shown = drive_showing([*CATALOGUE])
+    assert len(shown) > 0.8 * len(CATALOGUE)
+    assert sentence.startswith(
+        f"Command delay, coulomb friction, slope and {len(shown) - 3} other effects would be visible in"
+    )
+    assert (
+        causes(["slope", "gyro_bias", "lateral_skid", "turn_slip"])
+        == "slope, gyro bias, lateral skid and 1 other effect"
+    )
     assert "Any effect would be visible in a drive with something of everything" in experiment_to_show([])
 
 
@@ -184,7 +198,7 @@ def test_what_nothing_explains_is_driven_again_and_by_itself_and_looked_at() -> 
         "Look at the plot of the sideways position over speed in report.html: its shape is a clue to the cause."
     )
     assert "cmr-pilot" not in experiment_to_explain("yaw_rate", ["time"])
-    both = experiment_to_explain("heading", ["x", "time", "yaw_rate", "y"], robot_id=3)
+    both = experiment_to_explain("heading", ["x", "time", "yaw_rate", "y"], Pilot(3))
     assert driven_by(both).name == "spins+star"
     assert "Errors that depend on x position, yaw rate and y position are clearest" in both
     assert "over x position, time, yaw rate and y position" in both
@@ -224,10 +238,58 @@ def test_effects_that_the_catalogue_does_not_pair_are_told_apart_by_what_both_ne
 
 def test_the_command_is_for_the_robot_at_hand() -> None:
     large = RobotParameters(wheel_radius=0.165, k2_over_k3=20.0, k1=0.165, base_width=1.0)
-    said = experiment_to_show(["lateral_skid"], robot_id=7, robot=large)
+    said = experiment_to_show(["lateral_skid"], Pilot(7, large))
     circles = in_sequence("circles")
     assert "`cmr-pilot --robot 7 " in said
     assert f"({circles.duties(large).duration:.0f} s, {circles.space_for(large):.1f} m around the start)" in said
+
+
+HUSKY = Pace(speed=1.0, turn_rate=1.3, width=0.54)
+PACES = [HUSKY, Pace(), Pace.seen(0.15, 0.0, 0.084), Pace.seen(0.0, 2.0, 0.2), Pace.seen(3.1, 0.9, 1.7)]
+
+
+def test_other_drivers_are_told_in_words_with_the_space_that_this_robot_needs() -> None:
+    assert experiment_to_show(["lateral_skid"], AnyDriver(HUSKY)) == (
+        "Lateral skid would be visible in circles of two radii both ways at two speeds. "
+        "Drive two circles to the left and two to the right, 1 m radius: "
+        "the first of each slowly (0.4 m/s), the second fast (1 m/s). "
+        "This takes about 40 s and 2.5 m of free floor around the start. "
+        "Record it like these drives, then diagnose it together with these recordings."
+    )
+
+
+@pytest.mark.parametrize("pace", PACES)
+def test_no_other_driver_is_told_of_a_command_or_to_drive_faster_farther_or_longer_than_it_can(pace: Pace) -> None:
+    driver = AnyDriver(pace)
+    apart = [experiment_to_tell_apart(a, [b], driver) for a, b, text in PAIRS if not text.startswith(HOPELESS)]
+    shown = [experiment_to_show([name], driver) for name in CATALOGUE]
+    explained = [experiment_to_explain("heading", [name], driver) for name in PARTING]
+    for sentence in [experiment_to_show([*CATALOGUE], driver), *filter(None, apart), *shown, *explained]:
+        assert "cmr-" not in sentence
+        speeds = [float(speed) for speed in re.findall(r"([\d.]+) m/s", sentence)]
+        assert all(0.0 < speed <= pace.speed for speed in speeds)
+        (free,) = [float(number) for number in re.findall(r"([\d.]+) m of free floor", sentence)]
+        lengths = re.findall(r"([\d.]+) m (?:straight|radius)", sentence)
+        assert all(pace.width < free and float(length) < free for length in lengths)
+        ((time, unit),) = re.findall(r"takes about (\d+) (s|minutes)", sentence)
+        assert unit == "s" or int(time) <= 6
+
+
+def test_every_manoeuvre_that_is_recommended_has_words() -> None:
+    assert set(WORDS) == set(MANOEUVRES) - {"figure_eight", "chirp"}
+    assert "figure_eight" not in {text for effect in CATALOGUE.values() for text in motions_in(effect.needs)}
+
+
+def test_a_robot_that_never_turned_is_told_to_turn_all_the_same() -> None:
+    pace = Pace.seen(speed=1.0, turn_rate=0.0, width=0.5)
+    assert pace.fast_turn == 2.0  # wheels that turn against each other, half as fast as they were seen to
+
+
+def test_of_many_rivals_three_are_told_apart() -> None:
+    said = experiment_to_tell_apart("turn_slip", ["lateral_skid", "slope", "gyro_bias", "backlash"])
+    assert said is not None
+    assert "slope" in said
+    assert "backlash" not in said
 
 
 def test_an_unknown_effect_is_an_error() -> None:

@@ -1,15 +1,23 @@
 """Find out what the paper's model gets wrong about a robot, and why."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from cmr.diagnosis.against_nominal import dimension_notes, worse_than_nominal
 from cmr.diagnosis.next_experiment import (
     WITHOUT_POSES,
+    AnyDriver,
+    Driver,
+    Pilot,
     experiment_to_explain,
     experiment_to_show,
     experiment_to_tell_apart,
+    without_commands,
 )
+from cmr.diagnosis.paths import most_telling, paths_of
 from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
@@ -22,11 +30,11 @@ from cmr.diagnosis.result import (
     Fitted,
     NamedEffect,
 )
-from cmr.diagnosis.showing import paths_of, residuals_of
+from cmr.diagnosis.showing import residuals_of
 from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation, estimate, fit_estimate, nominal_of
-from cmr.estimation.free_runs import WINDOW
+from cmr.estimation.free_runs import WINDOW, Errors
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.preparation import Ready
@@ -37,7 +45,8 @@ from cmr.estimation.search.shifts import moved, shifts
 from cmr.estimation.search.trace import with_rivals
 from cmr.estimation.unexplained.extending import Extended
 from cmr.estimation.unexplained.generic import formula
-from cmr.estimation.unexplained.result import GenericTerm, Unexplained
+from cmr.estimation.unexplained.result import GenericTerm, Unexplained, not_judged
+from cmr.manoeuvres.in_words import Pace
 from cmr.model.catalogue import CATALOGUE, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
@@ -45,10 +54,9 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
-BY_COURSES = (  # whose errors last, and go with much by chance
-    "Effects were fitted to simulated paths (simulation error), not to one-step predictions. The remaining errors were "
-    "not tested for structure."
-)
+BY_COURSES = "Effects were fitted to simulated paths (simulation error), not to one-step predictions."
+FASTEST = 0.98  # of the time a robot is slower than its pace
+NOTHING_FITTED = "The data cannot be used, so nothing was fitted."
 
 
 def diagnose(
@@ -69,9 +77,10 @@ def diagnose(
     can be measured on one of `held_out`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    nominal = nominal_of(recordings, nominal)
     estimation = estimate(
         recordings,
-        nominal_of(recordings, nominal),
+        nominal,
         held_out=held_out,
         sources=sources,
         held_out_sources=held_out_sources,
@@ -84,7 +93,19 @@ def diagnose(
     fitted = tuple(one.name for one in estimation.looked if not one.useless) if sources else ()
     told = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
     lateness = {name: one for name, one in told.items() if one is not None}
-    return _diagnosis(robot_id, estimation, evidence, fitted, lateness)
+    driver = _driver(recordings, estimation, evidence, nominal)
+    found = _diagnosis(robot_id, estimation, evidence, fitted, lateness, driver)
+    return replace(found, notes=(*found.notes, *_against(nominal, found)))
+
+
+def _against(nominal: ParameterFile, found: Diagnosis) -> Iterator[str]:
+    """Yield sentences on how the fitted models compare with the robot as it was given."""
+    assert found.baseline is not None
+    assert found.extended is not None
+    given = {name: value.value for name, value in nominal.values.items()}
+    yield from dimension_notes(given, found.baseline, found.extended)
+    if found.nominal is not None and found.gain_over_nominal is not None:
+        yield from worse_than_nominal(found.nominal, found.baseline, found.extended, found.gain_over_nominal)
 
 
 def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis:
@@ -93,10 +114,26 @@ def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis
         robot_id=robot_id,
         verdict=BAD_DATA,
         sentence=ready.refused,
+        unexplained=not_judged(NOTHING_FITTED),
         checks=ready.checks,
         notes=ready.notes,
         sources=sources,
     )
+
+
+def _driver(
+    recordings: Sequence[Recording], estimation: Estimation, evidence: Evidence, nominal: ParameterFile
+) -> Driver:
+    """Return `cmr-pilot` where the robot takes commands from the bus, else any driver at the pace seen here."""
+    robot = RobotParameters.of({name: estimation.found.final.values[name] for name in PAPER})
+    if all(recording.driven_on_the_bus for recording in recordings):
+        return Pilot(recordings[0].robot_id, robot)
+    speed, turn_rate = (
+        float(max((np.quantile(np.abs(one.regressors[name]), FASTEST) for one in evidence.residuals), default=0.0))
+        for name in ("speed", "yaw_rate")
+    )
+    width = nominal.value("base_width") if nominal.has("base_width") else float(robot.base_width)
+    return AnyDriver(Pace.seen(speed, turn_rate, width))
 
 
 def _evidence(estimation: Estimation) -> Evidence:
@@ -104,8 +141,13 @@ def _evidence(estimation: Estimation) -> Evidence:
     assert estimation.whole is not None
     models = estimation.found.base.values, estimation.whole.model.values
     segments = [predictor.segment for predictor in estimation.found.problem.predictors]
-    labels = [one.name for one in estimation.looked]
-    return Evidence(window=WINDOW, paths=paths_of(segments, *models, labels), residuals=residuals_of(segments, *models))
+    paths = paths_of(segments, *models, [one.name for one in estimation.looked])
+    return Evidence(
+        window=WINDOW,
+        paths=most_telling(paths),
+        pieces=len(paths),
+        residuals=residuals_of(segments, *models),
+    )
 
 
 def _diagnosis(
@@ -114,13 +156,14 @@ def _diagnosis(
     evidence: Evidence,
     sources: tuple[str, ...],
     lateness: Mapping[str, Lateness],
+    driver: Driver,
 ) -> Diagnosis:
     whole, measured, ready = estimation.whole, estimation.measured, estimation.ready
     assert whole is not None
     assert measured is not None
     found, unexplained = estimation.found, _unexplained(whole.extended, measured.gain)
     named = zip(found.named, shifts(found), strict=True)
-    effects = tuple(_named(one, moved_by, estimation, robot_id) for one, moved_by in named)
+    effects = tuple(_named(one, moved_by, estimation, driver) for one, moved_by in named)
     verdict = EFFECTS_FOUND if effects else UNEXPLAINED if unexplained.present else NO_EFFECT
     return Diagnosis(
         robot_id=robot_id,
@@ -130,12 +173,15 @@ def _diagnosis(
         baseline=_fitted(estimation.baseline, measured.before, measured.held_out_before),
         extended=_fitted(estimation.estimates, measured.after, measured.held_out_after),
         gain=measured.gain,
+        nominal=_nominal(estimation),
+        gain_over_nominal=estimation.nominal.gain if estimation.nominal else None,
         evidence=evidence,
         effects=effects,
         candidates=_candidates(found),
         checks=ready.checks,
         notes=ready.notes if found.problem.by_moments else (*ready.notes, BY_COURSES),
-        next_experiment=_next(robot_id, effects, found, unexplained),
+        next_experiment=_next(driver, effects, found, unexplained),
+        not_visible=found.unseen,
         parameters=estimation.parameters,
         sources=sources,
         samples=len(found.final.rest),
@@ -146,8 +192,28 @@ def _diagnosis(
     )
 
 
-def _fitted(estimates: Mapping[str, Estimate], path_rmse: float, held_out: float) -> Fitted:
-    return Fitted(estimates=estimates, path_rmse=path_rmse, held_out_path_rmse=held_out)
+def _fitted(estimates: Mapping[str, Estimate], path_rmse: float, held_out: Errors) -> Fitted:
+    return Fitted(
+        estimates=estimates,
+        path_rmse=path_rmse,
+        held_out_path_rmse=held_out.rmse("position"),
+        held_out_path_median=held_out.median("position"),
+        held_out_heading_rmse=held_out.rmse("heading"),
+        held_out_heading_median=held_out.median("heading"),
+    )
+
+
+def _nominal(estimation: Estimation) -> Fitted | None:
+    """Return the robot as it was given, without what has no meaning for these recordings."""
+    nominal = estimation.nominal
+    if nominal is None:
+        return None
+    known = {name: Estimate(value, math.nan) for name, value in nominal.values.items()}
+    return _fitted(
+        {name: one for name, one in known.items() if name not in estimation.ready.unknown},
+        nominal.path_rmse,
+        nominal.held_out,
+    )
 
 
 def _candidates(found: Search) -> tuple[Candidate, ...]:
@@ -194,9 +260,8 @@ def _fitted_in(fit: Fit, tested: CandidateEffect) -> bool:
     return all(parameter.name in fit.names for parameter in tested.effect.parameters)
 
 
-def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estimation, robot_id: int) -> NamedEffect:
+def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estimation, driver: Driver) -> NamedEffect:
     effect, found = one.candidate.effect, estimation.found
-    robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     names = [parameter.name for parameter in effect.parameters]
     rivals = one.rivals
     estimates = {name: estimation.estimate(name) for name in names}
@@ -209,27 +274,38 @@ def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estim
         held_out=one.candidate.held_out,
         shift=moved_by,
         indistinguishable_from=rivals,
-        next_experiment=experiment_to_tell_apart(effect.name, rivals, robot_id=robot_id, robot=robot),
+        next_experiment=experiment_to_tell_apart(effect.name, rivals, driver),
     )
 
 
-def _next(robot_id: int, effects: Sequence[NamedEffect], found: Search, unexplained: Unexplained) -> str | None:
+def _next(driver: Driver, effects: Sequence[NamedEffect], found: Search, unexplained: Unexplained) -> str | None:
     """Return what to drive to explain what nothing explains, else to show effects of which these drives say nothing.
 
     None if nothing remains, and all effects would have shown.
     """
     poses = any(len(predictor.segment.observations.pose) for predictor in found.problem.predictors)
     sentences = [] if poses else [WITHOUT_POSES]
-    robot = RobotParameters.of({name: found.final.values[name] for name in PAPER})
     if unexplained.signal:
-        sentences.append(
-            experiment_to_explain(unexplained.signal, unexplained.regressors, robot_id=robot_id, robot=robot)
-        )
-    elif found.unseen and not any(effect.next_experiment for effect in effects):
+        sentences.append(experiment_to_explain(unexplained.signal, unexplained.regressors, driver))
+        return " ".join(sentences)
+    tested = {effect.name for effect in found.problem.effects}
+    unseen = [name for name in found.unseen if name in tested and _recorded(name, found)]
+    if unseen and not any(effect.next_experiment for effect in effects):
         # Drives that show nothing and would hide several effects hide others, too, that are smaller than usual.
-        certain = found.unseen if effects or len(found.unseen) == 1 else ()
-        sentences.append(experiment_to_show(certain, robot_id=robot_id, robot=robot))
+        sentences.append(experiment_to_show(unseen if effects or len(unseen) == 1 else (), driver))
+    need_commands = [name for name in found.unseen if name not in tested]
+    if need_commands:
+        sentences.append(without_commands(need_commands))
     return " ".join(sentences) or None
+
+
+def _recorded(name: str, found: Search) -> bool:
+    """Tell whether the sensor that an effect is one of was recorded: no drive shows what a sensor does without it."""
+    observations = [predictor.segment.observations for predictor in found.problem.predictors]
+    stages = CATALOGUE[name].equations
+    if all(stage.startswith("gyro") for stage in stages):
+        return any(len(one.gyro) for one in observations)
+    return not all(stage.startswith("pose") for stage in stages) or any(len(one.pose) for one in observations)
 
 
 def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
@@ -270,6 +346,8 @@ def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, search: 
         nothing = f"None of the {len(CATALOGUE)} effects in the catalogue is large enough to matter here"
     if search.unseen:
         return f"{nothing}, but {len(search.unseen)} of them would not be visible in these drives."
+    if unexplained.not_judged:
+        return f"{nothing}. Whether the remaining errors have structure was not judged."
     return f"{nothing}: the paper's model is sufficient."
 
 

@@ -32,14 +32,17 @@ Document = dict[str, Any]
 def document(diagnosis: Diagnosis) -> Document:
     """Return the content of `diagnosis.json`.
 
-    Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `next_experiment`, what
-    to drive next; `candidates`, the effects that were tested and not named: their sizes, why not, the `measure` that
-    decided with its limit, and whether the effect is certain but `too_small_to_matter`; `sources` and `samples`, what
-    was fitted; `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the `sentence`
-    of each data check; `command_lateness`, measured in each recording whose driver reports what it applied;
-    `decisions`, the steps of the search with the `measures` that decided; and `generic_term`, which extends the model
-    without naming a cause, or null. Its `shift` and those of all effects add up to the difference between `baseline`
-    and the fit with all of them. Parameters without a standard deviation were given, not fitted.
+    Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `nominal`, the robot as
+    it was given, and `gain_over_nominal`, that of the extended model over it; medians and errors of the heading beside
+    `held_out_path_rmse_m`; `unexplained.not_judged`, why no structure was looked for (its share is then null), or null;
+    `next_experiment`, what to drive next, and `not_visible`, all effects that would not show in these drives;
+    `candidates`, the effects that were tested and not named: their sizes, why not, the `measure` that decided with its
+    limit, and whether the effect is certain but `too_small_to_matter`; `sources` and `samples`, what was fitted;
+    `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the `sentence` of each
+    data check; `command_lateness`, measured in each recording whose driver reports what it applied; `decisions`, the
+    steps of the search with the `measures` that decided; and `generic_term`, which extends the model without naming a
+    cause, or null. Its `shift` and those of all effects add up to the difference between `baseline` and the fit with
+    all of them. Parameters without a standard deviation were given, not fitted.
     Raises KeyError for a parameter that the catalogue does not know.
     """
     return {
@@ -51,6 +54,8 @@ def document(diagnosis: Diagnosis) -> Document:
         "effects": [_effect(rank, effect) for rank, effect in enumerate(diagnosis.effects, start=1)],
         "extended": _fitted(diagnosis.extended, diagnosis.parameters),
         "gain": _gain(diagnosis.gain),
+        "nominal": _fitted(diagnosis.nominal),
+        "gain_over_nominal": _gain(diagnosis.gain_over_nominal),
         "unexplained": _unexplained(diagnosis.unexplained),
         "generic_term": _generic(diagnosis.unexplained.generic),
         "command_lateness": [_lateness(name, one) for name, one in diagnosis.lateness.items()],
@@ -58,6 +63,7 @@ def document(diagnosis: Diagnosis) -> Document:
         "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],
         "notes": list(diagnosis.notes),
         "next_experiment": diagnosis.next_experiment,
+        "not_visible": list(diagnosis.not_visible),
         "sources": list(diagnosis.sources),
         "samples": int(diagnosis.samples),
         "decisions": [_decision(decision) for decision in diagnosis.decisions],
@@ -111,6 +117,9 @@ def _fitted(fitted: Fitted | None, given: Mapping[str, float] | None = None) -> 
         "parameters": parameters,
         "path_rmse_m": _finite(fitted.path_rmse) if fitted else None,
         "held_out_path_rmse_m": _finite(fitted.held_out_path_rmse) if fitted else None,
+        "held_out_path_median_m": _finite(fitted.held_out_path_median) if fitted else None,
+        "held_out_heading_rmse_rad": _finite(fitted.held_out_heading_rmse) if fitted else None,
+        "held_out_heading_median_rad": _finite(fitted.held_out_heading_median) if fitted else None,
     }
 
 
@@ -181,6 +190,7 @@ def _unexplained(unexplained: Unexplained) -> Document:
         "signal": unexplained.signal,
         "regressors": list(unexplained.regressors),
         "share_of_residual_variance": _finite(unexplained.share),
+        "not_judged": unexplained.not_judged or None,
     }
 
 

@@ -2,17 +2,23 @@
 
 What an effect needs, and what tells two effects apart, is text in the catalogue (`Effect.needs`,
 `Effect.confused_with`). Each manoeuvre lists the motions of such texts that it gives (`Manoeuvre.gives`); those
-manoeuvres are recommended that give all motions of a text in the shortest time.
+manoeuvres are recommended that give all motions of a text in the shortest time. No sentence names more than
+MOST_NAMED effects: nobody reads thirty. How a manoeuvre is to be driven depends on who drives the robot: `cmr-pilot`
+takes a command, everybody else words.
 """
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain, combinations
+from dataclasses import dataclass
+from itertools import chain, combinations, zip_longest
+from typing import Protocol
 
-from cmr.diagnosis.words import regressor_name, signal_name
+from cmr.diagnosis.words import MOST_NAMED, regressor_name, signal_name
 from cmr.manoeuvres import MANOEUVRES, TYPICAL, Manoeuvre, in_sequence
+from cmr.manoeuvres.in_words import Pace, instruction
 from cmr.manoeuvres.table import BETWEEN
 from cmr.model.catalogue import CATALOGUE
+from cmr.model.effect import GROUPS
 from cmr.model.parameters import RobotParameters
 
 HOPELESS = "none: "  # so begin the catalogue's texts where nothing tells two effects apart
@@ -39,19 +45,73 @@ PARTING = {
     "wheel_angle_right": "ramps",
     "energy": "repeat_loop",
 }
+LONG = 120.0  # s; longer drives are told in minutes
+WITHOUT_COMMANDS = "Record the commands that the robot gets, too: without them {causes} cannot be seen."
 MOTIONS = frozenset[str]().union(*(manoeuvre.gives for manoeuvre in MANOEUVRES.values()))
 MOTION = re.compile(rf"\b(?:{'|'.join(sorted(MOTIONS, key=len, reverse=True))})\b")
 
 
-def experiment_to_tell_apart(
-    name: str, others: Sequence[str], *, robot_id: int = 0, robot: RobotParameters = TYPICAL
-) -> str | None:
+class Driver(Protocol):
+    """Who drives the robot, and how it is told what to drive."""
+
+    def told(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
+        """Return what to drive and what to do with the log; `together` tells whether the log so far stays of use."""
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """`cmr-pilot` drives the robot: what to drive is a command. Time and space are those of `robot`."""
+
+    robot_id: int = 0
+    robot: RobotParameters = TYPICAL
+
+    def told(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
+        """Return the sentence with the command."""
+        drive = in_sequence(BETWEEN.join(_with_rests(chosen)))
+        return (
+            f"Record `cmr-pilot --robot {self.robot_id} --behaviour manoeuvre,name={drive.name}` "
+            f"({drive.duties(self.robot).duration:.0f} s, {drive.space_for(self.robot):.1f} m around the start), "
+            f"then diagnose {'both logs together' if together else 'the new log'}."
+        )
+
+
+@dataclass(frozen=True)
+class AnyDriver:
+    """A person or other software drives the robot: what to drive is said in words, for a robot of this pace."""
+
+    pace: Pace
+
+    def told(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
+        """Return the drive in words, with the time and the space that it takes."""
+        parts = [instruction(name, self.pace) for name in _with_rests(chosen)]
+        space = max(part.reach for part in parts) + self.pace.width
+        time = _duration(sum(part.seconds for part in parts))
+        last = "diagnose it together with these recordings" if together else "diagnose the new recording"
+        return (
+            f"{' '.join(part.text for part in parts)} This takes about {time} and {space:.1f} m of free floor around "
+            f"the start. Record it like these drives, then {last}."
+        )
+
+
+def _with_rests(chosen: Sequence[Manoeuvre]) -> list[str]:
+    """Return the names of manoeuvres in their order; a rest is at both ends, so that what changes meanwhile shows."""
+    names = [manoeuvre.name for manoeuvre in chosen]
+    if REST in names and len(names) > 1:
+        return [REST, *(name for name in names if name != REST), REST]
+    return names
+
+
+def _duration(seconds: float) -> str:
+    return f"{max(10.0 * round(seconds / 10.0), 10.0):.0f} s" if seconds <= LONG else f"{seconds / 60.0:.0f} minutes"
+
+
+def experiment_to_tell_apart(name: str, others: Sequence[str], driver: Driver = Pilot()) -> str | None:
     """Return what to drive to find out which of these effects a robot has; None if `others` is empty.
 
-    Where nothing can tell, it says so. Time and space are those of `robot`.
+    Of the others the first MOST_NAMED count. Where nothing can tell, it says so.
     Raises KeyError for an effect that is not in the catalogue.
     """
-    texts = {other: telling_apart(name, other) for other in others}
+    texts = {other: telling_apart(name, other) for other in others[:MOST_NAMED]}
     hopeless = {other: text.removeprefix(HOPELESS) for other, text in texts.items() if text.startswith(HOPELESS)}
     possible = {other: text for other, text in texts.items() if other not in hopeless}
     sentences = []
@@ -59,7 +119,7 @@ def experiment_to_tell_apart(
         motions = [text if motions_in(text) else _needs(name, other) for other, text in possible.items()]
         together = all(motions_in(text) for text in possible.values())
         sentences.append(f"To distinguish {_words(name)} {_from_each(possible)}.")
-        sentences.append(_record(manoeuvres_giving(motions), robot_id, robot, together))
+        sentences.append(driver.told(manoeuvres_giving(motions), together))
     if hopeless:
         sentences.append(
             f"No drive can distinguish {_words(name)} {_from_each(hopeless)}. The simulation is the same with either."
@@ -67,24 +127,48 @@ def experiment_to_tell_apart(
     return " ".join(sentences) or None
 
 
-def experiment_to_show(names: Sequence[str], *, robot_id: int = 0, robot: RobotParameters = TYPICAL) -> str:
-    """Return what to drive so that each of these effects would show if the robot had it.
+def experiment_to_show(names: Sequence[str], driver: Driver = Pilot()) -> str:
+    """Return what to drive so that most of these effects would show if the robot had them, and some of their names.
 
-    Without names it is the drive in which any effect would show. Time and space are those of `robot`.
+    Without names it is the drive in which any effect would show.
     Raises KeyError for an effect that is not in the catalogue.
     """
-    chosen = manoeuvres_giving(CATALOGUE[name].needs for name in names)
-    shown = _listed(map(_words, names)) or "any effect"
-    sentence = f"{shown} would be visible in {_listed(manoeuvre.what for manoeuvre in chosen)}."
-    return f"{sentence[0].upper()}{sentence[1:]} {_record(chosen, robot_id, robot)}"
+    chosen, shown = drive_showing(names)
+    sentence = f"{causes(shown) or 'any effect'} would be visible in {_listed(one.what for one in chosen)}."
+    return f"{sentence[0].upper()}{sentence[1:]} {driver.told(chosen, together=True)}"
 
 
-def experiment_to_explain(
-    signal: str, regressors: Sequence[str], *, robot_id: int = 0, robot: RobotParameters = TYPICAL
-) -> str:
+def drive_showing(names: Sequence[str]) -> tuple[tuple[Manoeuvre, ...], tuple[str, ...]]:
+    """Return the manoeuvres that show most of these effects, and those that they show.
+
+    It is one manoeuvre, or what shows one of the effects; of those that show equally many, the shortest. Without names
+    it is the manoeuvre that has something of everything.
+    """
+    if not names:
+        return (MANOEUVRES[FALLBACK],), ()
+    needs = {name: motions_in(CATALOGUE[name].needs) for name in names}
+    choices: dict[tuple[str, ...], tuple[Manoeuvre, ...]] = {(one.name,): (one,) for one in MANOEUVRES.values()}
+    for name in names:
+        chosen = manoeuvres_giving([CATALOGUE[name].needs])
+        choices[tuple(one.name for one in chosen)] = chosen
+    shown = {key: tuple(name for name in names if needs[name] <= _given(key)) for key in choices}
+    best = max(choices, key=lambda key: (len(shown[key]), -sum(MANOEUVRES[name].duties().duration for name in key)))
+    return choices[best], shown[best]
+
+
+def causes(names: Sequence[str]) -> str:
+    """Return effects in words, MOST_NAMED at most: of each group of the catalogue one first; empty without any."""
+    by_group = [[name for name in names if CATALOGUE[name].group == group] for group in GROUPS]
+    in_turn = [name for row in zip_longest(*by_group) for name in row if name]
+    first, more = in_turn[:MOST_NAMED], len(in_turn) - MOST_NAMED
+    others = [f"{more} other {'effect' if more == 1 else 'effects'}"] if more > 0 else []
+    return _listed([*map(_words, first), *others]) if first else ""
+
+
+def experiment_to_explain(signal: str, regressors: Sequence[str], driver: Driver = Pilot()) -> str:
     """Return what to drive, and what to look at, to find out what makes the errors of a signal that no effect explains.
 
-    `regressors` are what they go with. Time and space are those of `robot`.
+    `regressors` are what they go with.
     """
     what, goes_with = signal_name(signal), _listed(map(regressor_name, regressors))
     sentences = [
@@ -95,7 +179,9 @@ def experiment_to_explain(
     if chosen:
         drive = _listed(manoeuvre.what for manoeuvre in chosen)
         parted = _listed(regressor_name(name) for name in regressors if name in PARTING)
-        sentences.append(f"Errors that depend on {parted} are clearest in {drive}. {_record(chosen, robot_id, robot)}")
+        sentences.append(
+            f"Errors that depend on {parted} are clearest in {drive}. {driver.told(chosen, together=True)}"
+        )
     sentences.append(
         f"Look at the plot of the {what} over {goes_with} in report.html: its shape is a clue to the cause."
     )
@@ -106,6 +192,11 @@ def telling_apart(name: str, other: str) -> str:
     """Return the catalogue's text on what tells two effects apart; if there is none, what both need."""
     first, second = CATALOGUE[name], CATALOGUE[other]
     return first.confused_with.get(other) or second.confused_with.get(name) or _needs(name, other)
+
+
+def without_commands(names: Sequence[str]) -> str:
+    """Return that commands are to be recorded, so that these effects can be seen."""
+    return WITHOUT_COMMANDS.format(causes=causes(names))
 
 
 def motions_in(text: str) -> frozenset[str]:
@@ -130,19 +221,6 @@ def manoeuvres_giving(texts: Iterable[str]) -> tuple[Manoeuvre, ...]:
 
 def _given(names: Iterable[str]) -> frozenset[str]:
     return frozenset[str]().union(*(MANOEUVRES[name].gives for name in names))
-
-
-def _record(chosen: Sequence[Manoeuvre], robot_id: int, robot: RobotParameters, together: bool = True) -> str:
-    """Return the sentence with the command; `together` tells whether the log so far stays of use."""
-    names = [manoeuvre.name for manoeuvre in chosen]
-    if REST in names and len(names) > 1:  # at both ends, so that what changes meanwhile shows
-        names = [REST, *(name for name in names if name != REST), REST]
-    drive = in_sequence(BETWEEN.join(names))
-    return (
-        f"Record `cmr-pilot --robot {robot_id} --behaviour manoeuvre,name={drive.name}` "
-        f"({drive.duties(robot).duration:.0f} s, {drive.space_for(robot):.1f} m around the start), "
-        f"then diagnose {'both logs together' if together else 'the new log'}."
-    )
 
 
 def _needs(*names: str) -> str:

@@ -14,7 +14,6 @@ from cmr.recordings.signal import Floats
 
 EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
 GENERIC = "a generic term, no physical cause"  # how such a term is labelled everywhere
-DENSE = 120.0  # s from the beginning of a path in which its points are dense, however long it is
 VERDICTS = (EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA)
 
 
@@ -68,20 +67,25 @@ class Fitted:
 
     `estimates` are its parameters by name: the paper's that the data determine, and those of effects. `path_rmse` [m]
     is the root mean square distance from the real path of free runs over windows of `Evidence.window` seconds, each
-    begun at the real state; `held_out_path_rmse` the same on data that the parameters were not fitted on.
+    begun at the real state; `held_out_path_rmse` the same on data that the parameters were not fitted on, and
+    `held_out_path_median` [m] the median over those windows of each one's root mean square distance.
+    `held_out_heading_rmse` and `held_out_heading_median` [rad] are the same of the heading.
     """
 
     estimates: Mapping[str, Estimate]
     path_rmse: float
     held_out_path_rmse: float
+    held_out_path_median: float = math.nan
+    held_out_heading_rmse: float = math.nan
+    held_out_heading_median: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
 class Path:
-    """One recording's path and what the models make of it in free runs from its measured start, all of shape (n,).
+    """The path of one piece of a recording, and the free runs of the models from its measured start, all of shape (n,).
 
-    Positions in [m], headings [rad, unwrapped], `time` [s] since the recording's first sample. Of a long recording the
-    points are dense only in the first DENSE seconds.
+    Positions in [m], headings [rad, unwrapped], `time` [s] since the recording's first sample. `label` names the
+    recording, `piece` counts its pieces from 1 to `pieces`.
     """
 
     label: str
@@ -95,6 +99,8 @@ class Path:
     after_x: Floats
     after_y: Floats
     after_theta: Floats
+    piece: int = 1
+    pieces: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,10 +125,11 @@ class Residual:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What a report draws: paths, residuals, and how long the windows of free runs are [s]."""
+    """What a report draws: paths of some of the `pieces`, residuals, and how long the windows of free runs are [s]."""
 
     window: float
     paths: tuple[Path, ...] = ()
+    pieces: int = 0
     residuals: tuple[Residual, ...] = ()
 
 
@@ -136,9 +143,12 @@ class Diagnosis:
     `effects` are ordered by evidence, `candidates` are the runners-up. `baseline` is the paper's model, `extended`
     that with the effects named and any generic term, both None with bad data. `parameters` holds all values the
     extended model runs with, by name. `checks` tells what was wrong with the data, `notes` are sentences on what else a
-    reader should know, `next_experiment` what to do next if nothing, or not enough, was found. `sources` names the
-    recordings, `samples` counts what the models were fitted to. `lateness` tells how late commands took effect, by the
-    name of the recording in which it was measured. `decisions` are the steps of the search, in their order.
+    reader should know, `next_experiment` what to do next if nothing, or not enough, was found, `not_visible` all
+    effects that would not show in these drives if the robot had them. `sources` names the recordings, `samples` counts
+    what the models were fitted to. `nominal` is the robot as it was given, and
+    `gain_over_nominal` what the extended model gains over it; both are None where too little of it was given.
+    `lateness` tells how late commands took effect, by the name of the recording in which it was measured. `decisions`
+    are the steps of the search, in their order.
     """
 
     robot_id: int
@@ -149,10 +159,13 @@ class Diagnosis:
     effects: tuple[NamedEffect, ...] = ()
     candidates: tuple[Candidate, ...] = ()
     gain: Gain | None = None
+    nominal: Fitted | None = None
+    gain_over_nominal: Gain | None = None
     unexplained: Unexplained = field(default_factory=Unexplained)
     checks: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
     next_experiment: str | None = None
+    not_visible: tuple[str, ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)
     evidence: Evidence = NOTHING_TO_DRAW
     sources: tuple[str, ...] = ()

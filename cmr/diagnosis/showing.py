@@ -1,4 +1,4 @@
-"""What a report shows of a robot and its models: paths of free runs, and residuals over what may explain them.
+"""What a report shows of a robot and its models beside paths: residuals over what may explain them.
 
 What residuals are shown over is the simulated motion, never a sensor's own sample: the noise of a sample that is in
 both would look like structure (errors in variables).
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.diagnosis.result import DENSE, Path, Residual
+from cmr.diagnosis.result import Residual
 from cmr.estimation.free_runs import (
     OVERLAP,
     Averages,
@@ -27,12 +27,10 @@ from cmr.estimation.prediction import WHEELS
 from cmr.estimation.segments import Segment
 from cmr.model.body import forward, wrap
 from cmr.model.catalogue import effects_on
-from cmr.model.observer import MOTION, RESTART, Innovations, Observations
+from cmr.model.observer import MOTION, Innovations, Observations
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 
-MOST_PATHS = 12
-MOST_POINTS = 2000  # of the first DENSE seconds of a path, and as many of the rest
 MOST_SAMPLES = 3000  # of a residual
 GROWN = 1.0  # s over which errors of the pose grow
 AT_THE_END = 0.2  # s whose poses are averaged when they have grown: single ones are noisy
@@ -89,43 +87,6 @@ class _Sampled(NamedTuple):
 
     averages: Averages
     regressors: dict[str, Floats]
-
-
-def paths_of(segments: Sequence[Segment], before: Values, after: Values, labels: Sequence[str]) -> tuple[Path, ...]:
-    """Return the paths of the longest MOST_PATHS segments, and their free runs by two models from the start.
-
-    Segments without poses have none. `labels` are those of the recordings.
-    """
-    with_path = [segment for segment in segments if len(segment.observations.pose)]
-    longest = sorted(segment.observations.seconds for segment in with_path)[-MOST_PATHS:]
-    shown = [segment for segment in with_path if segment.observations.seconds >= longest[0]][:MOST_PATHS]
-    return tuple(_path(segment, before, after, labels[segment.recording]) for segment in shown)
-
-
-def _path(segment: Segment, before: Values, after: Values, label: str) -> Path:
-    observations = segment.observations
-    begins = np.flatnonzero(observations.pose_use == RESTART)
-    smooth = smoothed_poses(observations, after)
-    measured = np.column_stack([observations.pose[:, :2], np.unwrap(observations.pose[:, 2])])
-    simulated = measured[:, :, None] - free_run(observations, begins, smooth, stacked((before, after))).pose
-    simulated[begins] = smooth[begins, :, None]
-    beginning = int(np.searchsorted(observations.pose_time, observations.pose_time[0] + DENSE, side="right"))
-    rest = beginning + _spread(len(measured) - beginning, MOST_POINTS)
-    shown = np.concatenate([_spread(beginning, MOST_POINTS), rest])
-    simulated = simulated[shown]
-    return Path(
-        label=label,
-        time=observations.pose_time[shown] + observations.time,
-        x=measured[shown, 0],
-        y=measured[shown, 1],
-        theta=measured[shown, 2],
-        before_x=simulated[:, 0, 0],
-        before_y=simulated[:, 1, 0],
-        before_theta=simulated[:, 2, 0],
-        after_x=simulated[:, 0, 1],
-        after_y=simulated[:, 1, 1],
-        after_theta=simulated[:, 2, 1],
-    )
 
 
 def residuals_of(segments: Sequence[Segment], before: Values, after: Values) -> tuple[Residual, ...]:

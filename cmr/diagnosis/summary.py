@@ -6,8 +6,9 @@ from textwrap import TextWrapper
 
 from cmr.diagnosis.job import Outcome
 from cmr.diagnosis.result import GENERIC, Diagnosis, Fitted, NamedEffect
-from cmr.diagnosis.words import harmless_sentence, regressor_name, share_sentence, signal_name
+from cmr.diagnosis.words import GAINED, harmless_sentence, regressor_name, share_sentence, signal_name, some_of
 from cmr.estimation.estimates import Estimate
+from cmr.estimation.gain import Gain
 from cmr.model.catalogue import definition
 
 WIDTH = 110  # characters
@@ -20,10 +21,12 @@ def summary(diagnosis: Diagnosis) -> str:
     told = {effect.next_experiment for effect in diagnosis.effects}
     following = [f"Next: {diagnosis.next_experiment}"] if diagnosis.next_experiment not in {None, *told} else []
     remarks = [*_gain(diagnosis), *diagnosis.lateness_sentences, *_faults(diagnosis)]
+    errors = _known_errors(diagnosis)
     parts = [
         _wrapped(f"Robot {diagnosis.robot_id}: {diagnosis.sentence}"),
         _table(diagnosis.effects) if diagnosis.effects else "",
         _wrapped(harmless_sentence(diagnosis.harmless)),
+        _error_table(diagnosis.evidence.window, errors) if len(errors) > 1 else "",
         "\n".join(map(_wrapped, [*remarks, *diagnosis.notes, *following])),
     ]
     return "\n\n".join(part for part in parts if part)
@@ -67,7 +70,7 @@ def _sentences(effect: NamedEffect) -> list[str]:
     """Return the sentences below an effect's numbers."""
     sentences = [f"{effect.name}: {effect.cause}"]
     if effect.indistinguishable_from:
-        sentences.append(f"These data cannot distinguish it from {', '.join(effect.indistinguishable_from)}.")
+        sentences.append(f"These data cannot distinguish it from {', '.join(some_of(effect.indistinguishable_from))}.")
     if effect.next_experiment:
         sentences.append(f"Next: {effect.next_experiment}")
     return sentences
@@ -86,17 +89,76 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
     """Return a sentence on the path errors before and after; none with bad data."""
     if diagnosis.baseline is None or diagnosis.extended is None:
         return []
+    if not math.isfinite(diagnosis.baseline.held_out_path_rmse):
+        return _without_path(diagnosis)
     before = f"Path error on held-out data: {_error(diagnosis.baseline)} with the paper's model"
     if not diagnosis.is_extended:
-        return [f"{before}."]
+        return [f"{before}.", *_over_nominal(diagnosis)]
     errors = f"{before}, {_error(diagnosis.extended)} with {_added(diagnosis)}"
     if diagnosis.gain is None or not math.isfinite(diagnosis.gain.ratio):
         return [f"{errors}."]
-    low, high = diagnosis.gain.interval
-    ratio = f"{diagnosis.gain.ratio:.2f}"
-    unlike = "smaller by a factor" if diagnosis.gain.ratio > 1.0 else "not smaller: a ratio"
+    return [f"{errors}, {_ratio(diagnosis.gain)}.", *_over_nominal(diagnosis)]
+
+
+def _without_path(diagnosis: Diagnosis) -> list[str]:
+    """Return sentences on the errors of other signals, where no path error is known."""
+    compared = (
+        ("the paper's model", diagnosis.gain if diagnosis.is_extended else None),
+        ("the nominal parameters", diagnosis.gain_over_nominal),
+    )
+    errors = [
+        f"Compared with {than}, errors on held-out data are smaller by a factor of "
+        f"{' and '.join(f'{ratio:.2f} ({GAINED[name]})' for name, ratio in gain.signals.items() if name in GAINED)}."
+        for than, gain in compared
+        if gain and GAINED.keys() & gain.signals.keys()
+    ]
+    return ["The path error is not known: no path was measured on held-out data.", *errors]
+
+
+def _over_nominal(diagnosis: Diagnosis) -> list[str]:
+    """Return a sentence on the path error of the nominal robot; none where it is not known."""
+    nominal, gain = diagnosis.nominal, diagnosis.gain_over_nominal
+    if nominal is None or gain is None or not math.isfinite(gain.ratio):
+        return []
+    return [f"With the nominal parameters it is {_error(nominal)}; compared with that it is {_ratio(gain)}."]
+
+
+def _ratio(gain: Gain) -> str:
+    """Return in words how an error compares with that before, with the interval of the ratio."""
+    low, high = gain.interval
+    ratio = f"{gain.ratio:.2f}"
+    unlike = "smaller by a factor" if gain.ratio > 1.0 else "not smaller: a ratio"
     gained = "unchanged: a ratio" if ratio == "1.00" else unlike
-    return [f"{errors}, {gained} of {ratio} (95 %: {low:.2f} to {high:.2f})."]
+    return f"{gained} of {ratio} (95 %: {low:.2f} to {high:.2f})"
+
+
+def _known_errors(diagnosis: Diagnosis) -> list[tuple[str, Fitted]]:
+    """Return the models whose path errors on held-out data are known, each with what it is called."""
+    models = (
+        ("nominal parameters", diagnosis.nominal),
+        ("paper's model, fitted", diagnosis.baseline),
+        (f"with {_added(diagnosis)}", diagnosis.extended if diagnosis.is_extended else None),
+    )
+    return [(name, model) for name, model in models if model and math.isfinite(model.held_out_path_rmse)]
+
+
+def _error_table(window: float, models: Sequence[tuple[str, Fitted]]) -> str:
+    """Return path and heading errors on held-out data, model by model."""
+    width = max(len(name) for name, _ in models)
+    columns = ("path: rms [m]", "median [m]", "heading: rms [deg]", "median [deg]")
+    lines = [
+        f"Errors of free runs of up to {window:g} s on held-out data (median: of the windows' errors):",
+        f"{INDENT}{'':{width}s}  {'  '.join(columns)}",
+    ]
+    for name, model in models:
+        headings = (math.degrees(one) for one in (model.held_out_heading_rmse, model.held_out_heading_median))
+        numbers = [f"{one:.4f}" for one in (model.held_out_path_rmse, model.held_out_path_median)]
+        numbers += [f"{one:.2f}" for one in headings]
+        cells = (
+            f"{number.replace('nan', '-'):>{len(column)}s}" for number, column in zip(numbers, columns, strict=True)
+        )
+        lines.append(f"{INDENT}{name:{width}s}  {'  '.join(cells)}")
+    return "\n".join(lines)
 
 
 def _added(diagnosis: Diagnosis) -> str:
@@ -117,6 +179,8 @@ def _faults(diagnosis: Diagnosis) -> list[str]:
         by = " and ".join(map(regressor_name, unexplained.regressors))
         share = share_sentence(unexplained, signal_name(unexplained.signal), by)
         sentences.append(f"Unexplained: {share}. No effect of the catalogue explains this.")
+    elif unexplained.not_judged and diagnosis.baseline:
+        sentences.append(f"Whether errors remain unexplained was not judged. {unexplained.not_judged}")
     return sentences
 
 

@@ -8,6 +8,7 @@ from cmr.estimation.search.measures import with_unit
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.model.catalogue import definition
 
+MOST_NAMED = 3  # effects in one sentence; nobody reads thirty
 FEW = 0.1  # shares below this are given to a tenth of a percent
 SIGNALS = {
     "psi_left": "left wheel speed",
@@ -17,6 +18,7 @@ SIGNALS = {
     "sideways": "sideways position",
     "heading": "heading",
 }
+GAINED = {"psi": "wheel speeds", "yaw_rate": "yaw rate"}  # signals of a gain beside the path
 REGRESSORS = {
     "time": "time",
     "command_left": "left command",
@@ -64,6 +66,12 @@ def harmless_sentence(candidates: Sequence[Candidate]) -> str:
     """Return the effects that the data show but that are too small to matter, with their sizes; empty without any."""
     sizes = ", ".join(map(_size_of, candidates))
     return f"Seen, but too small to matter: {sizes}." if sizes else ""
+
+
+def some_of(names: Sequence[str]) -> list[str]:
+    """Return names, at most MOST_NAMED of them, and how many more there are."""
+    more = len(names) - MOST_NAMED
+    return [*names[:MOST_NAMED], *([f"{more} more (see diagnosis.json)"] if more > 0 else [])]
 
 
 def _size_of(candidate: Candidate) -> str:

@@ -16,19 +16,23 @@ from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_us
 from cmr.estimation.criterion import look
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured
+from cmr.estimation.measured_gain import Measured, NominalMeasured, measure_nominal
 from cmr.estimation.model_error import inexactness
-from cmr.estimation.preparation import Ready, prepare
+from cmr.estimation.preparation import MOTOR, Ready, prepare
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.extending import Extended, extended
-from cmr.estimation.unexplained.result import Unexplained
+from cmr.estimation.unexplained.result import not_judged
 from cmr.estimation.usefulness import Whole, that_holds
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 
+ERRORS_ACCUMULATE = (
+    "The effects were fitted to simulated paths, whose errors accumulate; a test for structure needs one-step "
+    "prediction errors."
+)
 SEEN_IN_A_PATH = 0.02  # of the typical size: more of an effect that was not named changes a path that is predicted
 
 
@@ -36,13 +40,15 @@ SEEN_IN_A_PATH = 0.02  # of the typical size: more of an effect that was not nam
 class Estimation:
     """What the recordings of one robot tell.
 
-    `ready` are the recordings as they were prepared, or why they were refused; then all else is None.
+    `ready` are the recordings as they were prepared, or why they were refused; then all else is None. So is `nominal`,
+    the robot as it was given, where not all parameters were given that a simulation needs.
     """
 
     looked: tuple[Checked, ...]
     ready: Ready
     whole: Whole | None = None
     measured: Measured | None = None
+    nominal: NominalMeasured | None = None
 
     @property
     def found(self) -> Search:
@@ -155,11 +161,28 @@ def _estimated(
     ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *mended))
     found = look(ready, progress)
     progress("Looking at what remains ...")
-    whole = extended(problem, found) if found.problem.by_moments else Extended(found, Unexplained())
+    whole = extended(problem, found) if found.problem.by_moments else Extended(found, not_judged(ERRORS_ACCUMULATE))
     progress("Averaging over what these drives may hide ...")
     others = [segment for one in unseen for segment in one.segments]
+    delivered, measured = that_holds(whole, segments, others)
+    given = _nominal_values(nominal, ready)
+    return Estimation(
+        looked,
+        ready,
+        delivered,
+        measured,
+        measure_nominal(problem, given, measured, segments, others, delivered.model.values) if given else None,
+    )
 
-    return Estimation(looked, ready, *that_holds(whole, segments, others))
+
+def _nominal_values(nominal: ParameterFile, ready: Ready) -> dict[str, float]:
+    """Return all values of the robot as it was given, by name; none where it cannot be simulated with them.
+
+    Where the robot rolls as its wheels did, nothing depends on its motors.
+    """
+    motors = {name: ready.start[name] for name in MOTOR} if ready.rolling else {}
+    values = {**motors, **{name: value.value for name, value in nominal.values.items()}}
+    return values if set(PAPER) <= set(values) else {}
 
 
 def nominal_of(recordings: Sequence[Recording], given: ParameterFile | None) -> ParameterFile:

@@ -90,6 +90,12 @@ class Errors:
         count = sum(float(np.sum(self.counts[name])) for name in signals)
         return float(np.sqrt(sum(np.sum(self.squares[name]) for name in signals) / count)) if count else np.nan
 
+    def median(self, signal: str) -> float:
+        """Return the median over windows of each one's root mean square error; NaN where none was recorded."""
+        counts = self.counts[signal]
+        told = counts > 0
+        return float(np.median(np.sqrt(self.squares[signal][told] / counts[told]))) if np.any(told) else np.nan
+
 
 def alternating_spans(seconds: float, folds: int, block: float = BLOCK) -> list[tuple[tuple[float, float], ...]]:
     """Return the spans of each fold: blocks of `block` [s] dealt out to the folds in turn, over so many seconds.

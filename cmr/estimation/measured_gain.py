@@ -28,13 +28,38 @@ class Model(Protocol):
 
 
 @dataclass(frozen=True)
+class Given:
+    """A model whose values, by name, were not fitted: they are the same whatever data are left out."""
+
+    values: Mapping[str, float]
+
+    def values_without(self, _left_out: Mask) -> Mapping[str, float]:
+        """Return the values."""
+        return self.values
+
+
+@dataclass(frozen=True)
 class Measured:
-    """Path errors [m] of both models on data that they were fitted on and on data left out, and the gain there."""
+    """Path errors [m] of both models on data that they were fitted on, their errors on data left out, and the gain."""
 
     before: float
     after: float
-    held_out_before: float
-    held_out_after: float
+    held_out_before: Errors
+    held_out_after: Errors
+    gain: Gain
+
+
+@dataclass(frozen=True)
+class NominalMeasured:
+    """Errors of the robot as it was given, and what the whole model gains over it.
+
+    `values` are all by name, `path_rmse` [m] is over the data that the others were fitted on, `held_out` over the
+    windows on which they were measured.
+    """
+
+    values: Mapping[str, float]
+    path_rmse: float
+    held_out: Errors
     gain: Gain
 
 
@@ -52,9 +77,25 @@ def measure(
     """
     pair = Running(base), Running(final, chance)
     before, after = (path_rmse(errors) for errors in _fitted_errors(pair, segments))
-    outside = _left_out_errors(problem, pair, segments, held_out)
-    held_out_before, held_out_after = (path_rmse(errors) for errors in outside)
-    return Measured(before, after, held_out_before, held_out_after, gain_of(*outside))
+    outside_before, outside_after = _left_out_errors(problem, pair, segments, held_out)
+    return Measured(before, after, outside_before, outside_after, gain_of(outside_before, outside_after))
+
+
+def measure_nominal(
+    problem: Problem,
+    nominal: Mapping[str, float],
+    measured: Measured,
+    segments: Sequence[Segment],
+    held_out: Sequence[Segment],
+    smoothing: Mapping[str, float],
+) -> NominalMeasured:
+    """Measure a robot that was given, by the values of all its parameters, over the windows of what was `measured`.
+
+    `smoothing` are the values of the model that knows most: its sensor effects tell where the windows begin.
+    """
+    pair = Running(Given(nominal)), Running(Given(smoothing))
+    (fitted, _), (outside, _) = _fitted_errors(pair, segments), _left_out_errors(problem, pair, segments, held_out)
+    return NominalMeasured(nominal, path_rmse(fitted), outside, gain_of(outside, measured.held_out_after))
 
 
 def left_out_gain(

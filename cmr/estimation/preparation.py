@@ -30,7 +30,7 @@ X, Y = MOTION.index("x"), MOTION.index("y")
 LARGEST_DOUBT = 0.05
 NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
 HARDLY_TURNED = "The robot hardly turned: its turns tell the base width to {doubt:.0f} % only."
-TURNS = "A drive with turns tells it: a figure-eight, or cmr-pilot's rich_drive."
+TURNS = "A drive with turns tells it: figure-eights, or circles both ways."
 WITHOUT_WIDTH = "No wheels were recorded (MOTOR_FEEDBACK_N): give base_width, nearly, by --parameters."
 WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing tells how the motors follow them: "
 

@@ -100,6 +100,11 @@ class Recording:
         known = (told > 0) & (told <= utime) & (utime - told < OLDEST_APPLIED / SECONDS)
         return np.where(known, told, utime).astype(np.int64)
 
+    @property
+    def driven_on_the_bus(self) -> bool:
+        """Whether the robot's driver takes MOTOR_COMMAND: it reported when it applied duties, as no import does."""
+        return len(self.duties) > 0 or bool(np.any(self._told("applied_utime") > 0))
+
     def _told(self, name: str) -> Floats:
         """What each feedback tells; 0 where it was recorded without."""
         return self.wheels.fields.get(name, np.zeros(len(self.wheels)))

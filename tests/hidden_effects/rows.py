@@ -8,6 +8,7 @@ from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from cmr.diagnosis.next_experiment import drive_showing
 from cmr.diagnosis.result import Diagnosis, Fitted
 from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import DEFINITIONS as PAPER
@@ -56,7 +57,14 @@ class Row:
 def found(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return what a diagnosis says, as fields of a row."""
     named, extended = diagnosis.effects, diagnosis.extended
-    experiments = [diagnosis.next_experiment, *(effect.next_experiment for effect in named)]
+    # A sentence names three effects at most; the drive shows more.
+    _, shown = drive_showing(diagnosis.not_visible)
+    words = (
+        " ".join([diagnosis.next_experiment, *(name.replace("_", " ") for name in shown)])
+        if diagnosis.next_experiment
+        else ""
+    )
+    experiments = [words, *(effect.next_experiment for effect in named)]
     return {
         "verdict": diagnosis.verdict,
         "names": tuple(effect.name for effect in named),

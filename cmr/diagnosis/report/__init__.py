@@ -1,6 +1,7 @@
 """The report of a diagnosis: one page of HTML that needs nothing beside it, for a screen, a phone and paper.
 
-`page` puts it together from `found` (effects and evidence), `measured` (path, gain, residuals) and `origin` (data).
+`page` puts it together from `found` (effects and evidence), `measured` (paths, parameters, residuals), `improvement`
+(errors before and after) and `origin` (data).
 `tell_tale` chooses the plot that shows an effect, among the `pairs` of residual and regressor, by their `binned` means.
 `path_figure`, `residual_figures` and `keys` draw by `svg`; `markup` escapes; `numbers` and `terms` word things.
 """

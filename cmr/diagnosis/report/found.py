@@ -13,7 +13,7 @@ from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.tell_tale import tell_tale
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, Candidate, Diagnosis, NamedEffect
-from cmr.diagnosis.words import harmless_sentence
+from cmr.diagnosis.words import harmless_sentence, some_of
 from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.effect import Effect
@@ -25,11 +25,11 @@ BADGES = {
     BAD_DATA: "bad data",
 }
 NOTHING_NAMED = {
-    NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter: "
-    "the paper's model with three parameters is sufficient.",
+    NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter.",
     UNEXPLAINED: "No effect in the catalogue was named, but the residuals have structure: see \u201cUnexplained "
     "residuals\u201d below.",
 }
+SUFFICIENT = "The paper's model with three parameters is sufficient."
 MOST_RUNNERS_UP = 10
 MEND = (
     "Fix the problem named in the first line, then record the drive again. Nothing was fitted to these data, and no "
@@ -67,6 +67,8 @@ def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         numbers.append(("path error on held-out data", " \u2192 ".join(told) + " m"))
     if diagnosis.is_extended and diagnosis.gain and math.isfinite(diagnosis.gain.ratio):
         numbers.append(("improvement", _times(diagnosis.gain.ratio)))
+    if diagnosis.gain_over_nominal and math.isfinite(diagnosis.gain_over_nominal.ratio):
+        numbers.append(("compared with the nominal robot", _times(diagnosis.gain_over_nominal.ratio)))
     if diagnosis.samples:
         numbers.append(("measurements compared", f"{diagnosis.samples:,}"))
     return numbers
@@ -83,6 +85,8 @@ def named(diagnosis: Diagnosis) -> Html:
         return section("Notes", bullets(list(diagnosis.notes)))
     if not diagnosis.effects:
         nothing = NOTHING_NAMED.get(diagnosis.verdict, "No effect was named.")
+        if diagnosis.verdict == NO_EFFECT and not diagnosis.unexplained.not_judged:
+            nothing = f"{nothing} {SUFFICIENT}"
         return section("Effects found", paragraph(nothing), bullets(list(diagnosis.notes)))
     rows = [_found_row(effect) for effect in diagnosis.effects]
     headings = ("effect", "what it means", "parameters", "evidence", "not distinguished from")
@@ -99,8 +103,11 @@ def _rivals(effect: NamedEffect) -> Html:
     entry = CATALOGUE.get(effect.name)
     told_apart_by = entry.confused_with if entry else {}
     lines = [
-        joined(code(other), f" (to distinguish them: {told_apart_by[other]})" if other in told_apart_by else "")
-        for other in effect.indistinguishable_from
+        joined(
+            code(other) if other in effect.indistinguishable_from else other,
+            f" (to distinguish them: {told_apart_by[other]})" if other in told_apart_by else "",
+        )
+        for other in some_of(effect.indistinguishable_from)
     ]
     return joined(*(tag("div", line) for line in lines)) if lines else joined("\u2013")
 

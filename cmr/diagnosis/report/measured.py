@@ -1,147 +1,48 @@
-"""Paths, the improvement, how parameters moved, unexplained residuals, and all residuals."""
+"""Paths, unexplained residuals, parameters, and all residuals."""
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from cmr.diagnosis.report.generic import generic_figure, generic_term
-from cmr.diagnosis.report.markup import Html, joined, tag
+from cmr.diagnosis.report.markup import Html
 from cmr.diagnosis.report.numbers import (
     UNKNOWN,
-    alike,
     estimate_text,
-    fixed,
     given,
-    number,
-    rounded,
-    unit_text,
-    with_sign,
 )
 from cmr.diagnosis.report.pairs import Pair
 from cmr.diagnosis.report.path_figure import path_figure
 from cmr.diagnosis.report.residual_figures import all_residuals, remaining_figure
 from cmr.diagnosis.report.section import code, paragraph, quiet, section
-from cmr.diagnosis.report.style import AFTER, BEFORE
 from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.terms import regressor, signal_words
-from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
+from cmr.diagnosis.result import Diagnosis
 from cmr.diagnosis.words import share_sentence
 from cmr.estimation.estimates import Estimate
-from cmr.estimation.gain import Gain
 from cmr.model.catalogue import DEFINITIONS
 from cmr.model.parameters import DEFINITIONS as PAPER
 
-MOST_PATHS = 4  # drawn; a page with more tells nobody more
 MOST_REMAINING = 3  # regressors drawn of what remains
-MOVED = 1.0  # standard deviations; a parameter that moved by less stayed where it was
-GAIN_WORDS = {"psi": "wheel speeds", "yaw_rate": "yaw rate", "pose": "pose"}
 
 
 def paths(diagnosis: Diagnosis) -> Html:
     """Return the figures of the paths."""
-    all_paths = diagnosis.evidence.paths
+    drawn, pieces = diagnosis.evidence.paths, diagnosis.evidence.pieces
     changed = diagnosis.is_extended
-    more = f"The first {MOST_PATHS} of {len(all_paths)} recordings are drawn." if len(all_paths) > MOST_PATHS else ""
-    figures = [path_figure(path, changed=changed) for path in all_paths[:MOST_PATHS]]
-    return section("The path", *([paragraph(more)] if more else []), *figures)
-
-
-def gain(diagnosis: Diagnosis) -> Html:
-    """Return by how much errors shrink, and how far the paper's parameters moved."""
-    if not diagnosis.is_extended or diagnosis.baseline is None or diagnosis.extended is None:
-        return Html("")
-    rows = _path_rows(diagnosis.baseline, diagnosis.extended, diagnosis.gain)
-    rows += [
-        [GAIN_WORDS.get(name, signal_words(name)), "", "", number(ratio, 3), _bar(ratio)]
-        for name, ratio in (diagnosis.gain.signals.items() if diagnosis.gain else ())
-        if math.isfinite(ratio)
-    ]
-    intro = (
-        "Path errors are root mean square distances of free runs over windows of "
-        f"{diagnosis.evidence.window:g} s, each started at the real robot's state. Held-out data were left out of "
-        "the fit; the interval of the ratio is from a block bootstrap."
-    )
-    headings = ("error", "before", "after", "ratio", "comparison")
-    told = joined(quiet(intro), table(headings, rows, numbers=(1, 2, 3))) if rows else Html("")
-    return section("Improvement", told, _shifts(diagnosis.effects, diagnosis))
-
-
-def _path_rows(before: Fitted, after: Fitted, found: Gain | None) -> list[list[str]]:
-    """Return the rows of the path errors that are known."""
-    held_out = found.ratio if found else _ratio(before.held_out_path_rmse, after.held_out_path_rmse)
-    interval = " ({} to {})".format(*(number(end, 3) for end in found.interval)) if found and _known(found) else ""
-    fitted = _ratio(before.path_rmse, after.path_rmse)
-    errors = (before.held_out_path_rmse, after.held_out_path_rmse, before.path_rmse, after.path_rmse)
-    told = [f"{error} m" for error in alike(errors)]
-    rows = [
-        (held_out, ["path, held-out data", *told[:2], f"{number(held_out, 3)}{interval}", _bar(held_out)]),
-        (fitted, ["path, fitted data", *told[2:], number(fitted, 3), _bar(fitted)]),
-    ]
-    return [row for ratio, row in rows if math.isfinite(ratio)]
-
-
-def _ratio(before: float, after: float) -> float:
-    return before / after if after else math.nan
-
-
-def _known(found: Gain) -> bool:
-    return all(math.isfinite(end) for end in found.interval)
-
-
-def _bar(ratio: float) -> Html:
-    """Return two bars: the error before, and below it the error after."""
-    if not math.isfinite(ratio) or ratio <= 0.0:
-        return Html("")
-    longest = max(1.0, 1.0 / ratio)
-    bars = [
-        tag("rect", x=0, y=y, width=round(120.0 * length / longest, 1), height=6, fill=colour)
-        for y, length, colour in ((0, 1.0, BEFORE), (8, 1.0 / ratio, AFTER))
-    ]
-    words = f"the error after is {100.0 / ratio:.0f} % of that before"
-    return tag("div", tag("svg", *bars, viewBox="0 0 120 14", role="img", aria_label=words), class_="bar")
-
-
-def _shifts(effects: Sequence[NamedEffect], diagnosis: Diagnosis) -> Html:
-    """Return by how much each parameter of the paper's model moved when each effect came in, if that can be told."""
-    baseline = diagnosis.baseline.estimates if diagnosis.baseline else {}
-    rows = [
-        [code(name), *_shift(name, by, baseline.get(name)), code(effect.name)]
-        for effect in effects
-        for name, by in effect.shift.items()
-        if _matters(by, baseline.get(name))
-    ]
-    if not rows:
-        return Html("")
+    which = "in which the extended model changes the predicted path most" if changed else "that lead farthest"
+    each = ", one of each recording first" if len({path.label for path in drawn}) > 1 else ""
     words = (
-        "An effect that is missing in a model biases the parameters that it has: they compensate for it in these "
-        "drives, and are wrong in others. The table shows how far each parameter moved as effects were added."
+        f"The drives were cut into {pieces:,} pieces, each begun at the real robot's state. Drawn are the {len(drawn)} "
+        f"{which}{each}."
     )
-    headings = ("parameter", "moved by", "relative change", "when this effect was added")
-    heading = tag("h3", "How far the paper's parameters moved")
-    return joined(heading, paragraph(words), table(headings, rows, numbers=(1, 2)))
-
-
-def _matters(by: float, before: Estimate | None) -> bool:
-    """Tell whether a parameter moved at all, compared with how well it is known."""
-    doubt = before.std if before and math.isfinite(before.std) else 0.0
-    return math.isfinite(by) and abs(by) > MOVED * doubt
-
-
-def _shift(name: str, by: float, before: Estimate | None) -> tuple[str, str]:
-    """Return by how much a parameter moved, and the share of its value that this is."""
-    moved = f"{with_sign(by, rounded(by, before.std if before else math.nan))} {unit_text(_unit(name))}".rstrip()
-    if before is None or not before.value:
-        return moved, UNKNOWN
-    percent = 100.0 * by / before.value
-    return moved, f"{with_sign(percent, fixed(percent, 1))} %"
-
-
-def _unit(name: str) -> str:
-    return DEFINITIONS[name].unit if name in DEFINITIONS else ""
+    figures = [path_figure(path, changed=changed) for path in drawn]
+    return section("The path", *([paragraph(words)] if pieces > len(drawn) else []), *figures)
 
 
 def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
     """Return what structure no effect of the catalogue explains; nothing where no residual was looked at."""
     unexplained = diagnosis.unexplained
+    if unexplained.not_judged:
+        return section("Unexplained residuals", paragraph(f"Not judged. {unexplained.not_judged}"))
     if not unexplained.present:
         clean = "None: time, command, motion and position predict no residual of the final model."
         return section("Unexplained residuals", paragraph(clean) if pairs else Html(""))
@@ -177,6 +78,10 @@ def parameters(diagnosis: Diagnosis) -> Html:
     rows = [[code(name), _meaning(name), *values] for name, values in zip(names, models, strict=True)]
     given_ones = quiet("Values without \u00b1 were given, not fitted.")
     return section("Parameters", table(headings, rows, numbers=(2, 3)), given_ones)
+
+
+def _unit(name: str) -> str:
+    return DEFINITIONS[name].unit if name in DEFINITIONS else ""
 
 
 def _in_order(names: Iterable[str]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from cmr.diagnosis.report import found, measured, origin
+from cmr.diagnosis.report import found, improvement, measured, origin
 from cmr.diagnosis.report.decisions import decisions
 from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.pairs import pairs_of
@@ -35,7 +35,7 @@ def _sections(diagnosis: Diagnosis) -> Html:
         found.named(diagnosis),
         measured.paths(diagnosis),
         found.tell_tales(diagnosis),
-        measured.gain(diagnosis),
+        improvement.gain(diagnosis),
         found.runners_up(diagnosis),
         decisions(diagnosis),
         measured.remains(diagnosis, pairs),

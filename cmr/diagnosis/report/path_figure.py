@@ -11,7 +11,7 @@ from cmr.diagnosis.report.markup import Html, tag
 from cmr.diagnosis.report.numbers import number
 from cmr.diagnosis.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
 from cmr.diagnosis.report.svg import Frame, Range, dots, line, plot
-from cmr.diagnosis.result import DENSE, Path
+from cmr.diagnosis.result import Path
 from cmr.recordings.signal import Floats
 
 MOST_POINTS = 900  # of a drawn line
@@ -33,7 +33,7 @@ class Places(NamedTuple):
 
 
 class Track(NamedTuple):
-    """The points of a path that are drawn, at `time` [s]."""
+    """The points of a path that are drawn, at `time` [s] since its beginning."""
 
     time: Floats
     real: Places
@@ -42,17 +42,16 @@ class Track(NamedTuple):
 
 
 def path_figure(path: Path, *, changed: bool) -> Html:
-    """Return the figure of one recording; where nothing changed the model, only what the paper's makes of it."""
+    """Return the figure of one piece; where nothing changed the model, only what the paper's makes of it."""
     track = track_of(path)
     if not np.any(np.isfinite(track.real.x)):
         return tag("p", f"{path.label}: no poses to draw.")
     stages = (("before", track.before), ("after", track.after)) if changed else (("paper's model", track.before),)
     plots = [_path_plot(track, simulated, title) for title, simulated in stages]
-    seconds = float(path.time[-1] - path.time[0])
-    cut = f" The first {DENSE:g} s of {seconds:,.0f} s are drawn." if seconds > DENSE else ""
+    piece = f", piece {path.piece} of {path.pieces}, {path.time[0]:.1f} s into the log" if path.pieces > 1 else ""
     words = (
-        f"{path.label}: the real path, and free runs of the model with the recorded commands from the real robot's "
-        f"start, without any correction. The dot is the start.{cut}"
+        f"{path.label}{piece}: the real path, and free runs of the model from the real robot's start, driven as "
+        f"recorded, without any correction. The dot is the start."
     )
     distances = [before_key("distance before"), after_key("distance after")] if changed else []
     return tag(
@@ -64,12 +63,11 @@ def path_figure(path: Path, *, changed: bool) -> Html:
 
 
 def track_of(path: Path) -> Track:
-    """Return the points to draw, evenly spread over the dense beginning: more would cover itself. Gaps stay gaps."""
-    count = int(np.searchsorted(path.time, path.time[0] + DENSE, side="right")) if len(path.time) else 0
-    gaps = np.flatnonzero(~np.isfinite(path.x[:count]))
-    shown = np.union1d(thinned(count, MOST_POINTS), gaps)
+    """Return the points to draw, evenly spread: more would cover itself. Gaps stay gaps."""
+    gaps = np.flatnonzero(~np.isfinite(path.x))
+    shown = np.union1d(thinned(len(path.x), MOST_POINTS), gaps)
     return Track(
-        path.time[shown],
+        path.time[shown] - path.time[:1],
         Places(path.x[shown], path.y[shown]),
         Places(path.before_x[shown], path.before_y[shown]),
         Places(path.after_x[shown], path.after_y[shown]),

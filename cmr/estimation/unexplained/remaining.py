@@ -16,7 +16,7 @@ from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.prediction import WHEELS
 from cmr.estimation.problem import Problem, tempered
 from cmr.estimation.unexplained.bursts import Bursts, bursts
-from cmr.estimation.unexplained.result import Unexplained
+from cmr.estimation.unexplained.result import Unexplained, not_judged
 from cmr.estimation.unexplained.scores import Score, foretold_by, remainder, scores
 from cmr.estimation.unexplained.share import share_foretold
 from cmr.estimation.unexplained.terms import drives_of
@@ -30,6 +30,7 @@ LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is 
 SMALLEST_SHARE = 0.005  # of the variance of a signal's prediction errors: what is less does not matter
 BURSTS, BURST_SHARE = 3, 0.1  # fewest bursts, and least share that they have in all of a signal's squared errors
 BURSTS_LEFT_BY_EFFECTS = 0.2  # of what the effects named explain may remain in bursts
+COARSE_ENCODERS = "The encoders' ticks are so coarse that their own errors depend on the speed."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,9 +69,10 @@ def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
     sudden = [one for one in loud if one.signal not in WHEELS and bursts_count(one, explained)]
     found += [_bursts(one, explained) for one in sudden][:1]
     found = [one for one in found if one[0].share > SMALLEST_SHARE]
-    # Coarse encoders make errors of their own, which go with speed.
-    if not found or max(predictor.segment.tick for predictor in problem.predictors) > COARSE:
-        found = [(Unexplained(), tested[0].held_out if tested else 0.0, least)]
+    coarse = max(predictor.segment.tick for predictor in problem.predictors) > COARSE
+    if coarse or not found:
+        nothing = not_judged(COARSE_ENCODERS) if coarse else Unexplained()
+        found = [(nothing, tested[0].held_out if tested else 0.0, least)]
     unexplained, statistic, threshold = max(found, key=lambda one: one[0].share)
     return Remaining(
         unexplained=unexplained, statistic=statistic, threshold=threshold, scores=tuple(tested), bursts=tuple(loud)

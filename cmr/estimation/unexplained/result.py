@@ -1,5 +1,6 @@
 """What remains unexplained, and the generic term that extends the model all the same."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -31,7 +32,8 @@ class Unexplained:
     own unit and with large ones cut off, which `regressors` predict on data they were not fitted on. Where errors come
     in `bursts` instead, so many, nothing predicts them but the time: `share` is then what the bursts have, beyond what
     is usual, of all its squared errors over their variances. `generic` is the term that extends the model all the same,
-    None where none is any better.
+    None where none is any better. `not_judged` is a sentence that says why no structure was looked for, empty where it
+    was; `share` is then NaN.
     """
 
     present: bool = False
@@ -40,3 +42,9 @@ class Unexplained:
     share: float = 0.0
     bursts: int = 0
     generic: GenericTerm | None = None
+    not_judged: str = ""
+
+
+def not_judged(reason: str) -> Unexplained:
+    """Return that no structure was looked for, for a reason given in a sentence: nothing is known of its share."""
+    return Unexplained(share=math.nan, not_judged=reason)
