@@ -148,8 +148,9 @@ def as_disturbances(effect: str) -> Disturbances:
 )
 def test_a_disturbance_leaves_the_traces_of_the_effect_that_does_the_same(effect: str) -> None:
     size = 1e-4
-    without = predictor().errors(ROBOT, GAINS)
-    beside = predictor().errors({**ROBOT, effect: size}, GAINS)
+    without, beside = (
+        predictor().told_once(predictor().errors(values, GAINS), GAINS) for values in (ROBOT, {**ROBOT, effect: size})
+    )
     left = traces(predictor(), without.motion, ROBOT, GAINS, as_disturbances(effect))
     for signal in SIGNALS:
         real = (without.of[signal] - beside.of[signal])[:, 0] / size
