@@ -11,6 +11,7 @@ that on the next.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from cmr.estimation.prediction import FREE, WHEELS
 from cmr.estimation.segments import Segment
 from cmr.model.catalogue import definition
 from cmr.model.motion import RobotState, Trajectory, roll
-from cmr.model.observer import FOLLOWED, LONGEST_LATENCY, MOTION, RESTART, Innovations, Observations, observe
+from cmr.model.observer import FOLLOWED, LONGEST_LATENCY, MOTION, RESTART, Innovations, Observations, Observer, observe
 from cmr.model.parameters import RobotParameters
 from cmr.model.sensors import pose_seen
 from cmr.recordings.signal import Floats
@@ -162,9 +163,15 @@ def free_run(observations: Observations, begins: Indices, poses: Floats, values:
         pose=np.insert(observations.pose, at, poses[source], axis=0),
         pose_use=np.insert(observations.pose_use, at, RESTART),
     )
-    result = observe(changed, values, FREE)
+    result = _observer(tuple((name, value.tobytes()) for name, value in values.items())).observe(changed)
     measured = np.insert(np.ones(len(observations.pose), np.bool_), at, False)
     return result._replace(pose=result.pose[measured])
+
+
+@lru_cache(maxsize=4)
+def _observer(values: tuple[tuple[str, bytes], ...]) -> Observer:
+    """Return the observer of some models that follows nothing: many segments in turn are run with the same ones."""
+    return Observer({name: np.frombuffer(data) for name, data in values}, FREE)
 
 
 def smoothed_poses(observations: Observations, values: Values) -> Floats:

@@ -5,6 +5,7 @@ stamps. Noise is not part of the model.
 """
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,6 +74,7 @@ def _values(parameters: RobotParameters) -> dict[str, Any]:
     return {**_neutral(), **parameters.values}
 
 
+@cache
 def _neutral() -> dict[str, Any]:
     """Return the neutral value of each of the sensors' parameters."""
     return {
@@ -83,5 +85,6 @@ def _neutral() -> dict[str, Any]:
     }
 
 
+@cache
 def _stage(stage: str, side: str | None = None) -> Evaluated:
     return evaluated(tuple(name for name, effect in CATALOGUE.items() if effect.is_sensor), stage, side)
