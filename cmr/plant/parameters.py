@@ -74,6 +74,10 @@ class PlantParameters(NamedTuple):
     clock_skew: Annotated[float, (-0.1, 0.1)] = 0.0  # 1
     pose_offset: Annotated[float, (-100.0, 100.0)] = 0.0  # m
     pose_distortion: Annotated[float, (-1.0, 1.0)] = 0.0  # 1/m^2
+    # A controller inside that holds wheel speeds; the speed asked for by duty 1 is 1 / k1.
+    controller_response_time: Annotated[float, (0.0, 100.0)] = 0.0  # s; 0 for a robot without
+    controller_scale: Annotated[float, (0.01, 100.0)] = 1.0  # 1, speed reached of the one asked for
+    controller_acceleration: Annotated[float, (1e-3, math.inf)] = math.inf  # rad/s^2
     # Other laws of friction than the effects': where it sets in smoothly, where it is larger at low speed.
     friction_smoothing: Annotated[float, (0.0, 1000.0)] = 0.0  # rad/s
     friction_bump: Annotated[float, (0.0, 1000.0)] = 0.0  # 1
