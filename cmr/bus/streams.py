@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cmr import msg
+from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 
 LCM_CHANNEL_NAME_LIMIT = 63  # bytes; LCM refuses longer names
 LARGEST_ROBOT_ID = 2**31 - 1  # what the int32 of the messages holds
@@ -85,8 +86,7 @@ STREAMS = (
     ESTOP,
 )
 
-# What a robot can be commanded, and the stream of each: one robot takes one kind.
-DUTY, WHEEL_SPEED, VELOCITY = "duty", "wheel_speed", "velocity"
+# The stream of each kind of command.
 COMMANDS = {DUTY: MOTOR_COMMAND, WHEEL_SPEED: WHEEL_SPEED_COMMAND, VELOCITY: VELOCITY_COMMAND}
 
 _BY_NAME = {stream.name: stream for stream in STREAMS}

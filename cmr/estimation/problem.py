@@ -89,9 +89,15 @@ class Problem:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects of the catalogue that may show: without commands, not those of the motors."""
+        """The effects that may show: without commands, not those of the motors."""
         rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
-        return effects_of_rolling() if rolls else tuple(CATALOGUE.values())
+        return effects_of_rolling() if rolls else self.possible
+
+    @cached_property
+    def possible(self) -> tuple[Effect, ...]:
+        """The effects of the catalogue that may show with commands of the kind that the robot takes."""
+        kinds = {predictor.segment.observations.kind for predictor in self.predictors}
+        return tuple(effect for effect in CATALOGUE.values() if kinds & {*effect.with_commands})
 
     @cached_property
     def seed(self) -> int:

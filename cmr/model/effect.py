@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from cmr.model.command_kinds import KINDS
 from cmr.model.parameters import ParameterDefinition
 from cmr.model.stages import STAGES
 
@@ -34,8 +35,8 @@ class Effect:
     `shows_in` where, and `confused_with` maps the names of other effects to the manoeuvre that tells them apart.
     Parameters that are `given` say under which circumstances the effect acts: they are told, not found, and switch
     nothing on.
-    A robot's own velocity controller makes up for effects that show `with_duty_only`. Others may have another `cause`
-    there, `cause_of_speed`, in which a duty, or what comes of duties, is a wheel speed in rad/s.
+    The effect may show `with_commands` of these kinds: a velocity controller in the robot makes up for many. Where
+    speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s.
     """
 
     name: str
@@ -48,7 +49,7 @@ class Effect:
     confused_with: Mapping[str, str] = field(default_factory=dict)
     memory: tuple[Memory, ...] = ()
     given: tuple[ParameterDefinition, ...] = ()
-    with_duty_only: bool = False
+    with_commands: tuple[str, ...] = KINDS
     cause_of_speed: str = ""
 
     def __post_init__(self) -> None:

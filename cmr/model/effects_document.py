@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from textwrap import dedent
 
 from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, typical
+from cmr.model.command_kinds import DUTY, KINDS
 from cmr.model.effect import GROUPS, Effect
 from cmr.model.parameters import ParameterDefinition
 from cmr.model.showcase import LAP, Showcase
@@ -114,7 +115,11 @@ def _velocity_controllers() -> str:
         f"| `{one.name}` | {one.unit} | {one.meaning} | {one.lower:g} | {one.upper:g} |"
         for one in CONTROLLER_DEFINITIONS.values()
     ]
-    left_out = ", ".join(f"[{effect.name}](#{effect.name})" for effect in CATALOGUE.values() if effect.with_duty_only)
+    left_out = ", ".join(
+        f"[{effect.name}](#{effect.name})"
+        for effect in CATALOGUE.values()
+        if set(KINDS) - {DUTY} - {*effect.with_commands}
+    )
     return "\n".join(
         [
             "## Velocity controllers\n",

@@ -11,7 +11,7 @@ That is the paper's law, domega = (K2/K3) (V - K1 psi), for the duty V = wanted 
 so that one step serves both kinds of robot. A second pole of the response is the effect `electrical_lag`, a delay is
 `command_delay`; limits of speed, turn rate and acceleration are `saturation`, `turn_rate_limit`, `slew_limit` (of the
 commanded speed) and `current_limit` (of the wheel's own acceleration). What a controller makes up for, such as a weak
-battery or friction, has no place in the model of these robots: `Effect.with_duty_only`.
+battery or friction, has no place in the model of these robots: `Effect.with_commands`.
 """
 
 from collections.abc import Mapping
@@ -48,8 +48,9 @@ NEEDED = ("response_time", "top_wheel_speed")  # without which the robot cannot 
 class VelocityController:
     """How a robot turns commands into wheel speeds, and these into the duties of the model.
 
-    `wheel_radius` and `base_width` [m] are those that the controller counts with, `top_wheel_speed` [rad/s] is the
-    largest speed of a wheel that it takes. Arguments and results are numbers, or arrays of any one shape.
+    `wheel_radius` and `base_width` [m] are those that the controller counts with; a base width of 0 is not known, and
+    only wheel speeds can be told. `top_wheel_speed` [rad/s] is the largest speed of a wheel that it takes. Arguments
+    and results are numbers, or arrays of any one shape.
     """
 
     wheel_radius: float
@@ -65,8 +66,12 @@ class VelocityController:
 
     def duties_of_body(self, v: Any, omega: Any) -> tuple[Any, Any]:
         """Return the duties, within [-1, 1], that stand for a commanded body speed [m/s] and turn rate [rad/s]."""
+        return self.duties(*self.wheels_of_body(v, omega))
+
+    def wheels_of_body(self, v: Any, omega: Any) -> tuple[Any, Any]:
+        """Return the wheel speeds [rad/s] that a body speed [m/s] and a turn rate [rad/s] ask for."""
         difference = 0.5 * self.base_width * omega
-        return self.duties((v - difference) / self.wheel_radius, (v + difference) / self.wheel_radius)
+        return (v - difference) / self.wheel_radius, (v + difference) / self.wheel_radius
 
     def wheel_speeds(self, left: Any, right: Any) -> tuple[Any, Any]:
         """Return the wheel speeds [rad/s] that duties stand for."""

@@ -36,6 +36,10 @@ def wanted_duties(p: PlantParameters, left: float, right: float) -> tuple[float,
     if abs(turn_rate) > p.turn_rate_limit:
         excess = (turn_rate - clip(turn_rate, p.turn_rate_limit)) / per_duty
         left, right = left + excess / 2.0, right - excess / 2.0
+    # wheel_separation_error: half of the difference of both sides grows by e.
+    if p.wheel_separation_error != 0.0:
+        mean, half = 0.5 * (left + right), 0.5 * (right - left) * (1.0 + p.wheel_separation_error)
+        left, right = mean - half, mean + half
     # deadband: V = 0 where abs(u) < d.
     left = 0.0 if abs(left) < p.deadband else left
     right = 0.0 if abs(right) < p.deadband else right

@@ -31,6 +31,7 @@ class PlantParameters(NamedTuple):
     command_jitter: Annotated[float, (0.0, 10.0)] = 0.0  # s
     command_loss: Annotated[float, (0.0, 1.0)] = 0.0  # 1, probability
     turn_rate_limit: Annotated[float, (1e-3, math.inf)] = math.inf  # rad/s
+    wheel_separation_error: Annotated[float, (-0.9, 10.0)] = 0.0  # 1
     electrical_lag: Annotated[float, (0.0, 10.0)] = 0.0  # s
     # Motors and gearing.
     coulomb_friction: Annotated[float, (0.0, 1000.0)] = 0.0  # rad/s^2
@@ -117,6 +118,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "command_jitter": {"command_jitter": 0.04},
     "command_loss": {"command_loss": 0.05},
     "turn_rate_limit": {"turn_rate_limit": 1.0},
+    "wheel_separation_error": {"wheel_separation_error": 0.05},
     "electrical_lag": {"electrical_lag": 0.03},
     "coulomb_friction": {"coulomb_friction": 4.0},
     "static_friction": {"static_friction": 14.0},

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cmr.bus.streams import DUTY, PARAMETERS, VELOCITY, WHEEL_SPEED
+from cmr.bus.streams import PARAMETERS
+from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
 from cmr.recordings.batch import read_robots
@@ -82,7 +83,7 @@ class Recording:
 
     @property
     def command_kind(self) -> str:
-        """What the robot was commanded: DUTY, WHEEL_SPEED or VELOCITY of `cmr.bus.streams`; DUTY where nothing was.
+        """What the robot was commanded: one of `cmr.model.command_kinds`; DUTY where nothing was.
 
         Where several kinds were recorded, it is the one that is nearest to the motors.
         """

@@ -27,11 +27,13 @@ from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
 from cmr.diagnosis.words import share_sentence
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
-from cmr.model.catalogue import DEFINITIONS
+from cmr.model.catalogue import DEFINITIONS as OF_MODEL
 from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
 
 MOST_PATHS = 4  # drawn; a page with more tells nobody more
 MOST_REMAINING = 3  # regressors drawn of what remains
+DEFINITIONS = {**PAPER, **CONTROLLER_DEFINITIONS, **OF_MODEL}
 MOVED = 1.0  # standard deviations; a parameter that moved by less stayed where it was
 GAIN_WORDS = {"psi": "wheel speeds", "yaw_rate": "yaw rate", "pose": "pose"}
 

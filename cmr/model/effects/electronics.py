@@ -2,6 +2,7 @@
 
 from math import inf
 
+from cmr.model.command_kinds import DUTY, VELOCITY
 from cmr.model.effect import Effect, Memory
 from cmr.model.parameters import ParameterDefinition
 
@@ -78,11 +79,40 @@ TURN_RATE_LIMIT = Effect(
     confused_with={"turn_slip": "spins at several rates"},
 )
 
+WHEEL_SEPARATION_ERROR = Effect(
+    name="wheel_separation_error",
+    group=GROUP,
+    cause="Commanded turns reach the wheels {wheel_separation_error:.1%} {wheel_separation_error:larger/smaller}: the "
+    "robot turns (v, omega) into wheel speeds by another wheel separation than command_base_width.",
+    equations={
+        "command": """
+            more = 0.5 * wheel_separation_error * (duty_right - duty_left)
+            duty_left = duty_left - more
+            duty_right = duty_right + more
+        """
+    },
+    parameters=(
+        ParameterDefinition(
+            "wheel_separation_error",
+            "-",
+            "share by which the robot's wheel separation is larger than the one that commands are counted with",
+            -0.9,
+            5.0,
+            0.0,
+            0.05,
+        ),
+    ),
+    needs="commands for straight runs and for turns",
+    shows_in="wheel speeds, left against right, in proportion to the commanded turn rate",
+    confused_with={"turn_rate_limit": "straight runs, spins at several rates"},
+    with_commands=(VELOCITY,),
+)
+
 DEADBAND = Effect(
     name="deadband",
     group=GROUP,
     cause="Duties smaller than {deadband:.3f} do nothing.",
-    with_duty_only=True,
+    with_commands=(DUTY,),
     equations={"actuator": "duty = duty if abs(duty) >= deadband else 0.0"},
     parameters=(ParameterDefinition("deadband", "duty", "smallest duty that has an effect", 0.0, 0.9, 0.0, 0.08),),
     needs="slow ramps of the duty through zero",
@@ -144,7 +174,7 @@ BATTERY_SAG = Effect(
     name="battery_sag",
     group=GROUP,
     cause="The battery gives way under load: at a load share of 1 its voltage drops by {battery_sag:.1%}.",
-    with_duty_only=True,
+    with_commands=(DUTY,),
     equations={"voltage": "voltage = voltage * (1.0 - battery_sag * load_share)"},
     parameters=(
         ParameterDefinition("battery_sag", "-", "share of the voltage lost per unit of load", 0.0, 0.9, 0.0, 0.20),
@@ -161,7 +191,7 @@ BATTERY_DRIFT = Effect(
     name="battery_drift",
     group=GROUP,
     cause="The battery loses {battery_drift:.1%} of its voltage in a drive of two minutes.",
-    with_duty_only=True,
+    with_commands=(DUTY,),
     equations={
         "voltage": f"voltage = voltage * (1.0 - battery_drift * energy / {ENERGY_OF_A_DRIVE})",
         "robot_memory": "energy = energy + load_share * dt",
@@ -212,6 +242,7 @@ EFFECTS = (
     COMMAND_JITTER,
     COMMAND_LOSS,
     TURN_RATE_LIMIT,
+    WHEEL_SEPARATION_ERROR,
     DEADBAND,
     SLEW_LIMIT,
     ELECTRICAL_LAG,
