@@ -11,6 +11,8 @@ from cmr.recordings.events import Event
 START = 1_700_000_000_000_000  # us
 FIELDS: dict[str, dict[str, Any]] = {
     "MOTOR_COMMAND": {"left": 0.25, "right": -1.0},
+    "WHEEL_SPEED_COMMAND": {"psi_left": 3.5, "psi_right": -math.nan},
+    "VELOCITY_COMMAND": {"v": 0.4, "omega": -1.25},
     "MOTOR_FEEDBACK": {
         **{"ticks_left": 2**40, "ticks_right": -7, "psi_left": 0.1, "psi_right": -math.inf, "status": 9},
         **{"applied_left": 0.5, "applied_right": 0.0, "current_left": math.nan, "current_right": math.nan},
@@ -53,7 +55,7 @@ def small_log() -> list[Event]:
         message = make(stream.message_type, utime=utime - 100, **robot, **FIELDS[stream.name])
         channel = stream.channel(3 if stream.per_robot else None)
         events.append(Event(number, utime, channel, message.encode()))
-    return events + gyro_readings(len(events), 86)
+    return events + gyro_readings(len(events), 84)
 
 
 def gyro_readings(first: int, count: int, channel: str = "GYRO_4") -> list[Event]:

@@ -32,7 +32,8 @@ ROBOT = RobotParameters(wheel_radius=0.04, k2_over_k3=118.0, k1=0.054, base_widt
 DT = 0.01
 NAMES = """
 battery_sag battery_drift saturation current_limit slew_limit deadband command_delay command_jitter command_loss
-turn_rate_limit electrical_lag coulomb_friction static_friction quadratic_drag motor_gain_asymmetry back_emf_asymmetry
+turn_rate_limit wheel_separation_error electrical_lag coulomb_friction static_friction quadratic_drag
+motor_gain_asymmetry back_emf_asymmetry
 motor_heating motor_coupling backlash payload_change wheel_radius_scale wheel_radius_asymmetry wheel_wobble turn_slip
 travel_reduction
 turn_asymmetry longitudinal_slip lateral_skid slope surface_change surface_patch encoder_scale encoder_asymmetry

@@ -212,7 +212,7 @@ def test_names_that_nobody_knows_are_refused() -> None:
 
 def test_the_sets_hold_what_is_to_be_reached_and_no_case_twice() -> None:
     cases = {name: cases_of(sets.SEEDS) for name, cases_of in sets.SETS.items()}
-    assert len(cases["single"]) == len(cases["eight"]) == 20 * len(TYPICAL)
+    assert len(cases["single"]) == len(cases["eight"]) == 20 * len(sets.WITH_DUTIES)
     assert len(cases["null"]) == 300
     assert {(case.manoeuvre, case.noise) for case in cases["null"]} == {
         (manoeuvre, noise) for manoeuvre in (RICH, EIGHT) for noise in sets.NULL_NOISES

@@ -266,7 +266,7 @@ def test_sensors_broken_in_any_way_neither_stop_the_checks_nor_make_them_overflo
         findings = check(whole)
         values = {
             name: [of for key, of in signal.fields.items() if not key.endswith("utime")]
-            for name, signal in signals.items()
+            for name, signal in whole.signals.items()
         }
         assert findings["damaged_samples"].found == sum(
             int(np.count_nonzero(np.any(np.abs(of) > 1e9, axis=0))) for of in values.values()

@@ -118,7 +118,7 @@ def test_arrays_from_a_log_are_what_its_messages_make_one_by_one(drive: list[Mes
     recording = Recording.read(log)
     assert_same(recording, one_by_one(log)[0].recording())
     counts = Counter(channel for channel, _ in drive)
-    assert {name: len(signal) for name, signal in recording.signals.items()} == {
+    assert {name: len(getattr(recording, name)) for name in KEPT} == {
         name: counts[kept.stream.channel(0)] for name, kept in KEPT.items()
     }
     first = next(message for channel, message in drive if channel == "MOTOR_FEEDBACK_0")
@@ -153,7 +153,7 @@ def test_every_message_is_a_sample_or_counted_with_its_reason(drive: list[Messag
     events = list(odd(drive, 1))
     recording = Recording.read(write_events(tmp_path / "run.lcm", events))
     for name, kept in KEPT.items():
-        channel, signal = kept.stream.channel(0), recording.signals[name]
+        channel, signal = kept.stream.channel(0), getattr(recording, name)
         rejected = sum(count for (at, _), count in recording.rejected.items() if at == channel)
         sent = sum(at == channel for at, _ in events)
         assert len(signal) + sum(signal.left_out.values()) + rejected == sent, name
@@ -294,3 +294,42 @@ def test_commands_keep_only_finite_duties() -> None:
     assert commands["left"].tolist() == [0.1, 0.2]
     assert commands.number.tolist() == [0, 3]
     assert commands.left_out == {"not a finite number": 2}
+
+
+def speed_commands(seconds: float, *kinds: str) -> Recording:
+    """Commands of these kinds, ten a second, of one robot that told a pose."""
+    recorder = Recorder(0)
+    fields = {"MOTOR_COMMAND": {"left": 0.1, "right": 0.2}, "WHEEL_SPEED_COMMAND": {"psi_left": 2.0, "psi_right": 3.0}}
+    fields["VELOCITY_COMMAND"] = {"v": 0.4, "omega": 0.5}
+    streams = {stream.name: stream for stream in STREAMS}
+    for number in range(round(10 * seconds)):
+        utime = EPOCH + 100_000 * number
+        recorder.handle(utime, "POSE_0", make(pose_xyt_t, utime=utime, robot_id=0, x=0.0, y=0.0, theta=0.0))
+        for kind in kinds:
+            message = make(streams[kind].message_type, utime=utime, robot_id=0, **fields[kind])
+            recorder.handle(utime, f"{kind}_0", message)
+    return recorder.recording()
+
+
+@pytest.mark.parametrize(
+    ("kinds", "kind"),
+    [
+        (("VELOCITY_COMMAND",), "velocity"),
+        (("WHEEL_SPEED_COMMAND",), "wheel_speed"),
+        (("MOTOR_COMMAND",), "duty"),
+        (("VELOCITY_COMMAND", "WHEEL_SPEED_COMMAND"), "wheel_speed"),
+        (("VELOCITY_COMMAND", "MOTOR_COMMAND"), "duty"),
+        ((), "duty"),
+    ],
+)
+def test_a_recording_knows_what_its_robot_was_commanded(kinds: tuple[str, ...], kind: str) -> None:
+    assert speed_commands(1.0, *kinds).command_kind == kind
+
+
+def test_speeds_that_stand_for_duties_are_still_known_to_have_been_speeds() -> None:
+    recorded = speed_commands(1.0, "VELOCITY_COMMAND")
+    assert recorded.velocity_commands["omega"].tolist() == [0.5] * 10
+    converted = recorded.with_duties(np.full(10, 0.2), np.full(10, 0.3))
+    assert converted.command_kind == "velocity"
+    assert converted.duty.utime.tolist() == recorded.velocity_commands.utime.tolist()
+    assert converted.between(EPOCH, EPOCH + 450_000).duty["right"].tolist() == [0.3] * 5

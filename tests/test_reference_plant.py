@@ -51,6 +51,21 @@ def test_wheel_speeds_are_the_solution_of_the_papers_motor_equation() -> None:
     assert states["psi_left"] == pytest.approx(expected, rel=1e-8)
 
 
+def test_a_controller_brings_wheels_to_the_speed_asked_for_with_its_response_time() -> None:
+    times = np.array([0.05, 0.3, 1.5])
+    robot = {"controller_response_time": 0.3, "controller_scale": 0.9, "battery_sag": 0.2}
+    states = true_motion(CONSTANT, robot, times, step=1e-4)
+    expected = 0.9 * 0.3 / NEUTRAL.k1 * -np.expm1(-times / 0.3)
+    assert states["psi_left"] == pytest.approx(expected, rel=1e-7)
+
+
+def test_a_controller_accelerates_no_faster_than_its_limit() -> None:
+    robot = {"controller_response_time": 0.02, "controller_acceleration": 3.0}
+    times = np.array([0.4, 1.0])
+    states = true_motion(CONSTANT, robot, times, step=1e-4)
+    assert states["psi_left"] == pytest.approx(3.0 * times, rel=1e-7)
+
+
 def test_constant_wheel_speeds_drive_a_circle_of_the_radius_that_geometry_demands() -> None:
     times = every(0.2, 15.0)[25:]  # 32 time constants after the start
     states = true_motion(CONSTANT, {}, times, step=1e-4)

@@ -22,6 +22,8 @@ WIRE = {
     "world_state_t": """int64_t utime; int32_t n; int32_t robot_id[n]; int8_t origin[n]; float x[n]; float y[n];
         float theta[n]; float psi_left[n]; float psi_right[n]; float domega_left[n]; float domega_right[n]""",
     "motor_command_t": "int64_t utime; int32_t robot_id; double left; double right",
+    "wheel_speed_command_t": "int64_t utime; int32_t robot_id; double psi_left; double psi_right",
+    "velocity_command_t": "int64_t utime; int32_t robot_id; double v; double omega",
     "motor_feedback_t": """int64_t utime; int32_t robot_id; int64_t ticks_left; int64_t ticks_right; double psi_left;
         double psi_right; double applied_left; double applied_right; double current_left; double current_right;
         double battery_voltage; double temperature; int32_t status; int64_t received_utime; int64_t applied_utime""",

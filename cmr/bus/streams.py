@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from cmr import msg
+from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 
 LCM_CHANNEL_NAME_LIMIT = 63  # bytes; LCM refuses longer names
 LARGEST_ROBOT_ID = 2**31 - 1  # what the int32 of the messages holds
-COMMAND_LIFETIME = 500_000  # us; an older MOTOR_COMMAND means zero, for real and simulated robots alike
+COMMAND_LIFETIME = 500_000  # us; an older command of any kind means zero, for real and simulated robots alike
 SELF_TEST = "CMR_SELF_TEST"  # on which a process of ours tries the bus when it starts
 SELF_TESTS = (SELF_TEST, "LCM_SELF_TEST")  # and LCM's own; whatever comes there is meant for nobody else
 
@@ -48,6 +49,10 @@ class Stream:
 
 
 MOTOR_COMMAND = Stream("MOTOR_COMMAND", msg.motor_command_t, True, 20.0, "cmr-pilot, or any controller")
+WHEEL_SPEED_COMMAND = Stream(
+    "WHEEL_SPEED_COMMAND", msg.wheel_speed_command_t, True, 20.0, "cmr-pilot, or any controller"
+)
+VELOCITY_COMMAND = Stream("VELOCITY_COMMAND", msg.velocity_command_t, True, 20.0, "cmr-pilot, or any controller")
 MOTOR_FEEDBACK = Stream("MOTOR_FEEDBACK", msg.motor_feedback_t, True, 50.0, "cmr-driver")
 MOTOR_DUTY = Stream("MOTOR_DUTY", msg.motor_duty_t, True, None, "cmr-driver")
 GYRO = Stream("GYRO", msg.gyro_t, True, 50.0, "cmr-driver")
@@ -64,6 +69,8 @@ ESTOP = Stream("ESTOP", msg.estop_t, False, 10.0, "whoever engages it, while eng
 
 STREAMS = (
     MOTOR_COMMAND,
+    WHEEL_SPEED_COMMAND,
+    VELOCITY_COMMAND,
     MOTOR_FEEDBACK,
     MOTOR_DUTY,
     GYRO,
@@ -78,6 +85,9 @@ STREAMS = (
     PROCESS_STATUS,
     ESTOP,
 )
+
+# The stream of each kind of command.
+COMMANDS = {DUTY: MOTOR_COMMAND, WHEEL_SPEED: WHEEL_SPEED_COMMAND, VELOCITY: VELOCITY_COMMAND}
 
 _BY_NAME = {stream.name: stream for stream in STREAMS}
 _ROBOT_CHANNEL = re.compile(r"([A-Z_]+)_(0|[1-9][0-9]{0,9})")

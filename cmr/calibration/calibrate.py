@@ -1,6 +1,7 @@
 """Calibrate a robot: the paper's three parameters, in the presence of whatever else its recordings show."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,11 +11,13 @@ from cmr.calibration.paper import calibrate_by_paper
 from cmr.calibration.path_errors import path_errors
 from cmr.calibration.preparing import TOLD
 from cmr.calibration.result import CalibrationResult, tells
+from cmr.estimation.commanded_speeds import as_duties, as_motor, controller_of
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import Estimation, estimate, nominal_of
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.simulation_error import SimulationErrorProblem
 from cmr.model.parameters import DEFINITIONS
+from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
@@ -50,13 +53,16 @@ def calibrate(
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     _require_one_robot(recordings)
     nominal = nominal_of(recordings, nominal)
+    controller = controller_of(recordings, nominal)
+    recordings = [as_duties(recording, controller) for recording in recordings]
+    nominal = as_motor(nominal, controller)
     if method == PAPER or not any(len(recording.wheels) for recording in recordings):
-        return calibrate_by_paper(recordings, nominal)
+        return replace(calibrate_by_paper(recordings, nominal), controller=controller)
     if not any(len(recording.poses) or recording.gyro.varies("yaw_rate") for recording in recordings):
-        return _motors_alone(recordings, nominal)
-    estimation = estimate(recordings, nominal)
+        return _motors_alone(recordings, nominal, controller)
+    estimation = replace(estimate(recordings, nominal), controller=controller)
     if estimation.whole is None and not any(len(recording.poses) for recording in recordings):
-        return _motors_alone(recordings, nominal)  # a gyro that cannot be trusted tells nothing
+        return _motors_alone(recordings, nominal, controller)  # a gyro that cannot be trusted tells nothing
     if estimation.whole is None:
         raise EstimationError(estimation.ready.refused)
     ways = (_alone, _of_free_runs) if paper_only else (_in_presence, _of_free_runs)
@@ -73,10 +79,12 @@ def _first_that_helps(results: Iterable[CalibrationResult]) -> CalibrationResult
     raise EstimationError(WORSE_THAN_GIVEN.format(before=before, after=after))
 
 
-def _motors_alone(recordings: Sequence[Recording], nominal: ParameterFile) -> CalibrationResult:
+def _motors_alone(
+    recordings: Sequence[Recording], nominal: ParameterFile, controller: VelocityController | None
+) -> CalibrationResult:
     from cmr.calibration.motors_alone import calibrate_motors  # its least squares take half a second to import
 
-    return calibrate_motors(recordings, nominal)
+    return replace(calibrate_motors(recordings, nominal), controller=controller)
 
 
 def _in_presence(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
@@ -152,6 +160,7 @@ def _result(
         parameters=parameters,
         effects={name: one for name, one in trusted.items() if name not in DEFINITIONS},
         by_wheels=estimation.ready.rolling,
+        controller=estimation.controller,
         named=tuple(one.candidate.effect.name for one in estimation.found.named),
     )
 
@@ -170,11 +179,7 @@ def _covariance(estimation: Estimation, estimates: Mapping[str, Estimate]) -> Fl
 def _notes(estimation: Estimation) -> tuple[str, ...]:
     """Return sentences on the data, and on what the parameters were found in the presence of."""
     told = [one.sentence for one in estimation.ready.checks if one.found and (one.check in TOLD or one.set_aside)]
-    causes = []
-    for one in estimation.found.named:
-        effect = one.candidate.effect
-        values = {parameter.name: estimation.estimate(parameter.name).value for parameter in effect.parameters}
-        causes.append(effect.sentence(values))
+    causes = [estimation.cause(one.candidate.effect) for one in estimation.found.named]
     return tuple(dict.fromkeys([*told, *estimation.ready.notes, *causes]))
 
 

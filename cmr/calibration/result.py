@@ -5,10 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from cmr.estimation.commanded_speeds import correlation_of_motor, in_words_of, values_in_words_of
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.free_runs import WINDOW
 from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, VelocityController
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
@@ -41,7 +43,8 @@ class CalibrationResult:
     `effects` the estimates of those of effects in use, both by name; without any, they are the nominal values and the
     estimates. `named` are the effects that the drive shows. `recordings` are what was compared, `segments` the same cut
     for the paper's method, `grid` the error surface of its grid search, None without one; `by_wheels` tells that the
-    path follows the measured wheels, not the commands.
+    path follows the measured wheels, not the commands. `controller` is the robot's own for its speed, None if it takes
+    duties; k2_over_k3 and k1 then stand for it, and the file and the summary tell its own parameters.
     """
 
     robot_id: int
@@ -61,6 +64,7 @@ class CalibrationResult:
     effects: Mapping[str, Estimate] = field(default_factory=dict)
     named: tuple[str, ...] = ()
     by_wheels: bool = False
+    controller: VelocityController | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -70,37 +74,31 @@ class CalibrationResult:
 
     def parameter_file(self, provenance: Mapping[str, Any]) -> ParameterFile:
         """Return the parameter file to write: estimates with the effects in use, and nominal values of the rest."""
-        values = {name: self._written(name, value) for name, value in self.values.items()}
+        values = {
+            name: self._written(name, value) for name, value in values_in_words_of(self.values, self.controller).items()
+        }
         in_use = effects_on(self.values)
         found: dict[str, Any] = {"method": self.method, "samples": self.samples}
         if math.isfinite(self.path_rmse_after):
             found["path_rmse_m"] = round(self.path_rmse_after, 6)
         return ParameterFile(self.robot_id, values, tuple(one.name for one in in_use), {**provenance, **found})
 
+    @property
+    def told(self) -> dict[str, Estimate]:
+        """The estimates of the robot's parameters as its file names them."""
+        return in_words_of(self.estimates, self.controller, correlation_of_motor(list(self.estimates), self.covariance))
+
     def _written(self, name: str, value: float) -> Value:
         """Return a value as the file holds it: with its deviation, or as it was given."""
-        told, given = {**self.estimates, **self.effects}, self.nominal.values.get(name)
+        told, given = {**self.told, **self.effects}, self.nominal.values.get(name)
         if name in told:
             return Value(value, told[name].std)
         return given if given is not None and given.value == value else Value(value)
 
     def summary(self) -> str:
         """Return a table for a person."""
-        lines = [
-            f"Calibration of robot {self.robot_id}: {self.method}, {self.samples} samples",
-            f"  {'parameter':13s} {'value':>11s} {'std':>9s} {'95 % interval':>24s}  unit",
-        ]
-        for name, known in DEFINITIONS.items():
-            if name in self.estimates:
-                estimate = self.estimates[name]
-                interval = "{:.5g} to {:.5g}".format(*estimate.interval)
-                lines.append(f"  {name:13s} {estimate.value:11.5g} {estimate.std:9.2g} {interval:>24s}  {known.unit}")
-            elif name in self.unidentified:
-                lines.append(f"  {name:13s} not identifiable: {self.unidentified[name]}")
-            elif name in self.nominal.values:
-                given = self.nominal.values[name].value
-                lines.append(f"  {name:13s} {given:11.5g} {'':9s} {'as given':>24s}  {known.unit}")
-        effects = [name for name in self.values if name not in DEFINITIONS]
+        lines = [f"Calibration of robot {self.robot_id}: {self.method}, {self.samples} samples", *self._table()]
+        effects = [name for name in values_in_words_of(self.values, self.controller) if self._is_of_effect(name)]
         lines += ["", f"  {EFFECTS}"] if effects else []
         lines += [self._line(name) for name in effects]
         if math.isfinite(self.path_rmse_after):
@@ -110,6 +108,28 @@ class CalibrationResult:
                 f"  path error    {before} before, {self.path_rmse_after:.4f} m after (root mean square {over})"
             )
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+    def _table(self) -> list[str]:
+        """Return the lines of the parameters that every robot of this kind has."""
+        told, values = self.told, values_in_words_of(self.values, self.controller)
+        known = {**DEFINITIONS, **CONTROLLER_DEFINITIONS} if self.controller else DEFINITIONS
+        width = 18 if self.controller else 13
+        lines = [f"  {'parameter':{width}s} {'value':>11s} {'std':>9s} {'95 % interval':>24s}  unit"]
+        for name, parameter in known.items():
+            start = f"  {name:{width}s}"
+            if name in told:
+                estimate = told[name]
+                interval = "{:.5g} to {:.5g}".format(*estimate.interval)
+                lines.append(f"{start} {estimate.value:11.5g} {estimate.std:9.2g} {interval:>24s}  {parameter.unit}")
+            elif name in self.unidentified:
+                lines.append(f"{start} not identifiable: {self.unidentified[name]}")
+            elif name in values and (name in self.nominal.values or name in CONTROLLER_DEFINITIONS):
+                origin = "as given" if name in self.nominal.values else "of the commands"
+                lines.append(f"{start} {values[name]:11.5g} {'':9s} {origin:>24s}  {parameter.unit}")
+        return lines
+
+    def _is_of_effect(self, name: str) -> bool:
+        return name not in DEFINITIONS and name not in CONTROLLER_DEFINITIONS
 
     def _line(self, name: str) -> str:
         """Return the line of an effect's parameter."""

@@ -12,12 +12,14 @@ from cmr.calibration.path_errors import path_errors
 from cmr.calibration.result import CalibrationResult, tells
 from cmr.estimation.averaging import Posterior, averaged
 from cmr.estimation.checks import looked_at
+from cmr.estimation.commanded_speeds import HEADROOM, as_duties, as_motor, controller_of
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import nominal_of
 from cmr.estimation.preparation import Ready, prepare
 from cmr.estimation.simulation_error import SimulationErrorProblem
 from cmr.estimation.thinning import ALL, PerSensor, thinned
 from cmr.model.catalogue import CATALOGUE
+from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 
@@ -47,6 +49,7 @@ class RunningFit:
         self._paper, self._paper_only = paper, paper_only
         self._average: Posterior | None = None
         self._newest: CalibrationResult | None = None
+        self._controller: VelocityController | None = None
         self._averaged_at = -math.inf  # s of the drive
         self._quick = 0.0  # s that the last fit took
         self._every = 1  # one of so many readings is used
@@ -62,10 +65,12 @@ class RunningFit:
         if self._newest is not None and (self._paper or self._paper_only) and not due:
             return self._newest
         nominal = nominal_of([recording], self._nominal)
+        self._controller = self._controller_of(recording, nominal)
+        recording, nominal = as_duties(recording, self._controller), as_motor(nominal, self._controller)
         if self._paper:
             self._newest, self._averaged_at = minimum_so_far(recording, nominal), seconds
             self.averages += 1
-            return self._newest
+            return replace(self._newest, controller=self._controller)
         ready = self._prepared(recording, nominal)
         assert ready.base is not None
         if due or self._average is None or not set(ready.base.names) <= set(self._average.names):
@@ -78,8 +83,20 @@ class RunningFit:
         else:
             values, estimates = self._fitted(ready, self._average, seconds)
             self._quick = self._clock() - began
-        self._newest = _result(ready, nominal, recording, estimates, values)
+        self._newest = replace(_result(ready, nominal, recording, estimates, values), controller=self._controller)
         return self._newest
+
+    def _controller_of(self, recording: Recording, nominal: ParameterFile) -> VelocityController | None:
+        """Return the robot's velocity controller; one found before stays until faster wheels are commanded.
+
+        Its top wheel speed is the unit of an average, which is of no use in another one.
+        """
+        controller, before = controller_of([recording], nominal), self._controller
+        if controller and before and controller.top_wheel_speed <= HEADROOM * before.top_wheel_speed:
+            return before
+        if controller != before:
+            self._average, self._newest = None, None
+        return controller
 
     def _prepared(self, recording: Recording, nominal: ParameterFile) -> Ready:
         """Return the recording ready to be fitted, with as many of its readings as there is time for."""

@@ -10,9 +10,9 @@ from typing import Any
 
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process, Timer
-from cmr.bus.streams import CALIBRATION_STATUS, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE
+from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
-from cmr.calibration.calibrator import Calibrator
+from cmr.calibration.calibrator import HEARD, Calibrator
 from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationResult
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
@@ -142,7 +142,7 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     finished_at: float | None = None
     said = ""
     with Process("cmr-calibrate", options.lcm_url) as process:
-        for stream in (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS):
+        for stream in HEARD:
             process.subscribe(stream, robot_id, every=True)
         for _utime in process.loop(rate_hz=50.0):
             process.dispatch(calibrator.handle)

@@ -4,9 +4,10 @@ import argparse
 from pathlib import Path
 
 from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import COMMANDS, ESTOP, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import behaviour_of
+from cmr.model.command_kinds import KINDS
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours.help_text import help_text
@@ -31,6 +32,7 @@ def main(arguments: list[str]) -> int:
         geofence=options.geofence,
         margin=options.margin,
         keep_clear=options.keep_clear,
+        kind=options.command,
     )
     pilot.prepare()
     with Process("cmr-pilot", options.lcm_url) as process:
@@ -43,14 +45,14 @@ def main(arguments: list[str]) -> int:
         for utime in process.loop(rate_hz=RATE):
             process.dispatch(pilot.handle)
             pilot.parameters.poll()
-            process.publish(MOTOR_COMMAND, pilot.command(utime), options.robot)
+            process.publish(COMMANDS[pilot.kind], pilot.command(utime), options.robot)
             process.parameters_sha256 = pilot.parameters.sha256
             process.state = process_status_t.DEGRADED if pilot.waiting_for else process_status_t.RUNNING
             waiting = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
             process.message = pilot.left_fence or waiting
             if behaviour.finished:
                 break
-        process.publish(MOTOR_COMMAND, pilot.stop(), options.robot)
+        process.publish(COMMANDS[pilot.kind], pilot.stop(), options.robot)
         if behaviour.problem:
             raise CommandError(behaviour.problem)
         return process.exit_code
@@ -60,9 +62,10 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options = parser(
         "cmr-pilot",
         "Drive a real robot by a behaviour: it sees the world on WORLD_STATE and commands the motors on "
-        "MOTOR_COMMAND_N. It stops whenever cmr-sim, the robot, its parameters or poses that came before are missing, "
-        "and on ESTOP. It ends when a manoeuvre is over. A robot that left its geofence stands until it is put back "
-        "inside and cmr-pilot is started again.",
+        "MOTOR_COMMAND_N, or (v, omega) on VELOCITY_COMMAND_N if the robot's parameters have a velocity controller. It "
+        "stops whenever cmr-sim, the robot, its parameters or poses that came before are missing, and on ESTOP. It "
+        "ends when a manoeuvre is over. A robot that left its geofence stands until it is put back inside and "
+        "cmr-pilot is started again.",
         "cmr-pilot --robot 0 --behaviour follow,leader=10,gap=0.5\n"
         "  cmr-pilot --robot 0 --behaviour manoeuvre,name=steps,speed=0.8\n"
         "  cmr-pilot --robot 0 --geofence=-2,-1,2,-1,2,1,-2,1 --margin 0.3\n\n" + help_text(),
@@ -71,6 +74,13 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options.add_argument("--behaviour", default="follow", metavar="NAME,KEY=VALUE,...", help="see below")
     options.add_argument(
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
+    )
+    options.add_argument(
+        "--command",
+        choices=KINDS,
+        default=None,
+        help="what to send: duties on MOTOR_COMMAND_N, wheel speeds on WHEEL_SPEED_COMMAND_N, or velocities on "
+        "VELOCITY_COMMAND_N; by default what the robot's parameters ask for",
     )
     options.add_argument(
         "--geofence",

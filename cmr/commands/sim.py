@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 from cmr.bus.messages import make
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import (
+    COMMANDS,
     ESTOP,
     GYRO,
-    MOTOR_COMMAND,
     MOTOR_FEEDBACK,
     PARAMETERS,
     POSE,
@@ -61,7 +61,8 @@ def main(arguments: list[str]) -> int:
     with Process("cmr-sim", options.lcm_url) as process:
         for stream in (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP, WORLD_STATE):
             process.subscribe(stream, every=True)
-        process.subscribe(MOTOR_COMMAND)
+        for stream in COMMANDS.values():
+            process.subscribe(stream)
         for utime in process.loop(rate_hz=STEP_RATE):
             process.dispatch(world.handle)
             world.advance(utime)

@@ -32,6 +32,15 @@ from cmr.diagnosis.result import (
 )
 from cmr.diagnosis.showing import residuals_of
 from cmr.diagnosis.words import regressor_name, signal_name
+from cmr.estimation.averaging import Posterior
+from cmr.estimation.commanded_speeds import (
+    as_duties,
+    as_motor,
+    controller_of,
+    correlation_of_motor,
+    in_words_of,
+    values_in_words_of,
+)
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation, estimate, fit_estimate, nominal_of
 from cmr.estimation.free_runs import WINDOW, Errors
@@ -50,6 +59,7 @@ from cmr.manoeuvres.in_words import Pace
 from cmr.model.catalogue import CATALOGUE, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
+from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
@@ -78,14 +88,16 @@ def diagnose(
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     nominal = nominal_of(recordings, nominal)
+    controller = controller_of([*recordings, *held_out], nominal)
     estimation = estimate(
-        recordings,
-        nominal,
-        held_out=held_out,
+        [as_duties(recording, controller) for recording in recordings],
+        as_motor(nominal, controller),
+        held_out=[as_duties(recording, controller) for recording in held_out],
         sources=sources,
         held_out_sources=held_out_sources,
         progress=progress,
     )
+    estimation = replace(estimation, controller=controller)
     robot_id = recordings[0].robot_id
     if estimation.whole is None:
         return _refused(robot_id, estimation.ready, tuple(sources))
@@ -161,6 +173,7 @@ def _diagnosis(
     whole, measured, ready = estimation.whole, estimation.measured, estimation.ready
     assert whole is not None
     assert measured is not None
+    controller = estimation.controller
     found, unexplained = estimation.found, _unexplained(whole.extended, measured.gain)
     named = zip(found.named, shifts(found), strict=True)
     effects = tuple(_named(one, moved_by, estimation, driver) for one, moved_by in named)
@@ -170,8 +183,10 @@ def _diagnosis(
         verdict=verdict,
         sentence=_sentence(effects, unexplained, found),
         unexplained=unexplained,
-        baseline=_fitted(estimation.baseline, measured.before, measured.held_out_before),
-        extended=_fitted(estimation.estimates, measured.after, measured.held_out_after),
+        baseline=_fitted(
+            _told(estimation.baseline, estimation.found.base, controller), measured.before, measured.held_out_before
+        ),
+        extended=_fitted(_told(estimation.estimates, whole.model, controller), measured.after, measured.held_out_after),
         gain=measured.gain,
         nominal=_nominal(estimation),
         gain_over_nominal=estimation.nominal.gain if estimation.nominal else None,
@@ -182,7 +197,7 @@ def _diagnosis(
         notes=ready.notes if found.problem.by_moments else (*ready.notes, BY_COURSES),
         next_experiment=_next(driver, effects, found, unexplained),
         not_visible=found.unseen,
-        parameters=estimation.parameters,
+        parameters=values_in_words_of(estimation.parameters, controller),
         sources=sources,
         samples=len(found.final.rest),
         lateness=lateness,
@@ -190,6 +205,13 @@ def _diagnosis(
             found.decisions, [(one.name, rival) for one in effects for rival in one.indistinguishable_from]
         ),
     )
+
+
+def _told(
+    estimates: Mapping[str, Estimate], model: Fit | Posterior, controller: VelocityController | None
+) -> Mapping[str, Estimate]:
+    """Return estimates by the names that the robot's parameter file has for them."""
+    return in_words_of(estimates, controller, correlation_of_motor(model.names, model.covariance))
 
 
 def _fitted(estimates: Mapping[str, Estimate], path_rmse: float, held_out: Errors) -> Fitted:
@@ -267,7 +289,7 @@ def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estim
     estimates = {name: estimation.estimate(name) for name in names}
     return NamedEffect(
         name=effect.name,
-        cause=effect.sentence({name: estimate.value for name, estimate in estimates.items()}),
+        cause=estimation.cause(effect),
         estimates=estimates,
         statistic=one.candidate.drop,
         p_value=p_value(one.candidate.drop, len(names), found.inflation),
@@ -341,9 +363,10 @@ def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, search: 
         return f"{sentence} {_generic_sentence(unexplained.generic)}" if unexplained.generic else sentence
     if found:
         return found
-    nothing = f"The data show none of the {len(CATALOGUE)} effects in the catalogue"
+    count = len(search.problem.possible)
+    nothing = f"The data show none of the {count} effects in the catalogue"
     if any(why == TOO_SMALL for _, why in search.others):
-        nothing = f"None of the {len(CATALOGUE)} effects in the catalogue is large enough to matter here"
+        nothing = f"None of the {count} effects in the catalogue is large enough to matter here"
     if search.unseen:
         return f"{nothing}, but {len(search.unseen)} of them would not be visible in these drives."
     if unexplained.not_judged:

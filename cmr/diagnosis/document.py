@@ -18,6 +18,7 @@ from cmr.estimation.unexplained.result import GenericTerm, Unexplained
 from cmr.files import write_atomically
 from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.findings import Finding
 from cmr.recordings.lateness import Lateness
@@ -86,8 +87,12 @@ def extended_file(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> Parame
     Raises ParameterFileError for a value that no robot can have, KeyError for a parameter that nobody knows.
     """
     estimates = diagnosis.extended.estimates if diagnosis.extended else {}
-    effects = effects_on(diagnosis.parameters)
-    in_use = [*DEFINITIONS, *(parameter.name for effect in effects for parameter in effect.all_parameters)]
+    effects = effects_on({n: v for n, v in diagnosis.parameters.items() if n not in CONTROLLER_DEFINITIONS})
+    in_use = [
+        *DEFINITIONS,
+        *CONTROLLER_DEFINITIONS,
+        *(parameter.name for effect in effects for parameter in effect.all_parameters),
+    ]
     values = {
         name: Value(float(diagnosis.parameters[name]), _finite(estimates[name].std) if name in estimates else None)
         for name in in_use

@@ -28,6 +28,8 @@ FOLDS = (0.5, 0.55, 0.6, 0.66, 0.72, 0.79, 0.87, 0.95, 1.05, 1.15, 1.26, 1.4)  #
 # with less.
 LATE, PORTION_OF_LATENCY = frozenset(("gyro_time",)), 0.4
 EVERYWHERE = 1e3  # m, radius of a place that holds all others
+# Velocity controllers accelerate more gently than motors could: in about a second to the top wheel speed. [duty/s]
+GENTLE = {"slew_limit": 1.0, "current_limit": 1.0}
 RANDOM = ("command_jitter", "command_loss")  # show in the spread, not in the mean
 NEVER_AHEAD = ("gyro_latency", "pose_latency")  # what a sensor tells ahead of its moment cannot be foretold
 SENSED = ("encoder_quantisation",)  # read off the encoder's ticks
@@ -57,7 +59,7 @@ class Excitation:
 
     These are the robot's parameters, a usual yaw rate `turning` [rad/s], how far from the origin of the poses it
     usually was, `extent` [m], a yaw rate that it was seen to exceed, `fastest` [rad/s], and the usual time between
-    poses, `interval` [s].
+    poses, `interval` [s]. `controlled` tells that a velocity controller in the robot is commanded.
     """
 
     parameters: Mapping[str, float]
@@ -65,6 +67,7 @@ class Excitation:
     extent: float = USUAL_EXTENT
     fastest: float = 0.0
     interval: float = USUAL_INTERVAL
+    controlled: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,8 @@ def size(parameter: ParameterDefinition, excitation: Excitation) -> float:
         "duty/s": rate / USUAL_RATE,
         "1/m^2": min(1.0, (USUAL_EXTENT / max(excitation.extent, 1e-6)) ** 2),
     }
+    if excitation.controlled and parameter.name in GENTLE:
+        return GENTLE[parameter.name] / (rate if parameter.unit == "duty" else 1.0)
     factor = factors.get(parameter.unit, 1.0)
     if parameter.name in OF_POSE_STAMPS:
         factor = max(1.0, excitation.interval / USUAL_INTERVAL)

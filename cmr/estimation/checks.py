@@ -9,6 +9,7 @@ from cmr.estimation.estimates import EstimationError
 from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
 from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
 from cmr.estimation.signs import require_consistent_signs
+from cmr.model.command_kinds import DUTY
 from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.checks import check
 from cmr.recordings.findings import Finding, Findings
@@ -23,6 +24,7 @@ LEAST_CHANGE = 0.005  # s, and as many deviations, by which a lag must change fo
 # s that wheels lag their commands: at most, and usually. Commands whose clock is set right come a little early, so that
 # what is left is a delay.
 SLOWEST_MOTOR, USUAL_MOTOR = 0.5, 0.2
+SLOWEST_CONTROLLER = 2.0  # s; a robot that holds its speed by itself may take its time
 SET_RIGHT = "The clock of the {what} is {late:.2f} s {where} that of the wheels: their times were set right."
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
 FEWEST = 2  # readings of a sensor from which it tells of a motion
@@ -99,7 +101,8 @@ def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
         recording, findings = replace(recording, poses=poses), replace(findings, splits=findings.splits - late)
         notes.append(SET_RIGHT.format(what="poses", late=abs(lag.seconds), where="behind" if late > 0 else "ahead of"))
     lag = findings.lag("wheels") if recording.duty is recording.commands else None
-    if lag is not None and not 0.0 <= lag.seconds <= SLOWEST_MOTOR:
+    slowest = SLOWEST_MOTOR if recording.command_kind == DUTY else SLOWEST_CONTROLLER
+    if lag is not None and not 0.0 <= lag.seconds <= slowest:
         early = round((lag.seconds - USUAL_MOTOR) / SECONDS)
         commands = replace(recording.commands, utime=recording.commands.utime + early)
         recording = replace(recording, commands=commands)

@@ -5,9 +5,11 @@ from collections.abc import Callable
 import numpy as np
 
 from cmr.estimation.free_runs import Fold, errors_of, joined
-from cmr.estimation.gains import COARSE
+from cmr.estimation.gains import COARSE, choose_gains
+from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import WHEELS
 from cmr.estimation.preparation import Ready
+from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, search
 from cmr.estimation.simulation_error import SimulationErrorProblem
 from cmr.model.parameters import DEFINITIONS as PAPER
@@ -23,12 +25,31 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
     assert ready.problem is not None
     assert ready.base is not None
     if not ready.rolling:
-        found = search(ready.problem, ready.base, say)
+        found = _with_right_gains(search(ready.problem, ready.base, say), ready, say)
         if trusted(found, ready):
             return found
         say("No model foretells this robot from moment to moment: looking at the course of its motion instead ...")
     courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
     return search(courses, courses.base(ready.start, ready.base.names), say)
+
+
+def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -> Search:
+    """Return the search with the gains that the model found calls for, where these are others.
+
+    Gains are chosen by the paper's model. Limits of a velocity controller act all the time: without them the model is
+    so wrong that the observer had to follow its encoders closely, and what ticks do to it then looks like an effect.
+    """
+    problem, names = found.problem, ready.base.names if ready.base else ()
+    if not problem.excitation.controlled:
+        return found
+    gains = choose_gains(problem.predictors, found.final.values)
+    if gains == problem.gains:
+        return found
+    say("The model found calls for another observer: searching again ...")
+    again = Problem(problem.predictors, gains, problem.excitation)
+    errors = [predictor.errors(ready.start, gains) for predictor in problem.predictors]
+    base = again.fit(ready.start, names, Noise.plain(problem.predictors, errors), renew=0)
+    return search(again, base, say)
 
 
 def trusted(found: Search, ready: Ready) -> bool:

@@ -25,7 +25,9 @@ from cmr.estimation.unexplained.extending import Extended, extended
 from cmr.estimation.unexplained.result import not_judged
 from cmr.estimation.usefulness import Whole, that_holds
 from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 
@@ -41,7 +43,8 @@ class Estimation:
     """What the recordings of one robot tell.
 
     `ready` are the recordings as they were prepared, or why they were refused; then all else is None. So is `nominal`,
-    the robot as it was given, where not all parameters were given that a simulation needs.
+    the robot as it was given, where not all parameters were given that a simulation needs. `controller` is the
+    robot's own for its speed, None if it takes duties.
     """
 
     looked: tuple[Checked, ...]
@@ -49,6 +52,7 @@ class Estimation:
     whole: Whole | None = None
     measured: Measured | None = None
     nominal: NominalMeasured | None = None
+    controller: VelocityController | None = None
 
     @property
     def found(self) -> Search:
@@ -84,6 +88,13 @@ class Estimation:
         average = self.whole.average
         doubt = np.hypot(self.whole.doubts.get(name, 0.0), self._inexactness(name))
         return Estimate(average.values[name], float(np.hypot(average.std(name), doubt)))
+
+    def cause(self, effect: Effect) -> str:
+        """Return the sentence that names the cause of an effect that was found, in words for this kind of robot."""
+        values = {parameter.name: self.estimate(parameter.name).value for parameter in effect.parameters}
+        if self.controller is None:
+            return effect.sentence(values)
+        return effect.sentence_of_speed(values, self.controller.top_wheel_speed)
 
     @property
     def parameters(self) -> dict[str, float]:

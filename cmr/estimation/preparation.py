@@ -16,6 +16,7 @@ from cmr.estimation.problem import Problem
 from cmr.estimation.thinning import ALL, share_used, thinned
 from cmr.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE
+from cmr.model.command_kinds import DUTY
 from cmr.model.observer import MOTION
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.findings import Finding
@@ -194,5 +195,6 @@ def _excitation(ready: Sequence[Predictor], values: dict[str, float], errors: Se
         turning=float(np.sqrt(np.mean(fast**2))) if len(fast) else 1.0,
         extent=float(np.sqrt(np.mean(squares))),
         fastest=float(np.quantile(seen, FASTEST)),
+        controlled=any(predictor.segment.observations.kind != DUTY for predictor in ready),
         interval=float(np.median(np.concatenate(intervals))) if any(map(len, intervals)) else USUAL_INTERVAL,
     )

@@ -91,9 +91,9 @@ class Problem:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects of the catalogue that may show: without commands, not those of the motors."""
+        """The effects that may show: without commands, not those of the motors."""
         rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
-        effects = effects_of_rolling() if rolls else tuple(CATALOGUE.values())
+        effects = effects_of_rolling() if rolls else self.possible
         hidden = OF_ONE_FRAME if self._set_to_one_pose else ()
         return tuple(effect for effect in effects if effect.name not in hidden)
 
@@ -111,6 +111,12 @@ class Problem:
         coming = sum(np.max(np.abs(one.start[3:])) > COMING for one in observations)
         alike = float(np.mean(apart < NEARLY_SAME_POSE)) > MOST_ALIKE
         return bool(np.all(apart < SAME_POSE) or (coming >= SEVERAL and alike))
+
+    @cached_property
+    def possible(self) -> tuple[Effect, ...]:
+        """The effects of the catalogue that may show with commands of the kind that the robot takes."""
+        kinds = {predictor.segment.observations.kind for predictor in self.predictors}
+        return tuple(effect for effect in CATALOGUE.values() if kinds & {*effect.with_commands})
 
     @cached_property
     def seed(self) -> int:

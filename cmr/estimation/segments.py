@@ -130,6 +130,7 @@ def _segment(
             pose_use=_pose_use(poses.utime, splits),
             given=_given(recording.wheels, borders) if len(recording.duty) == 0 else np.empty((0, 2)),
             time=(first - beginning) * SECONDS,
+            kind=recording.command_kind,
         ),
         doubt,
         tick,

@@ -16,6 +16,7 @@ from cmr.model import parameters as paper
 from cmr.model.effect import Effect
 from cmr.model.effects import electronics, generic, ground, motors, sensors
 from cmr.model.parameters import ParameterDefinition, RobotParameters
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
 
 ENTRY_POINTS = "cmr.effects"
 OWN = (*electronics.EFFECTS, *motors.EFFECTS, *ground.EFFECTS, *sensors.EFFECTS)
@@ -54,9 +55,10 @@ def definition(name: str) -> ParameterDefinition:
 
     Raises KeyError, which lists the known ones, for a name that is no parameter.
     """
-    if name not in DEFINITIONS:
-        raise KeyError(f"unknown parameter {name}; known: {', '.join(DEFINITIONS)}")
-    return DEFINITIONS[name]
+    for known in (DEFINITIONS, CONTROLLER_DEFINITIONS):
+        if name in known:
+            return known[name]
+    raise KeyError(f"unknown parameter {name}; known: {', '.join(DEFINITIONS)}")
 
 
 def effects_on(values: Mapping[str, Any]) -> list[Effect]:

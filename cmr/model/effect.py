@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from cmr.model.command_kinds import KINDS
 from cmr.model.parameters import ParameterDefinition
 from cmr.model.stages import STAGES
 
@@ -34,6 +35,8 @@ class Effect:
     `shows_in` where, and `confused_with` maps the names of other effects to the manoeuvre that tells them apart.
     Parameters that are `given` say under which circumstances the effect acts: they are told, not found, and switch
     nothing on.
+    The effect may show `with_commands` of these kinds: a velocity controller in the robot makes up for many. Where
+    speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s.
     """
 
     name: str
@@ -46,6 +49,8 @@ class Effect:
     confused_with: Mapping[str, str] = field(default_factory=dict)
     memory: tuple[Memory, ...] = ()
     given: tuple[ParameterDefinition, ...] = ()
+    with_commands: tuple[str, ...] = KINDS
+    cause_of_speed: str = ""
 
     def __post_init__(self) -> None:
         if self.group not in (*GROUPS, GENERIC):
@@ -78,6 +83,13 @@ class Effect:
     def sentence(self, values: Mapping[str, float]) -> str:
         """Return the sentence that names the cause, with these values of the parameters."""
         return self.cause.format(**{parameter.name: _Size(values[parameter.name]) for parameter in self.parameters})
+
+    def sentence_of_speed(self, values: Mapping[str, float], top_wheel_speed: float) -> str:
+        """Return the sentence that names the cause where duty 1 stands for a wheel speed [rad/s]."""
+        if not self.cause_of_speed:
+            return self.sentence(values)
+        speeds = {p.name: values[p.name] * (top_wheel_speed if "duty" in p.unit else 1.0) for p in self.parameters}
+        return self.cause_of_speed.format(**{name: _Size(value) for name, value in speeds.items()})
 
 
 class _Size(float):

@@ -4,11 +4,14 @@ from collections.abc import Mapping
 from textwrap import dedent
 
 from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, typical
+from cmr.model.command_kinds import DUTY, KINDS
 from cmr.model.effect import GROUPS, Effect
 from cmr.model.parameters import ParameterDefinition
 from cmr.model.showcase import LAP, Showcase
 from cmr.model.stages import ALWAYS, FUNCTIONS, STAGES, Stage
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
 
+TYPICAL_K1 = 0.054  # s/rad
 INTRODUCTION = f"""\
 # Effects
 
@@ -38,7 +41,7 @@ def document(showcases: dict[str, Showcase], example: str) -> str:
     for group in GROUPS:
         parts.append(f"## {group.capitalize()}\n")
         parts += [_entry(effect, showcases[effect.name]) for effect in CATALOGUE.values() if effect.group == group]
-    return "\n".join([*parts, _generic_terms(), _stages(), _own(example)])
+    return "\n".join([*parts, _velocity_controllers(), _generic_terms(), _stages(), _own(example)])
 
 
 def _contents() -> str:
@@ -67,6 +70,9 @@ def _entry(effect: Effect, shown: Showcase) -> str:
         remembered = "; ".join(f"`{memory.name}` [{memory.unit}], {memory.meaning}" for memory in effect.memory)
         lines.append(f"Remembers from step to step: {remembered}.\n")
     lines.append(f"Shows in {effect.shows_in}. Needs {effect.needs}.\n")
+    if effect.cause_of_speed:
+        said = effect.sentence_of_speed(typical(effect), 1.0 / TYPICAL_K1)
+        lines.append(f"Of a robot with a [velocity controller](#velocity-controllers): *{said}*\n")
     if effect.confused_with:
         told_apart = [f"[{other}](#{other}): {manoeuvre}" for other, manoeuvre in effect.confused_with.items()]
         lines.append(f"Confused with, and told apart by: {'; '.join(told_apart)}.\n")
@@ -102,6 +108,42 @@ def _unit(parameter: ParameterDefinition) -> str:
 def _heading(name: str) -> str:
     stage = STAGES[name]
     return f"{name}: {stage.when}{', for each side' if stage.per_side else ''}"
+
+
+def _velocity_controllers() -> str:
+    rows = [
+        f"| `{one.name}` | {one.unit} | {one.meaning} | {one.lower:g} | {one.upper:g} |"
+        for one in CONTROLLER_DEFINITIONS.values()
+    ]
+    left_out = ", ".join(
+        f"[{effect.name}](#{effect.name})"
+        for effect in CATALOGUE.values()
+        if set(KINDS) - {DUTY} - {*effect.with_commands}
+    )
+    return "\n".join(
+        [
+            "## Velocity controllers\n",
+            "Most robots that can be bought are told how fast to go, by (v, omega) or by wheel speeds, and hold that",
+            "speed by themselves. Their parameter files have these in place of `k2_over_k3` and `k1`:\n",
+            "| parameter | unit | meaning | from | to |",
+            "|---|---|---|---|---|",
+            *rows,
+            "",
+            "```",
+            "wanted_left, wanted_right = (v -+ omega command_base_width / 2) / wheel_radius    within top_wheel_speed",
+            "domega = (speed_scale wanted - psi) / response_time",
+            "```\n",
+            "`speed_scale` is 1 where it is absent, `command_base_width` the robot's `base_width`. That is the",
+            "paper's law for the duty wanted / `top_wheel_speed`, and the equations of all effects hold.",
+            "[command_delay](#command_delay) is the delay of the response; [electrical_lag](#electrical_lag) makes",
+            "it one of second order. [saturation](#saturation), [turn_rate_limit](#turn_rate_limit),",
+            "[slew_limit](#slew_limit) and [current_limit](#current_limit) limit speed, turn rate and acceleration;",
+            "their duties are shares of `top_wheel_speed`.\n",
+            "The controller makes up for what weakens a motor, and follows its own encoders. Effects that are not",
+            f"looked for there: {left_out}.",
+            "",
+        ]
+    )
 
 
 def _generic_terms() -> str:

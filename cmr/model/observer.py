@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cmr.model import observer_loops
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.command_kinds import DUTY
 from cmr.model.commands import Commands, fixed_delays
 from cmr.model.compose import CHANGED, LANES
 from cmr.model.evaluating import mean_radii, slip_time
@@ -69,7 +70,8 @@ class Observations:
     robot rolled; else it is empty. `wheel` [rad], shape (W, 2), are the encoders' angles at `wheel_time` [s],
     `wheel_use` whether each is used; `gyro` [rad/s], and `pose` [m, m, rad] of shape (P, 3), likewise; `pose_use` is
     FOLLOWED or RESTART. `start` is x, y, theta, psi_left, psi_right at time 0, which is `time` [s] after the drive
-    began. All times of readings ascend and lie within the grid.
+    began. All times of readings ascend and lie within the grid. `kind`, of cmr.model.command_kinds, is what the duties
+    of `commands` stand for.
     """
 
     dt: float
@@ -86,6 +88,7 @@ class Observations:
     pose_use: NDArray[np.uint8]
     given: Floats = field(default_factory=lambda: np.empty((0, 2)))
     time: float = 0.0
+    kind: str = DUTY
 
     @property
     def seconds(self) -> float:

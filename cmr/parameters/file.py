@@ -14,9 +14,12 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import LARGEST_ROBOT_ID
 from cmr.files import write_atomically
 from cmr.model.parameters import DEFINITIONS, ParameterDefinition, RobotParameters
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, NEEDED, VelocityController, motor_of
 from cmr.msg import parameters_t
 
 SCHEMA = 1
+MOTOR = ("k2_over_k3", "k1")  # of robots that take duties; those with a velocity controller have others in their place
+COUNTED_WIDTH = "turn_rate_limit_base_width"  # the base width of commands, to the effect that limits turns
 
 
 class ParameterFileError(Exception):
@@ -37,6 +40,8 @@ class ParameterFile:
 
     `effects` are the names of the effects in use; each has at least one of its parameters among `values`, and those
     that it lacks are neutral. A parameter of an effect that is not in use may be there if it is neutral.
+    A robot with a velocity controller has the parameters of `cmr.model.velocity_controller` in place of k2_over_k3 and
+    k1.
     Raises ParameterFileError on construction for a contradiction between the two, for unknown names, values
     outside the parameter's range, and standard deviations that are none.
     """
@@ -54,6 +59,7 @@ class ParameterFile:
             )
         for name, value in self.values.items():
             _check_value(name, value)
+        _check_kind(self.values)
         _check_effects(self.effects, self.values)
 
     def value(self, name: str) -> float:
@@ -71,13 +77,37 @@ class ParameterFile:
         return all(name in self.values for name in names)
 
     @property
+    def has_velocity_controller(self) -> bool:
+        """Whether the robot is told how fast to go, by (v, omega) or wheel speeds, and not how hard to drive."""
+        return any(name in self.values for name in CONTROLLER_DEFINITIONS)
+
+    @property
+    def velocity_controller(self) -> VelocityController | None:
+        """How the robot turns (v, omega) and wheel speeds into duties; None for a robot that takes duties.
+
+        Raises ParameterFileError naming the first parameter that is missing for it.
+        """
+        if not self.has_velocity_controller:
+            return None
+        width = "command_base_width" if self.has("command_base_width") else "base_width"
+        return VelocityController(self.value("wheel_radius"), self.value(width), self.value("top_wheel_speed"))
+
+    @property
     def robot_parameters(self) -> RobotParameters:
         """The model's parameters, those of effects among them.
 
-        Raises ParameterFileError naming the first of the paper's that is missing.
+        Raises ParameterFileError naming the first of the paper's, or of a velocity controller's, that is missing.
         """
-        paper = {name: self.value(name) for name in DEFINITIONS}
-        return RobotParameters.of({**{name: value.value for name, value in self.values.items()}, **paper})
+        values = {name: value.value for name, value in self.values.items()}
+        if self.has_velocity_controller:
+            values |= motor_of({**values, **{name: self.value(name) for name in NEEDED}})
+            if COUNTED_WIDTH.removesuffix("_base_width") in values and "command_base_width" in values:
+                values.setdefault(COUNTED_WIDTH, values["command_base_width"])
+            values = {name: value for name, value in values.items() if name not in CONTROLLER_DEFINITIONS}
+        for name in DEFINITIONS:
+            if name not in values:
+                self.value(name)  # which says so
+        return RobotParameters.of(values)
 
     def to_yaml(self) -> str:
         """Return the text of the file."""
@@ -196,21 +226,32 @@ def _definition(name: Any) -> ParameterDefinition:
 
     Raises ParameterFileError listing the known names when there is no such parameter.
     """
-    if name in DEFINITIONS:
-        return DEFINITIONS[name]
+    for definitions in (DEFINITIONS, CONTROLLER_DEFINITIONS):
+        if name in definitions:
+            return definitions[name]
     # Files of the paper's model do without the catalogue: it takes a while to load.
     from cmr.model import catalogue
 
     try:
         return catalogue.DEFINITIONS[name]
     except KeyError:
-        known = ", ".join(catalogue.DEFINITIONS)
+        known = ", ".join((*catalogue.DEFINITIONS, *CONTROLLER_DEFINITIONS))
         raise ParameterFileError(f"parameters: unknown name {name!r}; known are {known}") from None
+
+
+def _check_kind(values: Mapping[str, Value]) -> None:
+    """Raise ParameterFileError where a robot is said to take both duties and speeds."""
+    of_motor, of_controller = ([name for name in names if name in values] for names in (MOTOR, CONTROLLER_DEFINITIONS))
+    if of_motor and of_controller:
+        raise ParameterFileError(
+            f"parameters: {', '.join(of_motor)} belongs to motors that take duties, {', '.join(of_controller)} to a "
+            "velocity controller inside of the robot; a robot has one or the other"
+        )
 
 
 def _check_effects(effects: tuple[str, ...], values: Mapping[str, Value]) -> None:
     """Raise ParameterFileError unless the effects are known and those that the values switch on."""
-    if not effects and set(values) <= set(DEFINITIONS):
+    if not effects and set(values) <= {*DEFINITIONS, *CONTROLLER_DEFINITIONS}:
         return
     from cmr.model.catalogue import MODELLED
 

@@ -36,6 +36,10 @@ def wanted_duties(p: PlantParameters, left: float, right: float) -> tuple[float,
     if abs(turn_rate) > p.turn_rate_limit:
         excess = (turn_rate - clip(turn_rate, p.turn_rate_limit)) / per_duty
         left, right = left + excess / 2.0, right - excess / 2.0
+    # wheel_separation_error: half of the difference of both sides grows by e.
+    if p.wheel_separation_error != 0.0:
+        mean, half = 0.5 * (left + right), 0.5 * (right - left) * (1.0 + p.wheel_separation_error)
+        left, right = mean - half, mean + half
     # deadband: V = 0 where abs(u) < d.
     left = 0.0 if abs(left) < p.deadband else left
     right = 0.0 if abs(right) < p.deadband else right
@@ -103,8 +107,17 @@ def current(p: PlantParameters, s: float, side: Side, q: float, energy: float, t
 
 
 @compiled
+def held_to_speed(p: PlantParameters, side: Side) -> float:
+    """Return the acceleration that a controller of wheel speeds gives one side, whatever its motor needs [rad/s^2]."""
+    asked = p.controller_scale * clip(side.u, p.saturation) / p.k1
+    return clip((asked - side.psi) / p.controller_response_time, p.controller_acceleration)
+
+
+@compiled
 def driving(p: PlantParameters, s: float, side: Side, q: float, energy: float, t: float) -> float:
     """Return the acceleration that motor and drag give one side [rad/s^2]."""
+    if p.controller_response_time > 0.0:
+        return held_to_speed(p, side) + side.torque * min(1.0, abs(side.psi) / FELT_SPEED)
     # payload_change: a (1 - p) after T.
     a = p.k2_over_k3 * (1.0 - p.payload_change_share) if t >= p.payload_change_time else p.k2_over_k3
     # quadratic_drag: domega -= k psi abs(psi).

@@ -31,6 +31,7 @@ class PlantParameters(NamedTuple):
     command_jitter: Annotated[float, (0.0, 10.0)] = 0.0  # s
     command_loss: Annotated[float, (0.0, 1.0)] = 0.0  # 1, probability
     turn_rate_limit: Annotated[float, (1e-3, math.inf)] = math.inf  # rad/s
+    wheel_separation_error: Annotated[float, (-0.9, 10.0)] = 0.0  # 1
     electrical_lag: Annotated[float, (0.0, 10.0)] = 0.0  # s
     # Motors and gearing.
     coulomb_friction: Annotated[float, (0.0, 1000.0)] = 0.0  # rad/s^2
@@ -76,6 +77,10 @@ class PlantParameters(NamedTuple):
     clock_skew: Annotated[float, (-0.1, 0.1)] = 0.0  # 1
     pose_offset: Annotated[float, (-100.0, 100.0)] = 0.0  # m
     pose_distortion: Annotated[float, (-1.0, 1.0)] = 0.0  # 1/m^2
+    # A controller inside that holds wheel speeds; the speed asked for by duty 1 is 1 / k1.
+    controller_response_time: Annotated[float, (0.0, 100.0)] = 0.0  # s; 0 for a robot without
+    controller_scale: Annotated[float, (0.01, 100.0)] = 1.0  # 1, speed reached of the one asked for
+    controller_acceleration: Annotated[float, (1e-3, math.inf)] = math.inf  # rad/s^2
     # Other laws of friction than the effects': where it sets in smoothly, where it is larger at low speed.
     friction_smoothing: Annotated[float, (0.0, 1000.0)] = 0.0  # rad/s
     friction_bump: Annotated[float, (0.0, 1000.0)] = 0.0  # 1
@@ -115,6 +120,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "command_jitter": {"command_jitter": 0.04},
     "command_loss": {"command_loss": 0.05},
     "turn_rate_limit": {"turn_rate_limit": 1.0},
+    "wheel_separation_error": {"wheel_separation_error": 0.05},
     "electrical_lag": {"electrical_lag": 0.03},
     "coulomb_friction": {"coulomb_friction": 4.0},
     "static_friction": {"static_friction": 14.0},

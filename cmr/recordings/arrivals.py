@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK, POSE, Stream
+from cmr.bus.streams import (
+    GYRO,
+    MOTOR_COMMAND,
+    MOTOR_DUTY,
+    MOTOR_FEEDBACK,
+    POSE,
+    VELOCITY_COMMAND,
+    WHEEL_SPEED_COMMAND,
+    Stream,
+)
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
 from cmr.recordings.signal import Floats, Mask, Signal, Times, no_times
 
@@ -39,6 +48,8 @@ class Kept:
 
 
 COMMANDS = Kept(MOTOR_COMMAND, ("left", "right"), finite=("left", "right"))
+WHEEL_SPEED_COMMANDS = Kept(WHEEL_SPEED_COMMAND, ("psi_left", "psi_right"), finite=("psi_left", "psi_right"))
+VELOCITY_COMMANDS = Kept(VELOCITY_COMMAND, ("v", "omega"), finite=("v", "omega"))
 WHEELS = Kept(
     MOTOR_FEEDBACK,
     (
@@ -66,6 +77,8 @@ KEPT: Mapping[str, Kept] = {
     "gyro": GYRO_RATE,
     "poses": POSES,
     "duties": DUTIES,
+    "wheel_speed_commands": WHEEL_SPEED_COMMANDS,
+    "velocity_commands": VELOCITY_COMMANDS,
 }
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from cmr.bus.streams import PARAMETERS
+from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
 from cmr.recordings.batch import read_robots
@@ -30,6 +31,7 @@ __all__ = [
     "read_messages",
 ]
 
+ALL_THE_TIME = ("commands", "wheels", "gyro", "poses")  # signals that are sampled as long as a robot is in service
 OLDEST_APPLIED = 0.5  # s before the wheels are read; no driver sends a duty that long before
 
 
@@ -41,7 +43,9 @@ class RecordingError(Exception):
 class Recording:
     """All that was recorded of one robot; a signal that was not recorded is empty.
 
-    `duties` are those that were sent although no feedback, of `wheels`, tells them.
+    `commands` are duties. A robot with a velocity controller inside has `wheel_speed_commands` [rad/s] or
+    `velocity_commands` [m/s, rad/s] in their place; once they are converted into duties (`with_duties`), these are the
+    commands. `duties` are those that were sent although no feedback, of `wheels`, tells them.
     `parameters` is the newest parameter file announced in the recording, None without one. `rejected` counts by
     (channel, reason) messages of the log that could not be decoded, `damaged_bytes` what is no intact event in it.
     """
@@ -51,10 +55,13 @@ class Recording:
     wheels: Signal
     gyro: Signal
     poses: Signal
-    duties: Signal = field(default_factory=lambda: Signal(no_times(), {"left": np.empty(0), "right": np.empty(0)}))
+    duties: Signal = field(default_factory=lambda: _nothing("left", "right"))
+    wheel_speed_commands: Signal = field(default_factory=lambda: _nothing("psi_left", "psi_right"))
+    velocity_commands: Signal = field(default_factory=lambda: _nothing("v", "omega"))
     parameters: ParameterFile | None = None
     rejected: Mapping[tuple[str, str], int] = field(default_factory=dict)
     damaged_bytes: int = 0
+    converted_from: str = ""
 
     @classmethod
     def read(cls, path: Path | str, robot_id: int | None = None) -> "Recording":
@@ -67,7 +74,7 @@ class Recording:
     @classmethod
     def of(cls, messages: RobotMessages) -> "Recording":
         """Return the recording that these messages make."""
-        signals = {name: messages.arrivals[name].signal(kept) for name, kept in KEPT.items()}
+        signals: dict[str, Any] = {name: messages.arrivals[name].signal(kept) for name, kept in KEPT.items()}
         return cls(
             messages.robot_id,
             **signals,
@@ -75,6 +82,25 @@ class Recording:
             rejected=messages.rejected,
             damaged_bytes=messages.damaged_bytes,
         )
+
+    @property
+    def command_kind(self) -> str:
+        """What the robot was commanded: one of `cmr.model.command_kinds`; DUTY where nothing was.
+
+        Where several kinds were recorded, it is the one that is nearest to the motors.
+        """
+        if self.converted_from or len(self.duty):
+            return self.converted_from or DUTY
+        if len(self.wheel_speed_commands):
+            return WHEEL_SPEED
+        return VELOCITY if len(self.velocity_commands) else DUTY
+
+    def with_duties(self, left: Floats, right: Floats) -> "Recording":
+        """Return the recording with duties, of the commands' shape, in place of the speeds that were commanded."""
+        kind = self.command_kind
+        told = self.wheel_speed_commands if kind == WHEEL_SPEED else self.velocity_commands
+        commands = replace(told, fields={"left": left, "right": right})
+        return replace(self, commands=commands, converted_from=kind)
 
     @property
     def duty(self) -> Signal:
@@ -112,7 +138,7 @@ class Recording:
     @property
     def signals(self) -> dict[str, Signal]:
         """What is recorded all the time, by name: commands, wheels, gyro, poses."""
-        return {name: getattr(self, name) for name, kept in KEPT.items() if kept.stream.rate_hz is not None}
+        return {name: getattr(self, name) for name in ALL_THE_TIME}
 
     @cached_property
     def pieces(self) -> Pieces:
@@ -128,6 +154,10 @@ class Recording:
         """Return the samples at which `keep`, of shape (n,) for each signal named in it, is true."""
         parts: dict[str, Any] = {name: self.signals[name].where(mask) for name, mask in keep.items()}
         return replace(self, **parts)
+
+
+def _nothing(*names: str) -> Signal:
+    return Signal(no_times(), {name: np.empty(0) for name in names})
 
 
 def _with_untold(told: Signal, untold: Signal) -> Signal:

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cmr.bus.streams import MOTOR_COMMAND, POSE, WORLD_STATE
+from cmr.bus.streams import POSE, WORLD_STATE
 from cmr.recordings.log import LogReader
 from cmr.recordings.recording import Floats, Times
+from cmr.world.commands import TAKEN, asks_to_move
 from cmr.world.view import WorldView
 from cmr.world.world import REST_BEFORE_DRIVE
 
@@ -46,7 +47,7 @@ def drives_of(log: Path, robot_id: int) -> list[Drive]:
                 twins.append((message.utime, twin.state.x, twin.state.y))
         elif received.channel == POSE.channel(robot_id):
             poses.append((message.utime, message.x, message.y))
-        elif received.channel == MOTOR_COMMAND.channel(robot_id) and (message.left or message.right):
+        elif received.stream in TAKEN and received.robot_id == robot_id and asks_to_move(received.stream, message):
             driven.append(message.utime)
     pauses = np.flatnonzero(np.diff(driven) > REST_BEFORE_DRIVE) + 1
     spans = [(int(part[0]), int(part[-1])) for part in np.split(np.array(driven, np.int64), pauses) if len(part)]

@@ -4,20 +4,26 @@ import math
 from typing import Any
 
 from cmr.bus.estop import EmergencyStop
-from cmr.bus.messages import make, now_utime
+from cmr.bus.messages import now_utime
 from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
 from cmr.model.body import forward
+from cmr.model.command_kinds import DUTY, VELOCITY
 from cmr.model.parameters import RobotParameters
-from cmr.msg import motor_command_t, motor_feedback_t
+from cmr.msg import motor_feedback_t
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import AnyBehaviour, TeamBehaviour
 from cmr.world.behaviours.team import Alone
+from cmr.world.commands import command_of
 from cmr.world.guarding import MARGIN, FenceGuard, PoseGuard, kept_clear, load
 from cmr.world.interaction.obstacles import Geofence
 from cmr.world.view import Robot, WorldView
 
 OLDEST_WORLD = 500_000  # us; with older knowledge of the world the robot stops
+OTHER_KIND = (
+    "another --command than {kind}, or other parameters of robot {robot}: with top_wheel_speed they are of a robot "
+    "that takes velocities or wheel speeds, with k1 of one that takes duties"
+)
 FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any message may be lost
 
 
@@ -26,7 +32,8 @@ class Pilot:
 
     Inside of a `geofence`, `margin` [m] from its border, it drives; once it was elsewhere, it stands for good, as
     `left_fence` says. With a geofence, or once poses were heard, it stands while they are missing. With `keep_clear` it
-    stops before robots in its way, real and virtual ones.
+    stops before robots in its way, real and virtual ones. `kind` of cmr.model.command_kinds is what it commands; by
+    default (v, omega) to a robot whose parameters have a velocity controller, duties to others.
     """
 
     def __init__(
@@ -38,6 +45,7 @@ class Pilot:
         geofence: Geofence | None = None,
         margin: float = MARGIN,
         keep_clear: bool = True,
+        kind: str | None = None,
     ) -> None:
         self.robot_id = robot_id
         self.behaviour = Alone(behaviour, robot_id) if isinstance(behaviour, TeamBehaviour) else behaviour
@@ -50,6 +58,7 @@ class Pilot:
         self._world.geofence = geofence
         self._estop = EmergencyStop()
         self._zeros_to_send = 0
+        self._kind = kind
 
     @property
     def left_fence(self) -> str:
@@ -78,16 +87,22 @@ class Pilot:
         elif channel == WAYPOINTS.channel(self.robot_id):
             self.behaviour.take_waypoints(list(message.x), list(message.y))
 
+    @property
+    def kind(self) -> str:
+        """What the robot is commanded, of cmr.model.command_kinds."""
+        known = self.parameters.parameters
+        return self._kind or (VELOCITY if known is not None and known.has_velocity_controller else DUTY)
+
     def command(self, utime: int) -> Any:
-        """Return the motor_command_t of this moment; zero whenever the robot must not, or need not, move."""
-        return self._message(utime, *self._decide(utime))
+        """Return the command of this moment, of this `kind`; zero whenever the robot must not, or need not, move."""
+        duties = self._decide(utime)
+        known = self.parameters.parameters
+        controller = known.velocity_controller if known is not None and any(duties) else None
+        return command_of(self.kind, utime, self.robot_id, duties, controller)
 
     def stop(self) -> Any:
-        """Return the motor_command_t that ends a drive."""
-        return self._message(now_utime(), 0.0, 0.0)
-
-    def _message(self, utime: int, left: float, right: float) -> Any:
-        return make(motor_command_t, utime=utime, robot_id=self.robot_id, left=left, right=right)
+        """Return the command that ends a drive."""
+        return command_of(self.kind, now_utime(), self.robot_id, (0.0, 0.0), None)
 
     def _decide(self, utime: int) -> tuple[float, float]:
         me = self._world.robot(self.robot_id)
@@ -126,6 +141,8 @@ class Pilot:
         if self.parameters.parameters is None:
             return None, f"parameters of robot {self.robot_id}. {self.parameters.message}"
         try:
+            if self.parameters.parameters.has_velocity_controller != (self.kind != DUTY):
+                return None, OTHER_KIND.format(kind=self.kind, robot=self.robot_id)
             return self.parameters.parameters.robot_parameters, ""
         except ParameterFileError as error:
             return None, f"complete parameters of robot {self.robot_id}: {error}"

@@ -14,7 +14,6 @@ import numpy as np
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.streams import (
     GYRO,
-    MOTOR_COMMAND,
     MOTOR_FEEDBACK,
     PARAMETERS,
     POSE,
@@ -26,10 +25,11 @@ from cmr.bus.streams import (
 from cmr.model.body import wrap
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
+from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
-from cmr.world.commands import CommandMemory
+from cmr.world.commands import TAKEN, CommandMemory, duties_of
 from cmr.world.deciding import Deciding
 from cmr.world.estimator import Estimator
 from cmr.world.fleet import STEP, Fleet, Key
@@ -166,8 +166,10 @@ class World:
             self._handle_virtual(stream, robot_id, message)
         elif stream in (MOTOR_FEEDBACK, POSE, GYRO) and self._estimates(robot_id):
             self._real_robot(robot_id).estimator.handle(utime, channel, message)
-        elif stream is MOTOR_COMMAND and robot_id in self._real:
-            self._real[robot_id].commands.take(utime, message.left, message.right)
+        elif stream in TAKEN and robot_id in self._real:
+            duties = duties_of(stream, message, self._controller_of(robot_id))
+            if duties is not None:
+                self._real[robot_id].commands.take(utime, *duties)
 
     def poll_parameters(self) -> bool:
         """Look for replaced parameter files; tell whether any parameters changed. No robot's state does."""
@@ -320,8 +322,18 @@ class World:
                 behaviour.take_waypoints(robot_id, x, y)
             else:
                 behaviour.take_waypoints(x, y)
-        elif stream is MOTOR_COMMAND and isinstance(behaviour, Behaviour):
-            behaviour.take_command(message.utime, message.left, message.right)
+        elif stream in TAKEN and isinstance(behaviour, Behaviour):
+            duties = duties_of(stream, message, self._controller_of(self._virtual[robot_id].parameters_of))
+            if duties is not None:
+                behaviour.take_command(message.utime, *duties)
+
+    def _controller_of(self, robot_id: int) -> VelocityController | None:
+        """Return what makes wheel speeds of a robot's commands; None for one that takes duties, or is not known."""
+        parameters = self.parameters[robot_id].parameters if robot_id in self.parameters else None
+        try:
+            return parameters.velocity_controller if parameters else None
+        except ParameterFileError:
+            return None  # incomplete
 
     def _begin_drive(self, robot_id: int, real: _RealRobot, utime: int) -> None:
         """At the beginning of each drive, put a real robot's twin where its robot is."""

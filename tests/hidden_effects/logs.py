@@ -6,7 +6,14 @@ from typing import Any
 
 import lcm
 
-from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, pose_xyt_t
+from cmr.msg import (
+    gyro_t,
+    motor_command_t,
+    motor_feedback_t,
+    pose_xyt_t,
+    velocity_command_t,
+    wheel_speed_command_t,
+)
 from cmr.recordings.recording import Recording
 
 Event = tuple[int, str, bytes]  # utime, channel, encoded message
@@ -16,11 +23,13 @@ MEASURED = ("ticks_left", "ticks_right", "psi_left", "psi_right", "applied_left"
 def write_log(path: Path, recording: Recording) -> Path:
     """Write the messages of a recording, whose parameters are announced first, in the order of their times."""
     assert recording.parameters is not None
-    start = min(int(signal.utime[0]) for signal in recording.signals.values())
+    start = min(int(signal.utime[0]) for signal in recording.signals.values() if len(signal))
     announcement = recording.parameters.announcement(sequence=start)
     announcement.utime = start
     events: list[Event] = [(start, f"PARAMETERS_{recording.robot_id}", announcement.encode())]
     events += _events(recording, "commands", "MOTOR_COMMAND", motor_command_t, {})
+    events += _events(recording, "wheel_speed_commands", "WHEEL_SPEED_COMMAND", wheel_speed_command_t, {})
+    events += _events(recording, "velocity_commands", "VELOCITY_COMMAND", velocity_command_t, {})
     events += _events(recording, "wheels", "MOTOR_FEEDBACK", motor_feedback_t, _not_measured())
     events += _events(recording, "gyro", "GYRO", gyro_t, {"valid": 1})
     events += _events(recording, "poses", "POSE", pose_xyt_t, {})
@@ -33,7 +42,7 @@ def write_log(path: Path, recording: Recording) -> Path:
 
 def _events(recording: Recording, name: str, stream: str, message_type: Any, constant: dict[str, Any]) -> list[Event]:
     """Return the messages of one signal; `constant` fields are the same in each."""
-    signal, channel = recording.signals[name], f"{stream}_{recording.robot_id}"
+    signal, channel = getattr(recording, name), f"{stream}_{recording.robot_id}"
     columns = {field: _as_sent(field, values.tolist()) for field, values in signal.fields.items()}
     message, events = message_type(), []
     for field, value in {"robot_id": recording.robot_id, **constant}.items():

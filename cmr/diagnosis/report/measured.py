@@ -18,10 +18,12 @@ from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import Diagnosis
 from cmr.diagnosis.words import share_sentence
 from cmr.estimation.estimates import Estimate
-from cmr.model.catalogue import DEFINITIONS
+from cmr.model.catalogue import DEFINITIONS as OF_MODEL
 from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
 
 MOST_REMAINING = 3  # regressors drawn of what remains
+DEFINITIONS = {**PAPER, **CONTROLLER_DEFINITIONS, **OF_MODEL}
 
 
 def paths(diagnosis: Diagnosis) -> Html:

@@ -273,7 +273,7 @@ def _selected(
     screening = state.screened()
     for _ in range(MOST_STEPS):
         taken = ", ".join(state.names) or "the paper's model"
-        say(f"Testing {len(CATALOGUE) - len(state.names)} effects beside {taken} ...")
+        say(f"Testing {len(problem.effects) - len(state.names)} effects beside {taken} ...")
         if not state.improved(screening):
             break
         screening = state.screened()
@@ -374,7 +374,8 @@ def _unseen(problem: Problem, screening: Screening, named: Collection[str]) -> t
         for name, effect in CATALOGUE.items()
         if SMALLER_SHOWN**2 * screening.traces.get(name, np.inf) >= needed(effect) * screening.inflation.of(name)
     }
-    return tuple(name for name in CATALOGUE if name not in named and not (name in tested and name in shown))
+    possible = [effect.name for effect in problem.possible]
+    return tuple(name for name in possible if name not in named and not (name in tested and name in shown))
 
 
 def small_effects(found: Search) -> list[CandidateEffect]:

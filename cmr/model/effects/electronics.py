@@ -2,6 +2,7 @@
 
 from math import inf
 
+from cmr.model.command_kinds import DUTY, VELOCITY
 from cmr.model.effect import Effect, Memory
 from cmr.model.parameters import ParameterDefinition
 
@@ -78,10 +79,40 @@ TURN_RATE_LIMIT = Effect(
     confused_with={"turn_slip": "spins at several rates"},
 )
 
+WHEEL_SEPARATION_ERROR = Effect(
+    name="wheel_separation_error",
+    group=GROUP,
+    cause="Commanded turns reach the wheels {wheel_separation_error:.1%} {wheel_separation_error:larger/smaller}: the "
+    "robot turns (v, omega) into wheel speeds by another wheel separation than command_base_width.",
+    equations={
+        "command": """
+            more = 0.5 * wheel_separation_error * (duty_right - duty_left)
+            duty_left = duty_left - more
+            duty_right = duty_right + more
+        """
+    },
+    parameters=(
+        ParameterDefinition(
+            "wheel_separation_error",
+            "-",
+            "share by which the robot's wheel separation is larger than the one that commands are counted with",
+            -0.9,
+            5.0,
+            0.0,
+            0.05,
+        ),
+    ),
+    needs="commands for straight runs and for turns",
+    shows_in="wheel speeds, left against right, in proportion to the commanded turn rate",
+    confused_with={"turn_rate_limit": "straight runs, spins at several rates"},
+    with_commands=(VELOCITY,),
+)
+
 DEADBAND = Effect(
     name="deadband",
     group=GROUP,
     cause="Duties smaller than {deadband:.3f} do nothing.",
+    with_commands=(DUTY,),
     equations={"actuator": "duty = duty if abs(duty) >= deadband else 0.0"},
     parameters=(ParameterDefinition("deadband", "duty", "smallest duty that has an effect", 0.0, 0.9, 0.0, 0.08),),
     needs="slow ramps of the duty through zero",
@@ -93,6 +124,7 @@ SLEW_LIMIT = Effect(
     name="slew_limit",
     group=GROUP,
     cause="The motor voltage changes by at most {slew_limit:.1f} of full drive in a second.",
+    cause_of_speed="The commanded wheel speed changes by at most {slew_limit:.2f} rad/s^2.",
     equations={
         "start": "slewed = duty",
         # The mean over the step of a ramp at the limit that ends where the command is reached.
@@ -120,6 +152,7 @@ ELECTRICAL_LAG = Effect(
     name="electrical_lag",
     group=GROUP,
     cause="The motor voltage follows its command with a lag of {electrical_lag:.3f} s.",
+    cause_of_speed="The response is of second order: a second time constant is {electrical_lag:.3f} s.",
     equations={
         "start": "lagged = duty",
         # Exact: the end and the mean over the step of an exponential approach to the command.
@@ -141,6 +174,7 @@ BATTERY_SAG = Effect(
     name="battery_sag",
     group=GROUP,
     cause="The battery gives way under load: at a load share of 1 its voltage drops by {battery_sag:.1%}.",
+    with_commands=(DUTY,),
     equations={"voltage": "voltage = voltage * (1.0 - battery_sag * load_share)"},
     parameters=(
         ParameterDefinition("battery_sag", "-", "share of the voltage lost per unit of load", 0.0, 0.9, 0.0, 0.20),
@@ -157,6 +191,7 @@ BATTERY_DRIFT = Effect(
     name="battery_drift",
     group=GROUP,
     cause="The battery loses {battery_drift:.1%} of its voltage in a drive of two minutes.",
+    with_commands=(DUTY,),
     equations={
         "voltage": f"voltage = voltage * (1.0 - battery_drift * energy / {ENERGY_OF_A_DRIVE})",
         "robot_memory": "energy = energy + load_share * dt",
@@ -182,6 +217,7 @@ SATURATION = Effect(
     name="saturation",
     group=GROUP,
     cause="The motor voltage stops at {saturation:.2f} of full drive.",
+    cause_of_speed="Commanded wheel speeds stop at {saturation:.2f} rad/s.",
     equations={"voltage": "voltage = min(max(voltage, -saturation), saturation)"},
     parameters=(ParameterDefinition("saturation", "duty", "largest voltage", 0.01, 1.0, 1.0, 0.6),),
     needs="commands near full drive",
@@ -193,6 +229,7 @@ CURRENT_LIMIT = Effect(
     name="current_limit",
     group=GROUP,
     cause="The motor current is limited to {current_limit:.2f} of the current at rest and full drive.",
+    cause_of_speed="Wheels accelerate no faster than where they lag their command by {current_limit:.2f} rad/s.",
     equations={"current": "current = min(max(current, -current_limit), current_limit)"},
     parameters=(ParameterDefinition("current_limit", "duty", "largest motor current", 0.01, inf, inf, 0.34),),
     needs="starts and reversals at high duty",
@@ -205,6 +242,7 @@ EFFECTS = (
     COMMAND_JITTER,
     COMMAND_LOSS,
     TURN_RATE_LIMIT,
+    WHEEL_SEPARATION_ERROR,
     DEADBAND,
     SLEW_LIMIT,
     ELECTRICAL_LAG,

@@ -1,5 +1,6 @@
 """Wheels and ground: what becomes of the wheels' turning on its way to the robot's motion."""
 
+from cmr.model.command_kinds import DUTY
 from cmr.model.effect import Effect
 from cmr.model.parameters import ParameterDefinition
 
@@ -10,6 +11,7 @@ SLOPE = Effect(
     group=GROUP,
     cause="The floor is not level: it slows the wheels by {slope_x:.2f} rad/s^2 on the way to {slope_x:+x/-x} and by "
     "{slope_y:.2f} rad/s^2 on the way to {slope_y:+y/-y}.",
+    with_commands=(DUTY,),
     equations={"acceleration": "acceleration = acceleration - (slope_x * cosine + slope_y * sine)"},
     parameters=(
         ParameterDefinition("slope_x", "rad/s^2", "deceleration when heading along x", -1e3, 1e3, 0.0, 1.0),

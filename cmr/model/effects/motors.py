@@ -1,5 +1,6 @@
 """Motors and gearing: what becomes of the voltage on its way to the wheel."""
 
+from cmr.model.command_kinds import DUTY
 from cmr.model.effect import Effect, Memory
 from cmr.model.parameters import ParameterDefinition
 
@@ -11,6 +12,7 @@ COULOMB_FRICTION = Effect(
     name="coulomb_friction",
     group=GROUP,
     cause="Dry friction slows each wheel by {coulomb_friction:.2f} rad/s^2.",
+    with_commands=(DUTY,),
     equations={
         "acceleration": """
             friction = friction + coulomb_friction
@@ -33,6 +35,7 @@ STATIC_FRICTION = Effect(
     name="static_friction",
     group=GROUP,
     cause="Starting from rest takes {static_friction:.1f} rad/s^2 more than rolling on.",
+    with_commands=(DUTY,),
     equations={
         "acceleration": f"""
             friction = friction + static_friction * exp(-((psi / {STRIBECK_SPEED}) ** 2))
@@ -49,6 +52,7 @@ QUADRATIC_DRAG = Effect(
     name="quadratic_drag",
     group=GROUP,
     cause="Drag grows with the square of the speed: {quadratic_drag:.3f} rad/s^2 at 1 rad/s.",
+    with_commands=(DUTY,),
     equations={"acceleration": "acceleration = acceleration - quadratic_drag * psi * abs(psi)"},
     parameters=(
         ParameterDefinition("quadratic_drag", "1/rad", "deceleration per squared wheel speed", 0.0, 1e3, 0.0, 0.06),
@@ -63,6 +67,7 @@ MOTOR_GAIN_ASYMMETRY = Effect(
     group=GROUP,
     cause="The {motor_gain_asymmetry:left/right} motor pulls harder: "
     "each side is {motor_gain_asymmetry:.1%} off the mean.",
+    with_commands=(DUTY,),
     equations={"voltage": "voltage = voltage * (1.0 + side * motor_gain_asymmetry)"},
     parameters=(
         ParameterDefinition(
@@ -85,6 +90,7 @@ BACK_EMF_ASYMMETRY = Effect(
     group=GROUP,
     cause="The {back_emf_asymmetry:left/right} motor runs slower: "
     "back-EMF constants are {back_emf_asymmetry:.1%} off the mean.",
+    with_commands=(DUTY,),
     equations={"actuator": "back_emf = back_emf * (1.0 + side * back_emf_asymmetry)"},
     parameters=(
         ParameterDefinition(
@@ -106,6 +112,7 @@ MOTOR_HEATING = Effect(
     name="motor_heating",
     group=GROUP,
     cause="Motors slow down as they warm up: K1 rises by {motor_heating:.1%} at full drive.",
+    with_commands=(DUTY,),
     equations={
         "actuator": "back_emf = back_emf * (1.0 + motor_heating * heat)",
         "memory": f"heat = duty * duty + (heat - duty * duty) * exp(-dt / {HEATING_TIME})",
@@ -124,6 +131,7 @@ MOTOR_COUPLING = Effect(
     group=GROUP,
     cause="Accelerating one side {motor_coupling:pushes back/takes along} the other by {motor_coupling:.1%}: "
     "the robot is {motor_coupling:quicker/slower} to turn than to set off.",
+    with_commands=(DUTY,),
     # Both sides at once: domega_L = f_L - c domega_R and domega_R = f_R - c domega_L. For a body of mass m and yaw
     # inertia J on wheels b apart, c = (m b^2 - 4 J) / (m b^2 + 4 J).
     equations={
@@ -170,6 +178,7 @@ PAYLOAD_CHANGE = Effect(
     group=GROUP,
     cause="From {payload_change_time:.1f} s on the robot accelerates {payload_change_share:.1%} "
     "{payload_change_share:less/more}: its load changed.",
+    with_commands=(DUTY,),
     equations={"actuator": "gain = gain * (1.0 - payload_change_share * after(payload_change_time))"},
     parameters=(
         ParameterDefinition("payload_change_share", "-", "share by which accelerations drop", -2.0, 0.95, 0.0, 0.25),

@@ -2,6 +2,7 @@
 
 from math import inf
 
+from cmr.model.command_kinds import DUTY
 from cmr.model.effect import Effect
 from cmr.model.parameters import ParameterDefinition
 
@@ -11,6 +12,7 @@ ENCODER_SCALE = Effect(
     name="encoder_scale",
     group=GROUP,
     cause="Both encoders count {encoder_scale:.1%} {encoder_scale:more/fewer} ticks per turn than stated.",
+    with_commands=(DUTY,),
     equations={"encoder": "reading = reading * (1.0 + encoder_scale)"},
     parameters=(
         ParameterDefinition("encoder_scale", "-", "share by which both encoders count more", -0.5, 1.0, 0.0, 0.02),
@@ -24,6 +26,7 @@ ENCODER_ASYMMETRY = Effect(
     name="encoder_asymmetry",
     group=GROUP,
     cause="The {encoder_asymmetry:left/right} encoder counts more: each is {encoder_asymmetry:.1%} off the mean.",
+    with_commands=(DUTY,),
     equations={"encoder": "reading = reading * (1.0 + side * encoder_asymmetry)"},
     parameters=(
         ParameterDefinition(

@@ -1,0 +1,126 @@
+"""Recordings of robots that are told how fast to go, as the model takes them: duties that stand for the speeds.
+
+`cmr.model.velocity_controller` says what stands for what. Where nobody has told the robot's top wheel speed, which is
+the unit of these duties, one is chosen that leaves room above all that was commanded.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, VelocityController, motor_of, response_of
+from cmr.parameters.file import COUNTED_WIDTH, MOTOR, ParameterFile, Value
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import Floats
+
+HEADROOM = 2.0  # top wheel speed, where it is not known, over the fastest that was commanded
+NEARLY_ALL = 0.999  # of the commands, so that one damaged number does not choose the unit
+DIGITS = 2
+GEOMETRY = ("wheel_radius", "base_width")
+MIXED = "Some of the recordings have duties (MOTOR_COMMAND_N), others commanded speeds: calibrate them apart."
+WITHOUT_WIDTH = (
+    "The commands are those of the body (VELOCITY_COMMAND_N). To know what they ask of the wheels takes base_width, or "
+    "command_base_width if the robot counts with another: give it by --parameters."
+)
+
+
+def controller_of(recordings: Sequence[Recording], nominal: ParameterFile) -> VelocityController | None:
+    """Return the velocity controller of the robot that these recordings are of; None where it takes duties.
+
+    What the recordings have decides; where they have no commands at all, the `nominal` parameters do.
+    Raises EstimationError where kinds of commands are mixed, or a base width is needed and not known.
+    """
+    kinds = {recording.command_kind for recording in recordings if _commanded(recording)}
+    if DUTY in kinds and len(kinds) > 1:
+        raise EstimationError(MIXED)
+    if DUTY in kinds or not (kinds or nominal.has("top_wheel_speed")):
+        return None
+    width = next((nominal.value(name) for name in ("command_base_width", "base_width") if nominal.has(name)), None)
+    if width is None and VELOCITY in kinds:
+        raise EstimationError(WITHOUT_WIDTH)
+    controller = VelocityController(nominal.value("wheel_radius"), width or 0.0, 1.0)
+    if nominal.has("top_wheel_speed"):
+        return replace(controller, top_wheel_speed=nominal.value("top_wheel_speed"))
+    return replace(controller, top_wheel_speed=_top_of(recordings, controller))
+
+
+def as_duties(recording: Recording, controller: VelocityController | None) -> Recording:
+    """Return the recording with the duties that stand for its commanded speeds; as it is where it has none."""
+    if controller is None or recording.converted_from or recording.command_kind == DUTY:
+        return recording
+    return recording.with_duties(*controller.duties(*_asked(recording, controller)))
+
+
+def as_motor(nominal: ParameterFile, controller: VelocityController | None) -> ParameterFile:
+    """Return nominal parameters in which the motor that the controller makes stands for it; as they are without one."""
+    if controller is None:
+        return nominal
+    values = {name: value for name, value in nominal.values.items() if name not in (*CONTROLLER_DEFINITIONS, *MOTOR)}
+    known = {name: value.value for name, value in nominal.values.items()}
+    if nominal.has("response_time"):
+        motor = motor_of({**known, "top_wheel_speed": controller.top_wheel_speed})
+        values |= {name: Value(value) for name, value in motor.items()}
+    return replace(nominal, values={**values, COUNTED_WIDTH: Value(controller.base_width)})
+
+
+def in_words_of(
+    estimates: Mapping[str, Estimate], controller: VelocityController | None, correlation: float = 0.0
+) -> dict[str, Estimate]:
+    """Return estimates in which response_time and speed_scale stand for k2_over_k3 and k1; as they are without one.
+
+    `correlation` is that of k2_over_k3 and k1.
+    """
+    if controller is None or not set(MOTOR) <= set(estimates):
+        return dict(estimates)
+    gain, k1 = (estimates[name] for name in MOTOR)
+    told = response_of({"k2_over_k3": gain.value, "k1": k1.value}, controller.top_wheel_speed)
+    shares = gain.std / gain.value, k1.std / k1.value
+    of_time = np.sqrt(max(shares[0] ** 2 + shares[1] ** 2 + 2.0 * correlation * shares[0] * shares[1], 0.0))
+    stds = {"response_time": told["response_time"] * float(of_time), "speed_scale": told["speed_scale"] * shares[1]}
+    rest = {name: one for name, one in estimates.items() if name not in MOTOR}
+    return {**{name: Estimate(value, stds[name]) for name, value in told.items()}, **rest}
+
+
+def values_in_words_of(values: Mapping[str, float], controller: VelocityController | None) -> dict[str, float]:
+    """Return values of parameters by name as a parameter file of a robot with this controller has them."""
+    if controller is None:
+        return dict(values)
+    geometry = {name: values[name] for name in GEOMETRY if name in values}
+    rest = {name: value for name, value in values.items() if name not in (*GEOMETRY, *MOTOR, COUNTED_WIDTH)}
+    told = response_of(values, controller.top_wheel_speed) if set(MOTOR) <= set(values) else {}
+    given = {"top_wheel_speed": controller.top_wheel_speed}
+    if controller.base_width:
+        given["command_base_width"] = controller.base_width
+    return {**geometry, **told, **given, **rest}
+
+
+def correlation_of_motor(names: Sequence[str], covariance: Floats) -> float:
+    """Return the correlation of k2_over_k3 and k1 among estimates with this covariance; 0 where one is missing."""
+    if not set(MOTOR) <= set(names):
+        return 0.0
+    at, to = (list(names).index(name) for name in MOTOR)
+    return float(covariance[at, to] / np.sqrt(covariance[at, at] * covariance[to, to]))
+
+
+def _commanded(recording: Recording) -> bool:
+    return bool(len(recording.duty) or len(recording.wheel_speed_commands) or len(recording.velocity_commands))
+
+
+def _asked(recording: Recording, controller: VelocityController) -> tuple[Floats, Floats]:
+    """Return the wheel speeds [rad/s] that were commanded, (n,) each."""
+    if recording.command_kind == WHEEL_SPEED:
+        return recording.wheel_speed_commands["psi_left"], recording.wheel_speed_commands["psi_right"]
+    told = recording.velocity_commands
+    left, right = controller.wheels_of_body(told["v"], told["omega"])
+    return left, right
+
+
+def _top_of(recordings: Sequence[Recording], controller: VelocityController) -> float:
+    """Return a top wheel speed [rad/s] that leaves room above all that was commanded."""
+    asked = [np.abs(_asked(recording, controller)).ravel() for recording in recordings if _commanded(recording)]
+    fastest = float(np.quantile(np.concatenate(asked), NEARLY_ALL)) if asked else 0.0
+    lowest = CONTROLLER_DEFINITIONS["top_wheel_speed"].lower
+    return max(float(f"{HEADROOM * fastest:.{DIGITS}g}"), lowest)

@@ -1,0 +1,100 @@
+"""Robots with a velocity controller inside: they are told how fast to go, not how hard to drive.
+
+Such a robot's wheels follow the speed that they are told with a first-order response,
+
+    domega = (speed_scale * wanted - psi) / response_time.
+
+That is the paper's law, domega = (K2/K3) (V - K1 psi), for the duty V = wanted / top_wheel_speed with
+
+    K1 = 1 / (speed_scale * top_wheel_speed)    and    K2/K3 = speed_scale * top_wheel_speed / response_time,
+
+so that one step serves both kinds of robot. A second pole of the response is the effect `electrical_lag`, a delay is
+`command_delay`; limits of speed, turn rate and acceleration are `saturation`, `turn_rate_limit`, `slew_limit` (of the
+commanded speed) and `current_limit` (of the wheel's own acceleration). What a controller makes up for, such as a weak
+battery or friction, has no place in the model of these robots: `Effect.with_commands`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cmr.model.parameters import ParameterDefinition
+
+CONTROLLER_DEFINITIONS = {
+    definition.name: definition
+    for definition in (
+        ParameterDefinition(
+            "response_time", "s", "time constant with which wheels follow the commanded speed", 1e-3, 1e2
+        ),
+        ParameterDefinition(
+            "speed_scale", "-", "wheel speed that is reached, as a share of the commanded one", 1e-2, 1e2, neutral=1.0
+        ),
+        ParameterDefinition(
+            "top_wheel_speed",
+            "rad/s",
+            "wheel speed at which commands are cut off, and that duty 1 stands for",
+            1e-2,
+            1e4,
+        ),
+        ParameterDefinition(
+            "command_base_width", "m", "base width by which the robot turns (v, omega) into wheel speeds", 1e-3, 1e2
+        ),
+    )
+}
+NEEDED = ("response_time", "top_wheel_speed")  # without which the robot cannot be simulated
+
+
+@dataclass(frozen=True)
+class VelocityController:
+    """How a robot turns commands into wheel speeds, and these into the duties of the model.
+
+    `wheel_radius` and `base_width` [m] are those that the controller counts with; a base width of 0 is not known, and
+    only wheel speeds can be told. `top_wheel_speed` [rad/s] is the largest speed of a wheel that it takes. Arguments
+    and results are numbers, or arrays of any one shape.
+    """
+
+    wheel_radius: float
+    base_width: float
+    top_wheel_speed: float
+
+    def duties(self, left: Any, right: Any) -> tuple[Any, Any]:
+        """Return the duties, within [-1, 1], that stand for commanded wheel speeds [rad/s]."""
+        import numpy as np  # parameter files, which name these parameters, are read without it
+
+        top = self.top_wheel_speed
+        return np.clip(left / top, -1.0, 1.0), np.clip(right / top, -1.0, 1.0)
+
+    def duties_of_body(self, v: Any, omega: Any) -> tuple[Any, Any]:
+        """Return the duties, within [-1, 1], that stand for a commanded body speed [m/s] and turn rate [rad/s]."""
+        return self.duties(*self.wheels_of_body(v, omega))
+
+    def wheels_of_body(self, v: Any, omega: Any) -> tuple[Any, Any]:
+        """Return the wheel speeds [rad/s] that a body speed [m/s] and a turn rate [rad/s] ask for."""
+        difference = 0.5 * self.base_width * omega
+        return (v - difference) / self.wheel_radius, (v + difference) / self.wheel_radius
+
+    def wheel_speeds(self, left: Any, right: Any) -> tuple[Any, Any]:
+        """Return the wheel speeds [rad/s] that duties stand for."""
+        return left * self.top_wheel_speed, right * self.top_wheel_speed
+
+    def body_velocity(self, left: Any, right: Any) -> tuple[Any, Any]:
+        """Return the body speed [m/s] and turn rate [rad/s] that duties stand for."""
+        rim = self.top_wheel_speed * self.wheel_radius
+        return 0.5 * rim * (left + right), rim * (right - left) / self.base_width
+
+
+def motor_of(values: Mapping[str, float]) -> dict[str, float]:
+    """Return k2_over_k3 and k1 of a robot with a controller, from its parameters by name.
+
+    Raises KeyError for one of NEEDED that is missing.
+    """
+    fastest = values.get("speed_scale", 1.0) * values["top_wheel_speed"]
+    return {"k2_over_k3": fastest / values["response_time"], "k1": 1.0 / fastest}
+
+
+def response_of(values: Mapping[str, float], top_wheel_speed: float) -> dict[str, float]:
+    """Return response_time [s] and speed_scale of a robot with a controller, from k2_over_k3 and k1 by name."""
+    return {
+        "response_time": 1.0 / (values["k1"] * values["k2_over_k3"]),
+        "speed_scale": 1.0 / (values["k1"] * top_wheel_speed),
+    }
