@@ -13,6 +13,7 @@ from cmr.recordings.signal import Floats, Mask, Signal
 
 EPOCH = 1_600_000_000_000_000  # us
 RASTER = 0.0025  # s of the simulation
+HARDEST = 10.0  # m/s^2
 SIDES = ("left", "right")
 NONE = {
     "commands": SIDES,
@@ -79,7 +80,7 @@ def drawn(seed: int) -> Shape:
         noise=float(rng.choice([0.0005, 0.002, 0.005, 0.02, 0.05])),
         tick=2.0 * np.pi / float(rng.choice([256, 4096, 65536])),
         slip=float(rng.choice([0.0, 0.05, 0.3])),
-        response=float(rng.choice([0.03, 0.15, 0.3])),
+        response=float(rng.choice([0.08, 0.15, 0.3])),
         **rates,
     )
 
@@ -118,6 +119,7 @@ def _driven(shape: Shape, seconds: float, rest: float, rng: np.random.Generator)
     count = int((seconds + 1.0) / RASTER)
     time = np.arange(count) * RASTER
     radius, width, fast = (float(rng.uniform(*span)) for span in ((0.03, 0.2), (0.15, 0.8), (0.4, 1.5)))
+    fast = min(fast, HARDEST * shape.response / 1.4)
     asked = _asked(shape.manner, time, rng) * fast / radius
     asked[(time < 1.0) | (time > seconds - rest) & (rest > 0.0)] = 0.0
     share = RASTER / shape.response
@@ -166,7 +168,7 @@ def _piece(shape: Shape, drive: Drive, begin: float, length: float, rng: np.rand
     for k, side in enumerate(SIDES):
         angle = at(time, drive.turned[:, k])
         before = at(time - 1.0 / shape.wheels, drive.turned[:, k]) if shape.wheels else angle
-        mean = np.round((angle - before) / shape.tick) * shape.tick * shape.wheels
+        mean = (np.floor(angle / shape.tick) - np.floor(before / shape.tick)) * shape.tick * shape.wheels
         found["wheels"] |= {
             f"psi_{side}": at(time, drive.speed[:, k]) if shape.psi == "moment" else mean,
             f"ticks_{side}": np.floor(angle / shape.tick),

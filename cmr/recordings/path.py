@@ -14,6 +14,7 @@ from cmr.recordings.travel import Travel, travel_of
 
 HALF = 5  # neighbours on either side; a burst of that many outliers is seen through
 SHORTEST_STEP = 1e-6  # s; time stamps are no finer
+HARDEST, HARDEST_TURN = 10.0, 200.0  # m/s^2, rad/s^2; no robot on wheels brakes or sets off harder
 COMPARED = 0.5  # s over which two sensors' motions are compared
 LONGEST_GAP = 0.3  # s; over a longer one a sensor does not tell the motion
 EXPLAINED = 0.5  # a sensor is used where what it leaves of the motion is less than this share
@@ -81,11 +82,12 @@ class Steps:
         """The time [s] for which neighbours on one side reach."""
         return HALF * running_largest(self.dt, HALF, self.run)
 
-    def near_ends(self, count: int) -> Mask:
-        """Tell which are among the first or the last `count` of their run."""
+    @property
+    def from_end(self) -> NDArray[np.int64]:
+        """How many steps lie between each and the nearer end of its run."""
         first, last = run_ends(self.run)
         place = np.arange(len(first))
-        return np.asarray((place - first < count) | (last - self.within - place < count))
+        return np.minimum(place - first, np.maximum(last - ~self.within[last] - place, 0))
 
     def rates(self, steps: Floats) -> Floats:
         """Return steps per time; that from run to run is given the rate of the one before."""
@@ -182,7 +184,7 @@ def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion) -
 
 def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor]) -> Motion:
     """Return the turn from each pose to the next [rad], by the sensor that explains the `measured` one best."""
-    motion = _usual(measured, steps)
+    motion = _usual(measured, steps, HARDEST_TURN)
     best = EXPLAINED
     for sensor in sensors:
         told, covered = _told(time - sensor.lag, sensor.travel, sensor.travel.turned)
@@ -198,7 +200,7 @@ def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor])
 def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sensor: Sensor | None) -> Motion:
     """Return the way from each pose to the next [m, complex], the robot facing `facing` [rad]."""
     ahead = np.exp(0.5j * (facing[1:] + facing[:-1]))
-    usual = _usual(measured / ahead, steps)
+    usual = _usual(measured / ahead, steps, HARDEST)
     motion = replace(usual, steps=usual.steps * ahead)
     if sensor is None or sensor.travel.driven is None:
         return motion
@@ -214,17 +216,21 @@ def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sens
     return _preferred(motion, factor * told * ahead, sides, covered, steps, sensor)
 
 
-def _usual(measured: NDArray[Any], steps: Steps) -> Motion:
-    """Return the motion at the median rate of the steps around; it errs where the rate changes."""
+def _usual(measured: NDArray[Any], steps: Steps, hardest: float) -> Motion:
+    """Return the motion at the median rate of the steps around; it errs where the rate changes.
+
+    The rate changes by no more than `hardest` [m/s^2 or rad/s^2].
+    """
     half = int(np.clip(round(USUAL / steps.usual), 2, HALF))
     parts = [measured.real, measured.imag] if np.iscomplexobj(measured) else [measured]
     rates = [running_median(steps.rates(part), half, steps.run) for part in parts]
     ranges = np.sum([running_range(rate, 1, steps.run) for rate in rates], axis=0)
     usual = np.where(steps.within, rates[0] if len(rates) == 1 else rates[0] + 1j * rates[1], 0.0) * steps.dt
     bend = np.sum([running_range(rate, HALF, steps.run) for rate in rates], axis=0) * steps.reach
+    bend = np.maximum(bend - np.median(bend), 0.0)  # what it is throughout is noise
     # What the robot did in the very first steps, or the last, no median tells: it may have gone as fast as ever.
-    fastest = float(np.max(np.abs(usual) / steps.dt, initial=0.0))
-    unseen = np.where(steps.near_ends(half // 2), fastest * (half // 2) * steps.dt, 0.0)
+    time = np.maximum((half + 1) // 2 + 1 - steps.from_end, 0) * steps.dt
+    unseen = np.minimum(np.max(np.abs(usual) / steps.dt, initial=0.0) * time, 0.5 * hardest * time**2)
     return Motion(usual, USUAL_DOUBT * ranges * steps.dt, USUAL_SLIP * np.abs(usual), USUAL_SLIP * bend, unseen)
 
 
@@ -241,6 +247,9 @@ def _preferred(
     change, change_late = (
         np.max([running_range(speed, half, steps.run) for speed in speeds], axis=0) for half in (HALF, late)
     )
+    # What changed before a run begins may come late, and what comes after its end may have come early.
+    fastest = np.max([np.max(np.abs(speed), initial=0.0) for speed in speeds])
+    change_late = np.where(steps.from_end * steps.usual < sensor.response, np.maximum(change_late, fastest), change_late)
     rate = np.where(covered, np.abs(told) / steps.dt, 0.0)
     doubt = np.minimum(JITTER_SHARE * steps.dt, JITTER) * running_largest(rate, HALF, steps.run)
     bend = sensor.slip * change * steps.reach

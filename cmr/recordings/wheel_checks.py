@@ -21,7 +21,7 @@ MOVING = 0.05  # of fast driving; with less a wheel rests
 MOVED, TURNED = 0.1, 0.5  # m, rad; a path that extends less far may be noise
 PATH_HALF = 5  # neighbours on either side, of which the median is taken for that
 LATE_START = 5.0  # s of rest at the beginning
-ENDING = 0.3  # s at the end over which the last speed is averaged
+ENDING = 0.3  # s at the beginning and the end over which speed is averaged
 STILL_DRIVING = 0.2  # of fast driving; a recording that ends faster was cut off
 
 
@@ -92,9 +92,9 @@ def motion_findings(recording: Recording) -> list[Finding]:
     moving = speed > MOVING * fast
     never = not moving.any() and _path_extent(recording)[0] <= MOVED
     rest = float(seconds[moving][0] - seconds[0]) if moving.any() else 0.0
-    ending = speed[seconds > seconds[-1] - ENDING] if len(utime) else speed
-    whole = len(recording.pieces) == 1 and moving.any() and not moving[0]
-    cut = int(whole and float(np.mean(ending)) > STILL_DRIVING * fast)
+    near = seconds < seconds[:1] + ENDING, seconds > seconds[-1:] - ENDING
+    beginning, ending = (float(np.mean(speed[at])) if len(utime) else 0.0 for at in near)
+    cut = int(len(recording.pieces) == 1 and beginning <= MOVING * fast and ending > STILL_DRIVING * fast)
     return [
         Finding("never_moved", int(never), "The robot never moves in this recording."),
         Finding("late_start", int(rest > LATE_START), f"The robot rests for the first {rest:.1f} s."),
