@@ -1,15 +1,15 @@
-"""Made-up recordings in pieces, as other people's tables hold them: of plain kinematics, sharing no code with the model.
+"""Made-up recordings in pieces, as other people's tables hold them: plain kinematics without the model's code.
 
 A robot drives all the time; what is recorded are pieces of its drive, most of which begin and end in motion. On the
 recording's clock the pieces follow one another with pauses between them in which nothing was recorded.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from cmr.recordings import Recording
-from cmr.recordings.signal import Floats, Mask, Signal
+from cmr.recordings.signal import Floats, Signal
 
 EPOCH = 1_600_000_000_000_000  # us
 RASTER = 0.0025  # s of the simulation
@@ -101,13 +101,17 @@ def recorded(shape: Shape) -> Recording:
     rng = np.random.default_rng([shape.seed, 2])
     between = rng.uniform(0.3, 2.0, len(shape.lengths))  # s for which the robot drives on unseen
     begins = 3.0 + np.append(0.0, np.cumsum(np.array(shape.lengths) + between)[:-1])
-    whole = len(begins) == 1 and shape.lengths[0] >= 20.0 and rng.uniform() < 0.5  # from the rest before the drive to the rest after it
+    whole = (
+        len(begins) == 1 and shape.lengths[0] >= 20.0 and rng.uniform() < 0.5
+    )  # from the rest before the drive to the rest after it
     if whole:
         begins[0] = 0.0
     drive = _driven(shape, float(begins[-1] + shape.lengths[-1]), 1.5 if whole else 0.0, rng)
-    parts = [_piece(shape, drive, float(begin), length, rng) for begin, length in zip(begins, shape.lengths)]
+    parts = [
+        _piece(shape, drive, float(begin), length, rng) for begin, length in zip(begins, shape.lengths, strict=False)
+    ]
     clock = np.append(0.0, np.cumsum(np.array(shape.lengths) + shape.pause)[:-1])
-    shifts = [round(1e6 * (at - begin)) for at, begin in zip(clock, begins)]
+    shifts = [round(1e6 * (at - begin)) for at, begin in zip(clock, begins, strict=False)]
     signals = {name: _joined([part[name] for part in parts], shifts, names) for name, names in NONE.items()}
     wheels = signals["wheels"]
     _count(shape, wheels, parts)
@@ -147,7 +151,9 @@ def _asked(manner: str, time: Floats, rng: np.random.Generator) -> Floats:
     return levels[number]
 
 
-def _piece(shape: Shape, drive: Drive, begin: float, length: float, rng: np.random.Generator) -> dict[str, dict[str, Floats]]:
+def _piece(
+    shape: Shape, drive: Drive, begin: float, length: float, rng: np.random.Generator
+) -> dict[str, dict[str, Floats]]:
     """Return what is recorded of a piece, by signal: `time` of the drive [s] and the fields."""
     grid = np.arange(len(drive.theta)) * RASTER
 
@@ -193,7 +199,10 @@ def _poses(shape: Shape, time: Floats, at, drive: Drive, rng: np.random.Generato
 
 
 def _joined(parts: list[dict[str, Floats]], shifts: list[int], names: tuple[str, ...]) -> Signal:
-    utime = [EPOCH + shift + np.round(1e6 * part["time"]).astype(np.int64) for part, shift in zip(parts, shifts)]
+    utime = [
+        EPOCH + shift + np.round(1e6 * part["time"]).astype(np.int64)
+        for part, shift in zip(parts, shifts, strict=False)
+    ]
     return Signal(np.concatenate(utime), {name: np.concatenate([part[name] for part in parts]) for name in names})
 
 

@@ -67,10 +67,10 @@ def calibrate(
         raise EstimationError(estimation.ready.refused)
     ways = (_alone, _of_free_runs) if paper_only else (_in_presence, _of_free_runs)
     results = (way(estimation, nominal) for way in ways)
-    return _first_that_helps(results)
+    return first_that_helps(results)
 
 
-def _first_that_helps(results: Iterable[CalibrationResult]) -> CalibrationResult:
+def first_that_helps(results: Iterable[CalibrationResult]) -> CalibrationResult:
     """Return the first result that predicts paths no worse than the given parameters. Raises EstimationError."""
     for result in results:
         before, after = result.path_rmse_before, result.path_rmse_after

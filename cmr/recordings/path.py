@@ -249,7 +249,9 @@ def _preferred(
     )
     # What changed before a run begins may come late, and what comes after its end may have come early.
     fastest = np.max([np.max(np.abs(speed), initial=0.0) for speed in speeds])
-    change_late = np.where(steps.from_end * steps.usual < sensor.response, np.maximum(change_late, fastest), change_late)
+    change_late = np.where(
+        steps.from_end * steps.usual < sensor.response, np.maximum(change_late, fastest), change_late
+    )
     rate = np.where(covered, np.abs(told) / steps.dt, 0.0)
     doubt = np.minimum(JITTER_SHARE * steps.dt, JITTER) * running_largest(rate, HALF, steps.run)
     bend = sensor.slip * change * steps.reach

@@ -109,7 +109,7 @@ def run_ends(run: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int6
 
 
 def _mirrored(count: int, half: int, run: NDArray[np.int64] | None) -> list[NDArray[np.int64]]:
-    """Return the places of the neighbours -half to half of each value, each of shape (n,), mirrored in its run's ends."""
+    """Return the places of neighbours -half to half of each value, each of shape (n,), mirrored at its run's ends."""
     place = np.arange(count)
     first, last = run_ends(np.zeros(count, np.int64) if run is None else run)
     columns = []

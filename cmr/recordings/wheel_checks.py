@@ -53,8 +53,8 @@ def wheel_findings(recording: Recording) -> list[Finding]:
         Finding(
             "encoder_stuck",
             int(np.count_nonzero(stuck)),
-            f"An encoder stands still for {float(dt[stuck & ~begins].sum()):.1f} s while its motor is driven and the other side "
-            f"turns: encoder, cable or motor.{' From there on its readings are set aside.' if dead.any() else ''}",
+            f"An encoder stands still for {float(dt[stuck & ~begins].sum()):.1f} s while its motor is driven and the "
+            f"other side turns: encoder, cable or motor.{' From there on its readings are set aside.' if dead.any() else ''}",
             {"wheels": dead} if dead.any() else {},
         ),
     ]
