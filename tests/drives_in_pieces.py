@@ -4,6 +4,7 @@ A robot drives all the time; what is recorded are pieces of its drive, most of w
 recording's clock the pieces follow one another with pauses between them in which nothing was recorded.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,7 +122,7 @@ def recorded(shape: Shape) -> Recording:
 def _driven(shape: Shape, seconds: float, rest: float, rng: np.random.Generator) -> Drive:
     """Drive for `seconds`: 1 s of rest, then as the manner says, in the end a `rest` [s] again."""
     count = int((seconds + 1.0) / RASTER)
-    time = np.arange(count) * RASTER
+    time = np.asarray(np.arange(count) * RASTER, np.float64)
     radius, width, fast = (float(rng.uniform(*span)) for span in ((0.03, 0.2), (0.15, 0.8), (0.4, 1.5)))
     fast = min(fast, HARDEST * shape.response / 1.4)
     asked = _asked(shape.manner, time, rng) * fast / radius
@@ -136,7 +137,7 @@ def _driven(shape: Shape, seconds: float, rest: float, rng: np.random.Generator)
     v = 0.5 * radius * speed.sum(axis=1) * np.maximum(1.0 - shape.slip * np.abs(omega), 0.4)
     theta = np.cumsum(omega) * RASTER
     place = np.cumsum((v + 0.1j * width * omega) * np.exp(1j * theta)) * RASTER
-    return Drive(asked, speed, np.cumsum(speed, axis=0) * RASTER, place, theta)
+    return Drive(asked, speed, np.cumsum(speed, axis=0) * RASTER, np.asarray(place, np.complex128), theta)
 
 
 def _asked(manner: str, time: Floats, rng: np.random.Generator) -> Floats:
@@ -187,10 +188,12 @@ def _piece(
     return found
 
 
-def _poses(shape: Shape, time: Floats, at, drive: Drive, rng: np.random.Generator) -> dict[str, Floats]:
+def _poses(
+    shape: Shape, time: Floats, at: Callable[[Floats, Floats], Floats], drive: Drive, rng: np.random.Generator
+) -> dict[str, Floats]:
     count = len(time)
     seen = time - shape.latency
-    place = at(seen, drive.place.real) + 1j * at(seen, drive.place.imag)
+    place = at(seen, np.real(drive.place)) + 1j * at(seen, drive.place.imag)
     place = place + shape.noise * (rng.normal(size=count) + 1j * rng.normal(size=count))
     theta = at(seen, drive.theta) + 0.5 * shape.noise * rng.normal(size=count)
     if shape.frame == "own" and count:

@@ -6,6 +6,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 import pytest
@@ -147,7 +148,7 @@ def test_hours_of_data_still_make_a_page_that_can_be_mailed() -> None:
         for r in residuals()
     )
     others = ("label", "time", "piece", "pieces")
-    fields = {name: longer(values) for name, values in vars(path()).items() if name not in others}
+    fields: dict[str, Any] = {n: longer(values) for n, values in vars(path()).items() if n not in others}
     run = Path(label="long.lcm", time=time, **fields)
     assert all(len(pair.before) == MOST_SAMPLES for pair in pairs_of(many))  # the work does not grow
     page = report_of(replace(FOUND, evidence=replace(FOUND.evidence, paths=(run,) * 4, pieces=20, residuals=many)))

@@ -87,7 +87,7 @@ class Steps:
         """How many steps lie between each and the nearer end of its run."""
         first, last = run_ends(self.run)
         place = np.arange(len(first))
-        return np.minimum(place - first, np.maximum(last - ~self.within[last] - place, 0))
+        return np.asarray(np.minimum(place - first, np.maximum(last - ~self.within[last] - place, 0)), np.int64)
 
     def rates(self, steps: Floats) -> Floats:
         """Return steps per time; that from run to run is given the rate of the one before."""
@@ -101,7 +101,8 @@ class Steps:
         samples = self._samples
         total = _summed(steps)
         outside = np.append(0, np.cumsum(~self.within))
-        return np.asarray(total[samples:] - total[:-samples])[outside[samples:] == outside[:-samples]]
+        sums = total[samples:] - total[:-samples]
+        return np.asarray(sums[outside[samples:] == outside[:-samples]])
 
 
 @dataclass(frozen=True)

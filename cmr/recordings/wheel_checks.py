@@ -42,6 +42,7 @@ def wheel_findings(recording: Recording) -> list[Finding]:
         still = _stuck(recording, side, ticks, begins)
         stuck |= still
         dead |= _dead(still, ticks)
+    standing = float(dt[stuck & ~begins].sum())
     return [
         Finding(
             "encoder_spikes",
@@ -53,8 +54,9 @@ def wheel_findings(recording: Recording) -> list[Finding]:
         Finding(
             "encoder_stuck",
             int(np.count_nonzero(stuck)),
-            f"An encoder stands still for {float(dt[stuck & ~begins].sum()):.1f} s while its motor is driven and the "
-            f"other side turns: encoder, cable or motor.{' From there on its readings are set aside.' if dead.any() else ''}",
+            f"An encoder stands still for {standing:.1f} s while its motor is driven and the "
+            f"other side turns: encoder, cable or motor."
+            f"{' From there on its readings are set aside.' if dead.any() else ''}",
             {"wheels": dead} if dead.any() else {},
         ),
     ]
