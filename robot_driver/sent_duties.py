@@ -32,5 +32,8 @@ class SentDuties:
         for duty in self._untold:
             if duty is not told:
                 left, right = float(duty.left), float(duty.right)
-                self._publish(make(motor_duty_t, utime=duty.utime, robot_id=self._robot_id, left=left, right=right))
+                message = make(
+                    motor_duty_t, utime=duty.utime, robot_id=self._robot_id, sent_left=left, sent_right=right
+                )
+                self._publish(message)
         self._untold.clear()

@@ -18,7 +18,7 @@ FIELDS: dict[str, dict[str, Any]] = {
         **{"applied_left": 0.5, "applied_right": 0.0, "current_left": math.nan, "current_right": math.nan},
         **{"battery_voltage": 12.1, "temperature": math.nan, "received_utime": START + 9, "applied_utime": START - 2},
     },
-    "MOTOR_DUTY": {"left": 0.25, "right": -0.25},
+    "MOTOR_DUTY": {"sent_left": 0.25, "sent_right": -0.25},
     "GYRO": {"yaw_rate": -0.3, "valid": 1, "received_utime": START + 5},
     "POSE": {"x": 1.5, "y": 1e-300, "theta": math.pi},
     "ROBOT_STATE": {

@@ -72,7 +72,7 @@ def test_a_duty_whose_answer_is_lost_is_told_nevertheless(clock: Clock) -> None:
     bench.line.after = after
     bench.turns(6)
     told = [(message.applied_utime, message.applied_left) for message in bench.feedback]
-    told += [(message.utime, message.left) for message in bench.duties]
+    told += [(message.utime, message.sent_left) for message in bench.duties]
     assert len(bench.duties) == 2  # that without an answer, and the first of two after it
     in_force = [(moment, duty[0] / FULL_DUTY) for moment, duty in bench.line.driven]
     utime_of_zero = clock.utime_at(clock.monotonic_ns()) - 1e6 * clock.now

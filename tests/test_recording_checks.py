@@ -197,9 +197,10 @@ def test_a_robot_that_never_moves_starts_late_or_is_cut_off_is_told() -> None:
 
 
 def shifted_start(signal: Signal, seconds: float) -> Signal:
-    """Return the signal with a first sample, the same as at rest, so much earlier."""
-    utime = np.append(signal.utime[0] - round(seconds * 1e6), signal.utime)
-    fields = {name: np.append(values[0], values) for name, values in signal.fields.items()}
+    """Return the signal with samples, the same as at rest, from so much earlier on."""
+    before = signal.utime[0] - np.arange(round(seconds * 1e6), 0, -100_000)
+    utime = np.append(before, signal.utime)
+    fields = {name: np.append(np.full(len(before), values[0]), values) for name, values in signal.fields.items()}
     return Signal(utime, fields)
 
 

@@ -27,7 +27,7 @@ WIRE = {
     "motor_feedback_t": """int64_t utime; int32_t robot_id; int64_t ticks_left; int64_t ticks_right; double psi_left;
         double psi_right; double applied_left; double applied_right; double current_left; double current_right;
         double battery_voltage; double temperature; int32_t status; int64_t received_utime; int64_t applied_utime""",
-    "motor_duty_t": "int64_t utime; int32_t robot_id; double left; double right",
+    "motor_duty_t": "int64_t utime; int32_t robot_id; double sent_left; double sent_right",
     "gyro_t": "int64_t utime; int32_t robot_id; double yaw_rate; int8_t valid; int64_t received_utime",
     "pose_xyt_t": "int64_t utime; int32_t robot_id; double x; double y; double theta",
     "waypoints_t": "int64_t utime; int32_t robot_id; int32_t n; double x[n]; double y[n]",

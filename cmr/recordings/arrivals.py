@@ -66,7 +66,7 @@ WHEELS = Kept(
     finite=("ticks_left", "ticks_right", "psi_left", "psi_right"),
     measured=True,
 )
-DUTIES = Kept(MOTOR_DUTY, ("left", "right"), finite=("left", "right"))
+DUTIES = Kept(MOTOR_DUTY, ("sent_left", "sent_right"), finite=("sent_left", "sent_right"))
 GYRO_RATE = Kept(GYRO, ("yaw_rate",), finite=("yaw_rate",), flag="valid")
 POSES = Kept(POSE, ("x", "y", "theta"), finite=("x", "y", "theta"), measured=True)
 

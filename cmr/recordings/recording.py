@@ -55,7 +55,7 @@ class Recording:
     wheels: Signal
     gyro: Signal
     poses: Signal
-    duties: Signal = field(default_factory=lambda: _nothing("left", "right"))
+    duties: Signal = field(default_factory=lambda: _nothing("sent_left", "sent_right"))
     wheel_speed_commands: Signal = field(default_factory=lambda: _nothing("psi_left", "psi_right"))
     velocity_commands: Signal = field(default_factory=lambda: _nothing("v", "omega"))
     parameters: ParameterFile | None = None
@@ -164,7 +164,7 @@ def _with_untold(told: Signal, untold: Signal) -> Signal:
     """Return duties with those that no feedback tells, in the order in which they were sent."""
     utime = np.concatenate([told.utime, untold.utime])
     utime, first = np.unique(utime, return_index=True)
-    more = {**untold.fields, "status": np.zeros(len(untold))}
+    more = {"left": untold["sent_left"], "right": untold["sent_right"], "status": np.zeros(len(untold))}
     return Signal(utime, {name: np.concatenate([told[name], more[name]])[first] for name in told.fields})
 
 
