@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from cmr import msg
-from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 
 LCM_CHANNEL_NAME_LIMIT = 63  # bytes; LCM refuses longer names
 LARGEST_ROBOT_ID = 2**31 - 1  # what the int32 of the messages holds
@@ -85,9 +84,6 @@ STREAMS = (
     PROCESS_STATUS,
     ESTOP,
 )
-
-# The stream of each kind of command.
-COMMANDS = {DUTY: MOTOR_COMMAND, WHEEL_SPEED: WHEEL_SPEED_COMMAND, VELOCITY: VELOCITY_COMMAND}
 
 _BY_NAME = {stream.name: stream for stream in STREAMS}
 _ROBOT_CHANNEL = re.compile(r"([A-Z_]+)_(0|[1-9][0-9]{0,9})")
