@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from cmr.bus.messages import make
-from cmr.bus.streams import COMMANDS, ESTOP, MOTOR_FEEDBACK, WORLD_STATE
+from cmr.bus.streams import ESTOP, MOTOR_FEEDBACK, WORLD_STATE
 from cmr.model.body import forward, turn
 from cmr.model.motion import RobotState
 from cmr.msg import estop_t, motor_feedback_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
+from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.world.behaviours import Follow
 from cmr.world.behaviours.commanded import Commanded
 from cmr.world.pilot import Pilot
@@ -49,7 +50,7 @@ def world_of(folder: Path, *virtual: VirtualRobot) -> World:
 
 
 def command(kind: str, utime: int, robot_id: int) -> tuple[str, Any]:
-    stream = COMMANDS[kind]
+    stream = COMMANDS_OF[kind]
     return stream.channel(robot_id), make(stream.message_type, utime=utime, robot_id=robot_id, **ASKED[kind])
 
 
@@ -94,7 +95,7 @@ def test_the_twin_takes_the_same_commands_as_its_robot(kind: str, tmp_path: Path
     assert speeds_of(world, (0, TWIN)) == pytest.approx((V, OMEGA * COMMAND_WIDTH / WIDTH), rel=1e-3)
 
 
-@pytest.mark.parametrize("kind", COMMANDS)
+@pytest.mark.parametrize("kind", COMMANDS_OF)
 def test_a_virtual_robot_takes_every_kind_of_command_for_half_a_second(kind: str, tmp_path: Path) -> None:
     world = world_of(tmp_path, VirtualRobot(7, Commanded(), parameters_of=0))
     utime = run(world, kind, 7, 3.0)
@@ -105,7 +106,7 @@ def test_a_virtual_robot_takes_every_kind_of_command_for_half_a_second(kind: str
     assert speeds_of(world, (7, VIRTUAL))[0] == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.parametrize("kind", COMMANDS)
+@pytest.mark.parametrize("kind", COMMANDS_OF)
 def test_an_emergency_stop_holds_for_twins_whatever_they_are_commanded(kind: str, tmp_path: Path) -> None:
     world = world_of(tmp_path)
     utime = run(world, kind, 0, 1.0)
@@ -133,12 +134,12 @@ def piloted(pilot: Pilot, utime: int) -> Any:
 def test_a_pilot_commands_what_the_robots_parameters_ask_for(tmp_path: Path) -> None:
     pilot = pilot_of(tmp_path, CONTROLLED)
     told = piloted(pilot, EPOCH)
-    assert isinstance(told, COMMANDS["velocity"].message_type)
+    assert isinstance(told, COMMANDS_OF["velocity"].message_type)
     assert 0.0 < told.v <= TOP * RADIUS
     assert told.omega > 0.0
     assert pilot.kind == "velocity"
     assert (pilot.stop().v, pilot.stop().omega) == (0.0, 0.0)
-    assert isinstance(piloted(pilot_of(tmp_path, MOTORS), EPOCH), COMMANDS["duty"].message_type)
+    assert isinstance(piloted(pilot_of(tmp_path, MOTORS), EPOCH), COMMANDS_OF["duty"].message_type)
 
 
 def test_wheel_speeds_and_velocities_of_a_pilot_ask_for_the_same(tmp_path: Path) -> None:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from cmr.bus.messages import make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
+from cmr.model.command_kinds import DUTY
 from cmr.parameters.file import ParameterFile, Value
+from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.tools.mapping_types import FEEDBACK_PAIRS, FEEDBACK_SINGLES, Command, Feedback, Group, Mapping, Pose, Signal
 from cmr.tools.quantities import TURN
 from cmr.tools.sampling import SamplingError, in_force_again, recorded, rows_of
@@ -108,7 +110,7 @@ def _parameters(mapping: Mapping, robot_id: int, utime: int, provenance: dict[st
     Where the body was commanded, they tell by which base width its turns became those of the wheels.
     """
     values = dict(mapping.nominal)
-    if mapping.command is not None and "omega" in mapping.command.signals:
+    if mapping.command is not None and mapping.command.kind == DUTY and "omega" in mapping.command.signals:
         values[COUNTED_WIDTH] = values["base_width"]
     parameter_file = ParameterFile(
         robot_id=robot_id,
@@ -141,7 +143,10 @@ class _Converter:
             yield self._poses(mapping.pose)
 
     def _commands(self, command: Command) -> Batch:
-        table, values, _ = self._usable(MOTOR_COMMAND, command)
+        stream = COMMANDS_OF[command.kind]
+        table, values, _ = self._usable(stream, command)
+        if command.kind != DUTY:
+            return self._batch(stream, table, dict(values))
         if "omega" in values:
             values = self._drives(command, values["v"], values["omega"])
         largest = max((float(np.abs(values[side]).max(initial=0.0)) for side in SIDES), default=0.0)

@@ -10,16 +10,19 @@ from pathlib import Path
 
 import yaml
 
+from cmr.model.command_kinds import DUTY
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value
 from cmr.tools.block import Block, MappingError
 from cmr.tools.layout import LayoutError, column_names, parse_layout
 from cmr.tools.mapping_types import (
     BODY,
     CLOCKS,
+    COMMAND_BLOCKS,
     CSV_TABLE,
     FEEDBACK_PAIRS,
     FEEDBACK_SINGLES,
     FIRST_POSES,
+    SPEEDS,
     TIME_UNITS,
     TOPIC_CLOCKS,
     Channel,
@@ -97,13 +100,14 @@ class _Reader:
             files=self._files,
             pieces=pieces,
             feedback=self._read_feedback(file.block("motor_feedback")) if file.value("motor_feedback") else None,
-            command=self._read_command(file.block("motor_command")) if file.value("motor_command") else None,
+            command=self._read_any_command(),
             gyro=self._read_gyro(file.block("gyro")) if file.value("gyro") else None,
             pose=self._read_pose(file.block("pose")) if file.value("pose") else None,
         )
         file.finish()
         if not mapping.groups:
-            raise MappingError(f"{file.place}: needs at least one of motor_feedback, motor_command, gyro, pose")
+            needed = ", ".join(("motor_feedback", *COMMAND_BLOCKS, "gyro", "pose"))
+            raise MappingError(f"{file.place}: needs at least one of {needed}")
         for key, tables in (("topics", self._topics), ("files", self._files)):
             for table in tables:
                 if not mapping.columns(table):
@@ -213,6 +217,22 @@ class _Reader:
         if "psi_left" in signals and "v" in signals:
             raise MappingError(f"{block.place}: map psi_left and psi_right, or v and omega, not both")
         return Feedback(table, signals, ticks_per_turn)
+
+    def _read_any_command(self) -> Command | None:
+        """Read the one kind of command that the robot takes, None without any."""
+        present = [name for name in COMMAND_BLOCKS if self._file.value(name)]
+        if len(present) > 1:
+            raise MappingError(f"{self._file.place}: a robot takes one kind of command, not {' and '.join(present)}")
+        if not present:
+            return None
+        block, kind = self._file.block(present[0]), COMMAND_BLOCKS[present[0]]
+        return self._read_command(block) if kind == DUTY else self._read_speed_command(block, kind)
+
+    def _read_speed_command(self, block: Block, kind: str) -> Command:
+        table, holds = self._table(block), block.switch("holds")
+        signals = self._read_signals(block, SPEEDS[kind], table, holds=holds)
+        block.finish()
+        return Command(table, signals, None, holds, kind)
 
     def _read_command(self, block: Block) -> Command:
         table = self._table(block)

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
+
 CSV_TABLE = "the file"  # a CSV file is one table; a log has one for each channel, a bag one for each topic
 
 # utime: as the message says. event_time: when the log says it arrived, for a utime that is broken.
@@ -25,6 +27,9 @@ FIRST_POSES = ("left_out", "kept")
 FEEDBACK_PAIRS = {"ticks": "ticks", "psi": "wheel_speed", "applied": "drive", "current": "current"}
 FEEDBACK_SINGLES = {"battery_voltage": "voltage", "temperature": "temperature"}
 BODY = {"v": "speed", "omega": "turn_rate"}
+# Blocks of commands, with the kind that each is of, and what those of speeds hold.
+COMMAND_BLOCKS = {"motor_command": DUTY, "wheel_speed_command": WHEEL_SPEED, "velocity_command": VELOCITY}
+SPEEDS = {WHEEL_SPEED: {"psi_left": "wheel_speed", "psi_right": "wheel_speed"}, VELOCITY: BODY}
 
 
 @dataclass(frozen=True)
@@ -63,11 +68,13 @@ class Feedback(Group):
 class Command(Group):
     """Drives, as `left` and `right` or as the body's `v` and `omega`; duty 1 is `full_scale` [rad/s] where declared.
 
+    Of another `kind` of cmr.model.command_kinds they are speeds, for a robot with a velocity controller inside.
     Commands that `hold` were recorded where they changed; each is in force until the next one.
     """
 
     full_scale: float | None
     holds: bool = False
+    kind: str = DUTY
 
 
 @dataclass(frozen=True)

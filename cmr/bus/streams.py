@@ -85,10 +85,6 @@ STREAMS = (
     ESTOP,
 )
 
-# The stream of each kind of command.
-# By what is commanded, in the words of cmr.model.command_kinds, which the bus does not know.
-COMMANDS = {"duty": MOTOR_COMMAND, "wheel_speed": WHEEL_SPEED_COMMAND, "velocity": VELOCITY_COMMAND}
-
 _BY_NAME = {stream.name: stream for stream in STREAMS}
 _ROBOT_CHANNEL = re.compile(r"([A-Z_]+)_(0|[1-9][0-9]{0,9})")
 

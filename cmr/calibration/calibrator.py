@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import COMMANDS, GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
 from cmr.calibration.calibrate import AVERAGE, PAPER, calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
@@ -21,7 +21,7 @@ from cmr.calibration.segments import LEAD
 from cmr.estimation.estimates import EstimationError
 from cmr.msg import calibration_status_t
 from cmr.parameters.file import ParameterFile
-from cmr.recordings.arrivals import LAST_NUMBER, RobotMessages
+from cmr.recordings.arrivals import COMMANDS_OF, LAST_NUMBER, RobotMessages
 from cmr.recordings.recording import Recorder, Recording
 from cmr.recordings.signal import SECONDS
 
@@ -29,7 +29,7 @@ REST = 1_000_000  # us at rest that end the manoeuvre;
 LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
 FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
-HEARD = (*COMMANDS.values(), MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
+HEARD = (*COMMANDS_OF.values(), MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum

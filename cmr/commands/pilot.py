@@ -4,12 +4,13 @@ import argparse
 from pathlib import Path
 
 from cmr.bus.process import Process
-from cmr.bus.streams import COMMANDS, ESTOP, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import ESTOP, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import behaviour_of
 from cmr.model.command_kinds import KINDS
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
+from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.world.behaviours.help_text import help_text
 from cmr.world.guarding import MARGIN
 from cmr.world.interaction.obstacles import FURTHEST, Geofence
@@ -45,14 +46,14 @@ def main(arguments: list[str]) -> int:
         for utime in process.loop(rate_hz=RATE):
             process.dispatch(pilot.handle)
             pilot.parameters.poll()
-            process.publish(COMMANDS[pilot.kind], pilot.command(utime), options.robot)
+            process.publish(COMMANDS_OF[pilot.kind], pilot.command(utime), options.robot)
             process.parameters_sha256 = pilot.parameters.sha256
             process.state = process_status_t.DEGRADED if pilot.waiting_for else process_status_t.RUNNING
             waiting = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
             process.message = pilot.left_fence or waiting
             if behaviour.finished:
                 break
-        process.publish(COMMANDS[pilot.kind], pilot.stop(), options.robot)
+        process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), options.robot)
         if behaviour.problem:
             raise CommandError(behaviour.problem)
         return process.exit_code

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from cmr.bus.messages import make
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import (
-    COMMANDS,
     ESTOP,
     GYRO,
     MOTOR_FEEDBACK,
@@ -27,6 +26,7 @@ from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.file import load as load_parameters
 from cmr.parameters.following import ParameterFollower
+from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.world.behaviours.help_text import help_text
 from cmr.world.interaction.obstacles import ObstacleError, Obstacles
 from cmr.world.lateness import Lateness
@@ -61,7 +61,7 @@ def main(arguments: list[str]) -> int:
     with Process("cmr-sim", options.lcm_url) as process:
         for stream in (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP, WORLD_STATE):
             process.subscribe(stream, every=True)
-        for stream in COMMANDS.values():
+        for stream in COMMANDS_OF.values():
             process.subscribe(stream)
         for utime in process.loop(rate_hz=STEP_RATE):
             process.dispatch(world.handle)

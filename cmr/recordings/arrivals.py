@@ -20,10 +20,13 @@ from cmr.bus.streams import (
     WHEEL_SPEED_COMMAND,
     Stream,
 )
+from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
 from cmr.recordings.signal import Floats, Mask, Signal, Times, no_times
 
 NOT_FINITE = "not a finite number"  # why a message is no sample
+# The stream of each kind of command.
+COMMANDS_OF = {DUTY: MOTOR_COMMAND, WHEEL_SPEED: WHEEL_SPEED_COMMAND, VELOCITY: VELOCITY_COMMAND}
 LAST_NUMBER = 2**63 - 1  # later than any message
 
 

@@ -7,11 +7,12 @@ import math
 from typing import Any
 
 from cmr.bus.messages import make
-from cmr.bus.streams import COMMAND_LIFETIME, COMMANDS, MOTOR_COMMAND, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND, Stream
+from cmr.bus.streams import COMMAND_LIFETIME, MOTOR_COMMAND, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND, Stream
 from cmr.model.command_kinds import DUTY, WHEEL_SPEED
 from cmr.model.velocity_controller import VelocityController
+from cmr.recordings.arrivals import COMMANDS_OF
 
-TAKEN = tuple(COMMANDS.values())  # streams of commands
+TAKEN = tuple(COMMANDS_OF.values())  # streams of commands
 FIELDS = {
     MOTOR_COMMAND.name: ("left", "right"),
     WHEEL_SPEED_COMMAND.name: ("psi_left", "psi_right"),
@@ -45,7 +46,7 @@ def command_of(
 
     Speeds other than zero need the robot's velocity controller.
     """
-    stream, values = COMMANDS[kind], duties
+    stream, values = COMMANDS_OF[kind], duties
     if kind != DUTY:
         values = (0.0, 0.0)
         if controller is not None:
