@@ -45,6 +45,8 @@ def test_short_windows_of_a_point_ahead_of_the_turning_centre_give_the_base_widt
 
 def test_a_marker_that_does_not_point_forward_changes_nothing() -> None:
     for angle in (0.0, 0.2):
-        estimates = calibrate(window(2.0, 3.0, 20.0, askew=angle)).estimates
-        assert estimates["base_width"].value == pytest.approx(TRUE.base_width, rel=1e-3)
-        assert estimates["wheel_radius"].value == pytest.approx(TRUE.wheel_radius, rel=1e-3)
+        # On one circle it may as well be another point, or one that is seen late: by a little, and as is said.
+        for name, one in calibrate(window(2.0, 3.0, 20.0, askew=angle)).estimates.items():
+            true = getattr(TRUE, name)
+            assert one.value == pytest.approx(true, rel=3e-3)
+            assert one.value == pytest.approx(true, abs=max(1e-3 * true, 3.0 * one.std))
