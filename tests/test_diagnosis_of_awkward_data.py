@@ -41,7 +41,9 @@ def named(*recordings: Recording) -> Diagnosis:
     return diagnose(recordings, sources=[f"{number}.lcm" for number in range(len(recordings))])
 
 
-@pytest.mark.parametrize(("lost", "missing"), [(("poses", "gyro"), "POSE_N"), (("wheels",), "MOTOR_FEEDBACK_N")])
+@pytest.mark.parametrize(
+    ("lost", "missing"), [(("poses", "gyro"), "POSE_N"), (("wheels", "commands"), "MOTOR_FEEDBACK_N")]
+)
 def test_of_several_recordings_one_that_lacks_a_sensor_is_set_aside_by_name(lost: Sequence[str], missing: str) -> None:
     found = named(without(drive(30.0, 60.0), *lost), drive())
     (note,) = [note for note in found.notes if "set aside" in note]
@@ -53,9 +55,9 @@ def test_of_several_recordings_one_that_lacks_a_sensor_is_set_aside_by_name(lost
 
 
 def test_of_several_recordings_none_of_use_are_refused_each_with_its_reason() -> None:
-    found = named(without(drive(), "wheels"), without(drive(), "poses", "gyro"))
+    found = named(without(drive(), "wheels", "commands"), without(drive(), "poses", "gyro"))
     assert found.verdict == BAD_DATA
-    assert found.sentence.startswith("0.lcm: No wheels were recorded")
+    assert found.sentence.startswith("0.lcm: Neither wheels (MOTOR_FEEDBACK_N) nor commands")
     assert "1.lcm: Neither poses (POSE_N) nor a gyro (GYRO_N) were recorded" in found.sentence
 
 
@@ -146,7 +148,7 @@ def test_a_late_clock_of_held_out_poses_is_set_right_and_told_and_the_checks_run
         (drive(20.0, 20.8), "too short: it lasts 0.8 s"),
         (drive(20.0, 21.3), "no stretch of 1.5 s over which the error of a path"),
         (without(drive(), "poses"), "no stretch of 1.5 s over which the error of a path"),
-        (without(drive(), "wheels"), "No wheels were recorded"),
+        (without(drive(), "wheels", "commands"), "Neither wheels .* nor commands"),
     ],
     ids=["0.8 s", "1.3 s", "no poses", "no wheels"],
 )

@@ -128,7 +128,9 @@ def _segment(
             pose_time=_seconds(poses, first),
             pose=np.ascontiguousarray(pose),
             pose_use=_pose_use(poses.utime, splits),
-            given=_given(recording.wheels, borders) if len(recording.duty) == 0 else np.empty((0, 2)),
+            given=_given(recording.wheels, borders)
+            if len(recording.wheels) and not len(recording.duty)
+            else np.empty((0, 2)),
             time=(first - beginning) * SECONDS,
             kind=recording.command_kind,
         ),
