@@ -118,10 +118,12 @@ def test_a_mirrored_reference_is_refused_not_explained() -> None:
     assert found.extended is None
 
 
-def test_data_without_wheels_are_refused() -> None:
-    """The sentence says which sensor is missing."""
+def test_data_without_wheels_and_commands_are_refused() -> None:
+    """The sentence says what is missing."""
     recording = hidden_recording(manoeuvre="rich", seed=1).recording
     blind = replace(recording, wheels=recording.wheels.between(0, 1))
+    assert not refusal(looked_at([blind]))
+    blind = replace(blind, commands=recording.commands.between(0, 1))
     assert "MOTOR_FEEDBACK_N" in refusal(looked_at([blind]))
 
 
