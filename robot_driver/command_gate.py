@@ -17,9 +17,10 @@ FLUSH_TIME = 0.1
 # An emergency stop that was engaged before this process began is heard when it is repeated, which a command must not
 # overtake. Nothing moves for as long as four repetitions take at 10 Hz (s).
 LISTENING_TIME = 0.4
+HELD_UP = 0.25  # s between two turns of the process, after which waiting commands count as old
 
-# Why a command was not taken. not_finite: NaN or infinite. out_of_range: beyond [-1, 1]. old: decided more than 0.5 s
-# ago, or not after one already taken, as in a log that is replayed. future: decided more than 0.5 s from now, by a
+# Why a command was not taken. not_finite: NaN or infinite. out_of_range: beyond the largest. old: decided more than 0.5
+# s ago, or not after one already taken, as in a log that is replayed. future: decided more than 0.5 s from now, by a
 # computer whose clock is wrong. held_up: it may have waited while this process was held up. starting: an emergency
 # stop might not have been heard yet. not_zero: after a stop was released, zero must be commanded before anything else.
 REASONS = ("not_finite", "out_of_range", "old", "future", "held_up", "starting", "not_zero")
@@ -42,7 +43,7 @@ class Stop(Enum):
 
 @dataclass(frozen=True)
 class Drive:
-    """What the motors are to do now: duty of each side, and the STATUS constants that say why it must be zero."""
+    """What the motors are to do now: the drive of each side, and the STATUS constants that say why it must be zero."""
 
     left: float
     right: float
@@ -55,11 +56,14 @@ class CommandGate:
     `now` is the driver's own steady clock (s), `utime` the time of day as in messages (us). `rejected` counts
     commands not taken, by reason; `releases_rejected` releases of the emergency stop that were not recent. Closed to
     all but zero until some time after `note_listening`.
+    Commands are duties of each side, or whatever else drives it; beyond `largest` they are not taken.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, largest: float = 1.0) -> None:
         self.rejected: Counter[str] = Counter()
         self.releases_rejected = 0
+        self._largest = largest
+        self._last_turn: float | None = None
         self._lock = threading.Lock()
         self._command: tuple[float, float] | None = None
         self._expires = -math.inf
@@ -69,6 +73,14 @@ class CommandGate:
         self._zero_first = False
         self._listening_until = math.inf
         self._closed_until = -math.inf
+
+    def note_turn(self, now: float) -> None:
+        """Note that the process is alive, before it handles messages; at the first turn it has to hear the bus."""
+        last, self._last_turn = self._last_turn, now
+        if last is None:
+            self.note_listening(now)
+        elif now - last > HELD_UP:
+            self.note_held_up(now)
 
     def note_listening(self, now: float) -> None:
         """Note that from now on the bus is heard: commands are taken when it has been for LISTENING_TIME."""
@@ -80,18 +92,19 @@ class CommandGate:
         """Whether zero must be commanded before anything else is taken, now that nothing holds the motors."""
         return self._zero_first and not self._stops
 
-    def offer(self, decided: int, left: float, right: float, *, now: float, utime: int) -> None:
-        """Take a command that was decided at `decided` (us) and has arrived `now`, or count why not."""
+    def offer(self, decided: int, left: float, right: float, *, now: float, utime: int) -> bool:
+        """Take a command that was decided at `decided` (us) and has arrived `now`, or count why not; tell which."""
         with self._lock:
             self._forget_the_future(utime)
             reason = self._objection(decided, left, right, now, utime)
             if reason:
                 self.rejected[reason] += 1
-                return
+                return False
             counts = decided > self._released_utime  # a zero that was decided before may come after the release
             self._zero_first = bool(self._stops) or (self._zero_first and not counts)
             self._command, self._last_decided = (left, right), decided
             self._expires = now + COMMAND_LIFETIME - max(utime - decided, 0) / 1e6
+            return True
 
     def take_estop(self, engaged: bool, decided: int, *, utime: int) -> None:
         """Engage or release the emergency stop of the bus.
@@ -134,6 +147,19 @@ class CommandGate:
         with self._lock:
             self._command = None
 
+    def remarks(self) -> list[str]:
+        """Return, in sentences, what is waited for and what was not taken."""
+        remarks = ["Waiting for zero to be commanded; nothing else moves the motors before."] if self.needs_zero else []
+        if self.rejected:
+            counts = ", ".join(f"{reason} {count}" for reason, count in sorted(self.rejected.items()))
+            remarks.append(f"Commands not taken: {counts}.")
+        if self.releases_rejected:
+            remarks.append(
+                f"Releases of ESTOP not taken: {self.releases_rejected}, not made within the last 0.5 s. "
+                f"Keep the clocks of all computers together."
+            )
+        return remarks
+
     def drive(self, now: float) -> Drive:
         """Return what the motors are to do at `now`."""
         with self._lock:
@@ -156,7 +182,7 @@ class CommandGate:
     def _objection(self, decided: int, left: float, right: float, now: float, utime: int) -> str:
         if not (math.isfinite(left) and math.isfinite(right)):
             return "not_finite"
-        if max(abs(left), abs(right)) > 1.0:
+        if max(abs(left), abs(right)) > self._largest:
             return "out_of_range"
         if utime - decided > streams.COMMAND_LIFETIME or (
             self._last_decided is not None and decided <= self._last_decided

@@ -24,7 +24,6 @@ from robot_driver.serial_port import SerialPort, numbering_warning
 from robot_driver.stream_port import OverheardPort, StreamPort
 
 BOARD = "board"  # name of the gyro that some controllers have on their board, and say on their port
-HELD_UP = 0.25  # s between two turns of the process, after which waiting commands count as old
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,6 @@ class Driver:
         self._robot_id = settings.robot
         self._outgoing: queue.SimpleQueue[tuple[Stream, Any]] = queue.SimpleQueue()
         self._gate = CommandGate()
-        self._last_turn: float | None = None
         controller_type = CONTROLLERS[settings.controller]
         port_type = StreamPort if controller_type.streams else SerialPort
         port = port_type(settings.port, settings.baud or controller_type.default_baud_rate, host)
@@ -106,12 +104,7 @@ class Driver:
 
         At the first turn the process has to hear the bus already.
         """
-        now = self._host.seconds_since_boot()
-        if self._last_turn is None:
-            self._gate.note_listening(now)
-        elif now - self._last_turn > HELD_UP:
-            self._gate.note_held_up(now)
-        self._last_turn = now
+        self._gate.note_turn(self._host.seconds_since_boot())
         if self.follower.poll():
             self._use_parameters()
 
@@ -141,17 +134,7 @@ class Driver:
 
     def remarks(self) -> str:
         """Return what else a person might want to know, in sentences."""
-        remarks = [self.warnings, self.follower.message, self._motors.rhythm.sentence()]
-        if self._gate.needs_zero:
-            remarks.append("Waiting for zero to be commanded; nothing else moves the motors before.")
-        if self._gate.rejected:
-            counts = ", ".join(f"{reason} {count}" for reason, count in sorted(self._gate.rejected.items()))
-            remarks.append(f"Commands not taken: {counts}.")
-        if self._gate.releases_rejected:
-            remarks.append(
-                f"Releases of ESTOP not taken: {self._gate.releases_rejected}, not made within the last 0.5 s. "
-                f"Keep the clocks of all computers together."
-            )
+        remarks = [self.warnings, self.follower.message, self._motors.rhythm.sentence(), *self._gate.remarks()]
         if self._motors.faults:
             remarks.append(f"Replies lost or damaged: {self._motors.faults}.")
         if self._gyro is not None and any(self._gyro.counts.values()):

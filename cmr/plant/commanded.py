@@ -3,8 +3,15 @@
 from collections import deque
 from random import Random
 
+from cmr.plant.motors import counted_width
 from cmr.plant.parameters import PlantParameters
 from cmr.plant.running import RunningRobot
+
+
+def wheel_speeds_of(p: PlantParameters, v: float, omega: float) -> tuple[float, float]:
+    """Return the wheel speeds (left, right) [rad/s] that a robot with a velocity controller makes of (v, omega)."""
+    difference = omega * counted_width(p) / 2.0
+    return (v - difference) / p.wheel_radius, (v + difference) / p.wheel_radius
 
 
 class CommandedRobot:

@@ -28,10 +28,16 @@ def clip(value: float, limit: float) -> float:
 
 
 @compiled
+def counted_width(p: PlantParameters) -> float:
+    """Return the base width by which commands are counted [m]."""
+    return p.controller_base_width if p.controller_base_width > 0.0 else p.base_width
+
+
+@compiled
 def wanted_duties(p: PlantParameters, left: float, right: float) -> tuple[float, float]:
     """Return what the controller asks of the motors for the commands it has."""
     # turn_rate_limit: commanded body turn rate clipped to +-W before the wheels; a wheel told u is to turn at u / K1.
-    per_duty = p.wheel_radius / (p.k1 * p.base_width)
+    per_duty = p.wheel_radius / (p.k1 * counted_width(p))
     turn_rate = per_duty * (right - left)
     if abs(turn_rate) > p.turn_rate_limit:
         excess = (turn_rate - clip(turn_rate, p.turn_rate_limit)) / per_duty
@@ -131,6 +137,8 @@ def friction_size(p: PlantParameters, psi: float, inside: bool) -> float:
     """Return the size of the friction between dry surfaces at this speed [rad/s^2]."""
     # coulomb_friction: c; static_friction: extra c_s exp(-(psi / 0.5)^2); surface_patch: extra friction c inside.
     # Other laws: friction_bump: c (1 + k exp(-abs(psi) / 2)); stribeck_shape: another exponent than 2.
+    if p.controller_response_time > 0.0:  # which makes up for it
+        return 0.0
     friction = p.coulomb_friction
     if p.friction_bump != 0.0:
         friction *= 1.0 + p.friction_bump * math.exp(-abs(psi) / BUMP_SPEED)
@@ -179,6 +187,8 @@ def accelerations(
 ) -> tuple[float, float]:
     """Return domega of both sides; their friction acts against `directions`, of which 0 is rest."""
     q = load(p, left.u, right.u, left.psi, right.psi)
+    if p.controller_response_time > 0.0:  # which makes up for slope and coupling, too
+        return driving(p, 1.0, left, q, energy, t), driving(p, -1.0, right, q, energy, t)
     # slope: domega -= g_x cos theta + g_y sin theta.
     uphill = 0.0
     if p.slope_x != 0.0 or p.slope_y != 0.0:

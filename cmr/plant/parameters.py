@@ -81,6 +81,7 @@ class PlantParameters(NamedTuple):
     controller_response_time: Annotated[float, (0.0, 100.0)] = 0.0  # s; 0 for a robot without
     controller_scale: Annotated[float, (0.01, 100.0)] = 1.0  # 1, speed reached of the one asked for
     controller_acceleration: Annotated[float, (1e-3, math.inf)] = math.inf  # rad/s^2
+    controller_base_width: Annotated[float, (0.0, 100.0)] = 0.0  # m, by which it counts turns; 0 for its own base width
     # Other laws of friction than the effects': where it sets in smoothly, where it is larger at low speed.
     friction_smoothing: Annotated[float, (0.0, 1000.0)] = 0.0  # rad/s
     friction_bump: Annotated[float, (0.0, 1000.0)] = 0.0  # 1

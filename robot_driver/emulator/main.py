@@ -1,4 +1,4 @@
-"""cmr-emulate: a robot that is not there, behind serial ports that are."""
+"""cmr-emulate: a robot that is not there, behind serial ports that are, or with a velocity controller on the bus."""
 
 import signal
 import tempfile
@@ -7,9 +7,11 @@ from pathlib import Path
 
 from cmr.bus.messages import make
 from cmr.bus.process import EXIT_INTERRUPTED, Process
-from cmr.bus.streams import POSE
+from cmr.bus.streams import ESTOP, POSE
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.model.command_kinds import DUTY, KINDS
 from cmr.msg import pose_xyt_t
+from cmr.priority import go_first
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.engine import Engine
@@ -17,7 +19,9 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports, PortsError
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
+from robot_driver.emulator.speed_robot import COMMANDS, SpeedRobot
 
+LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 CHECK_PERIOD = 0.2  # s between looks at whether the emulated robot still runs
 IDEAL_HELP = "no effects and imperfections but the noise of the sensors, and what FILE.yaml of --settings hides"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -31,6 +35,8 @@ def main(arguments: list[str]) -> int:
     options = _options(arguments)
     try:
         settings = load_settings(options.settings, seed=options.seed, ideal=options.ideal)
+        if options.command != DUTY:
+            return _run_speed_robot(options, settings)
         ports = Ports(Path(options.ports or _default_folder(options.robot)), ("motor", "gyro"))
         if options.no_pose:
             return _run_without_bus(options, settings, ports)
@@ -43,10 +49,15 @@ def _options(arguments: list[str]) -> Namespace:
     options = parser(
         "cmr-emulate",
         "Emulate a robot: motor controller and gyro on pseudo-terminals, physics with friction, slip and noise behind "
-        "them, and its pose on POSE_N as motion capture would publish it.",
-        "cmr-emulate --ports /tmp/robot --ideal\n  cmr-driver --port /tmp/robot/motor --gyro-port /tmp/robot/gyro",
+        "them, and its pose on POSE_N as motion capture would publish it.\n\n"
+        "With --command velocity or wheel_speed the robot has a velocity controller inside, as most bought robots do. "
+        "It has no ports and needs no cmr-driver: it takes VELOCITY_COMMAND_N or WHEEL_SPEED_COMMAND_N itself and "
+        "publishes MOTOR_FEEDBACK_N and GYRO_N.",
+        "cmr-emulate --ports /tmp/robot --ideal\n  cmr-driver --port /tmp/robot/motor --gyro-port /tmp/robot/gyro\n\n"
+        "  cmr-emulate --command velocity --ideal",
     )
     options.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
+    options.add_argument("--command", choices=KINDS, default=DUTY, help="what the robot is told: see above")
     options.add_argument("--controller", choices=sorted(CONTROLLER_DEVICES), default="roboclaw", help="on port motor")
     options.add_argument("--gyro", choices=sorted(GYRO_DEVICES), default="dsp3000", help="on port gyro")
     options.add_argument("--settings", type=Path, metavar="FILE.yaml", help="what differs from the default robot")
@@ -86,6 +97,22 @@ def _run_on_bus(options: Namespace, settings: Settings, ports: Ports) -> int:
             _announce(options.robot, ports)
             for _ in process.loop(1.0 / CHECK_PERIOD):
                 engine.check()
+    return process.exit_code
+
+
+def _run_speed_robot(options: Namespace, settings: Settings) -> int:
+    with Process("cmr-emulate", options.lcm_url) as process:
+        takes = COMMANDS[options.command]
+        robot = SpeedRobot(settings, options.robot, options.command, None if options.no_pose else options.pose_rate)
+        process.subscribe(takes, options.robot, every=True)
+        process.subscribe(ESTOP, every=True)
+        print(f"cmr-emulate: robot {options.robot} is ready: it takes {takes.channel(options.robot)}", flush=True)
+        go_first()
+        for _ in process.loop(LOOP_RATE):
+            robot.turn()
+            process.dispatch(robot.handle)
+            process.publish_all(robot.outgoing())
+            process.message = " ".join(robot.gate.remarks())
     return process.exit_code
 
 

@@ -54,12 +54,13 @@ class Wheel:
 class Plant:
     """The whole robot at `time` (s since it was switched on).
 
-    `x`, `y` (m) and `theta` (rad, counter-clockwise, never wrapped) are the true pose in the world frame.
+    `x`, `y` (m) and `theta` (rad, counter-clockwise, never wrapped) are the true pose in the world frame. It moves by
+    `parameters`, else as the settings say of a robot that takes duties.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, parameters: PlantParameters | None = None) -> None:
         robot, imperfections = settings.robot, settings.imperfections
-        self.parameters: PlantParameters = settings.plant
+        self.parameters: PlantParameters = settings.plant if parameters is None else parameters
         torque = imperfections.torque_noise
         noise = (torque.effective, torque.correlation_time, *slip_of_way(imperfections.slip_noise.effective))
         pose = (robot.x, robot.y, robot.theta)

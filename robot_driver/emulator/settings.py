@@ -106,6 +106,26 @@ class Mbot:
 
 
 @dataclass(frozen=True)
+class Controller:
+    """A velocity controller inside of the robot: how its wheels follow the speeds that they are told.
+
+    Times in s, rates in Hz, speeds in rad/s, widths in m.
+    """
+
+    rate: float
+    response_time: float
+    speed_scale: float
+    top_wheel_speed: float
+    command_base_width: float
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "rate", "response_time", "speed_scale", "top_wheel_speed", "command_base_width")
+        # The plant steps 1 ms at a time, as above.
+        _require(self.response_time > 0.002, self, "response_time", "greater than 0.002 s")
+        _require(self.rate <= 500.0, self, "rate", "500 Hz or less")
+
+
+@dataclass(frozen=True)
 class Dsp3000:
     """The gyro on its serial line: rate in Hz, start-up in s."""
 
@@ -231,6 +251,7 @@ class Settings:
     roboclaw: Roboclaw
     roboteq: Roboteq
     mbot: Mbot
+    velocity_controller: Controller
     dsp3000: Dsp3000
     kvh_binary: KvhBinary
     imperfections: Imperfections
@@ -249,11 +270,31 @@ class Settings:
     @property
     def plant(self) -> PlantParameters:
         """The true robot as the plant has it: what is named among the effects, else the imperfections."""
+        return self._plant_with({})
+
+    @property
+    def plant_of_speeds(self) -> PlantParameters:
+        """The same robot with its velocity controller in place of motors that take duties; k1 stands for its top speed.
+
+        Speeds in rad/s times k1 are what the plant takes for duties.
+        """
+        controller = self.velocity_controller
+        return self._plant_with(
+            {
+                "k1": 1.0 / controller.top_wheel_speed,
+                "controller_response_time": controller.response_time,
+                "controller_scale": controller.speed_scale,
+                "controller_base_width": controller.command_base_width,
+            }
+        )
+
+    def _plant_with(self, controller: dict[str, float]) -> PlantParameters:
         old, robot = self.imperfections, self.robot
         values = {name: getattr(old, name).effective for name in IMPERFECTIONS_OF_PLANT}
         if old.encoder_quantisation.enabled:
             values["encoder_quantisation"] = old.encoder_quantisation.ticks_per_turn
-        return plant_parameters({**{name: getattr(robot, name) for name in ROBOT_PARAMETERS}, **values, **self.effects})
+        paper = {name: getattr(robot, name) for name in ROBOT_PARAMETERS}
+        return plant_parameters({**paper, **values, **controller, **self.effects})
 
     @property
     def truth(self) -> dict[str, float]:
