@@ -13,7 +13,7 @@ import numpy as np
 from cmr.estimation.candidates import lanes_of
 from cmr.estimation.gains import COARSE
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.prediction import WHEELS
+from cmr.estimation.prediction import WHEELS, Errors
 from cmr.estimation.problem import Problem, tempered
 from cmr.estimation.unexplained.bursts import Bursts, bursts
 from cmr.estimation.unexplained.result import Unexplained, not_judged
@@ -59,7 +59,8 @@ def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
     tested.sort(key=lambda score: PER_COEFFICIENT * score.freedom - score.held_out)
     loud = bursts(rest)
     spread, least = spread_of(tested), max(LEAST, LEAST_SHARE * len(rest.white), LEFT_BY_EFFECTS * explained)
-    holding = [score for score in tested if holds(score, spread, least)][:1]
+    rounded = [name for name in WHEELS if only_rounding(name, problem, errors)]
+    holding = [score for score in tested if holds(score, spread, least) and score.signal not in rounded][:1]
     foretold = [foretold_by(score.term, problem, fit, errors, rest, drives) for score in holding]
     found = [
         _structure(score, share_foretold(problem.predictors, fit.noise, rest.white, by_term, score.signal), least)
@@ -77,6 +78,19 @@ def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
     return Remaining(
         unexplained=unexplained, statistic=statistic, threshold=threshold, scores=tuple(tested), bursts=tuple(loud)
     )
+
+
+def only_rounding(signal: str, problem: Problem, errors: Sequence[Errors]) -> bool:
+    """Tell whether a signal's errors, in the first column, are no larger than ticks make those between two readings.
+
+    Such errors tell of the encoder alone. Read at a steady rate they go with the speed, as ticks and readings beat.
+    """
+    pairs = zip(problem.predictors, errors, strict=True)
+    known = [(one.of[signal][:, 0], predictor.doubt[signal]) for predictor, one in pairs if signal in one.of]
+    if not known:
+        return False
+    error, doubt = (np.concatenate(column) for column in zip(*known, strict=True))
+    return bool(np.mean(error**2) <= 2.0 * np.mean(doubt**2))
 
 
 def spread_of(tested: Sequence[Score]) -> float:
