@@ -19,8 +19,9 @@ import serial
 from basicmicro import Basicmicro
 
 from cmr.bus.bus import Bus
-from cmr.bus.messages import Received
-from cmr.bus.streams import POSE, PROCESS_STATUS
+from cmr.bus.messages import Received, make, now_utime
+from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE, PROCESS_STATUS, VELOCITY_COMMAND
+from cmr.msg import velocity_command_t
 from robot_driver.emulator.pseudo_terminal import Ports, PortsError
 
 BUS_URL = "udpm://239.255.76.67:7698?ttl=0&recv_buf_size=4194304"
@@ -226,6 +227,28 @@ def test_the_pose_is_on_the_bus_at_its_rate_with_its_noise_and_strictly_later_st
     # Stamped with the moment of measurement: even, however late the process was. The host's clock may be slewed.
     assert all(9_000 < step < 11_000 for step in steps)
     assert math.sqrt(sum(pose.x**2 for pose in poses) / len(poses)) == pytest.approx(0.003, rel=0.3)
+
+
+def test_a_robot_with_a_velocity_controller_is_commanded_on_the_bus_and_tells_what_it_does_there(
+    tmp_path: Path,
+) -> None:
+    bus = Bus(BUS_URL)
+    for stream in (MOTOR_FEEDBACK, GYRO, POSE):
+        bus.subscribe(stream, 7, every=True)
+    with running(tmp_path / "ports", "--robot", "7", "--command", "velocity", "--ideal") as emulator:
+        assert "VELOCITY_COMMAND_7" in emulator.first_line
+        received: list[Received] = []
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            command = make(velocity_command_t, utime=now_utime(), robot_id=7, v=0.2, omega=1.0)
+            bus.publish(VELOCITY_COMMAND, command, 7)
+            received += bus.receive(0.02)
+            if received and received[-1].stream is POSE and received[-1].message.x > 0.05:
+                break
+    told = {stream: [one.message for one in received if one.stream is stream] for stream in (MOTOR_FEEDBACK, GYRO)}
+    speeds = told[MOTOR_FEEDBACK][-1]
+    assert 0.04 * 0.5 * (speeds.psi_left + speeds.psi_right) == pytest.approx(0.2, rel=0.2)  # it may still set off
+    assert told[GYRO][-1].yaw_rate == pytest.approx(1.0, rel=0.2)
 
 
 @pytest.mark.parametrize(
