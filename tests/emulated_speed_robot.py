@@ -40,12 +40,12 @@ class SimulatedClock(Host):
 
 
 class Bench:
-    """The robot 0, as its process runs it; `recorder` hears all that it says and is told."""
+    """The robot 0, as its process runs it; `heard` is all that it says and is told, as (channel, message)."""
 
     def __init__(self, settings: Settings, commands: str = VELOCITY, pose_rate: float | None = 50.0) -> None:
         self.clock = SimulatedClock()
         self.robot = SpeedRobot(settings, 0, commands, pose_rate, self.clock)
-        self.recorder = Recorder(0)
+        self.heard: list[tuple[str, Any]] = []
         self.status = 0  # of the last feedback
         self._waiting: list[tuple[str, Any]] = []
 
@@ -75,10 +75,10 @@ class Bench:
         self.robot.turn()
         waiting, self._waiting = self._waiting, []
         for channel, message in waiting:
-            self._hear(channel, message)
+            self.heard.append((channel, message))
             self.robot.handle(message.utime, channel, message)
         for stream, robot_id, message in self.robot.outgoing():
-            self._hear(stream.channel(robot_id), message)
+            self.heard.append((stream.channel(robot_id), message))
             if stream is MOTOR_FEEDBACK:
                 self.status = message.status
 
@@ -97,9 +97,6 @@ class Bench:
     def speed(self) -> float:
         """How fast the faster wheel turns [rad/s]."""
         return max(abs(self.robot.plant.left.velocity), abs(self.robot.plant.right.velocity))
-
-    def _hear(self, channel: str, message: Any) -> None:
-        self.recorder.handle(message.utime, channel, message)
 
 
 def nominal_of(settings: Settings, **values: float) -> ParameterFile:
@@ -120,6 +117,16 @@ def recorded(
     settings: Settings, kind: str = VELOCITY, manoeuvre: str = "figure_eight", known: Mapping[str, float] | None = None
 ) -> Recording:
     """Return the recording of a manoeuvre that cmr-pilot drives with the parameters that the owner knows."""
+    recorder = Recorder(0)
+    for channel, message in messages_of(settings, kind, manoeuvre, known):
+        recorder.handle(message.utime, channel, message)
+    return recorder.recording()
+
+
+def messages_of(
+    settings: Settings, kind: str = VELOCITY, manoeuvre: str = "figure_eight", known: Mapping[str, float] | None = None
+) -> list[tuple[str, Any]]:
+    """Return the messages of such a drive, as (channel, message)."""
     nominal = nominal_of(settings, **(known or {}))
     duties, controller = in_sequence(manoeuvre).duties(nominal.robot_parameters), nominal.velocity_controller
     bench = Bench(settings, kind)
@@ -129,4 +136,5 @@ def recorded(
         left, right = map(float, duties.at(time))
         bench.send(COMMANDS[kind].channel(0), command_of(kind, bench.clock.utime(), 0, (left, right), controller))
         bench.wait(COMMAND_PERIOD)
-    return bench.recorder.recording()
+    bench.wait(4.0)
+    return bench.heard

@@ -10,6 +10,7 @@ from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.loading import NOMINAL, made_up_recording
 from cmr.calibration.running import RunningFit
 from cmr.commands.calibrate import _say
+from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t
 from cmr.recordings.recording import Recording
@@ -129,5 +130,5 @@ def status(progress: float) -> Any:
 def test_each_average_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
     said = ""
     for averages in (1, 1, 2, 2, 2, 3):
-        said = _say(0, status(1.0), averages, said)
+        said = _say(0, status(1.0), {"k2_over_k3": Estimate(118.0, 1.0)}, averages, said)
     assert capsys.readouterr().out.count("So far: k2_over_k3 118") == 3

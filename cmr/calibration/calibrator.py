@@ -5,12 +5,13 @@ gives the same numbers as the drive itself.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, identify
+from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, VELOCITY_COMMAND, identify
 from cmr.calibration.calibrate import AVERAGE, PAPER, calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
@@ -18,10 +19,11 @@ from cmr.calibration.loading import NOMINAL, made_up_recording
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.running import RunningFit
 from cmr.calibration.segments import LEAD
-from cmr.estimation.estimates import EstimationError
+from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.model.velocity_controller import VelocityController
 from cmr.msg import calibration_status_t
 from cmr.parameters.file import ParameterFile
-from cmr.recordings.arrivals import COMMANDS_OF, LAST_NUMBER, RobotMessages
+from cmr.recordings.arrivals import COMMAND_SIGNALS, COMMANDS_OF, KEPT, LAST_NUMBER, Kept, RobotMessages
 from cmr.recordings.recording import Recorder, Recording
 from cmr.recordings.signal import SECONDS
 
@@ -86,29 +88,26 @@ class Calibrator:
         if stream is MOTOR_FEEDBACK:
             self._has_wheels = True
             self._watch(utime, message.psi_left, message.psi_right)
-        elif stream is MOTOR_COMMAND and not self._has_wheels:
-            self._watch(utime, message.left, message.right)
+        elif stream in COMMANDS_OF.values() and not self._has_wheels:
+            kept = next(KEPT[name] for name in COMMAND_SIGNALS if KEPT[name].stream is stream)
+            self._watch(utime, *self._asked(kept, *(getattr(message, name) for name in kept.fields)))
 
     @classmethod
     def of(cls, messages: RobotMessages, nominal: ParameterFile | None = None) -> "Calibrator":
         """Return the calibrator that has seen a whole log; the same as if it had taken message by message."""
         calibrator = cls(messages.robot_id, nominal)
-        wheels, commands = messages.arrivals["wheels"], messages.arrivals["commands"]
-        first_wheels = wheels.number[0] if len(wheels.number) else LAST_NUMBER
-        before = commands.where(commands.number < first_wheels)
+        calibrator._log = messages
         number, latest = messages.latest_utime()
         calibrator._latest = int(latest[-1]) if len(latest) else 0
-        for arrivals, left, right in ((before, "left", "right"), (wheels, "psi_left", "psi_right")):
-            columns = (arrivals.utime, arrivals.columns[left], arrivals.columns[right])
-            for utime, at_left, at_right in zip(*(column.tolist() for column in columns), strict=True):
-                calibrator._watch(utime, at_left, at_right)
+        for utime, left, right in calibrator._motion(messages):
+            calibrator._watch(utime, left, right)
         if calibrator._end is not None:
             over = int(np.searchsorted(latest, calibrator._end + STRAGGLERS, side="right"))
             if over < len(number):
                 calibrator.left_out = (int(latest[-1]) - int(latest[over])) * SECONDS
                 messages = messages.until(int(number[over]))
                 calibrator._latest = int(latest[over])
-        calibrator._log = messages
+            calibrator._log = messages
         return calibrator
 
     @property
@@ -124,6 +123,11 @@ class Calibrator:
     @property
     def _messages(self) -> RobotMessages:
         return self._recorder.messages() if self._log is None else self._log
+
+    @property
+    def _known(self) -> ParameterFile | None:
+        """The nominal parameters, or those that were announced."""
+        return self._nominal or (self._recorder.parameters if self._log is None else self._log.parameters)
 
     @property
     def missing(self) -> str:
@@ -178,6 +182,13 @@ class Calibrator:
         self.state = calibration_status_t.FAILED if self.result is None else calibration_status_t.DONE
         return self.result
 
+    @property
+    def so_far(self) -> dict[str, Estimate]:
+        """What is known of the robot's parameters, by the names that its file has, as carefully as in `status`."""
+        found = self.result or self.preview
+        told = found.told if found else {}
+        return {name: Estimate(one.value, one.std * self._caution) for name, one in told.items()}
+
     def status(self) -> Any:
         """Return the calibration_status_t message of this moment."""
         fields: dict[str, float] = {}
@@ -209,6 +220,30 @@ class Calibrator:
             return 1.0
         return 1.0 + (LAP / max(self._coverage.seconds[MOVING_AT_ALL], FIRST_LOOK)) ** 2
 
+    def _motion(self, messages: RobotMessages) -> Iterator[tuple[int, float, float]]:
+        """Yield what tells of the motion of both sides, in order: commands until wheels are heard, then these."""
+        wheels = messages.arrivals["wheels"]
+        first_wheels = wheels.number[0] if len(wheels.number) else LAST_NUMBER
+        rows: list[tuple[int, int, float, float]] = []
+        for name in COMMAND_SIGNALS:
+            before = messages.arrivals[name].where(messages.arrivals[name].number < first_wheels)
+            left, right = self._asked(KEPT[name], *(before.columns[field] for field in KEPT[name].fields))
+            rows += zip(*(column.tolist() for column in (before.number, before.utime, left, right)), strict=True)
+        for _, utime, at_left, at_right in sorted(rows):
+            yield utime, at_left, at_right
+        columns = (wheels.utime, wheels.columns["psi_left"], wheels.columns["psi_right"])
+        yield from zip(*(column.tolist() for column in columns), strict=True)
+
+    def _asked(self, kept: Kept, first: Any, second: Any) -> tuple[Any, Any]:
+        """Return what commands ask of the wheels of both sides: duties, or speeds.
+
+        Turns of the body go by the width that is known; without one, commands say nothing.
+        """
+        if kept.stream is not VELOCITY_COMMAND:
+            return first, second
+        width = self._known.counted_width if self._known else math.nan
+        return VelocityController(1.0, width, math.nan).wheels_of_body(first, second)  # m/s serve as well as rad/s
+
     def _watch(self, utime: int, left: float, right: float) -> None:
         """Follow the motion; decide when it is over."""
         if self._end is not None or not (math.isfinite(left) and math.isfinite(right)):
@@ -229,7 +264,7 @@ class Calibrator:
 
     def _radius(self) -> float | None:
         """Return the wheel radius [m] as far as it is known."""
-        nominal = self._nominal or self._messages.parameters
+        nominal = self._known
         return nominal.value("wheel_radius") if nominal is not None and nominal.has("wheel_radius") else None
 
     def _covered(self) -> str:

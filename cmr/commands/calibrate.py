@@ -4,7 +4,7 @@ import argparse
 import hashlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,9 @@ from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
 from cmr.calibration.calibrator import HEARD, Calibrator
-from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.result import CalibrationResult
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
-from cmr.estimation.estimates import EstimationError
+from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.priority import give_way
@@ -158,7 +157,7 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
             if report.due():
                 status = calibrator.status()
                 process.publish(CALIBRATION_STATUS, status, robot_id)
-                said = _say(robot_id, status, calibrator.averages, said)
+                said = _say(robot_id, status, calibrator.so_far, calibrator.averages, said)
             if finished_at is not None and time.monotonic() > finished_at + ANNOUNCING:
                 break
     if calibrator.state == calibration_status_t.FAILED:
@@ -221,17 +220,17 @@ def _save(parameters: ParameterFile, path: Path) -> None:
         raise CommandError(f"{path}: cannot be written: {error.strerror}. Choose another place with --out.") from error
 
 
-def _say(robot_id: int, status: Any, averages: int, said: str) -> str:
+def _say(robot_id: int, status: Any, so_far: Mapping[str, Estimate], averages: int, said: str) -> str:
     """Print the status for each new state, tenth that is covered, and average; return what was said."""
     kind = status.message if status.state == calibration_status_t.WAITING else ""
     saying = f"{status.state} {int(status.progress * 10)} {averages} {kind}"
     if saying != said:
-        print(f"robot {robot_id}: {100 * status.progress:3.0f} %  {status.message}{_so_far(status)}", flush=True)
+        told = _so_far(so_far) if status.state == calibration_status_t.COLLECTING else ""
+        print(f"robot {robot_id}: {100 * status.progress:3.0f} %  {status.message}{told}", flush=True)
     return saying
 
 
-def _so_far(status: Any) -> str:
+def _so_far(estimates: Mapping[str, Estimate]) -> str:
     """Return the estimates of a drive that goes on; empty without any."""
-    values = [(name, getattr(status, name), getattr(status, f"{name}_std")) for name in PAPER_PARAMETERS]
-    told = [f"{name} {value:.4g} +- {std:.1g}" for name, value, std in values if value == value]
-    return f" So far: {', '.join(told)}." if told and status.state == calibration_status_t.COLLECTING else ""
+    told = [f"{name} {one.value:.4g} +- {one.std:.1g}" for name, one in estimates.items()]
+    return f" So far: {', '.join(told)}." if told else ""

@@ -38,10 +38,10 @@ def controller_of(recordings: Sequence[Recording], nominal: ParameterFile) -> Ve
         raise EstimationError(MIXED)
     if DUTY in kinds or not (kinds or nominal.has("top_wheel_speed")):
         return None
-    width = next((nominal.value(name) for name in ("command_base_width", "base_width") if nominal.has(name)), None)
-    if width is None and VELOCITY in kinds:
+    width = nominal.counted_width
+    if np.isnan(width) and VELOCITY in kinds:
         raise EstimationError(WITHOUT_WIDTH)
-    controller = VelocityController(nominal.value("wheel_radius"), width or 0.0, 1.0)
+    controller = VelocityController(nominal.value("wheel_radius"), float(np.nan_to_num(width)), 1.0)
     if nominal.has("top_wheel_speed"):
         return replace(controller, top_wheel_speed=nominal.value("top_wheel_speed"))
     return replace(controller, top_wheel_speed=_top_of(recordings, controller))

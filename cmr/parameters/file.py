@@ -82,6 +82,12 @@ class ParameterFile:
         return any(name in self.values for name in CONTROLLER_DEFINITIONS)
 
     @property
+    def counted_width(self) -> float:
+        """The base width [m] by which (v, omega) stands for speeds of wheels; NaN where none is known."""
+        known = (self.value(name) for name in ("command_base_width", "base_width") if self.has(name))
+        return next(known, math.nan)
+
+    @property
     def velocity_controller(self) -> VelocityController | None:
         """How the robot turns (v, omega) and wheel speeds into duties; None for a robot that takes duties.
 

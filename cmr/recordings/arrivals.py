@@ -85,6 +85,9 @@ KEPT: Mapping[str, Kept] = {
 }
 
 
+COMMAND_SIGNALS = ("commands", "wheel_speed_commands", "velocity_commands")  # what robots are commanded by
+
+
 @dataclass(frozen=True)
 class Arrivals:
     """All messages of one stream in the order of arrival.

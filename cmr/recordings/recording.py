@@ -200,7 +200,7 @@ class Recorder:
     @property
     def parameters(self) -> ParameterFile | None:
         """The newest parameter file announced, None without one."""
-        return self.messages().parameters
+        return self._announcements.newest(self._number)
 
     def messages(self) -> RobotMessages:
         """Return all messages gathered so far, as arrays in the order of arrival."""
