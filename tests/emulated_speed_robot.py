@@ -9,8 +9,8 @@ from cmr.manoeuvres import in_sequence
 from cmr.model.command_kinds import VELOCITY
 from cmr.msg import estop_t, velocity_command_t, wheel_speed_command_t
 from cmr.parameters.file import ParameterFile, Value
+from cmr.recordings.commanding import command_of
 from cmr.recordings.recording import Recorder, Recording
-from cmr.world.commands import command_of
 from robot_driver.command_gate import LISTENING_TIME
 from robot_driver.emulator.settings import Settings
 from robot_driver.emulator.speed_robot import COMMANDS, SpeedRobot

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, VELOCITY_COMMAND, identify
+from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, VELOCITY_COMMAND, Stream, identify
 from cmr.calibration.calibrate import AVERAGE, PAPER, calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
@@ -23,7 +23,8 @@ from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.model.velocity_controller import VelocityController
 from cmr.msg import calibration_status_t
 from cmr.parameters.file import ParameterFile
-from cmr.recordings.arrivals import COMMAND_SIGNALS, COMMANDS_OF, KEPT, LAST_NUMBER, Kept, RobotMessages
+from cmr.recordings.arrivals import COMMAND_SIGNALS, KEPT, LAST_NUMBER, RobotMessages
+from cmr.recordings.commanding import FIELDS, TAKEN
 from cmr.recordings.recording import Recorder, Recording
 from cmr.recordings.signal import SECONDS
 
@@ -31,7 +32,7 @@ REST = 1_000_000  # us at rest that end the manoeuvre;
 LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
 FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
-HEARD = (*COMMANDS_OF.values(), MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
+HEARD = (*TAKEN, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
@@ -88,9 +89,8 @@ class Calibrator:
         if stream is MOTOR_FEEDBACK:
             self._has_wheels = True
             self._watch(utime, message.psi_left, message.psi_right)
-        elif stream in COMMANDS_OF.values() and not self._has_wheels:
-            kept = next(KEPT[name] for name in COMMAND_SIGNALS if KEPT[name].stream is stream)
-            self._watch(utime, *self._asked(kept, *(getattr(message, name) for name in kept.fields)))
+        elif stream in TAKEN and not self._has_wheels:
+            self._watch(utime, *self._asked(stream, *(getattr(message, name) for name in FIELDS[stream.name])))
 
     @classmethod
     def of(cls, messages: RobotMessages, nominal: ParameterFile | None = None) -> "Calibrator":
@@ -227,19 +227,19 @@ class Calibrator:
         rows: list[tuple[int, int, float, float]] = []
         for name in COMMAND_SIGNALS:
             before = messages.arrivals[name].where(messages.arrivals[name].number < first_wheels)
-            left, right = self._asked(KEPT[name], *(before.columns[field] for field in KEPT[name].fields))
+            left, right = self._asked(KEPT[name].stream, *(before.columns[field] for field in KEPT[name].fields))
             rows += zip(*(column.tolist() for column in (before.number, before.utime, left, right)), strict=True)
         for _, utime, at_left, at_right in sorted(rows):
             yield utime, at_left, at_right
         columns = (wheels.utime, wheels.columns["psi_left"], wheels.columns["psi_right"])
         yield from zip(*(column.tolist() for column in columns), strict=True)
 
-    def _asked(self, kept: Kept, first: Any, second: Any) -> tuple[Any, Any]:
+    def _asked(self, stream: Stream, first: Any, second: Any) -> tuple[Any, Any]:
         """Return what commands ask of the wheels of both sides: duties, or speeds.
 
         Turns of the body go by the width that is known; without one, commands say nothing.
         """
-        if kept.stream is not VELOCITY_COMMAND:
+        if stream is not VELOCITY_COMMAND:
             return first, second
         width = self._known.counted_width if self._known else math.nan
         return VelocityController(1.0, width, math.nan).wheels_of_body(first, second)  # m/s serve as well as rad/s

@@ -13,17 +13,18 @@ from pathlib import Path
 from types import FrameType
 
 from cmr.bus.process import Process
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE
+from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.diagnosis.job import Job, JobError, Outcome, attempt, perform
 from cmr.diagnosis.many import Pool, jobs_of
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.parameters.following import ParameterFollower
+from cmr.recordings.commanding import TAKEN
 from cmr.recordings.recording import RecordingError
 
 BAR = 24  # characters
-WATCHED = (MOTOR_COMMAND, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
+WATCHED = (*TAKEN, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 WATCH_RATE = 20.0  # Hz
 LIVE = "live.txt"
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from cmr.bus.streams import POSE, WORLD_STATE
+from cmr.recordings.commanding import TAKEN, asks_to_move
 from cmr.recordings.log import LogReader
 from cmr.recordings.recording import Floats, Times
-from cmr.world.commands import TAKEN, asks_to_move
 from cmr.world.view import WorldView
 from cmr.world.world import REST_BEFORE_DRIVE
 

@@ -12,9 +12,9 @@ from cmr.model.parameters import RobotParameters
 from cmr.msg import motor_feedback_t
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
+from cmr.recordings.commanding import command_of
 from cmr.world.behaviours import AnyBehaviour, TeamBehaviour
 from cmr.world.behaviours.team import Alone
-from cmr.world.commands import command_of
 from cmr.world.guarding import MARGIN, FenceGuard, PoseGuard, kept_clear, load
 from cmr.world.interaction.obstacles import Geofence
 from cmr.world.view import Robot, WorldView

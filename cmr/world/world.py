@@ -28,8 +28,9 @@ from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
+from cmr.recordings.commanding import TAKEN, duties_of
 from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
-from cmr.world.commands import TAKEN, CommandMemory, duties_of
+from cmr.world.commands import CommandMemory
 from cmr.world.deciding import Deciding
 from cmr.world.estimator import Estimator
 from cmr.world.fleet import STEP, Fleet, Key

@@ -40,7 +40,8 @@ class Cause:
 
     `title` names it in a few words, which may depend on the sizes of the changes, by name; `advice` says what to do.
     `effect` is the effect of the catalogue that models it, empty if none does. `fits` tells whether the battery's
-    voltage allows it; where `tells_voltage`, the sentence says what the battery shows.
+    voltage allows it; where `tells_voltage`, the sentence says what the battery shows. Robots that are told how fast to
+    go have others than those that are told how hard to drive: `by_speed` says which; None for both.
     """
 
     key: str
@@ -50,6 +51,7 @@ class Cause:
     effect: str = ""
     fits: Callable[[Voltage], bool] = lambda _voltage: True
     tells_voltage: bool = False
+    by_speed: bool | None = None
 
     def allows(self, sizes: Sizes) -> bool:
         """Tell whether changes of these sizes, by name, can have this cause and are large enough to matter."""
@@ -75,6 +77,20 @@ def _both_slip(sizes: Sizes) -> str:
     return "the robot is blocked, or off the ground, while its wheels turn" if held else "both wheels slip"
 
 
+def _held_back(wheels: str, change: str) -> Cause:
+    """Return the cause of wheels that do not reach the commanded speed any more as they did at the start."""
+    return Cause(
+        f"{change}_held",
+        {change: 0},
+        lambda sizes: (
+            f"the robot's own controller {'holds back' if sizes[change] < 0.0 else 'speeds up'} {wheels}: "
+            "a weak battery, something that rubs, or another setting"
+        ),
+        "Charge the battery, check the wheels and the robot's speed limits; recalibrate if the change persists.",
+        by_speed=True,
+    )
+
+
 def _asymmetric(side: str) -> Cause:
     return Cause(
         f"{side}_motor",
@@ -85,6 +101,7 @@ def _asymmetric(side: str) -> Cause:
         ),
         f"Check whether anything rubs on the {side} side, and the motor connectors; recalibrate if it persists.",
         "motor_gain_asymmetry",
+        by_speed=False,
     )
 
 
@@ -106,6 +123,7 @@ CAUSES = (
         "battery_drift",
         lambda voltage: not voltage.steady,
         tells_voltage=True,
+        by_speed=False,
     ),
     Cause(
         "braked",
@@ -115,6 +133,7 @@ CAUSES = (
         "motor_heating",
         lambda voltage: voltage.steady,
         tells_voltage=True,
+        by_speed=False,
     ),
     Cause(
         "unbraked",
@@ -122,7 +141,11 @@ CAUSES = (
         _always("a fuller battery, a lighter load or a floor with less resistance"),
         "Recalibrate if the change persists.",
         "battery_drift",
+        by_speed=False,
     ),
+    _held_back("both sides' wheels", "speed"),
+    _held_back("the left wheels", "left_speed"),
+    _held_back("the right wheels", "right_speed"),
     Cause(
         "floor",
         {"speed": 0, "turning": 0},
@@ -147,6 +170,14 @@ CAUSES = (
         ),
         "Check what the robot carries and the delay of its commands; recalibrate if the change persists.",
         "payload_change",
+        by_speed=False,
+    ),
+    Cause(
+        "later",
+        {"response": 0},
+        lambda sizes: f"commands that arrive {'later' if sizes['response'] > 0.0 else 'sooner'}, or another load",
+        "Check the network, the delay of its commands and what it carries; recalibrate if the change persists.",
+        by_speed=True,
     ),
     _asymmetric("left"),
     _asymmetric("right"),

@@ -55,7 +55,8 @@ def explain(observed: Sequence[Observed], present: Explanation, voltage: Voltage
 
     `voltage` is what the battery shows.
     """
-    known = [cause for cause in CAUSES if cause.fits(voltage)]
+    by_speed = any(item.second.by_speed for item in observed)
+    known = [cause for cause in CAUSES if cause.fits(voltage) and cause.by_speed in (None, by_speed)]
     candidates = list(_candidates(known, [cause for cause, _ in present.causes]))
     spoilt_before = np.cumsum([0.0, *(0.5 * _power(item.beyond_present) for item in observed)])
     possible: list[tuple[float, Explanation]] = []

@@ -11,7 +11,7 @@ from cmr.diagnosis.live.second import FROZEN_WAY, LEAST_ANGLE, PoseSteps, Second
 from cmr.diagnosis.live.suspicion import Suspicion
 from cmr.msg import motor_feedback_t
 
-MEANT = 0.15  # duty; a smaller one may be too little to move the wheels
+MEANT = 0.15  # duty; a smaller one may be too little to move the wheels, unless a controller sees to it
 STANDING = 0.1  # rad in a second
 SURE_AFTER = 2  # seconds of standing still
 MISSED_AFTER = 3  # seconds without a sensor that was there before
@@ -75,7 +75,7 @@ class Faults:
     def _standing_still(self, second: Second) -> Iterator[tuple[str, Suspicion]]:
         for side in (0, 1):
             # A driver that passes nothing on leaves the twin standing, too.
-            wanted = second.commanded[side] > MEANT and (
+            wanted = second.commanded[side] > (0.0 if second.by_speed else MEANT) and (
                 second.wanted.path[side] > LEAST_ANGLE or second.applied[side] == 0.0
             )
             stands = second.floor.path[side] < STANDING * float(second.parameters.wheel_radius)
@@ -89,7 +89,8 @@ class Faults:
         if any(stuck):
             name = "both sides'" if all(stuck) else "the left" if stuck[0] else "the right"
             duty = max(second.commanded[side] for side in (0, 1) if stuck[side])
-            seen = f"{name[0].upper()}{name[1:]} wheels stand still at a commanded duty of {duty:.2f}"
+            at = f"speed of {duty * second.top_speed:.1f} rad/s" if second.by_speed else f"duty of {duty:.2f}"
+            seen = f"{name[0].upper()}{name[1:]} wheels stand still at a commanded {at}"
             yield "standing", Suspicion(f"{name} wheels standing still", f"{seen}: {_why_standing(second, stuck)}.")
 
     def _sensors(self, second: Second) -> Iterator[tuple[str, Suspicion]]:
@@ -180,4 +181,6 @@ def _why_standing(second: Second, stuck: list[bool]) -> str:
         return "the driver does not forward the commands; see its PROCESS_STATUS"
     if any(_moves(second, side) for side in (0, 1) if stuck[side]):
         return "but the robot moves, so the encoder is at fault; check its cable"
+    if second.by_speed:
+        return "a motor is off or blocked, or the robot does not take commands; check its own stop, power and cables"
     return "the motor is off or blocked, or the duty is too small to overcome friction; check power, cables and wheels"

@@ -93,7 +93,8 @@ class Second:
 
     `turned` [rad] is how far wheels turned, `gyro` [rad] the turn that the gyro tells. `commanded` and `applied` are
     mean sizes of duties: what was asked for, and what the driver says it passed on. `status` are all bits of the
-    feedback, `voltage` [V] is the battery's.
+    feedback, `voltage` [V] is the battery's. Where speeds are commanded, a duty of 1 stands for `top_speed` [rad/s] of
+    the wheels; where duties are, it is NaN.
     """
 
     end: int
@@ -107,6 +108,12 @@ class Second:
     status: int
     gyro: float
     pose: PoseSteps | None
+    top_speed: float = math.nan
+
+    @property
+    def by_speed(self) -> bool:
+        """Whether the robot is told how fast to go, not how hard to drive."""
+        return math.isfinite(self.top_speed)
 
     @property
     def moving(self) -> bool:
@@ -124,8 +131,13 @@ class Second:
         return float(1.0 / decay_rate(self.parameters))
 
 
-def observe(hearing: Hearing, twin: Twin, parameters: RobotParameters, begin: int) -> Second | None:
-    """Return the second that begins at utime `begin`, through which the twin is driven; None if wheels are unknown."""
+def observe(
+    hearing: Hearing, twin: Twin, parameters: RobotParameters, begin: int, top_speed: float = math.nan
+) -> Second | None:
+    """Return the second that begins at utime `begin`, through which the twin is driven; None if wheels are unknown.
+
+    `top_speed` is that of Second.
+    """
     wheels = hearing.between("wheels", begin - AROUND, begin + SECOND + AROUND, begin)
     angles = _angles(wheels)
     if angles is None:
@@ -148,6 +160,7 @@ def observe(hearing: Hearing, twin: Twin, parameters: RobotParameters, begin: in
         status=int(np.bitwise_or.reduce(inside[:, 6].astype(np.int64))),
         gyro=_gyro(hearing, begin),
         pose=_pose(hearing, begin, np.abs(np.diff(at_grid, axis=0)) * parameters.wheel_radius, parameters),
+        top_speed=top_speed,
     )
 
 

@@ -4,24 +4,25 @@ All decisions follow from the time stamps of the messages, so a log gives the sa
 come less than LATEST later than those of the wheels with the same time stamp.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream, identify
+from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream, identify
 from cmr.diagnosis.live.hearing import Hearing
 from cmr.diagnosis.live.robot import RobotWatch
 from cmr.diagnosis.live.second import AROUND, SECOND, observe
 from cmr.diagnosis.live.twin import Twin
 from cmr.model.parameters import RobotParameters
+from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
+from cmr.recordings.commanding import TAKEN, duties_of
 
 LATEST = 1_000_000  # us by which messages may be late
 LONGEST_GAP = 3_000_000  # us without feedback, or in which its clock goes back, after which it is another drive
 SILENT = 3_000_000  # us
 LINGERING = 10_000_000  # us for which what was said stays visible though it is no state, such as the end of a suspicion
-
-COLUMNS = {MOTOR_COMMAND: "commands", MOTOR_FEEDBACK: "wheels", GYRO: "gyro", POSE: "poses"}
 
 
 class Watcher:
@@ -104,6 +105,7 @@ class _Robot:
         self._parameters: RobotParameters | None = None
         self._sha256 = ""
         self._incomplete = ""
+        self._controller: VelocityController | None = None
         self._twin: Twin | None = None
         self._watch: RobotWatch | None = None
         self._news: list[str] = []
@@ -130,8 +132,10 @@ class _Robot:
         if stream is PARAMETERS:
             self.follower.handle(utime, channel, message)
             self.look_for_parameters()
-        elif stream is MOTOR_COMMAND:
-            self._hearing.take("commands", utime, (message.left, message.right))
+        elif stream in TAKEN:
+            duties = duties_of(stream, message, self._controller)
+            if duties is not None:
+                self._hearing.take("commands", utime, duties)
         elif stream is GYRO and message.valid:
             self._hearing.take("gyro", utime, (message.yaw_rate,))
         elif stream is POSE:
@@ -145,6 +149,7 @@ class _Robot:
         self._incomplete = ""
         try:
             parameters = self.follower.parameters.robot_parameters
+            controller = self.follower.parameters.velocity_controller
         except ParameterFileError as error:
             self._incomplete = f"its parameters are incomplete: {error}. Calibrate it with cmr-calibrate."
             return
@@ -152,7 +157,7 @@ class _Robot:
             return
         if self._watch is not None:
             self._say("The parameters have changed: monitoring starts again.")
-        self._sha256, self._parameters = self.follower.sha256, parameters
+        self._sha256, self._parameters, self._controller = self.follower.sha256, parameters, controller
         self._watch, self._twin = RobotWatch(), None
 
     def tell(self, utime: int) -> list[str]:
@@ -192,7 +197,8 @@ class _Robot:
             return
         if self._twin is None:
             self._twin = self._new_twin(self._parameters)
-        second = observe(self._hearing, self._twin, self._parameters, self._begin) if self._twin else None
+        top_speed = self._controller.top_wheel_speed if self._controller else math.nan
+        second = observe(self._hearing, self._twin, self._parameters, self._begin, top_speed) if self._twin else None
         if second is None:
             self._twin = None
             return
