@@ -28,6 +28,7 @@ from cmr.msg import (
     process_status_t,
     range_scan_t,
     robot_state_t,
+    velocity_command_t,
     waypoints_t,
 )
 from cmr.parameters.file import ParameterFile, Value
@@ -347,6 +348,39 @@ def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis(
     assert "its left motor is weaker" in words.twins(state)
     assert "3.0 cm" in words.twins(state)
     assert distances(state.divergence[0], state.now)[1] == pytest.approx([3.0, 3.0, 3.0])
+
+
+def test_a_robot_with_a_velocity_controller_is_shown_with_its_commands_and_in_its_own_words() -> None:
+    file = ParameterFile(
+        0,
+        {
+            "wheel_radius": Value(0.04),
+            "base_width": Value(0.2),
+            "response_time": Value(0.25),
+            "top_wheel_speed": Value(20.0),
+        },
+    )
+    state = showing(three(NOW))
+    command = make(velocity_command_t, utime=NOW, robot_id=0, v=0.25, omega=-0.5)
+    # What 0.2 s and 0.9 of the commanded speed come to: k1 = 1 / (0.9 * 20), k2 = 0.9 * 20 / 0.2.
+    fields = {**FIELDS["CALIBRATION_STATUS"], "k1": 1.0 / 18.0, "k2_over_k3": 90.0, "robot_id": 0, "utime": NOW}
+    for channel, message in (
+        ("PARAMETERS_0", file.announcement(1)),
+        ("VELOCITY_COMMAND_0", command),
+        ("CALIBRATION_STATUS_0", make(CALIBRATION_STATUS.message_type, **fields)),
+    ):
+        state.handle(NOW, channel, message)
+    told = words.robot(state, 0)
+    assert "+0.25 m/s, turning -0.50 rad/s" in told
+    assert "response_time 0.25 s" in told
+    controller = words.controller_of(state, 0)
+    told = words.calibration(state.calibrations[0][-1].message, controller)
+    assert "0.2 ±" in told
+    assert "0.9 ±" in told
+    assert "k1" not in told
+    columns = estimates(state.calibrations[0], controller)
+    assert columns["response_time"][1].tolist() == pytest.approx([0.2])
+    assert columns["k1"].shape == (4, 0)
 
 
 @pytest.mark.parametrize(

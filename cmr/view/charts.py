@@ -7,8 +7,9 @@ import numpy as np
 import viser
 from viser import uplot
 
+from cmr.model.velocity_controller import VelocityController
 from cmr.view.robots import Floats
-from cmr.view.words import CONFIDENCE, ESTIMATES
+from cmr.view.words import CONFIDENCE, ESTIMATES, estimated
 
 BAND = "rgba(53, 116, 226, 0.25)"
 LINE, EDGE = "#3574e2", "rgba(53, 116, 226, 0.4)"
@@ -81,14 +82,17 @@ def ticks(low: float, high: float) -> tuple[tuple[float, ...], tuple[str, ...]]:
     return tuple(place * step for place in places), tuple(f"{place * step:.{digits}f}" for place in places)
 
 
-def estimates(history: Any) -> dict[str, Floats]:
-    """Return by parameter the columns of its chart, from what was heard of a calibration over time."""
+def estimates(history: Any, controller: VelocityController | None = None) -> dict[str, Floats]:
+    """Return by parameter the columns of its chart, from what was heard of a calibration over time.
+
+    Parameters that a robot with this velocity controller, or without one, does not have are not known.
+    """
     begin = history[0].utime
-    seconds = [(heard.utime - begin) / 1e6 for heard in history]
+    known = [((heard.utime - begin) / 1e6, estimated(heard.message, controller)) for heard in history]
     result = {}
     for name, _unit in ESTIMATES:
-        value = np.array([getattr(heard.message, name) for heard in history])
-        reach = CONFIDENCE * np.array([getattr(heard.message, f"{name}_std") for heard in history])
+        rows = [(seconds, of[name].value, CONFIDENCE * of[name].std) for seconds, of in known if name in of]
+        seconds, value, reach = np.array(rows).reshape(-1, 3).T
         result[name] = np.array([seconds, value, value + reach, value - reach])
     return result
 

@@ -100,8 +100,9 @@ class Page:
             columns = {name: np.empty((4, 0)) for name, _ in ESTIMATES}
         else:
             history = state.calibrations[robot_id]
-            self._panels["calibration"].content = words.calibration(history[-1].message)
-            columns = estimates(history)
+            controller = words.controller_of(state, robot_id)
+            self._panels["calibration"].content = words.calibration(history[-1].message, controller)
+            columns = estimates(history, controller)
         self._paths.content = "" if robot_id is None else words.drives(state, robot_id)
         for name, chart in self._estimates.items():
             chart.show(columns[name])

@@ -14,7 +14,8 @@ from cmr.view.robots import Robots, RobotTable
 from cmr.view.traffic import Traffic
 from cmr.view.trails import Trails
 
-LATEST_OF = ("MOTOR_COMMAND", "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOINTS", "PARAMETERS")
+COMMANDS = ("MOTOR_COMMAND", "WHEEL_SPEED_COMMAND", "VELOCITY_COMMAND")  # a robot takes one kind of them
+LATEST_OF = (*COMMANDS, "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOINTS", "PARAMETERS")
 MOST_ESTIMATES = 600  # kept of a calibration
 MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
 STOPPED_FOR = 10_000_000  # us for which a process that has ended is told

@@ -1,15 +1,26 @@
 """The panels' contents as HTML: tables and sentences. Whatever comes from the bus is escaped."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from html import escape
 from typing import Any
 
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, Stream
+from cmr.bus.streams import (
+    GYRO,
+    MOTOR_COMMAND,
+    MOTOR_FEEDBACK,
+    PARAMETERS,
+    VELOCITY_COMMAND,
+    WHEEL_SPEED_COMMAND,
+    Stream,
+)
+from cmr.estimation.commanded_speeds import in_words_of
+from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import DEFINITIONS
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, VelocityController
 from cmr.msg import calibration_status_t, motor_feedback_t, process_status_t
-from cmr.parameters.file import ParameterFileError, parse
+from cmr.parameters.file import ParameterFile, ParameterFileError, parse
 from cmr.view.drawing import bar, distance, paths_drawing
 from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.state import ViewState
@@ -41,7 +52,21 @@ CALIBRATION_STATES = {
     calibration_status_t.DONE: "done",
     calibration_status_t.FAILED: "failed",
 }
-ESTIMATES = (("k2_over_k3", "rad/s²"), ("k1", "s/rad"), ("base_width", "m"))
+ESTIMATED = ("k2_over_k3", "k1", "base_width")  # the parameters that a calibration_status_t tells
+# Those that may be shown, with unit: robots with a velocity controller have the middle two in place of the first.
+ESTIMATES = (
+    ("k2_over_k3", "rad/s²"),
+    ("k1", "s/rad"),
+    ("response_time", "s"),
+    ("speed_scale", "-"),
+    ("base_width", "m"),
+)
+MEANINGS = {name: parameter.meaning for name, parameter in {**DEFINITIONS, **CONTROLLER_DEFINITIONS}.items()}
+COMMAND_WORDS: dict[Stream, Callable[[Any], str]] = {
+    MOTOR_COMMAND: lambda told: f"left {told.left:+.2f}, right {told.right:+.2f} duty",
+    WHEEL_SPEED_COMMAND: lambda told: f"left {told.psi_left:+.2f}, right {told.psi_right:+.2f} rad/s",
+    VELOCITY_COMMAND: lambda told: f"{told.v:+.2f} m/s, turning {told.omega:+.2f} rad/s",
+}
 
 
 def status_words(status: int) -> str:
@@ -98,16 +123,17 @@ def robot(state: ViewState, robot_id: int) -> str:
 
 def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
     """Yield what a robot's own channels say."""
-    command = state.newest(MOTOR_COMMAND, robot_id)
-    if command is not None:
-        given = f"left {command.left:+.2f}, right {command.right:+.2f} duty"
-        yield "command", given + _ago(state, MOTOR_COMMAND, robot_id)
+    for stream, words in COMMAND_WORDS.items():
+        command = state.newest(stream, robot_id)
+        if command is not None:
+            yield "command", words(command) + _ago(state, stream, robot_id)
     feedback = state.newest(MOTOR_FEEDBACK, robot_id)
     if feedback is not None:
         silence = _ago(state, MOTOR_FEEDBACK, robot_id)
         if silence:
             yield "driver", f"says nothing any more; this was{silence}:"
-        yield "applied", f"left {feedback.applied_left:+.2f}, right {feedback.applied_right:+.2f} duty"
+        if math.isfinite(feedback.applied_left):
+            yield "applied", f"left {feedback.applied_left:+.2f}, right {feedback.applied_right:+.2f} duty"
         yield "battery", f"{_number(feedback.battery_voltage, '.1f')} V"
         yield "temperature", f"{_number(feedback.temperature, '.0f')} °C"
         yield "current", f"{_number(feedback.current_left, '.1f')}, {_number(feedback.current_right, '.1f')} A"
@@ -124,13 +150,34 @@ def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
 
 @lru_cache(maxsize=64)
 def parameter_values(text: str) -> str:
-    """Return what a parameter file says of the paper's parameters; empty where it cannot be read."""
+    """Return what a parameter file says of the parameters that all robots of its kind have; empty if unreadable."""
+    known, definitions = _parsed(text), {**DEFINITIONS, **CONTROLLER_DEFINITIONS}
+    names = [name for name in definitions if known is not None and known.has(name)]
+    return ", ".join(f"{name} {known.value(name):.4g} {definitions[name].unit}" for name in names if known)
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str) -> ParameterFile | None:
     try:
-        known = parse(text)
+        return parse(text)
     except ParameterFileError:
-        return ""
-    values = (f"{name} {known.value(name):.4g} {DEFINITIONS[name].unit}" for name in DEFINITIONS if known.has(name))
-    return ", ".join(values)
+        return None
+
+
+def controller_of(state: ViewState, robot_id: int) -> VelocityController | None:
+    """Return the velocity controller of a robot, by its parameters; None for one that takes duties, or is not known."""
+    announced = state.newest(PARAMETERS, robot_id)
+    known = None if announced is None else _parsed(announced.yaml)
+    try:
+        return None if known is None else known.velocity_controller
+    except ParameterFileError:
+        return None
+
+
+def estimated(message: Any, controller: VelocityController | None) -> dict[str, Estimate]:
+    """Return what a calibration_status_t tells of the parameters that are known, by the names of the robot's file."""
+    known = {name: Estimate(getattr(message, name), getattr(message, f"{name}_std")) for name in ESTIMATED}
+    return in_words_of({name: one for name, one in known.items() if math.isfinite(one.value)}, controller)
 
 
 def _ago(state: ViewState, stream: Stream, robot_id: int) -> str:
@@ -139,14 +186,19 @@ def _ago(state: ViewState, stream: Stream, robot_id: int) -> str:
     return f" {age:.0f} s ago" if age > SILENT else ""
 
 
-def calibration(message: Any) -> str:
-    """Return what a calibration_status_t says."""
+def calibration(message: Any, controller: VelocityController | None = None) -> str:
+    """Return what a calibration_status_t says, of a robot that has this velocity controller."""
     rows: list[tuple[object, ...]] = [("state", CALIBRATION_STATES.get(message.state, message.state))]
+    known = estimated(message, controller)
+    own = (*(("response_time", "speed_scale") if controller else ESTIMATED[:2]), ESTIMATED[2])
     for name, unit in ESTIMATES:
-        value, std = getattr(message, name), getattr(message, f"{name}_std")
-        interval = f"{value:.4g} ± {_number(CONFIDENCE * std, '.2g')} {unit} (95 %)"
-        rows.append((name, interval if math.isfinite(value) else "not known"))
-        rows.append((("", DEFINITIONS[name].meaning),))
+        if name in known:
+            one = known[name]
+            rows.append((name, f"{one.value:.4g} ± {_number(CONFIDENCE * one.std, '.2g')} {unit} (95 %)"))
+        elif name in own:
+            rows.append((name, "not known"))
+        if name in (*known, *own):
+            rows.append((("", MEANINGS[name]),))
     for name, error in (("old", message.path_rmse_before), ("new", message.path_rmse_after)):
         told = f"simulated path {distance(error)} off (rms)" if math.isfinite(error) else "not known"
         rows.append((f"{name} values", told))
