@@ -27,9 +27,11 @@ from cmr.estimation.search.exchange import (
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.profile import along
 from cmr.model.catalogue import CATALOGUE
+from cmr.model.effect import Effect
 
 DELAYS = ("command_delay", "gyro_latency", "pose_latency")
 ASIDE = (-8e-3, -4e-3, 4e-3, 8e-3)  # s; less than a step
+SOMEWHAT = 0.03  # s
 BY_ITS_SIZE = 8.0  # of what an effect must explain, the walk asks so much already: sizes are spread (Occam's factor)
 
 
@@ -48,25 +50,36 @@ def best_leap(
         effect.name: needed(effect) * inflation.of(effect.name) + inflation.all * rarity(effect.name) - BY_ITS_SIZE
         for effect in problem.effects
     }
-    likeliest = (averaging().likeliest(penalties) for averaging in about)
-    for values in chain(likeliest, _alike(current.values)):
-        exchange = _exchange(problem, current, named, inflation, values)
+    # What a linear problem from afar does not have, as limits and places, is as it stands.
+    likeliest = ((averaging().likeliest(penalties), can_be_small) for averaging in about)
+    for values, told in chain(likeliest, ((values, _any) for values in _alike(current.values))):
+        exchange = _exchange(problem, current, named, inflation, values, told)
         if exchange is not None:
             return exchange
     return None
+
+
+def _any(_effect: Effect) -> bool:
+    return True
 
 
 def _alike(values: Mapping[str, float]) -> Iterator[dict[str, float]]:
     """Yield values that move a robot nearly alike, but lie too far off for a linear problem.
 
     Wheels that slip by k times their acceleration move the robot as if it followed them k later, so gyro and poses both
-    seem late by k.
+    seem late by k. Wheels that accelerate within a limit move as if their command rose no faster, somewhat later.
     """
     gyro, pose, slip = (values.get(name, 0.0) for name in ("gyro_latency", "pose_latency", "longitudinal_slip"))
     if pose > 0.0 and gyro > 0.0 and slip == 0.0:
         yield {**values, "gyro_latency": gyro - pose, "pose_latency": 0.0, "longitudinal_slip": pose}
     if slip > 0.0 and pose == 0.0:
         yield {**values, "gyro_latency": gyro + slip, "pose_latency": slip, "longitudinal_slip": 0.0}
+    slew, current = (values.get(name, np.inf) for name in ("slew_limit", "current_limit"))
+    motor, late = values["k1"] * values["k2_over_k3"], max(values.get("command_delay", 0.0), SOMEWHAT)
+    if slew < np.inf and current == np.inf:
+        yield {**values, "slew_limit": np.inf, "current_limit": slew / motor, "command_delay": late}
+    if current < np.inf and slew == np.inf:
+        yield {**values, "current_limit": np.inf, "slew_limit": current * motor}
 
 
 def _exchange(
@@ -75,11 +88,14 @@ def _exchange(
     named: Sequence[SelectedEffect],
     inflation: Inflation,
     values: Mapping[str, float],
+    told: Callable[[Effect], bool],
 ) -> Exchange | None:
-    """Return the exchange that leads to the effects that some values switch on, if it explains the data better."""
-    here = {_name(one) for one in named if can_be_small(one.candidate.effect)}
-    there = {effect.name for effect in problem.effects if can_be_small(effect) and effect.is_on(values)}
-    # What a linear problem from afar does not have, as limits and places, is as it stands.
+    """Return the exchange that leads to the effects that some values switch on, if it explains the data better.
+
+    Effects of which the values have not `told` stay as they are.
+    """
+    here = {_name(one) for one in named if told(one.candidate.effect)}
+    there = {effect.name for effect in problem.effects if told(effect) and effect.is_on(values)}
     start = {**current.values, **values}
     while there != here:
         leaving, coming = sorted(here - there), sorted(there - here)

@@ -170,8 +170,8 @@ class _Selection:
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
         if self._exchanged(exchange):
             return True
-        if self.inflation.all <= 1.0 and len(self.named) <= FEW:  # nothing is left, and exchanges reach all other sets
-            return False
+        if self.inflation.all <= 1.0 and len(self.named) <= FEW:  # nothing is left, and exchanges reach nearly all sets
+            return self._leapt([])
         return self._leapt([self._near, lambda: self._afar])
 
     def _leapt(self, about: Sequence[Callable[[], Averaging]]) -> bool:
