@@ -93,6 +93,20 @@ def test_an_acceleration_limit_leads_to_no_other_name() -> None:
     assert near(estimates(found)["response_time"], gentle.response_time)
 
 
+@pytest.mark.parametrize(("response_time", "seed"), [(0.3, 3), (0.1, 2)])
+def test_a_limit_of_the_wheels_acceleration_is_not_taken_for_one_of_the_commands(
+    response_time: float, seed: int
+) -> None:
+    """With either limit wheels move nearly alike; with the wrong one there is no delay, and speeds are 7 % too low."""
+    robot = SpeedRobot(response_time=response_time)
+    found = diagnose(driven(robot, seed=seed, controller_acceleration=3.0))
+    assert set(named(found)) == {"current_limit", "command_delay"}
+    assert "at most 3.0" in found.effects[0].cause or "at most 2.9" in found.effects[0].cause
+    of = estimates(found)
+    truth = {"response_time": response_time, "command_delay": robot.delay, "speed_scale": 1.0}
+    assert all(near(of[name], value) for name, value in truth.items())
+
+
 def test_a_robot_that_counts_by_another_wheel_separation_is_told_so() -> None:
     other = SpeedRobot(command_base_width=0.67)
     found = diagnose(replace(driven(other, seed=4), parameters=SLOW.nominal))

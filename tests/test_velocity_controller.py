@@ -96,10 +96,15 @@ def test_a_limit_of_turns_counts_by_the_width_of_the_commands() -> None:
 @pytest.mark.parametrize("name", ["saturation", "slew_limit", "current_limit"])
 def test_limits_of_commanded_speeds_are_told_in_radians_per_second(name: str) -> None:
     effect = CATALOGUE[name]
-    said = effect.sentence_of_speed({name: 0.5}, TOP)
+    said = effect.sentence_of_speed({name: 0.5}, TOP, 30.0)
     assert f"{0.5 * TOP:.2f} rad/s" in said
     assert "motor" not in said
     assert "duty" not in said
+
+
+def test_a_limit_of_acceleration_is_told_as_one() -> None:
+    said = CATALOGUE["current_limit"].sentence_of_speed({"current_limit": 0.5}, TOP, 30.0)
+    assert "at most 15.00 rad/s^2" in said
 
 
 def test_what_a_velocity_controller_makes_up_for_is_not_told_otherwise() -> None:

@@ -94,7 +94,8 @@ class Estimation:
         values = {parameter.name: self.estimate(parameter.name).value for parameter in effect.parameters}
         if self.controller is None:
             return effect.sentence(values)
-        return effect.sentence_of_speed(values, self.controller.top_wheel_speed)
+        assert self.whole is not None
+        return effect.sentence_of_speed(values, self.controller.top_wheel_speed, self.whole.model.values["k2_over_k3"])
 
     @property
     def parameters(self) -> dict[str, float]:

@@ -36,7 +36,8 @@ class Effect:
     Parameters that are `given` say under which circumstances the effect acts: they are told, not found, and switch
     nothing on.
     The effect may show `with_commands` of these kinds: a velocity controller in the robot makes up for many. Where
-    speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s.
+    speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
+    `{parameter_acceleration}` the acceleration from rest in rad/s^2.
     """
 
     name: str
@@ -84,12 +85,16 @@ class Effect:
         """Return the sentence that names the cause, with these values of the parameters."""
         return self.cause.format(**{parameter.name: _Size(values[parameter.name]) for parameter in self.parameters})
 
-    def sentence_of_speed(self, values: Mapping[str, float], top_wheel_speed: float) -> str:
-        """Return the sentence that names the cause where duty 1 stands for a wheel speed [rad/s]."""
+    def sentence_of_speed(self, values: Mapping[str, float], top_wheel_speed: float, acceleration: float) -> str:
+        """Return the sentence that names the cause where duty 1 stands for a wheel speed [rad/s].
+
+        `acceleration` [rad/s^2] is what it gives a wheel at rest.
+        """
         if not self.cause_of_speed:
             return self.sentence(values)
-        speeds = {p.name: values[p.name] * (top_wheel_speed if "duty" in p.unit else 1.0) for p in self.parameters}
-        return self.cause_of_speed.format(**{name: _Size(value) for name, value in speeds.items()})
+        sizes = {p.name: values[p.name] * (top_wheel_speed if "duty" in p.unit else 1.0) for p in self.parameters}
+        sizes |= {f"{p.name}_acceleration": values[p.name] * acceleration for p in self.parameters}
+        return self.cause_of_speed.format(**{name: _Size(value) for name, value in sizes.items()})
 
 
 class _Size(float):

@@ -11,7 +11,7 @@ from cmr.model.showcase import LAP, Showcase
 from cmr.model.stages import ALWAYS, FUNCTIONS, STAGES, Stage
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
 
-TYPICAL_K1 = 0.054  # s/rad
+TYPICAL_K1, TYPICAL_GAIN = 0.054, 118.0  # s/rad, rad/s^2
 INTRODUCTION = f"""\
 # Effects
 
@@ -71,7 +71,7 @@ def _entry(effect: Effect, shown: Showcase) -> str:
         lines.append(f"Remembers from step to step: {remembered}.\n")
     lines.append(f"Shows in {effect.shows_in}. Needs {effect.needs}.\n")
     if effect.cause_of_speed:
-        said = effect.sentence_of_speed(typical(effect), 1.0 / TYPICAL_K1)
+        said = effect.sentence_of_speed(typical(effect), 1.0 / TYPICAL_K1, TYPICAL_GAIN)
         lines.append(f"Of a robot with a [velocity controller](#velocity-controllers): *{said}*\n")
     if effect.confused_with:
         told_apart = [f"[{other}](#{other}): {manoeuvre}" for other, manoeuvre in effect.confused_with.items()]

@@ -229,7 +229,8 @@ CURRENT_LIMIT = Effect(
     name="current_limit",
     group=GROUP,
     cause="The motor current is limited to {current_limit:.2f} of the current at rest and full drive.",
-    cause_of_speed="Wheels accelerate no faster than where they lag their command by {current_limit:.2f} rad/s.",
+    cause_of_speed="Wheels accelerate by at most {current_limit_acceleration:.2f} rad/s^2, as where they lag their "
+    "command by {current_limit:.2f} rad/s.",
     equations={"current": "current = min(max(current, -current_limit), current_limit)"},
     parameters=(ParameterDefinition("current_limit", "duty", "largest motor current", 0.01, inf, inf, 0.34),),
     needs="starts and reversals at high duty",
