@@ -160,6 +160,24 @@ def test_calibration_never_ends_worse_than_the_nominal_robot(recorded: str, nomi
     assert not [note for note in result.notes if "earlier than they are stamped" in note]
 
 
+def test_poses_alone_tell_the_response_and_the_delay_apart() -> None:
+    """The paper's method knew no delay: 0.14 s of it went into a response time of 0.295 s, known to 0.011 s."""
+    robot = SpeedRobot(response_time=0.295, delay=0.143, base_width=0.9)
+    result = calibrate(without(driven(robot, seed=1), "wheels", "gyro"))
+    found = {**result.told, **result.effects}
+    truth = {"response_time": 0.295, "command_delay": 0.143, "speed_scale": 1.0, "base_width": 0.9}
+    for name, value in truth.items():
+        assert found[name].value == pytest.approx(value, abs=3.0 * found[name].std), name
+        assert found[name].std < 0.1 * value, name
+    assert not [note for note in result.notes if "k2_over_k3" in note or "k1" in note]
+
+
+def test_of_poses_alone_a_late_command_is_said_to_be_no_other_than_a_late_pose() -> None:
+    found = diagnose(without(driven(SLOW, seed=1), "wheels", "gyro"))
+    assert named(found) == ["command_delay"]
+    assert {"pose_latency", "longitudinal_slip"} <= set(found.effects[0].indistinguishable_from)
+
+
 def test_wheels_alone_tell_the_response() -> None:
     robot = SpeedRobot(delay=0.0)
     result: CalibrationResult = calibrate(without(driven(robot, seed=6), "gyro", "poses"))

@@ -45,8 +45,8 @@ def calibrate(
     `nominal` gives at least wheel_radius; by default it is what the recording announces. The parameters are averaged
     over the effects that the recordings show or may hide (`cmr.estimation`), and the effects in use are part of the
     result. With `paper_only` there are none: the three parameters are those that predict best by themselves. `method`
-    "paper" is the paper's: a grid search over the whole path, which knows no effects in any case. Recordings without
-    wheels have no other.
+    "paper" is the paper's: a grid search over the whole path, which knows no effects in any case. Of robots that take
+    duties, recordings without wheels have no other.
     Raises EstimationError when nothing at all can be found, when signals contradict one another, or when whatever is
     found predicts paths worse than `nominal` does.
     """
@@ -56,7 +56,7 @@ def calibrate(
     controller = controller_of(recordings, nominal)
     recordings = [as_duties(recording, controller) for recording in recordings]
     nominal = as_motor(nominal, controller)
-    if method == PAPER or not any(len(recording.wheels) for recording in recordings):
+    if method == PAPER or not (controller or any(len(recording.wheels) for recording in recordings)):
         return replace(calibrate_by_paper(recordings, nominal), controller=controller)
     if not any(len(recording.poses) or recording.gyro.varies("yaw_rate") for recording in recordings):
         return _motors_alone(recordings, nominal, controller)

@@ -6,6 +6,7 @@ import numpy as np
 
 from cmr.calibration.coverage import only_speed, second_speed
 from cmr.estimation.averaging import Posterior
+from cmr.estimation.commanded_speeds import in_words_of
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation
 from cmr.model.catalogue import CATALOGUE
@@ -13,11 +14,20 @@ from cmr.model.observer import Observations
 from cmr.recordings.signal import Floats
 
 # Relative standard deviations beyond which a parameter is in doubt: more than a drive at two speeds leaves usually.
-WIDE: Mapping[str, float] = {"k2_over_k3": 0.015, "k1": 0.006, "base_width": 0.008}
+WIDE: Mapping[str, float] = {
+    "k2_over_k3": 0.015,
+    "k1": 0.006,
+    "response_time": 0.015,
+    "speed_scale": 0.006,
+    "base_width": 0.008,
+}
+STANDS_FOR: Mapping[str, str] = {"response_time": "k2_over_k3", "speed_scale": "k1"}  # in the model, by the file's name
 POOR = 0.1  # relative standard deviation beyond which it is said what kind of driving tells a parameter
 TELLING: Mapping[str, str] = {
     "k2_over_k3": "Stops, starts and other changes of speed tell k2_over_k3.",
     "k1": "Steady driving, at two speeds, tells k1.",
+    "response_time": "Stops, starts and other changes of speed tell response_time.",
+    "speed_scale": "Steady driving tells speed_scale.",
     "base_width": "Turns in both directions tell base_width.",
 }
 HALF = 0.5  # of its standard deviation alone, below which a parameter is much surer beside effects
@@ -27,9 +37,9 @@ UNSURE = (0.03, 0.97)  # probabilities between which an effect may or may not be
 
 
 def in_doubt(estimation: Estimation) -> tuple[str, ...]:
-    """Return a sentence for each parameter of the paper that is in doubt, and one on the drive that would tell it."""
+    """Return a sentence for each parameter of the robot that is in doubt, and one on the drive that would tell it."""
     assert estimation.whole is not None
-    average, told = estimation.whole.average, estimation.estimates
+    average, told = estimation.whole.average, in_words_of(estimation.estimates, estimation.controller)
     wide = _wide(told)
     sentences = [_sentence(name, _share(told[name]), average) for name in wide]
     return (*sentences, *_telling(wide, told, one_speed(estimation)))
@@ -37,7 +47,8 @@ def in_doubt(estimation: Estimation) -> tuple[str, ...]:
 
 def in_doubt_alone(estimation: Estimation, alone: Mapping[str, Estimate]) -> tuple[str, ...]:
     """Return what `in_doubt` does for the three parameters `alone`, or how sure effects would make them."""
-    wide, beside = _wide(alone), estimation.estimates
+    alone, beside = (in_words_of(those, estimation.controller) for those in (alone, estimation.estimates))
+    wide = _wide(alone)
     sentences = [_sentence(name, _share(alone[name]), None) for name in wide]
     surer = [name for name in wide if name in beside and beside[name].std < HALF * alone[name].std]
     if surer and estimation.found.named:
@@ -77,7 +88,7 @@ def _sentence(name: str, share: float, average: Posterior | None) -> str:
 def hiding_in(name: str, average: Posterior) -> list[str]:
     """Return the effects that may or may not be there and that a parameter would go with, the most likely first."""
     stds = np.sqrt(np.maximum(np.diag(average.covariance), 1e-300))
-    at = average.names.index(name)
+    at = average.names.index(STANDS_FOR.get(name, name))
     hiding = []
     for effect, presence in average.presence.items():
         if UNSURE[0] < presence < UNSURE[1]:

@@ -285,7 +285,7 @@ def _fitted_in(fit: Fit, tested: CandidateEffect) -> bool:
 def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estimation, driver: Driver) -> NamedEffect:
     effect, found = one.candidate.effect, estimation.found
     names = [parameter.name for parameter in effect.parameters]
-    rivals = one.rivals
+    same = found.problem.as_the_delay if effect.name == "command_delay" else ()  # no drive tells them apart
     estimates = {name: estimation.estimate(name) for name in names}
     return NamedEffect(
         name=effect.name,
@@ -295,8 +295,8 @@ def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estim
         p_value=p_value(one.candidate.drop, len(names), found.inflation),
         held_out=one.candidate.held_out,
         shift=moved_by,
-        indistinguishable_from=rivals,
-        next_experiment=experiment_to_tell_apart(effect.name, rivals, driver),
+        indistinguishable_from=(*one.rivals, *same),
+        next_experiment=experiment_to_tell_apart(effect.name, one.rivals, driver),
     )
 
 

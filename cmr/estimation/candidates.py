@@ -42,6 +42,7 @@ DRIVING = frozenset(
 )
 OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
 OF_ONE_FRAME = ("slope", "surface_patch", "pose_distortion")  # belong to places and headings of one frame
+AS_THE_DELAY = ("longitudinal_slip", "pose_latency")  # what only wheels, or a gyro, tell from commands that act late
 AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # what only commands tell from the wheel radius itself
 # By so much must a rare effect explain more. Wheels differ in size more often than their encoders, which are numbers in
 # a data sheet, count wrongly: unequal motors look to the last bit like unequal encoders beside wheels that are just as

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cmr.estimation.candidates import OF_ONE_FRAME, Excitation, effects_of_rolling, lanes_of
+from cmr.estimation.candidates import AS_THE_DELAY, OF_ONE_FRAME, Excitation, effects_of_rolling, lanes_of
 from cmr.estimation.gauss_newton import (
     DAMPINGS,
     Asking,
@@ -94,8 +94,16 @@ class Problem:
         """The effects that may show: without commands, not those of the motors."""
         rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
         effects = effects_of_rolling() if rolls else self.possible
-        hidden = OF_ONE_FRAME if self._set_to_one_pose else ()
+        hidden = (*self.as_the_delay, *(OF_ONE_FRAME if self._set_to_one_pose else ()))
         return tuple(effect for effect in effects if effect.name not in hidden)
+
+    @cached_property
+    def as_the_delay(self) -> tuple[str, ...]:
+        """The effects that are not told from command_delay, of which there is most: wheels, or a gyro, are missing."""
+        read = {name for predictor in self.predictors for name in predictor.times}
+        if any(len(predictor.segment.observations.given) for predictor in self.predictors) or read & {*WHEELS}:
+            return ()
+        return AS_THE_DELAY[:1] if "yaw_rate" in read else AS_THE_DELAY
 
     @cached_property
     def _set_to_one_pose(self) -> bool:
