@@ -160,6 +160,21 @@ def test_calibration_never_ends_worse_than_the_nominal_robot(recorded: str, nomi
     assert not [note for note in result.notes if "earlier than they are stamped" in note]
 
 
+@pytest.mark.parametrize(
+    ("robot", "seed"),
+    [
+        (SpeedRobot(response_time=0.476, delay=0.077, speed_scale=1.046), 4),
+        (SpeedRobot(response_time=0.306, delay=0.051, speed_scale=0.955, base_width=0.69), 6),
+    ],
+)
+def test_of_slow_robots_that_run_unevenly_the_truth_is_within_what_is_stated(robot: SpeedRobot, seed: int) -> None:
+    of = estimates(diagnose(driven(robot, seed=seed)))
+    truth = {"response_time": robot.response_time, "command_delay": robot.delay, "speed_scale": robot.speed_scale}
+    for name, value in truth.items():
+        assert abs(of[name].value - value) < 3.0 * of[name].std, name
+        assert of[name].std < 0.05 * value, name
+
+
 def test_poses_alone_tell_the_response_and_the_delay_apart() -> None:
     """The paper's method knew no delay: 0.14 s of it went into a response time of 0.295 s, known to 0.011 s."""
     robot = SpeedRobot(response_time=0.295, delay=0.143, base_width=0.9)

@@ -128,7 +128,7 @@ class Estimation:
 
     def _inexactness(self, name: str) -> float:
         assert self.whole is not None
-        return inexactness(name, self.whole.model.values[name], self.found.problem.excitation)
+        return inexactness(name, self.whole.model.values, self.found.problem.excitation)
 
 
 def estimate(
@@ -214,5 +214,5 @@ def nominal_of(recordings: Sequence[Recording], given: ParameterFile | None) -> 
 def fit_estimate(fit: Fit, name: str, found: Search) -> Estimate:
     """Return a parameter of a fit, its deviation with what the search left in doubt."""
     value = fit.values[name]
-    doubt = np.hypot(found.doubts.get(name, 0.0), inexactness(name, value, found.problem.excitation))
+    doubt = np.hypot(found.doubts.get(name, 0.0), inexactness(name, fit.values, found.problem.excitation))
     return Estimate(value, float(np.sqrt(found.inflation * fit.std(name) ** 2 + doubt**2)))

@@ -3,6 +3,8 @@
 Measured on logs of a plant that shares no code with the model (scripts/study_diagnosis).
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from cmr.estimation.candidates import Excitation, is_limit, size
@@ -22,12 +24,18 @@ OF_EFFECT = {
 }
 # Of the paper's parameters: effects beside them are not exactly as the model has them.
 OF_PAPER = {"k2_over_k3": 0.0016, "k1": 0.0013, "base_width": 0.0005}
+# Of those that stand for a velocity controller, a second of its response time: what the load does to a wheel lasts as
+# long as the controller lets it, and is then no noise that changes from reading to reading.
+OF_SLOW_CONTROLLERS = {"k2_over_k3": 0.025, "k1": 0.025}
 
 
-def inexactness(name: str, value: float, excitation: Excitation) -> float:
-    """Return the standard deviation to be added to a parameter for this, in its unit."""
+def inexactness(name: str, values: Mapping[str, float], excitation: Excitation) -> float:
+    """Return the standard deviation to be added to a parameter for this, in its unit; `values` are the model's."""
+    value = values[name]
     if name in PAPER:
-        return OF_PAPER.get(name, 0.0) * value
+        response_time = 1.0 / (values["k1"] * values["k2_over_k3"])
+        slow = OF_SLOW_CONTROLLERS.get(name, 0.0) * response_time if excitation.controlled else 0.0
+        return max(OF_PAPER.get(name, 0.0), slow) * value
     parameter = definition(name)
     share = OF_EFFECT.get(name, OF_VALUE)
     grows = parameter.switches and not is_limit(parameter)
