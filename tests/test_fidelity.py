@@ -16,11 +16,11 @@ from cmr.commands.command_line import CommandError
 from cmr.commands.fidelity import JOURNAL, main
 from cmr.fidelity.distances import CLOSES, NO_GAP, NOT_SHOWN, WIDENS, Closing, closing, distance
 from cmr.fidelity.findings import Finding, cautions, failures, findings_of, sentences, table
-from cmr.fidelity.preparing import moved_by
+from cmr.fidelity.preparing import calibrated, moved_by
 from cmr.fidelity.study import PREPARED, SETS, Scores, Study, Task, perform, tasks_of
 from cmr.fidelity.writing import DOCUMENT, FIGURE, RUNS, TABLE, write
-from cmr.parameters.file import Value
-from cmr.team.hidden import HiddenRobot
+from cmr.parameters.file import ParameterFile, Value
+from cmr.team.hidden import HiddenRobot, Laboratory, believed_of
 from cmr.team.metrics import UNITS
 from tests.bus_bench import our_command
 from tests.small_teams import BELIEVED, LINE, line_of_three
@@ -263,3 +263,16 @@ def wait_until(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def test_robots_with_a_velocity_controller_hide_another_one_than_is_believed_which_calibration_finds() -> None:
+    known = {"wheel_radius": 0.04, "base_width": 0.19, "response_time": 0.15, "top_wheel_speed": 20.0}
+    believed = ParameterFile(0, {name: Value(value) for name, value in known.items()})
+    laboratory = Laboratory(believed_of(believed), seed=3)
+    hidden, found = laboratory.robot(0), calibrated(laboratory, believed, 0, seed=3)
+    assert found is not None
+    for name in ("response_time", "speed_scale", "base_width"):
+        value, truth = found.values[name], getattr(hidden, name)
+        assert abs(truth / known.get(name, 1.0) - 1.0) > 0.03, name
+        assert value.std is not None
+        assert abs(value.value - truth) < 3.0 * value.std, name

@@ -17,11 +17,10 @@ from threading import Thread
 
 from cmr import threads
 from cmr.fidelity.preparing import OTHERS, calibrated, diagnosed, moved_by
-from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile
 from cmr.team.casting import Cast, ScenarioLike
 from cmr.team.experiment import run
-from cmr.team.hidden import Laboratory
+from cmr.team.hidden import Laboratory, believed_of
 
 REAL_A, REAL_B = "real A", "real B"
 UNCALIBRATED, CALIBRATED, DIAGNOSED, POPULATION = "uncalibrated", "calibrated", "diagnosed", "population"
@@ -72,8 +71,7 @@ def perform(study: Study, task: Task) -> Scores:
     Where a preparation fails, virtual robots move by what is believed. PREPARED, beside the metrics, is the share of
     the robots to be prepared that were. Raises ExperimentError where the scenario cannot be run.
     """
-    believed = {name: study.believed.value(name) for name in DEFINITIONS}
-    laboratory = Laboratory(believed, task.seed, study.size)
+    laboratory = Laboratory(believed_of(study.believed), task.seed, study.size)
     ids = [robot.robot_id for robot in study.scenario.robots]
     if task.group in (REAL_A, REAL_B):
         return {**run(study.scenario, Cast(study.believed, ids, laboratory), task.seed).metrics, PREPARED: 1.0}

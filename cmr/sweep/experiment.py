@@ -18,7 +18,7 @@ from cmr.scenario.ending import why_only_live
 from cmr.scenario.scenario import Scenario
 from cmr.team.casting import Cast
 from cmr.team.experiment import TeamRun, run
-from cmr.team.hidden import Laboratory
+from cmr.team.hidden import Laboratory, believed_of
 from cmr.team.population import Population, PopulationError, population_of
 from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviour
 
@@ -90,7 +90,7 @@ def perform(experiment: Experiment, seed: int) -> dict[str, Any]:
     except BehaviourError as error:
         raise ImportError(f"A worker on {gethostname()} cannot do the runs: {error}") from error
     scenario, believed = experiment.scenario, experiment.believed
-    laboratory = Laboratory(believed.robot_parameters.values, seed=seed)
+    laboratory = Laboratory(believed_of(believed), seed=seed)
     drawn = experiment.population
     moves_by = {robot.robot_id: drawn.draw(seed, robot.robot_id) for robot in scenario.virtual} if drawn else {}
     real = [robot.robot_id for robot in scenario.of_flesh]

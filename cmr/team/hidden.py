@@ -9,17 +9,23 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from cmr.model.parameters import DEFINITIONS
+from cmr.parameters.file import ParameterFile
 from cmr.plant.parameters import PlantParameters, plant_parameters
 from cmr.plant.sensors import slip_of_way
 
 # By how much each of the paper's parameters exceeds what its maker's data sheet says, on average.
 FACTORS = {"wheel_radius": 1.0, "k2_over_k3": 1.3, "k1": 0.85, "base_width": 0.85}
+# Of one with a velocity controller; its k1 is the unit of its commands.
+FACTORS_OF_CONTROLLER = {"wheel_radius": 1.0, "response_time": 1.3, "speed_scale": 0.97, "base_width": 0.85}
 LARGEST_DRAW = 3.0  # standard deviations; a robot further out would have gone back to its maker
 
 
 @dataclass(frozen=True, kw_only=True)
 class HiddenRobot:
     """One real robot. The first four are as in the paper; each of the others vanishes where it is 0.
+
+    With a `response_time` it has a velocity controller, which takes 1 / k1 for the wheel speed of duty 1.
 
     What moves it are parameters of the plant, by the plant's names.
     """
@@ -28,6 +34,9 @@ class HiddenRobot:
     k2_over_k3: float = 118.0  # rad/s^2
     k1: float = 0.054  # s/rad
     base_width: float = 0.161  # m
+    response_time: float = 0.0  # s
+    speed_scale: float = 1.0  # share of the commanded speed that is reached
+    command_base_width: float = 0.0  # m, by which the controller counts turns
     motor_gain_asymmetry: float = 0.0  # share by which the left side has more, and the right one less
     wheel_radius_asymmetry: float = 0.0  # likewise
     coulomb_friction: float = 0.0  # rad/s^2
@@ -49,7 +58,12 @@ class HiddenRobot:
     def parameters(self) -> PlantParameters:
         """What the plant is to know of it."""
         own = {name: value for name, value in asdict(self).items() if name in PlantParameters._fields}
-        return plant_parameters({**own, "gyro_bias": 0.0})
+        controller = {
+            "controller_response_time": self.response_time,
+            "controller_scale": self.speed_scale,
+            "controller_base_width": self.command_base_width,
+        }
+        return plant_parameters({**own, **controller, "gyro_bias": 0.0})
 
     @property
     def noise(self) -> tuple[float, float, float, float]:
@@ -80,17 +94,33 @@ SPREAD = {
     "turn_slip": 0.25,
     "longitudinal_slip": 0.25,
 }
+SPREAD_OF_CONTROLLER = {"response_time": 0.06, "speed_scale": 0.01}  # in place of its motors'
 SIGNED_SPREAD = {"motor_gain_asymmetry": 0.015, "wheel_radius_asymmetry": 0.0025, "gyro_bias": 0.002}
 TORQUES = ("coulomb_friction", "static_friction", "torque_noise")
+CONTROLLER = ("response_time", "speed_scale", "command_base_width")
 SENSORS = ("gyro_noise", "position_noise", "heading_noise", "ticks_per_turn", "torque_noise_time")
+
+
+def believed_of(file: ParameterFile) -> dict[str, float]:
+    """Return what a parameter file says of a robot, as a Laboratory takes it.
+
+    Raises ParameterFileError naming the first parameter that is missing.
+    """
+    believed = {name: file.robot_parameters.values[name] for name in DEFINITIONS}
+    controller = file.velocity_controller
+    if controller is None:
+        return believed
+    own = {"response_time": file.value("response_time"), "command_base_width": controller.base_width}
+    scale = file.value("speed_scale") if file.has("speed_scale") else 1.0
+    return {**believed, **own, "speed_scale": scale, "k1": 1.0 / controller.top_wheel_speed}
 
 
 @dataclass(frozen=True)
 class Laboratory:
     """The robots of a laboratory: one with each id, always the same for the same `seed`.
 
-    `believed` are the paper's parameters that everybody takes for theirs. `size` scales all that sets the robots
-    apart from what is believed of them and from one another: 1 as it is usual, 0 not at all.
+    `believed` are what everybody takes for their parameters, as from `believed_of`. `size` scales all that sets the
+    robots apart from what is believed of them and from one another: 1 as it is usual, 0 not at all.
     """
 
     believed: Mapping[str, float]
@@ -101,11 +131,16 @@ class Laboratory:
         """Return one robot."""
         random = np.random.default_rng([self.seed, robot_id])
         drawn: dict[str, float] = {name: self.size * size for name, size in asdict(USUAL).items()}
-        drawn |= {name: self.believed[name] * factor**self.size for name, factor in FACTORS.items()}
+        controlled = "response_time" in self.believed
+        drawn |= {name: self.believed.get(name, getattr(USUAL, name)) for name in (*DEFINITIONS, *CONTROLLER)}
+        factors = FACTORS_OF_CONTROLLER if controlled else FACTORS
+        drawn |= {name: self.believed[name] * factor**self.size for name, factor in factors.items()}
         drawn |= {name: getattr(USUAL, name) for name in SENSORS}
         for name in TORQUES:
             drawn[name] *= drawn["k2_over_k3"] / USUAL.k2_over_k3
-        for name, spread in (SPREAD | SIGNED_SPREAD).items():
+        motors = {name: SPREAD[name] for name in ("k2_over_k3", "k1")}
+        spreads = SPREAD | SIGNED_SPREAD | (dict.fromkeys(motors, 0.0) | SPREAD_OF_CONTROLLER if controlled else {})
+        for name, spread in spreads.items():
             deviation = self.size * spread * float(np.clip(random.standard_normal(), -LARGEST_DRAW, LARGEST_DRAW))
             drawn[name] = deviation if name in SIGNED_SPREAD else drawn[name] * math.exp(deviation)
         return HiddenRobot(**drawn)

@@ -12,9 +12,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cmr.bus.messages import make
-from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, POSE
+from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE
 from cmr.model.body import wrap
 from cmr.msg import gyro_t, motor_feedback_t, pose_xyt_t
+from cmr.recordings.arrivals import COMMANDS_OF
+from cmr.recordings.commanding import duties_of
 from cmr.team.hidden import HiddenRobot
 from cmr.team.plant import Floats, Plant
 from cmr.world.commands import CommandMemory
@@ -46,6 +48,8 @@ class RealRobots:
         self._plant = Plant(robots, poses, [(*seed, 0) for seed in seeds])
         self._random = [np.random.default_rng((*seed, 1)) for seed in seeds]
         self._memories = [CommandMemory() for _ in pilots]
+        known = [pilot.parameters.parameters for pilot in pilots]
+        self._controllers = [None if file is None else file.velocity_controller for file in known]
         self._ramps = [Ramp(Limits(), PERIOD * 1e-6) for _ in pilots]
         self._ticks = self._plant.ticks()
         self.place = self._plant.poses
@@ -82,13 +86,15 @@ class RealRobots:
 
     def decide(self, utime: int) -> Iterator[Message]:
         """Yield the commands of all pilots; the drivers have them in the next period."""
-        for pilot, memory in zip(self._pilots, self._memories, strict=True):
-            command = pilot.command(utime)
-            memory.take(utime, command.left, command.right)
-            yield MOTOR_COMMAND.channel(pilot.robot_id), command
+        for column, (pilot, memory) in enumerate(zip(self._pilots, self._memories, strict=True)):
+            stream, command = COMMANDS_OF[pilot.kind], pilot.command(utime)
+            memory.take(utime, *(duties_of(stream, command, self._controllers[column]) or (0.0, 0.0)))
+            yield stream.channel(pilot.robot_id), command
 
     def _serve(self, column: int, utime: int) -> tuple[float, float]:
-        """Return the duties that a driver sends now."""
+        """Return the duties that a driver sends now, or those that stand for the speeds that a robot was told."""
+        if self._controllers[column] is not None:
+            return self._memories[column].at(utime)
         ramp = self._ramps[column]
         duties = ramp.towards(*self._memories[column].at(utime), utime * 1e-6)
         ramp.confirm()
@@ -104,7 +110,8 @@ class RealRobots:
         rate = turned + robot.gyro_bias + robot.gyro_noise * float(noise[0])
         gyro = make(gyro_t, utime=utime, robot_id=robot_id, yaw_rate=rate, valid=1, received_utime=utime)
         yield GYRO.channel(robot_id), gyro
-        yield MOTOR_FEEDBACK.channel(robot_id), _feedback(utime, robot_id, ticks[:, column], psi, duties)
+        applied = duties if self._controllers[column] is None else (math.nan, math.nan)  # nobody tells those inside
+        yield MOTOR_FEEDBACK.channel(robot_id), _feedback(utime, robot_id, ticks[:, column], psi, applied)
         if self._periods % POSE_EVERY == 1:  # also in the first: the simulator must not show a robot where it is not
             deviation = noise[1:4] * (robot.position_noise, robot.position_noise, robot.heading_noise)
             x, y, theta = (self.place[:, column] + deviation).tolist()
@@ -129,5 +136,5 @@ def _feedback(utime: int, robot_id: int, ticks: Floats, psi: Floats, duties: tup
         temperature=math.nan,
         status=0,
         received_utime=utime,
-        applied_utime=utime,
+        applied_utime=0 if math.isnan(duties[0]) else utime,
     )
