@@ -232,6 +232,16 @@ def test_what_belongs_to_another_machine_is_said_and_not_started(tmp_path: Path)
     assert "ttl=1" in result.stderr
 
 
+def test_an_emulated_robot_with_a_velocity_controller_needs_no_driver(tmp_path: Path) -> None:
+    (tmp_path / "speeds.yaml").write_text(TEXT.replace("id: 0,", "id: 0, emulator: {command: velocity},"))
+    jobs = jobs_of(load(tmp_path / "speeds.yaml"), tmp_path / "out", "udpm://239.255.76.67:7667?ttl=0")
+    (emulator,) = (job for job in jobs if job.name == "emulator 0")
+    assert "--command velocity" in " ".join(emulator.command)
+    assert "--ports" not in emulator.command
+    assert "driver 0" not in [job.name for job in jobs]
+    assert "pilot 0" in [job.name for job in jobs]
+
+
 def test_the_files_of_a_scenario_are_never_changed_by_a_run(tmp_path: Path) -> None:
     scenario = load(shipped()["line"])
     prepared = prepare(scenario, tmp_path / "out")

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from cmr.model.command_kinds import DUTY
 from cmr.scenario.children import our_command
-from cmr.scenario.plan import RobotPlan, arguments_of
+from cmr.scenario.plan import EmulatorPlan, RobotPlan, arguments_of
 from cmr.scenario.scenario import Scenario
 
 # What a process is for.
@@ -54,25 +55,20 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
     robot_id = robot.robot_id
     who = ["--robot", str(robot_id)]
     parameters = ["--parameters", str(folder / f"robot_{robot_id}.yaml")]
+    ports = folder / f"ports_{robot_id}"
     if robot.emulator is not None:
-        ports = folder / f"ports_{robot_id}"
-        emulator = robot.emulator
-        command = [
-            *(our_command("cmr-emulate"), *who, "--ports", str(ports), "--seed", str(scenario.seed + robot_id)),
-            *("--settings", str(folder / f"emulator_{robot_id}.yaml"), "--controller", emulator.controller),
-            *("--gyro", emulator.gyro, "--pose-rate", f"{emulator.pose_rate:g}", *bus),
-        ]
-        if emulator.ideal:
-            command.append("--ideal")
+        command = [our_command("cmr-emulate"), *who, *_emulation(robot.emulator, ports), *bus]
+        command += ["--settings", str(folder / f"emulator_{robot_id}.yaml"), "--seed", str(scenario.seed + robot_id)]
         yield Job(f"emulator {robot_id}", EMULATOR, command, robot_id, host=robot.host)
-        connection = ["--port", str(ports / "motor"), "--controller", emulator.controller]
-        connection += ["--gyro-port", str(ports / "gyro"), "--gyro", emulator.gyro]
+        connection = ["--port", str(ports / "motor"), "--controller", robot.emulator.controller]
+        connection += ["--gyro-port", str(ports / "gyro"), "--gyro", robot.emulator.gyro]
         after: Path | None = ports / "gyro"
     else:
         connection = arguments_of(robot.driver) if robot.driver is not None else []
         after = None
-    driver = [our_command("cmr-driver"), *who, *connection, *parameters, *bus]
-    yield Job(f"driver {robot_id}", DRIVER, driver, robot_id, after, robot.host)
+    if robot.emulator is None or robot.emulator.command == DUTY:  # others are on the bus themselves
+        driver = [our_command("cmr-driver"), *who, *connection, *parameters, *bus]
+        yield Job(f"driver {robot_id}", DRIVER, driver, robot_id, after, robot.host)
     if robot.calibrate:
         command = [our_command("cmr-calibrate"), *who, "--out", str(folder / f"robot_{robot_id}.yaml"), *bus]
         yield Job(f"calibrator {robot_id}", CALIBRATOR, command, robot_id, host=scenario.host)
@@ -87,3 +83,10 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
             command.append(f"--geofence={corners}")
         once = robot.behaviour.name == OPEN_LOOP
         yield Job(f"pilot {robot_id}", PILOT, command, robot_id, host=robot.host, once=once)
+
+
+def _emulation(emulator: EmulatorPlan, ports: Path) -> list[str]:
+    """Return how a robot is emulated, as cmr-emulate is told."""
+    devices = ["--ports", str(ports), "--controller", emulator.controller, "--gyro", emulator.gyro]
+    told = devices if emulator.command == DUTY else ["--command", emulator.command]
+    return [*told, "--pose-rate", f"{emulator.pose_rate:g}", *(["--ideal"] if emulator.ideal else [])]

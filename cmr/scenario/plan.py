@@ -5,6 +5,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from cmr.model.command_kinds import DUTY
+
 Kind = Literal["real", "emulated", "virtual"]
 KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
 
@@ -83,6 +85,7 @@ class EmulatorPlan:
     """How an emulated robot is emulated: the options of cmr-emulate of the same names."""
 
     settings: Path | None = None
+    command: str = DUTY
     ideal: bool = False
     controller: str = "roboclaw"
     gyro: str = "dsp3000"

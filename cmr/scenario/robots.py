@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple, cast
 
 from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.model.command_kinds import KINDS as COMMAND_KINDS
 from cmr.scenario.document import Item, Place, Section
 from cmr.scenario.plan import KINDS, BehaviourPlan, DriverPlan, EmulatorPlan, Kind, Point, RobotPlan
 from cmr.scenario.starts import starts_of
@@ -225,9 +226,10 @@ def _emulator(item: Item | None, folder: Path) -> EmulatorPlan | None:
 
     section = item.section([entry.name for entry in fields(EmulatorPlan)])
     ideal, controller, gyro = section.get("ideal"), section.get("controller"), section.get("gyro")
-    rate = section.get("pose_rate")
+    rate, command = section.get("pose_rate"), section.get("command")
     return EmulatorPlan(
         settings=_emulator_settings(section.get("settings"), folder),
+        command=command.word(COMMAND_KINDS) if command else EmulatorPlan.command,
         ideal=bool(ideal and ideal.flag()),
         controller=controller.word(sorted(CONTROLLER_DEVICES)) if controller else EmulatorPlan.controller,
         gyro=gyro.word(sorted(GYRO_DEVICES)) if gyro else EmulatorPlan.gyro,
