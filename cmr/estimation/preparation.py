@@ -13,7 +13,7 @@ from cmr.estimation.initial_guess import guess_base_width, guess_motor, turn_rat
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Errors, Predictor, predictors
 from cmr.estimation.problem import Problem
-from cmr.estimation.thinning import ALL, share_used, thinned
+from cmr.estimation.thinning import thinned, thinning_of
 from cmr.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.command_kinds import DUTY
@@ -85,11 +85,11 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
     if refused:
         return Ready(None, None, checks, notes, refused)
     segments = [segment for one in looked if not one.useless for segment in one.segments]
-    every = share_used(segments)
-    if every != ALL:
-        parts = [f"one of {one} readings of the {name}" for name, one in every._asdict().items() if one > 1]
+    thinning = thinning_of(segments)
+    parts = [f"one of {one} readings of the {name}" for name, one in thinning.readings._asdict().items() if one > 1]
+    if parts:
         notes += (THINNED.format(shares=", ".join(parts)),)
-    ready = predictors([thinned(segment, every) for segment in segments])
+    ready = predictors([thinned(segment, thinning) for segment in segments])
     start = _start(ready, nominal)
     notes += start.notes
     refused = start.refused or _contradiction(ready, start.values["wheel_radius"])
