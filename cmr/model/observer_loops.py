@@ -37,16 +37,16 @@ def known(duty, held):
 
 
 @compiled(
-    "void(f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1], f8[:, ::1],"
-    "f8, f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
+    "void(f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8, i8, i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
+    "f8, f8[:, ::1], f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
     "f8[:, :, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])"
 )
-def observe(
-    rows, work, varying, robots, commands, profile, dt, ring, seed, luck, given, numbers,
-    began, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
+def observe_drive(
+    rows, work, varying, robots, commands, first_step, steps, profile, dt, ring, seed, luck, numbers,
+    began, given, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
     wheel_error, gyro_error, pose_error, motion,
 ):
-    """See `cmr.model.observer.observe`, which prepares the arguments."""
+    """Observe one of several drives, for which the robots in `rows` are ready; see `observe`."""
     stride = OWN + len(varying) * LANES
     packets = np.empty(ring * 3 * LANES)
     duty = np.empty((2, LANES))
@@ -76,14 +76,14 @@ def observe(
                 past[h, 2, i] = here[THETA + i] - turned
                 for row in range(SPLIT_AT, 8):
                     past[h, row, i] = 0.0
-        for border in range(commands.shape[1] + 1):
+        for border in range(steps + 1):
             newest = past[border % HISTORY]
             if border > 0:
                 for i in range(filled):
                     own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
                 splits, comes = False, False
                 for i in range(filled):
-                    duties = commands[profile[block * LANES + i], border - 1]
+                    duties = commands[profile[block * LANES + i], first_step + border - 1]
                     share = duties[SPLIT]
                     change_left, change_right = duties[LAST] - duties[FIRST], duties[LAST + 1] - duties[FIRST + 1]
                     # Neither is true of duties that are not known, as before the first command.
@@ -99,7 +99,7 @@ def observe(
                         here[PSI_LEFT + i] = given[border - 1, 0] * own[SCALE_LEFT + i]
                         here[PSI_RIGHT + i] = given[border - 1, 1] * own[SCALE_RIGHT + i]
                 if ring > 0:
-                    duties = commands[0, border - 1]
+                    duties = commands[0, first_step + border - 1]
                     for side in range(2):
                         first, last = known(duties[FIRST + side], 0.0), known(duties[LAST + side], 0.0)
                         duty[side] = last + duties[SPLIT] * (first - last)
@@ -109,7 +109,7 @@ def observe(
                     # Robots to which no command comes within the step take it in two halves.
                     same = True
                     for i in range(LANES):
-                        duties = commands[profile[block * LANES + min(i, filled - 1)], border - 1]
+                        duties = commands[profile[block * LANES + min(i, filled - 1)], first_step + border - 1]
                         share = duties[SPLIT] if duties[SPLIT] > 0.0 else 0.5
                         same &= share == shares[i]
                         shares[i] = share
@@ -126,7 +126,7 @@ def observe(
                         turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
                         newest[SPLIT_AT, i], newest[MEAN_BEFORE, i] = shares[i], turning[i]
                         newest[GROWTH_BEFORE, i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
-                        duties = commands[profile[block * LANES + min(i, filled - 1)], border - 1]
+                        duties = commands[profile[block * LANES + min(i, filled - 1)], first_step + border - 1]
                         here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
                         here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
                     here[DT:COEFFICIENTS_END] = behind
@@ -166,7 +166,7 @@ def observe(
                 if comes and not splits:
                     # The mean command leads to the same end, but within the step the yaw rate bends where one comes.
                     for i in range(filled):
-                        duties = commands[profile[block * LANES + i], border - 1]
+                        duties = commands[profile[block * LANES + i], first_step + border - 1]
                         share = duties[SPLIT]
                         left = own[RADIUS_LEFT + i] * (duties[LAST] - duties[FIRST])
                         right = own[RADIUS_RIGHT + i] * (duties[LAST + 1] - duties[FIRST + 1])
@@ -318,7 +318,7 @@ def observe(
                     for row in range(3):
                         pose_error[next_pose, row, block * LANES + i] = own[ERROR_X + row * LANES + i]
                 next_pose += 1
-            if border == commands.shape[1]:
+            if border == steps:
                 for sample in range(next_gyro, len(gyro_time)):
                     for i in range(lanes):
                         gyro_error[sample, block * LANES + i] = 0.0
@@ -326,4 +326,41 @@ def observe(
                 for field in range(CHANGED_FIELDS):
                     motion[border, field] = here[field * LANES]
                 motion[border, CHANGED_FIELDS] = past[border % HISTORY, MEAN, 0] + own[OFFSET_YAW_RATE]
+
+
+@compiled(
+    "void(f8[::1], f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
+    "f8[:, ::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
+    "f8[:, ::1], f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
+    "f8[:, :, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])"
+)
+def observe(
+    at_rest, rows, work, varying, robots, commands, profile, dt, ring, seed, luck, numbers,
+    starts, begins, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
+    given, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
+    wheel_error, gyro_error, pose_error, motion,
+):
+    """Observe K drives, one after another; see `cmr.model.observer.observe`, which prepares the arguments.
+
+    `at_rest` are the blocks with all rows, from which each drive starts.
+    """
+    stride = OWN + len(varying) * LANES
+    for drive in range(len(starts)):
+        for block in range((robots + LANES - 1) // LANES):
+            begun = at_rest[block * SIZE : (block + 1) * SIZE]
+            for i in range(LANES):
+                begun[X + i], begun[Y + i], begun[THETA + i] = starts[drive, 0], starts[drive, 1], starts[drive, 2]
+                begun[PSI_LEFT + i], begun[PSI_RIGHT + i] = starts[drive, 3], starts[drive, 4]
+                begun[TIME + i] = begins[drive]
+            start(begun, LANES)
+            rows[block * stride : block * stride + DT] = begun[:DT]
+        first, last = step_ends[drive], step_ends[drive + 1]
+        wheels, gyros = slice(wheel_ends[drive], wheel_ends[drive + 1]), slice(gyro_ends[drive], gyro_ends[drive + 1])
+        poses, speeds = slice(pose_ends[drive], pose_ends[drive + 1]), slice(given_ends[drive], given_ends[drive + 1])
+        observe_drive(
+            rows, work, varying, robots, commands, first, last - first, profile, dt, ring, seed, luck, numbers,
+            begins[drive], given[speeds], wheel_time[wheels], wheel[wheels], wheel_use[wheels],
+            gyro_time[gyros], gyro[gyros], pose_time[poses], pose[poses], pose_use[poses],
+            wheel_error[wheels], gyro_error[gyros], pose_error[poses], motion[first + drive : last + drive + 1],
+        )
 '''
