@@ -45,6 +45,8 @@ def test_sensors_are_thinned_to_useful_rates_and_further_only_where_memory_asks_
     readings = 2 * wheels + gyro + 3 * poses
     assert thinning_of([segment]) == ALL
     assert thinned(segment, ALL) is segment
+    slow = thinned(segment, Thinning(PerSensor(5, 1, 1)))
+    assert thinning_of([slow]) == ((1, 1, 1), 2)
     monkeypatch.setattr(thinning, "ENOUGH", readings - 1)
     assert thinning_of([segment]) == ((2, 2, 1), 2)  # 50, 50 and 25 Hz, in steps of 0.02 s
     left = wheels + gyro / 2 + 3 * poses

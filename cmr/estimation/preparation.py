@@ -11,7 +11,7 @@ from cmr.estimation.gains import choose_gains
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.initial_guess import guess_base_width, guess_motor, turn_rates
 from cmr.estimation.noise import Noise
-from cmr.estimation.prediction import Errors, Predictor, predictors
+from cmr.estimation.prediction import Errors, Predictor, errors_of, predictors
 from cmr.estimation.problem import Problem
 from cmr.estimation.thinning import thinned, thinning_of
 from cmr.manoeuvres import TYPICAL
@@ -96,7 +96,7 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
     if refused:
         return Ready(None, None, checks, notes, refused)
     gains = choose_gains(ready, start.values)
-    errors = [predictor.errors(start.values, gains) for predictor in ready]
+    errors = errors_of(ready, start.values, gains)
     excitation = _excitation(ready, start.values, errors)
     problem = Problem(ready, gains, excitation)
     base = problem.fit(start.values, start.names, Noise.plain(ready, errors), renew=0)

@@ -19,7 +19,8 @@ ENOUGH = 50_000  # readings, of two minutes at 100 Hz: of more, no sensor's need
 MOST_READINGS = 650_000
 
 
-LONGER = 2  # steps of the raster that become one
+LONGER = 2  # steps of the raster that become one,
+SLOW = 25.0  # Hz; also where wheels, or poses without them, are read no faster: two of the longer steps
 
 
 class PerSensor(NamedTuple):
@@ -53,7 +54,7 @@ def thinning_of(segments: Sequence[Segment]) -> Thinning:
     ]
     readings = sum(number * count for number, count in zip(NUMBERS, counts, strict=True))
     if readings <= ENOUGH:
-        return ALL
+        return Thinning(EVERY_READING, LONGER) if (counts[0] or counts[2]) <= SLOW * seconds else ALL
     # A rate that is a little under twice the useful one counts as twice.
     every = [max(1, round(count / seconds / rate)) for count, rate in zip(counts, USEFUL, strict=True)]
     left = sum(number * count / one for number, count, one in zip(NUMBERS, counts, every, strict=True))

@@ -62,22 +62,29 @@ class Drives:
         if len(steps) != 1:
             raise ValueError(f"drives observed together need one and the same step; these have {sorted(steps)}")
 
-        def ends_of(counts: Sequence[int]) -> Indices:
-            return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-
-        names = ("wheel", "gyro", "pose", "given")
         return cls(
-            steps.pop(),
-            np.array([one.start for one in observations], np.float64),
-            np.array([one.time for one in observations], np.float64),
-            Ends(
-                ends_of([one.steps for one in observations]),
-                *(ends_of([len(getattr(one, name)) for one in observations]) for name in names),
-                ends_of([len(one.commands.time) for one in observations]),
+            dt=steps.pop(),
+            start=np.array([one.start for one in observations], np.float64),
+            began=np.array([one.time for one in observations], np.float64),
+            ends=Ends(
+                steps=_ends([one.steps for one in observations]),
+                wheel=_ends([len(one.wheel_time) for one in observations]),
+                gyro=_ends([len(one.gyro_time) for one in observations]),
+                pose=_ends([len(one.pose_time) for one in observations]),
+                given=_ends([len(one.given) for one in observations]),
+                commands=_ends([len(one.commands.time) for one in observations]),
             ),
-            *(_joined([getattr(one, name) for one in observations]) for name in _READINGS),
-            _joined([one.commands.time for one in observations]),
-            _joined([one.commands.duty for one in observations]),
+            wheel_time=_joined([one.wheel_time for one in observations]),
+            wheel=_joined([one.wheel for one in observations]),
+            wheel_use=_joined([one.wheel_use for one in observations]),
+            gyro_time=_joined([one.gyro_time for one in observations]),
+            gyro=_joined([one.gyro for one in observations]),
+            pose_time=_joined([one.pose_time for one in observations]),
+            pose=_joined([one.pose for one in observations]),
+            pose_use=_joined([one.pose_use for one in observations]),
+            given=_joined([one.given for one in observations]),
+            command_time=_joined([one.commands.time for one in observations]),
+            command_duty=_joined([one.commands.duty for one in observations]),
         )
 
     @property
@@ -102,10 +109,8 @@ class Drives:
         return known
 
 
-_READINGS = (
-    *("wheel_time", "wheel", "wheel_use", "gyro_time", "gyro", "pose_time", "pose", "pose_use"),
-    "given",
-)
+def _ends(counts: Sequence[int]) -> Indices:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def _joined(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:

@@ -184,6 +184,7 @@ class Observer:
             delays = np.zeros(1)
         delays, which = np.unique(np.broadcast_to(delays, count), return_inverse=True)
         profiles = np.stack([drives.profile(float(delay)) for delay in delays])
+        profile = np.ascontiguousarray(which.ravel()[self._lanes])
         result = Innovations(
             np.empty((len(drives.wheel_time), 2, count)),
             np.empty((len(drives.gyro_time), count)),
@@ -192,8 +193,8 @@ class Observer:
         )
         ends = drives.ends
         _module(self._model, drives.dt).observe(
-            candidates.rows.copy(), *blocks.arguments, count, profiles, np.ascontiguousarray(which.ravel()[self._lanes]),
-            drives.dt, ring, seed, chosen, self._numbers,
+            candidates.rows.copy(), *blocks.arguments, count, profiles, profile, drives.dt, ring, seed, chosen,
+            self._numbers,
             drives.start, drives.began, ends.steps, ends.wheel, ends.gyro, ends.pose, ends.given,
             drives.given, drives.wheel_time, drives.wheel, drives.wheel_use,
             drives.gyro_time, drives.gyro, drives.pose_time, drives.pose, drives.pose_use, *result,
@@ -246,7 +247,7 @@ def _source(model: ExtendedModel, history: int) -> str:
     """Return the source of the observer with all effects of the catalogue."""
     loops = observer_loops.LOOPS
     for place, lines in _sensor_lines().items():
-        loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 20}{line}\n" for line in lines))
+        loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
     rows = (*CHANGING, *GIVEN, *_sensor_parameters())
     constants = {
         "HISTORY": history,
