@@ -303,18 +303,9 @@ def _foreign(batch: Batch, errors: Errors) -> list[Floats]:
     for name in FOREIGN:
         sums = np.zeros((int(poses[-1]), candidates))
         if name in batch.signals and len(sums):
-            add_between(np.ascontiguousarray(errors.of[name]), _before_poses(batch, name), poses, sums)
+            add_between(np.ascontiguousarray(errors.of[name]), batch.before_poses[name], poses, sums)
         result.append(sums)
     return result
-
-
-def _before_poses(batch: Batch, name: str) -> Indices:
-    """Return the row in which the errors of a signal end that arose before each pose."""
-    rows = [np.empty(0, np.int64)]
-    for predictor, first in zip(batch.predictors, batch.ends[name], strict=False):
-        poses = predictor.times.get(POSE_SIGNALS[0], np.empty(0))
-        rows.append(first + np.searchsorted(predictor.times.get(name, np.empty(0)), poses, side="right"))
-    return np.concatenate(rows).astype(np.int64)
 
 
 @compiled("void(f8[:, ::1], i8[::1], i8[::1], f8[:, ::1])")

@@ -136,6 +136,18 @@ class Batch:
         of = {name: np.concatenate([one.of[name] for one in errors if name in one.of]) for name in self.signals}
         return replace(errors[0], of=of, motion=np.concatenate([one.motion for one in errors]))
 
+    @cached_property
+    def before_poses(self) -> dict[str, Indices]:
+        """In which rows the errors of each signal end that arise before each pose, (poses,)."""
+        result = {}
+        for name in self.signals:
+            rows = [np.empty(0, np.int64)]
+            for one, first in zip(self.predictors, self.ends[name], strict=False):
+                poses = one.times.get(POSE_SIGNALS[0], np.empty(0))
+                rows.append(first + np.searchsorted(one.times.get(name, np.empty(0)), poses, side="right"))
+            result[name] = np.concatenate(rows).astype(np.int64)
+        return result
+
     def white_rows(self, name: str) -> list[slice]:
         """Return in which rows of the white errors those of a signal stand, segment by segment."""
         counts = np.diff(self.ends[name])
