@@ -6,11 +6,8 @@ import numpy as np
 
 from cmr.estimation.free_runs import Fold, errors_of, joined
 from cmr.estimation.gains import COARSE, choose_gains
-from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import WHEELS
-from cmr.estimation.prediction import errors_of as prediction_errors_of
 from cmr.estimation.preparation import Ready
-from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, search
 from cmr.estimation.simulation_error import SimulationErrorProblem
 from cmr.model.parameters import DEFINITIONS as PAPER
@@ -40,17 +37,14 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
     Gains are chosen by the paper's model. Limits of a velocity controller act all the time: without them the model is
     so wrong that the observer had to follow its encoders closely, and what ticks do to it then looks like an effect.
     """
-    problem, names = found.problem, ready.base.names if ready.base else ()
+    problem = found.problem
     if not problem.excitation.controlled:
         return found
     gains = choose_gains(problem.predictors, found.final.values)
     if gains == problem.gains:
         return found
     say("The model found calls for another observer: searching again ...")
-    again = Problem(problem.predictors, gains, problem.excitation)
-    errors = prediction_errors_of(problem.predictors, ready.start, gains)
-    base = again.fit(ready.start, names, Noise.plain(problem.predictors, errors), renew=0)
-    return search(again, base, say)
+    return search(*ready.with_gains(gains), say)
 
 
 def trusted(found: Search, ready: Ready) -> bool:

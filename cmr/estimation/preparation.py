@@ -17,7 +17,7 @@ from cmr.estimation.thinning import thinned, thinning_of
 from cmr.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.command_kinds import DUTY
-from cmr.model.observer import MOTION
+from cmr.model.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.findings import Finding
 
@@ -66,6 +66,19 @@ class Ready:
         """Whether no commands were recorded: the robot rolls as its wheels did."""
         return self.base is not None and not set(MOTOR) & set(self.base.names)
 
+    def with_gains(self, gains: Gains) -> tuple[Problem, Fit]:
+        """Return the same problem for an observer with other gains, and the paper's model fitted by it."""
+        assert self.problem is not None
+        assert self.base is not None
+        problem = Problem(self.problem.predictors, gains, self.problem.excitation)
+        errors = errors_of(problem.predictors, self.start, gains)
+        return problem, _first_fit(problem, self.start, self.base.names, errors)
+
+
+def _first_fit(problem: Problem, start: Mapping[str, float], names: Sequence[str], errors: Sequence[Errors]) -> Fit:
+    """Return the paper's model fitted from its start, at which the `errors` are, before anything is known of noise."""
+    return problem.fit(start, tuple(names), Noise.plain(problem.predictors, errors), renew=0)
+
 
 @dataclass
 class _Start:
@@ -99,7 +112,7 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
     errors = errors_of(ready, start.values, gains)
     excitation = _excitation(ready, start.values, errors)
     problem = Problem(ready, gains, excitation)
-    base = problem.fit(start.values, start.names, Noise.plain(ready, errors), renew=0)
+    base = _first_fit(problem, start.values, start.names, errors)
     problem.excitation = replace(excitation, parameters=base.values)
     return Ready(problem, base, checks, notes, start=start.values, unknown=start.unknown, untold=start.untold)
 
