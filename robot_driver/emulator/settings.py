@@ -8,7 +8,10 @@ from typing import Any, TypeAlias, TypeVar, get_type_hints
 
 import yaml
 
-from cmr.plant.parameters import RANGES, PlantParameters, plant_parameters
+from cmr.plant.parameters import PlantParameters, plant_parameters
+from robot_driver.emulator.requiring import SettingsError, require, require_positive, require_possible
+
+__all__ = ["Settings", "SettingsError", "load_settings", "parse_settings"]
 
 DEFAULT_FILE = Path(__file__).with_name("default.yaml")
 
@@ -21,10 +24,6 @@ IMPERFECTIONS_OF_PLANT = (
     *("coulomb_friction", "static_friction", "battery_sag", "command_delay"),
     *("turn_slip", "longitudinal_slip", "gyro_bias", "pose_latency"),
 )
-
-
-class SettingsError(ValueError):
-    """The settings cannot be used; the text names the key and says what it should be."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +40,9 @@ class Robot:
     theta: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, "wheel_radius", "k2_over_k3", "k1", "base_width", "ticks_per_turn")
+        require_positive(self, "wheel_radius", "k2_over_k3", "k1", "base_width", "ticks_per_turn")
         # The plant steps 1 ms at a time; it cannot follow motors that answer within two steps.
-        _require(self.k1 * self.k2_over_k3 < 500.0, self, "k1 k2_over_k3", "below 500/s")
+        require(self.k1 * self.k2_over_k3 < 500.0, self, "k1 k2_over_k3", "below 500/s")
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Electrics:
     temperature: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, "battery_voltage", "logic_voltage", "stall_current")
+        require_positive(self, "battery_voltage", "logic_voltage", "stall_current")
 
 
 @dataclass(frozen=True)
@@ -68,9 +67,9 @@ class Roboclaw:
     status_bytes: int
 
     def __post_init__(self) -> None:
-        _require(0x80 <= self.address <= 0x87, self, "address", "0x80 to 0x87")
-        _require(self.baud >= 0, self, "baud", "0 or more")
-        _require(self.status_bytes in (1, 2, 4), self, "status_bytes", "1, 2 or 4")
+        require(0x80 <= self.address <= 0x87, self, "address", "0x80 to 0x87")
+        require(self.baud >= 0, self, "baud", "0 or more")
+        require(self.status_bytes in (1, 2, 4), self, "status_bytes", "1, 2 or 4")
 
 
 @dataclass(frozen=True)
@@ -83,8 +82,8 @@ class Roboteq:
     ignores_watchdog: bool
 
     def __post_init__(self) -> None:
-        _require(self.baud >= 0, self, "baud", "0 or more")
-        _require(0 <= self.watchdog <= 65000, self, "watchdog", "0 to 65000")
+        require(self.baud >= 0, self, "baud", "0 or more")
+        require(0 <= self.watchdog <= 65000, self, "watchdog", "0 to 65000")
 
 
 @dataclass(frozen=True)
@@ -101,16 +100,13 @@ class Mbot:
     topics_from: int
 
     def __post_init__(self) -> None:
-        _require_positive(self, "rate", "watchdog")
-        _require(0 <= self.topics_from <= 60000, self, "topics_from", "0 to 60000")
+        require_positive(self, "rate", "watchdog")
+        require(0 <= self.topics_from <= 60000, self, "topics_from", "0 to 60000")
 
 
 @dataclass(frozen=True)
 class Controller:
-    """A velocity controller inside of the robot: how its wheels follow the speeds that they are told.
-
-    Times in s, rates in Hz, speeds in rad/s, widths in m.
-    """
+    """How wheels follow the speeds that they are told, by a controller inside of the robot; SI units, `rate` in Hz."""
 
     rate: float
     response_time: float
@@ -119,10 +115,9 @@ class Controller:
     command_base_width: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, "rate", "response_time", "speed_scale", "top_wheel_speed", "command_base_width")
-        # The plant steps 1 ms at a time, as above.
-        _require(self.response_time > 0.002, self, "response_time", "greater than 0.002 s")
-        _require(self.rate <= 500.0, self, "rate", "500 Hz or less")
+        require_positive(self, "rate", "response_time", "speed_scale", "top_wheel_speed", "command_base_width")
+        require(self.response_time > 0.002, self, "response_time", "greater than 0.002 s")
+        require(self.rate <= 500.0, self, "rate", "500 Hz or less")
 
 
 @dataclass(frozen=True)
@@ -134,9 +129,9 @@ class Dsp3000:
     start_up: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, "rate")
-        _require(self.baud >= 0, self, "baud", "0 or more")
-        _require(self.start_up >= 0, self, "start_up", "0 or more")
+        require_positive(self, "rate")
+        require(self.baud >= 0, self, "baud", "0 or more")
+        require(self.start_up >= 0, self, "start_up", "0 or more")
 
 
 @dataclass(frozen=True)
@@ -155,10 +150,10 @@ class KvhBinary:
 
     def __post_init__(self) -> None:
         allowed = (1, 5, 10, 25, 50, 100, 250, 500, 750, 1000, 3600, 5000)
-        _require(self.rate in allowed, self, "rate", f"one of {', '.join(map(str, allowed))}")
-        _require(self.clock_error > -1, self, "clock_error", "greater than -1")
-        _require(self.baud >= 0, self, "baud", "0 or more")
-        _require(self.start_up >= 0, self, "start_up", "0 or more")
+        require(self.rate in allowed, self, "rate", f"one of {', '.join(map(str, allowed))}")
+        require(self.clock_error > -1, self, "clock_error", "greater than -1")
+        require(self.baud >= 0, self, "baud", "0 or more")
+        require(self.start_up >= 0, self, "start_up", "0 or more")
 
 
 @dataclass(frozen=True)
@@ -181,7 +176,7 @@ class TorqueNoise(Imperfection):
     correlation_time: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, "correlation_time")
+        require_positive(self, "correlation_time")
 
 
 @dataclass(frozen=True)
@@ -192,7 +187,7 @@ class EncoderQuantisation:
     ticks_per_turn: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, "ticks_per_turn")
+        require_positive(self, "ticks_per_turn")
 
 
 @dataclass(frozen=True)
@@ -204,7 +199,7 @@ class PoseNoise:
     heading: float
 
     def __post_init__(self) -> None:
-        _require(min(self.position, self.heading) >= 0, self, "position and heading", "0 or more")
+        require(min(self.position, self.heading) >= 0, self, "position and heading", "0 or more")
 
 
 @dataclass(frozen=True)
@@ -232,7 +227,7 @@ class Imperfections:
         for field in dataclasses.fields(self):
             imperfection = getattr(self, field.name)
             if isinstance(imperfection, Imperfection) and field.name != "gyro_bias":
-                _require(imperfection.size >= 0, self, f"{field.name}.size", "0 or more")
+                require(imperfection.size >= 0, self, f"{field.name}.size", "0 or more")
 
     def ideal(self) -> "Imperfections":
         """Return a copy in which only the imperfections of measurement remain as they are."""
@@ -261,11 +256,11 @@ class Settings:
         for name, value in self.effects.items():
             if name not in EFFECT_PARAMETERS:
                 raise SettingsError(f"effects.{name} is unknown. Known are: {', '.join(EFFECT_PARAMETERS)}.")
-            _require_possible(name, value, f"effects.{name}")
+            require_possible(name, value, f"effects.{name}")
         for name in IMPERFECTIONS_OF_PLANT:
-            _require_possible(name, getattr(self.imperfections, name).size, f"imperfections.{name}.size")
+            require_possible(name, getattr(self.imperfections, name).size, f"imperfections.{name}.size")
         ticks = self.imperfections.encoder_quantisation.ticks_per_turn
-        _require_possible("encoder_quantisation", ticks, "imperfections.encoder_quantisation.ticks_per_turn")
+        require_possible("encoder_quantisation", ticks, "imperfections.encoder_quantisation.ticks_per_turn")
 
     @property
     def plant(self) -> PlantParameters:
@@ -402,21 +397,3 @@ def _scalar(kind: type, value: Any, name: str) -> Any:
     if isinstance(value, bool) or not isinstance(value, accepted) or not math.isfinite(value):
         raise SettingsError(f"{name} must be a {'whole' if kind is int else 'finite'} number, not {value!r}.")
     return kind(value)
-
-
-def _require(holds: bool, section: object, name: str, expected: str) -> None:
-    if not holds:
-        raise SettingsError(f"{type(section).__name__.lower()}: {name} must be {expected}.")
-
-
-def _require_possible(parameter: str, value: float, name: str) -> None:
-    """Raise SettingsError unless the plant can have this value of a parameter."""
-    least, largest = RANGES[parameter]
-    if not least <= value <= largest:
-        limit = f"{least:g} to {largest:g}" if math.isfinite(largest) else f"{least:g} or more"
-        raise SettingsError(f"{name} must be {limit}, not {value:g}.")
-
-
-def _require_positive(section: object, *names: str) -> None:
-    for name in names:
-        _require(getattr(section, name) > 0, section, name, "greater than 0")
