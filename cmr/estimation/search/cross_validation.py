@@ -126,7 +126,7 @@ def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, signific
         found = elsewhere(problem, before, after, by_kind=False)
     if not found.seen:
         return "Only a part of the data shows it."
-    if found.gain <= LEAST_GAIN:
+    if found.gain <= LEAST_GAIN or not _harmless(found, significant):
         return DOES_NOT_HOLD
     return "It hardly helps to foretell data that it was not fitted on." if found.share < LEAST_SHARE else ""
 
