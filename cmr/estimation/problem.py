@@ -262,6 +262,8 @@ def _refitted(fit: Fit, values: Mapping[str, float], rest: Floats) -> Fit:
     """Return the fit at values that lack some of its parameters, moved to where its slopes leave least of `rest`."""
     kept = [index for index, name in enumerate(fit.names) if name in values]
     names, slopes = tuple(fit.names[index] for index in kept), np.ascontiguousarray(fit.slopes[:, kept])
+    if not np.isfinite(rest).all():  # a robot without these effects would lose its way altogether
+        return Fit(values, names, rest, slopes, fit.noise)
     step = newton_steps(slopes, rest, DAMPINGS[:1], room(values, names))[0]
     return Fit(moved(values, names, step), names, rest + slopes @ step, slopes, fit.noise)
 
