@@ -167,9 +167,9 @@ POSE_HEADING_OFFSET = Effect(
             "pose_heading_offset", "rad", "measured heading less the true one", -2.0 * pi, 2.0 * pi, 0.0, 0.05
         ),
     ),
-    needs="turns both ways",
+    needs="straight runs",
     shows_in="the pose, sideways on straight lines",
-    confused_with={"pose_offset": "turns both ways", "lateral_skid": "turns both ways"},
+    confused_with={"pose_offset": "straight runs", "lateral_skid": "straight runs"},
 )
 
 POSE_DISTORTION = Effect(
