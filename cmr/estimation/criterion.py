@@ -9,6 +9,7 @@ from cmr.estimation.free_runs import Fold, errors_of, joined
 from cmr.estimation.gains import COARSE, choose_gains
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import WHEELS
+from cmr.estimation.prediction import errors_of as prediction_errors_of
 from cmr.estimation.preparation import Ready
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, search
@@ -51,7 +52,7 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
         return found
     say("The model found calls for another observer: searching again ...")
     again = Problem(problem.predictors, gains, problem.excitation)
-    errors = [predictor.errors(ready.start, gains) for predictor in problem.predictors]
+    errors = prediction_errors_of(problem.predictors, ready.start, gains)
     base = again.fit(ready.start, names, Noise.plain(problem.predictors, errors), renew=0)
     return search(again, base, say)
 

@@ -64,6 +64,9 @@ class Windows(NamedTuple):
         return np.asarray(np.where(inside, number, -1))
 
 
+NO_WINDOWS = Windows(np.empty(0), np.empty(0), np.empty(0, np.int64))
+
+
 class Averages(NamedTuple):
     """Errors averaged over n spans from `begin` to `end` [s] (n,), of C candidates: `error` (n, C)."""
 
@@ -292,12 +295,16 @@ def _begins(first: float, last: float, length: float, late: float) -> Floats:
 
 def _windows(observations: Observations, folds: Sequence[Fold], window: float, late: float) -> tuple[Windows, Indices]:
     """Return the windows of all folds, and the number of each one's fold (W,)."""
-    spans = [(index, *span) for index, fold in enumerate(folds) for span in fold.spans]
-    parts = [windows_of(observations, window, late, begin, end) for _, begin, end in spans]
-    number = np.concatenate([np.full(len(part.begin), index) for (index, *_), part in zip(spans, parts, strict=True)])
-    begin, end, pose = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.argsort(begin, kind="stable")
-    return Windows(begin[order], end[order], np.sort(pose)), number[order].astype(np.int64)
+    numbers, parts = [np.empty(0, np.int64)], [NO_WINDOWS]
+    for index, fold in enumerate(folds):
+        for begin, end in fold.spans:
+            if begin < observations.seconds and end > 0.0:  # of many pieces most lie outside
+                parts.append(windows_of(observations, window, late, begin, end))
+                numbers.append(np.full(len(parts[-1].begin), index))
+    number = np.concatenate(numbers)
+    begins, ends, poses = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(begins, kind="stable")
+    return Windows(begins[order], ends[order], np.sort(poses)), number[order]
 
 
 def told_errors(observations: Observations, innovations: Innovations) -> dict[str, Averages]:
