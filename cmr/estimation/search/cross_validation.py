@@ -122,11 +122,12 @@ def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, signific
     found = elsewhere(problem, before, after)
     if problem.by_moments:
         return why_not_of_moments(found, significant)
-    if not found.seen and problem.several and _harmless(found, significant):
+    harmless = _harmless(found, significant)
+    if not found.seen and problem.several and harmless:  # then what both parts of a kind gain together counts
         found = elsewhere(problem, before, after, by_kind=False)
     if not found.seen:
         return "Only a part of the data shows it."
-    if found.gain <= LEAST_GAIN or not _harmless(found, significant):
+    if found.gain <= LEAST_GAIN or not harmless:
         return DOES_NOT_HOLD
     return "It hardly helps to foretell data that it was not fitted on." if found.share < LEAST_SHARE else ""
 
