@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from cmr.calibration.grid import Grid, axes_for, search
 from cmr.calibration.plots import figure_of
 from cmr.calibration.result import CalibrationResult
+from cmr.calibration.seen_path import seen_path
 from cmr.calibration.segments import path_error, segments_of
 from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.estimation.estimates import Estimate
@@ -140,7 +141,7 @@ def test_a_path_that_follows_the_wheels_has_no_wheel_residuals(result: Calibrati
     figure = figure_of(replace(result, by_wheels=True, grid=None))
     assert not any("wheel speed" in axes.get_ylabel() for axes in figure.axes)
     (segment,) = result.segments
-    path = segment.follow_wheels(RobotParameters.of(result.values))
+    path = seen_path(segment, RobotParameters.of(result.values), by_wheels=True)
     np.testing.assert_array_equal(np.asarray(titled(figure, "after").lines[1].get_xdata())[:-1], path.x)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from cmr.calibration.grid import Grid
 from cmr.calibration.preparing import prepare
 from cmr.calibration.result import GRID, CalibrationResult
+from cmr.calibration.seen_path import seen_path
 from cmr.calibration.segments import Segment
 from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.estimation import free_runs
@@ -73,7 +74,10 @@ def _paths(result: CalibrationResult, values: Mapping[str, float], error: float)
     if not math.isfinite(error):
         return None
     parameters = RobotParameters.of(dict.fromkeys(result.unidentified, 1.0) | dict(values))
-    return [s.follow_wheels(parameters) if result.by_wheels else s.simulate(parameters) for s in result.segments]
+    return [
+        seen_path(s, parameters, by_wheels=True) if result.by_wheels else s.simulate(parameters)
+        for s in result.segments
+    ]
 
 
 def _draw_drives(figure: "SubFigure", result: CalibrationResult, before: Paths, after: Paths) -> None:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.calibration.segments import Segment, path_error, segments_of
-from cmr.model.motion import Trajectory, wheel_speeds
+from cmr.calibration.seen_path import seen_path
+from cmr.calibration.segments import path_error, segments_of
+from cmr.model.motion import wheel_speeds
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, hold
@@ -48,16 +49,17 @@ def end_errors(
         for segment in segments_of(recording):
             if (segment.utime[-1] - recording.poses.utime[0]) * SECONDS <= shortest:
                 continue
-            path = _path(segment, parameters, by_wheels)
-            distance.append(np.hypot(path.x[-1] - segment.x[-1], path.y[-1] - segment.y[-1]))
-            heading.append(path.theta[-1] - segment.theta[-1])
+            path = seen_path(segment, parameters, by_wheels=by_wheels)
+            last = segment.at[-1]
+            distance.append(np.hypot(path.x[last] - segment.x[-1], path.y[last] - segment.y[-1]))
+            heading.append(path.theta[last] - segment.theta[-1])
     return EndErrors(np.array(distance), np.array(heading))
 
 
 def path_rmse(recording: Recording, parameters: RobotParameters, *, by_wheels: bool = False) -> float:
     """Return the root mean square distance [m] between measured and simulated path, started at the measured pose."""
     segments = segments_of(recording)
-    return path_error(segments, [_path(segment, parameters, by_wheels) for segment in segments])
+    return path_error(segments, [seen_path(segment, parameters, by_wheels=by_wheels) for segment in segments])
 
 
 def wheel_speed_errors(recording: Recording, parameters: RobotParameters, side: str) -> Floats:
@@ -76,7 +78,3 @@ def wheel_speed_errors(recording: Recording, parameters: RobotParameters, side: 
 def root_mean_square(values: Floats) -> float:
     """Return the root of the mean of the squares."""
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _path(segment: Segment, parameters: RobotParameters, by_wheels: bool) -> Trajectory:
-    return segment.follow_wheels(parameters) if by_wheels else segment.simulate(parameters)

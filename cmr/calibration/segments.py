@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cmr.estimation.encoders import moved_on, tick_of, wheel_angles, within_tick
-from cmr.model.motion import RobotState, Trajectory, drive, roll
+from cmr.model.motion import RobotState, Trajectory, drive
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal, Times, hold, no_times
@@ -118,10 +118,6 @@ class Segment:
         left, right = psi or (self.start.psi_left, self.start.psi_right)
         start = self.start._replace(psi_left=left, psi_right=right)
         return drive(self.left, self.right, self.dt, parameters, start)
-
-    def follow_wheels(self, parameters: RobotParameters) -> Trajectory:
-        """Follow the recorded wheel angles (dead reckoning); the trajectory at all borders."""
-        return roll(self.angle_left, self.angle_right, parameters, self.start)
 
 
 def segments_of(recording: Recording, splits: Sequence[int] = ()) -> list[Segment]:

@@ -24,6 +24,7 @@ THRESHOLDS = (0.4, 1.0, 1.8)
 # A pose told as p (1 + k |p|^2) goes back where k |p|^2 is below -1/3. From other k no fit gets there: with the fold
 # elsewhere, the model is worse than without.
 FOLDS = (0.5, 0.55, 0.6, 0.66, 0.72, 0.79, 0.87, 0.95, 1.05, 1.15, 1.26, 1.4)  # times the typical k, tested negative
+TURNS = tuple(eighth * math.pi / 4.0 for eighth in (-3, -2, -1, 1, 2, 3, 4))  # rad
 # A gyro that is late by a whole period of the commands shows what came with the command before: its latency is tested
 # with less.
 LATE, PORTION_OF_LATENCY = frozenset(("gyro_time",)), 0.4
@@ -123,7 +124,7 @@ def trials(excitation: Excitation, effects: Iterable[Effect] = CATALOGUE.values(
             result += [
                 Trial(effect.name, values | others, threshold, local, portion=portion) for values, threshold in sizes
             ]
-        result += _folds(effect)
+        result += [*_folds(effect), *_turned(effect)]
     return result
 
 
@@ -151,6 +152,16 @@ def _folds(effect: Effect) -> list[Trial]:
         for parameter in effect.parameters
         if parameter.unit == "1/m^2"
         for share in FOLDS
+    ]
+
+
+def _turned(effect: Effect) -> list[Trial]:
+    """Return trials of a sensor that looks another way than the robot: no fit gets there from a small angle."""
+    return [
+        Trial(effect.name, {parameter.name: turn}, threshold=True, spare=True)
+        for parameter in effect.parameters
+        if parameter.unit == "rad" and effect.is_sensor
+        for turn in TURNS
     ]
 
 

@@ -1,6 +1,7 @@
 """Search by moments; where that cannot be trusted, or there are no commands, search by courses instead."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,7 +29,10 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
             return found
         say("No model foretells this robot from moment to moment: looking at the course of its motion instead ...")
     courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
-    return search(courses, courses.base(ready.start, ready.base.names), say)
+    base = courses.base(ready.start, ready.base.names)
+    # Moments may speak for a robot that hardly moves; what is typical of effects is scaled to the one of the courses.
+    courses.excitation = replace(courses.excitation, parameters=base.values)
+    return search(courses, base, say)
 
 
 def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -> Search:

@@ -41,8 +41,8 @@ class Fit:
 
     @property
     def squares(self) -> float:
-        """Sum of the squared white errors."""
-        return float(self.rest @ self.rest)
+        """Sum of the squared white errors; infinite where the model does not hold."""
+        return float(np.nan_to_num(self.rest @ self.rest, nan=np.inf))
 
     @property
     def covariance(self) -> Floats:

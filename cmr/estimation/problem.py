@@ -39,6 +39,7 @@ SEVERAL, COMING = 3, 0.2  # pieces; rad/s of a wheel of a robot that does not st
 EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
 QUICK_STEPS = 5  # of models fitted side by side,
 PROMISED_BESIDE = 1.0  # each as long as its next step promises as much
+MORE_STEPS, MUCH_PROMISED = 6, 0.05  # further ones, where the next one promises this share of the best one's drop
 FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best one's drop below which it may do no more
 
 
@@ -257,9 +258,10 @@ class Problem:
             _Course({**base.values, **start}, (*base.names, *own), tuple(own))
             for start, own in zip(starts, names, strict=True)
         ]
-        for _ in range(QUICK_STEPS):
+        for step in range(QUICK_STEPS + MORE_STEPS):
             leader = min(course.squares for course in courses)
-            open_ones = [course for course in courses if course.open(base.squares, leader)]
+            least = PROMISED_BESIDE if step < QUICK_STEPS else MUCH_PROMISED * (base.squares - leader)
+            open_ones = [course for course in courses if course.open(base.squares, leader, least)]
             if not open_ones:
                 break
             moves = [moves_of(course.candidate, course.own, self.excitation) for course in open_ones]
@@ -275,6 +277,8 @@ def _refitted(fit: Fit, values: Mapping[str, float], rest: Floats) -> Fit:
     """Return the fit at values that lack some of its parameters, moved to where its slopes leave least of `rest`."""
     kept = [index for index, name in enumerate(fit.names) if name in values]
     names, slopes = tuple(fit.names[index] for index in kept), np.ascontiguousarray(fit.slopes[:, kept])
+    if not np.isfinite(rest).all():  # a robot without these effects would lose its way altogether
+        return Fit(values, names, rest, slopes, fit.noise)
     step = newton_steps(slopes, rest, DAMPINGS[:1], room(values, names))[0]
     return Fit(moved(values, names, step), names, rest + slopes @ step, slopes, fit.noise)
 
@@ -288,10 +292,13 @@ class _Course:
         self.squares = self.promised = np.inf
         self._step, self._pace, self._rounds = np.zeros(len(free)), 1.0, 0
 
-    def open(self, base: float, leader: float) -> bool:
-        """Tell whether more steps may matter; `base` and `leader` are the sums of squares without it and at best."""
+    def open(self, base: float, leader: float, least: float) -> bool:
+        """Tell whether more steps may matter: the next promises at least so much, and the best one is not far ahead.
+
+        `base` and `leader` are the sums of squares without it and at best.
+        """
         late = self._rounds >= FAIR_ROUNDS and base - self.squares + self.promised < FAR_BEHIND * (base - leader)
-        return self.promised > PROMISED_BESIDE and not late
+        return self.promised > max(least, PROMISED_BESIDE) and not late
 
     def lanes(self, moves: Floats) -> list[dict[str, float]]:
         """Return the values to be tested next, and those with each own parameter moved."""

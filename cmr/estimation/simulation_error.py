@@ -16,7 +16,7 @@ import numpy as np
 from cmr.estimation.candidates import Excitation, driving_parameters, lanes_of
 from cmr.estimation.gains import interval_of
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.noise import FOREIGN, LEAST_SIZE, SPANS, Noise, SignalNoise, size_found
+from cmr.estimation.noise import FOREIGN, SPANS, Noise, SignalNoise, size_found
 from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem, nearer_to_neutral
 from cmr.model.observer import MOTION, Gains, Observer
@@ -31,6 +31,7 @@ QUIET = 0.25  # s before and after a motion in which a gyro is not quiet
 PSI = [MOTION.index("psi_left"), MOTION.index("psi_right")]
 BURST = 3.0  # s; errors of one burst lie within a block, or two
 UNCORRELATED = 0.05  # correlation from which on errors no longer belong together
+FINEST = 1e-6  # rad, m, rad/s: no sensor is more exact; without noise no fit would ever be close enough
 
 
 class SimulationErrorProblem(Problem):
@@ -69,7 +70,7 @@ class SimulationErrorProblem(Problem):
         own = [error.of[name][:, 0] for name, _, error in pairs]
         bases = [_sizes(name, predictor, error) for name, predictor, error in pairs]
         shares = size_found(np.concatenate(own), np.concatenate(bases))
-        sizes = [np.sqrt(np.maximum(base @ shares, LEAST_SIZE**2)) for base in bases]
+        sizes = [np.sqrt(np.maximum(base @ shares, FINEST**2)) for base in bases]
         count = lasting([error / size for error, size in zip(own, sizes, strict=True)])
         found = iter(np.sqrt(count) * size for size in sizes)
         return {

@@ -82,12 +82,21 @@ def _shift(shown: Showcase) -> float:
     poses = float(np.hypot(shown.seen.x - shown.motion.x, shown.seen.y - shown.motion.y).max())
     gyro = float(np.abs(np.cumsum(shown.seen.yaw_rate - np.gradient(shown.motion.theta, shown.time))).max() * DT)
     wheels = float(np.abs(shown.seen.angle_left - shown.motion.angle_left).max())
-    return max(poses, wheels, gyro)
+    return max(poses, wheels, gyro, heading_error(shown))
+
+
+def heading_error(shown: Showcase) -> float:
+    """Return by how much the effect bends the measured headings [rad] at most; 0 for one of a sensor's clock."""
+    if "pose" not in shown.effect.equations:
+        return 0.0
+    return float(np.abs(shown.seen.theta - shown.motion.theta).max())
 
 
 def reckoned(shown: Showcase) -> Trajectory:
-    """Return the path that the encoders tell of (dead reckoning)."""
-    return roll(shown.seen.angle_left, shown.seen.angle_right, ROBOT, RobotState.at_rest())
+    """Return the path that the encoders tell of, from the first measured pose on (dead reckoning)."""
+    seen = shown.seen
+    start = RobotState.at_rest(seen.x[0], seen.y[0], seen.theta[0])
+    return roll(seen.angle_left, seen.angle_right, ROBOT, start)
 
 
 def _distance(first: Trajectory, second: Trajectory) -> float:

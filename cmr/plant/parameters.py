@@ -76,6 +76,7 @@ class PlantParameters(NamedTuple):
     pose_latency: Annotated[float, (0.0, 10.0)] = 0.0  # s
     clock_skew: Annotated[float, (-0.1, 0.1)] = 0.0  # 1
     pose_offset: Annotated[float, (-100.0, 100.0)] = 0.0  # m
+    pose_heading_offset: Annotated[float, (-6.3, 6.3)] = 0.0  # rad
     pose_distortion: Annotated[float, (-1.0, 1.0)] = 0.0  # 1/m^2
     # A controller inside that holds wheel speeds; the speed asked for by duty 1 is 1 / k1.
     controller_response_time: Annotated[float, (0.0, 100.0)] = 0.0  # s; 0 for a robot without
@@ -159,6 +160,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "pose_latency": {"pose_latency": 0.04},
     "clock_skew": {"clock_skew": 5e-4},
     "pose_offset": {"pose_offset": 0.012},
+    "pose_heading_offset": {"pose_heading_offset": 0.05},
     "pose_distortion": {"pose_distortion": 0.02},
 }
 

@@ -138,12 +138,13 @@ def seen(p: PlantParameters, x: Number, y: Number, theta: Number) -> tuple[Numbe
     """Return what the external localisation would say without noise, the heading unwrapped.
 
     pose_offset: the tracked point sits m ahead of the turning centre; pose_distortion: p (1 + k abs(p)^2);
-    pose_heading_warp: theta + A sin(2 pi x / 1.5 m).
+    pose_heading_warp: theta + A sin(2 pi x / 1.5 m); pose_heading_offset: theta + C.
     """
     if p.pose_offset:
         x, y = x + p.pose_offset * np.cos(theta), y + p.pose_offset * np.sin(theta)
     if p.pose_heading_warp:
         theta = theta + p.pose_heading_warp * np.sin(TURN * x / WARP_LENGTH)
+    theta = theta + p.pose_heading_offset
     stretch = 1.0 + p.pose_distortion * (x**2 + y**2)
     return x * stretch, y * stretch, theta
 

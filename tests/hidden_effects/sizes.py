@@ -47,6 +47,7 @@ EITHER_SIGN = frozenset(
         "gyro_drift",
         "clock_skew",
         "pose_offset",
+        "pose_heading_offset",
         "pose_distortion",
         "floor_camber",
         "gyro_magnetism",

@@ -199,7 +199,12 @@ def held_out_gain(problem: Problem, before: Fit, after: Fit) -> float:
 
 
 def left_out(fit: Fit, folds: np.typing.NDArray[np.int64]) -> float:
-    """Return the sum of squared white errors of folds, each predicted by a fit without it (to first order)."""
+    """Return the sum of squared white errors of folds, each predicted by a fit without it (to first order).
+
+    It is infinite where the fitted model does not hold.
+    """
+    if not math.isfinite(fit.squares):
+        return math.inf
     errors = left_out_errors(fit, folds)
     return float(errors @ errors)
 

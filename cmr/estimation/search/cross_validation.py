@@ -47,10 +47,18 @@ class Elsewhere:
         """The log-likelihood that it adds to the parts that it was not fitted on."""
         return sum(self.gains)
 
+    def spoken(self, significant: float) -> list[tuple[float, float]]:
+        """Return drop and gain of each part that speaks for the effect by itself: with a drop above `significant`."""
+        least = max(significant, LEAST_SEEN)
+        return [(drop, gain) for drop, gain in zip(self.drops, self.gains, strict=True) if drop > least]
 
-def elsewhere(problem: Problem, before: Fit, after: Fit) -> Elsewhere:
-    """Fit the model before and after an effect came in on each of two parts, and try both on the other part."""
-    first = two_parts(problem.predictors)
+
+def elsewhere(problem: Problem, before: Fit, after: Fit, by_kind: bool = True) -> Elsewhere:
+    """Fit the model before and after an effect came in on each of two parts, and try both on the other part.
+
+    The parts are those of `two_parts`.
+    """
+    first = two_parts(problem.predictors, by_kind)
     gyro = np.concatenate([np.full(len(t), n == GYRO) for p in problem.predictors for n, t in p.times.items()])
     drops, gains, of_gyro, models = [], [], np.zeros(2), []
     for part in (first, ~first):
@@ -63,7 +71,7 @@ def elsewhere(problem: Problem, before: Fit, after: Fit) -> Elsewhere:
         of_gyro += np.sum(white[~part & gyro], axis=0)
         models.append(values)
     share = float(1.0 - of_gyro[1] / of_gyro[0]) if of_gyro[0] > 0.0 else 0.0
-    return Elsewhere((drops[0], drops[1]), (gains[0], gains[1]), max(share, _share(problem, models)))
+    return Elsewhere((drops[0], drops[1]), (gains[0], gains[1]), max(share, _share(problem, models, by_kind)))
 
 
 def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:
@@ -74,13 +82,13 @@ def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:
     return float(first @ second) > IN_COMMON * float(np.linalg.norm(first) * np.linalg.norm(second))
 
 
-def _share(problem: Problem, models: Sequence[tuple[Mapping[str, float], ...]]) -> float:
+def _share(problem: Problem, models: Sequence[tuple[Mapping[str, float], ...]], by_kind: bool) -> float:
     """Return the largest share of a signal's squares that an effect takes from free runs, the gyro's left out.
 
     `models` are those before and after, found on the first part and on the second; each runs on the other part.
     """
     segments = [predictor.segment for predictor in problem.predictors]
-    first = first_recordings(problem.predictors) if problem.several else None
+    first = first_recordings(problem.predictors, by_kind) if problem.several else None
     folds = []
     for segment in segments:
         if first is None:
@@ -113,9 +121,12 @@ def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, signific
     found = elsewhere(problem, before, after)
     if problem.by_moments:
         return why_not_of_moments(found, significant)
+    harmless = _harmless(found, significant)
+    if not found.seen and problem.several and harmless:  # then what both parts of a kind gain together counts
+        found = elsewhere(problem, before, after, by_kind=False)
     if not found.seen:
         return "Only a part of the data shows it."
-    if found.gain <= LEAST_GAIN:
+    if found.gain <= LEAST_GAIN or not harmless:
         return DOES_NOT_HOLD
     return "It hardly helps to foretell data that it was not fitted on." if found.share < LEAST_SHARE else ""
 
@@ -126,14 +137,16 @@ def why_not_of_moments(found: Elsewhere, significant: float) -> str:
     A drive in which an effect does not show says nothing against it. So what a part finds that speaks for the effect by
     itself must not make the other part worse; where none does, both together must make each other better.
     """
-    speaking = [
-        (drop, gain) for drop, gain in zip(found.drops, found.gains, strict=True) if drop > max(significant, LEAST_SEEN)
-    ]
-    if speaking:
-        return DOES_NOT_HOLD if any(gain < -0.5 * LOST * drop for drop, gain in speaking) else ""
+    if found.spoken(significant):
+        return "" if _harmless(found, significant) else DOES_NOT_HOLD
     if not found.seen:
         return "Only a part of the data shows it."
     return DOES_NOT_HOLD if found.gain <= 0.0 else ""
+
+
+def _harmless(found: Elsewhere, significant: float) -> bool:
+    """Tell whether what a part finds that speaks for the effect by itself makes the other part no worse."""
+    return all(gain >= -0.5 * LOST * drop for drop, gain in found.spoken(significant))
 
 
 def contradicted(values: Mapping[str, float], excitation: Excitation) -> bool:

@@ -199,7 +199,8 @@ def candidates_of(problem: Problem, fit: Fit, names: Sequence[str], inflation: I
     unsure = [
         number
         for number, (effect, other) in enumerate(zip(effects, without, strict=True))
-        if other.squares - fit.squares < CLEARLY * needed(effect) * inflation.of(effect.name)
+        if not np.isfinite(other.squares)
+        or other.squares - fit.squares < CLEARLY * needed(effect) * inflation.of(effect.name)
     ]
     refits = problem.fits([(without[number].values, without[number].names) for number in unsure], fit.noise)
     for number, refit in zip(unsure, refits, strict=True):

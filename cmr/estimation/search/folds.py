@@ -20,10 +20,13 @@ UNLIKE = 0.3  # of the time that two kinds of manoeuvre must spend in another wa
 ROUNDS = 10
 
 
-def two_parts(predictors: Sequence[Predictor]) -> Mask:
-    """Return which of two parts each error belongs to, (n,), segment by segment and signal by signal."""
+def two_parts(predictors: Sequence[Predictor], by_kind: bool = True) -> Mask:
+    """Return which of two parts each error belongs to, (n,), segment by segment and signal by signal.
+
+    Several recordings are parted by what the robot does in them, or, unless `by_kind`, dealt out in turn.
+    """
     if len({predictor.segment.recording for predictor in predictors}) > 1:
-        first = first_recordings(predictors)
+        first = first_recordings(predictors, by_kind)
         return np.concatenate(
             [np.full(len(times), first[p.segment.recording]) for p in predictors for times in p.times.values()]
         )
@@ -36,9 +39,11 @@ def two_parts(predictors: Sequence[Predictor]) -> Mask:
     )
 
 
-def first_recordings(predictors: Sequence[Predictor]) -> dict[int, bool]:
-    """Return of each of several recordings, by number, whether it belongs to the first part."""
+def first_recordings(predictors: Sequence[Predictor], by_kind: bool = True) -> dict[int, bool]:
+    """Return of each of several recordings, by number, whether it belongs to the first part; see `two_parts`."""
     recordings = sorted({predictor.segment.recording for predictor in predictors})
+    if not by_kind:
+        return {one: number % 2 == 0 for number, one in enumerate(recordings)}
     shares = np.array([_shares([p for p in predictors if p.segment.recording == one]) for one in recordings])
     return {one: bool(first) for one, first in zip(recordings, two_kinds(shares), strict=True)}
 

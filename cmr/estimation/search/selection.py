@@ -26,7 +26,6 @@ from cmr.estimation.search.criteria import (
     too_small,
     why_not,
 )
-from cmr.estimation.search.cross_validation import alternatives, elsewhere
 from cmr.estimation.search.elimination import finished, pruned
 from cmr.estimation.search.exchange import BETTER, Exchange, best_exchange, penalty_of
 from cmr.estimation.search.inflation import Inflation
@@ -35,6 +34,7 @@ from cmr.estimation.search.measures import coarse_tick, too_small_to_be_named
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
 from cmr.estimation.search.rivals import margin_of, rivals_of
 from cmr.estimation.search.screening import Screening, screen
+from cmr.estimation.search.ties import decided
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
 from cmr.model.catalogue import CATALOGUE
 
@@ -51,7 +51,6 @@ SMALLER_SHOWN = 0.5  # of the typical size: a drive in which less would not show
 MOST_SMALL = 8  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
 FREE_RUN_INFLATION = 1.5  # for how many samples errors of free runs count that last is known roughly
-EQUAL = 3.0  # log-likelihood by which effects must differ to be distinguished
 LEFT_BY_CHANCE = 0.05  # of what chance explains may be left, because the delays of single commands are rough
 MUCH = 5.0  # times what an effect must explain: where one explains more beside the first, there may be several
 NOTED = 4  # rejected effects of each step that the trace keeps
@@ -340,30 +339,16 @@ def _choose(
         chosen = small
     margin = margin_of(chosen, inflation)
     close = [candidate for candidate, _ in others if chosen.drop - candidate.drop < margin]
-    if small is None and not problem.by_moments:
-        return _chosen_by_free_runs(problem, current, chosen, others, close)
+    if small is None:
+        tie = decided(problem, current, chosen, close, inflation)
+        others = [(chosen, LESS) if one.effect is tie.named.effect else (one, why) for one, why in others]
+        chosen = tie.named
+        if not problem.by_moments:
+            rivals = tuple(one.effect.name for one in tie.alike if one is not chosen)
+            return SelectedEffect(chosen, rivals, current), others
+        close = [one for one, _ in others if chosen.drop - one.drop < margin]
     rivals = tuple(one.effect.name for one in close if not why_not(problem, current, one, inflation))
     return SelectedEffect(chosen, rivals, current), others
-
-
-def _chosen_by_free_runs(
-    problem: Problem,
-    current: Fit,
-    chosen: CandidateEffect,
-    others: list[tuple[CandidateEffect, str]],
-    close: list[CandidateEffect],
-) -> tuple[SelectedEffect, list[tuple[CandidateEffect, str]]]:
-    """Return the best of the effects that explain the same as the chosen one, with the rest of these as its rivals.
-
-    It is the one that explains the data best, those left out and those that were not; of equals, the catalogue's first.
-    """
-    whys = [judged(problem, current, one, Inflation(FREE_RUN_INFLATION)) for one in close]
-    alike = [chosen, *(one for one, why in whys if not why and alternatives(current, chosen.fit, one.fit))]
-    gains = [0.5 * one.drop + elsewhere(problem, current, one.fit).gain if one.fit else -np.inf for one in alike]
-    equals = [one for one, gain in zip(alike, gains, strict=True) if gain > max(gains) - EQUAL]
-    best = min(equals, key=lambda one: list(CATALOGUE).index(one.effect.name))
-    others = [(chosen, LESS) if one.effect is best.effect else (one, why) for one, why in others]
-    return SelectedEffect(best, tuple(one.effect.name for one in alike if one is not best), current), others
 
 
 def _unseen(problem: Problem, screening: Screening, named: Collection[str]) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Sensors: what encoders, gyro and a pose from outside make of the true motion."""
 
-from math import inf
+from math import inf, pi
 
 from cmr.model.command_kinds import DUTY
 from cmr.model.effect import Effect
@@ -155,6 +155,23 @@ POSE_OFFSET = Effect(
     confused_with={"lateral_skid": "spins on the spot"},
 )
 
+# After the tracked point, which lies where it does by the true heading.
+POSE_HEADING_OFFSET = Effect(
+    name="pose_heading_offset",
+    group=GROUP,
+    cause="The tracker is mounted askew: its heading points {pose_heading_offset:.3f} rad to the "
+    "{pose_heading_offset:left/right} of straight ahead.",
+    equations={"pose": "theta = theta + pose_heading_offset"},
+    parameters=(
+        ParameterDefinition(
+            "pose_heading_offset", "rad", "measured heading less the true one", -2.0 * pi, 2.0 * pi, 0.0, 0.05
+        ),
+    ),
+    needs="straight runs",
+    shows_in="the pose, sideways on straight lines",
+    confused_with={"pose_offset": "straight runs", "lateral_skid": "straight runs"},
+)
+
 POSE_DISTORTION = Effect(
     name="pose_distortion",
     group=GROUP,
@@ -184,5 +201,6 @@ EFFECTS = (
     CLOCK_SKEW,
     POSE_LATENCY,
     POSE_OFFSET,
+    POSE_HEADING_OFFSET,
     POSE_DISTORTION,
 )

@@ -1,0 +1,60 @@
+"""Of several effects that explain the data equally well, choose the one to name."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.estimation.candidates import unlikelihood
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.criteria import CandidateEffect, why_not
+from cmr.estimation.search.cross_validation import alternatives, elsewhere
+from cmr.estimation.search.inflation import Inflation
+from cmr.estimation.search.ranking import judged
+from cmr.model.catalogue import CATALOGUE
+
+EQUAL = 3.0  # log-likelihood by which effects must differ to be distinguished,
+CONVERGED = 1e-4  # and so much of what they explain: fits stop a little before the best values
+
+
+@dataclass(frozen=True)
+class Tie:
+    """The effect to be named, and all that explain the same, itself included."""
+
+    named: CandidateEffect
+    alike: tuple[CandidateEffect, ...]
+
+
+def decided(
+    problem: Problem,
+    current: Fit,
+    chosen: CandidateEffect,
+    close: Sequence[CandidateEffect],
+    inflation: Inflation,
+) -> Tie:
+    """Decide between the effect that explains most and those `close` to it that explain the same and hold.
+
+    Where the data do not distinguish them, the least unusual size is named; of equal ones, the catalogue's first. In
+    free runs, errors count that are left out of the fits as well as those that are not.
+    """
+    if problem.by_moments:
+        holding = [one for one in close if one.fit and not why_not(problem, current, one, inflation)]
+    else:
+        holding = [one for one, why in (judged(problem, current, one, inflation) for one in close) if not why]
+    alike = [chosen, *(one for one in holding if alternatives(current, chosen.fit, one.fit))]
+    if len(alike) == 1:
+        return Tie(chosen, (chosen,))
+    gains = [_gain(problem, current, one) for one in alike]
+    order = list(CATALOGUE)
+    margin = EQUAL + CONVERGED * chosen.drop
+    equals = [one for one, gain in zip(alike, gains, strict=True) if gain > max(gains) - margin]
+    named = min(equals, key=lambda one: (unlikelihood(one.values, problem.excitation), order.index(one.effect.name)))
+    return Tie(named, tuple(alike))
+
+
+def _gain(problem: Problem, current: Fit, one: CandidateEffect) -> float:
+    """Return the log-likelihood that an effect adds; in free runs, also to the parts that its fit leaves out."""
+    if problem.by_moments:
+        return 0.5 * one.drop
+    return 0.5 * one.drop + elsewhere(problem, current, one.fit).gain if one.fit else -np.inf
