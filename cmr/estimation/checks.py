@@ -9,11 +9,10 @@ from cmr.estimation.estimates import EstimationError
 from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
 from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
 from cmr.estimation.signs import require_consistent_signs
-from cmr.model.command_kinds import DUTY
 from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.checks import check
 from cmr.recordings.findings import Finding, Findings
-from cmr.recordings.lags import Lag, lags_of
+from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
@@ -21,11 +20,13 @@ MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more cannot be true, none can 
 LARGEST_LAG = 0.35  # s; a pose's clock that is further off is moved, a smaller difference may be named
 LEAST_LAG, SURELY = 0.02, 3.0  # s, and standard deviations, by which poses must be ahead of what they show
 LEAST_CHANGE = 0.005  # s, and as many deviations, by which a lag must change for a clock to be skewed
-# s that wheels lag their commands: at most, and usually. Commands whose clock is set right come a little early, so that
-# what is left is a delay.
-SLOWEST_MOTOR, USUAL_MOTOR = 0.5, 0.2
-SLOWEST_CONTROLLER = 2.0  # s; a robot that holds its speed by itself may take its time
-SET_RIGHT = "The clock of the {what} is {late:.2f} s {where} that of the wheels: their times were set right."
+# s that wheels usually lag their commands. Commands whose clock is corrected come a little early, so that what is left
+# is a delay.
+USUAL_MOTOR = 0.2
+SET_RIGHT = "The clock of the poses is {late:.2f} s {where} that of the wheels: their times were set right."
+TOO_SOON = "By its time stamps, a wheel turns {lag:.2f} s before it is commanded to"
+TOO_LATE = "By its time stamps, a wheel follows its command {lag:.2f} s late"
+MOVED = "The commands' times were moved {by:.2f} s {where}, so that the wheels follow them after the usual {usual:.1f} s."
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
 FEWEST = 2  # readings of a sensor from which it tells of a motion
 SHORTEST = 5.0  # s; what is named from less is chance
@@ -99,16 +100,21 @@ def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
         late = round(lag.seconds / SECONDS)
         poses = replace(recording.poses, utime=recording.poses.utime - late)
         recording, findings = replace(recording, poses=poses), replace(findings, splits=findings.splits - late)
-        notes.append(SET_RIGHT.format(what="poses", late=abs(lag.seconds), where="behind" if late > 0 else "ahead of"))
+        notes.append(SET_RIGHT.format(late=abs(lag.seconds), where="behind" if late > 0 else "ahead of"))
     lag = findings.lag("wheels") if recording.duty is recording.commands else None
-    slowest = SLOWEST_MOTOR if recording.command_kind == DUTY else SLOWEST_CONTROLLER
-    if lag is not None and not 0.0 <= lag.seconds <= slowest:
+    if lag is not None and clocks_differ(lag, findings.rates, slowest_response(recording)):
         early = round((lag.seconds - USUAL_MOTOR) / SECONDS)
         commands = replace(recording.commands, utime=recording.commands.utime + early)
         recording = replace(recording, commands=commands)
-        where = "behind" if early < 0 else "ahead of"
-        notes.append(SET_RIGHT.format(what="commands", late=abs(early * SECONDS), where=where))
+        notes.append(_commands_moved(lag.seconds, early * SECONDS))
     return recording, findings, " ".join(notes)
+
+
+def _commands_moved(lag: float, by: float) -> str:
+    """Return a sentence on commands that the wheels follow after `lag` [s], and whose times were moved on `by` [s]."""
+    how = (TOO_SOON if lag < 0.0 else TOO_LATE).format(lag=abs(lag))
+    where = "earlier" if by < 0.0 else "later"
+    return f"{how}: one of the clocks is wrong. {MOVED.format(by=abs(by), where=where, usual=USUAL_MOTOR)}"
 
 
 def _skewed(recording: Recording) -> bool:

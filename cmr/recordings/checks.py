@@ -10,17 +10,12 @@ import numpy as np
 from cmr.recordings.findings import Finding, Findings, counted
 from cmr.recordings.gyro_checks import gyro_findings
 from cmr.recordings.heading_checks import turned_headings
-from cmr.recordings.lags import Lag, lags_of
+from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
 from cmr.recordings.stale_poses import stale_poses
 from cmr.recordings.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
 from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
-
-SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
-HALF_PERIOD = 0.5  # of the time between samples: nobody tells if a stamp is that of its beginning, middle or end
-SLOWEST_MOTOR = 0.5  # s by which a robot may follow its commands with all clocks right
-SURE = 5.0  # standard deviations by which they must differ
 
 __all__ = ["Finding", "Findings", "check"]
 
@@ -41,7 +36,7 @@ def check(recording: Recording) -> Findings:
     turned = turned_headings(plausible, faults, known.get("poses", 0.0))
     findings = [*_pose_findings(faults), turned, *sensors, *gyro]
     findings = [_over_all(finding, [damaged, stale], recording) for finding in findings]
-    findings += [damaged, stale, *_lag_findings(lags, rates), *motion_findings(sound)]
+    findings += [damaged, stale, *_lag_findings(lags, rates, slowest_response(recording)), *motion_findings(sound)]
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
     return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates)
@@ -85,21 +80,14 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
     ]
 
 
-def _lag_findings(lags: list[Lag], rates: Mapping[str, float]) -> list[Finding]:
+def _lag_findings(lags: list[Lag], rates: Mapping[str, float], slowest: float) -> list[Finding]:
     """Tell where clocks differ; that wheels follow their commands late is how motors are."""
     findings = []
     for sensor in ("poses", "gyro"):
         lag = next((lag for lag in lags if lag.sensor == sensor), None)
-        differs = lag is not None and lag.known and _differs(lag, rates)
+        differs = lag is not None and clocks_differ(lag, rates, slowest)
         findings.append(Finding(f"{sensor}_clock", int(differs), _lag_sentence(sensor, lag)))
     return findings
-
-
-def _differs(lag: Lag, rates: Mapping[str, float]) -> bool:
-    """Tell whether a clock is wrong; what commands ask for may come late by what a motor takes."""
-    late = lag.seconds - (SLOWEST_MOTOR if lag.reference == "commands" and lag.seconds > 0.0 else 0.0)
-    stamps = sum(HALF_PERIOD / rates[name] for name in (lag.sensor, lag.reference))
-    return bool(late * lag.seconds > 0.0 and abs(late) > max(SMALLEST_LAG, stamps, SURE * lag.std))
 
 
 def _lag_sentence(sensor: str, lag: Lag | None) -> str:

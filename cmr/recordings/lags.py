@@ -5,11 +5,13 @@ offsets. Both are averaged over the same short span, correlated over all lags wi
 by least squares, so that it is found to a fraction of a sample.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.model.command_kinds import DUTY
 from cmr.recordings.rates import STEP, CommonRates, IncomparableError, Rates, common_rates, correlation_of, piece_means
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import spread
@@ -23,6 +25,11 @@ LEAST_EVIDENCE = 12.0  # log-likelihood by which the best lag must explain more 
 RIVAL = 0.4  # s; a lag further away than this from the best must be worse
 LEAST_LEAD = 4.0  # log-likelihood by which it must be worse
 OUTLYING = 4.0  # standard deviations; larger differences of two rates are left out
+SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
+HALF_PERIOD = 0.5  # of the time between samples: a stamp may be that of its beginning, middle or end
+SURE = 5.0  # standard deviations by which clocks must differ
+# s by which a robot may follow its commands with all clocks right: a motor, and a controller that holds its speed.
+SLOWEST_MOTOR, SLOWEST_CONTROLLER = 0.5, 2.0
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,24 @@ class Lag:
     def known(self) -> bool:
         """Whether the recording tells it."""
         return not self.why_unknown
+
+
+def slowest_response(recording: Recording) -> float:
+    """Return by how much [s] the robot may follow its commands at most, with all clocks right."""
+    return SLOWEST_MOTOR if recording.command_kind == DUTY else SLOWEST_CONTROLLER
+
+
+def clocks_differ(lag: Lag, rates: Mapping[str, float], slowest: float) -> bool:
+    """Tell whether a lag surely means that the two clocks differ.
+
+    `rates` [Hz] tell how often each signal came: a stamp may be off by half an interval, as nobody knows which moment of
+    it is meant. What follows commands may do so within `slowest` [s].
+    """
+    if not lag.known:
+        return False
+    late = lag.seconds - (float(np.clip(lag.seconds, 0.0, slowest)) if lag.reference == "commands" else 0.0)
+    stamps = sum(HALF_PERIOD / rates[name] for name in (lag.sensor, lag.reference))
+    return abs(late) > stamps + max(SMALLEST_LAG, SURE * lag.std)
 
 
 def lags_of(recording: Recording) -> list[Lag]:
