@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from cmr.recordings.findings import Finding, counted
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import quantile, ratio, running_median
-from cmr.recordings.signal import SECONDS, Floats, Mask, Times
+from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 
 SIDES = ("left", "right")
 FAST = 0.9  # quantile of the moving speeds that counts as fast driving
@@ -96,12 +96,19 @@ def motion_findings(recording: Recording) -> list[Finding]:
     rest = float(seconds[moving][0] - seconds[0]) if moving.any() else 0.0
     near = seconds < seconds[:1] + ENDING, seconds > seconds[-1:] - ENDING
     beginning, ending = (float(np.mean(speed[at])) if len(utime) else 0.0 for at in near)
-    cut = int(len(recording.pieces) == 1 and beginning <= MOVING * fast and ending > STILL_DRIVING * fast)
+    cut = len(recording.pieces) == 1 and beginning <= MOVING * fast and ending > STILL_DRIVING * fast
+    cut = cut and not _told_to_stop(recording.duty)  # a robot that is slow to stop still rolls
     return [
         Finding("never_moved", int(never), "The robot never moves in this recording."),
         Finding("late_start", int(rest > LATE_START), f"The robot rests for the first {rest:.1f} s."),
-        Finding("cut_off", cut, "The recording ends while the robot is being driven."),
+        Finding("cut_off", int(cut), "The recording ends while the robot still moves."),
     ]
+
+
+def _told_to_stop(duty: Signal) -> bool:
+    """Tell whether the last commands ask for rest."""
+    last = duty.seconds > duty.seconds[-1:] - ENDING
+    return bool(len(duty)) and not any(np.any(duty[side][last]) for side in SIDES)
 
 
 def _path_extent(recording: Recording) -> tuple[float, float]:
