@@ -12,14 +12,13 @@ from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.checks import check
 from cmr.recordings.findings import Finding, Findings
-from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
+from cmr.recordings.lags import clocks_differ, lags_of, slowest_response
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
 MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more cannot be true, none can be trusted
 LARGEST_LAG = 0.35  # s; a pose's clock that is further off is moved, a smaller difference may be named
-LEAST_LAG, SURELY = 0.02, 3.0  # s, and standard deviations, by which poses must be ahead of what they show
-LEAST_CHANGE = 0.005  # s, and as many deviations, by which a lag must change for a clock to be skewed
+LEAST_CHANGE, SURELY = 0.005, 3.0  # s, and standard deviations, by which a lag must change for a clock to be skewed
 # s that wheels usually lag their commands. Commands whose clock is corrected come a little early, so that what is left
 # is a delay.
 USUAL_MOTOR = 0.2
@@ -95,8 +94,8 @@ def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
     findings = check(recording)
     notes = []
     lag = findings.lag("poses")
-    far_off = lag is not None and lag.reference == "wheels" and not -_least(lag) <= lag.seconds <= LARGEST_LAG
-    if lag is not None and far_off and not (abs(lag.seconds) < LARGEST_LAG and _skewed(recording)):
+    far_off = lag is not None and lag.reference == "wheels" and not 0.0 <= lag.seconds <= LARGEST_LAG
+    if lag is not None and far_off and clocks_differ(lag, findings.rates, 0.0) and not (abs(lag.seconds) < LARGEST_LAG and _skewed(recording)):
         late = round(lag.seconds / SECONDS)
         poses = replace(recording.poses, utime=recording.poses.utime - late)
         recording, findings = replace(recording, poses=poses), replace(findings, splits=findings.splits - late)
@@ -127,11 +126,6 @@ def _skewed(recording: Recording) -> bool:
         return False
     change, doubt = lags[1].seconds - lags[0].seconds, float(np.hypot(lags[0].std, lags[1].std))
     return abs(change) > max(LEAST_CHANGE, SURELY * doubt)
-
-
-def _least(lag: Lag) -> float:
-    """Return by how much [s] a clock must surely be ahead to be touched."""
-    return max(LEAST_LAG, SURELY * lag.std)
 
 
 def _tells(segment: Segment) -> bool:

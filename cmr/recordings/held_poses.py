@@ -7,6 +7,7 @@ a true one. How often that happens follows from how coarsely it rounds, and how 
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.recordings.lags import response_to_commands
 from cmr.recordings.pieces import Pieces
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import TO_DEVIATION, quantile, ratio, wrapped
@@ -25,21 +26,32 @@ def held_poses(recording: Recording, pose_lag: float = 0.0) -> Mask:
 
     `pose_lag` [s] is by how much poses are stamped later than the wheels.
     """
-    poses, pieces = recording.poses, recording.pieces
+    poses = recording.poses
     same = np.append(False, np.all([values[1:] == values[:-1] for values in poses.fields.values()], axis=0))[
         : len(poses)
     ]
-    same &= ~pieces.borders(poses.utime)  # a tracker may begin each piece where it began the one before
-    ways = _ways(recording, poses.utime - round(pose_lag / SECONDS))
-    if ways is None or not same.any():
-        return np.zeros(len(poses), np.bool_)
-    first = np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))  # of each run of equal poses
+    same &= ~recording.pieces.borders(poses.utime)  # a tracker may begin each piece where it began the one before
+    if not same.any():
+        return same
+    # A robot follows its commands sooner or later than on average: it moved for sure if it did so either way.
+    response = 0.0 if len(recording.wheels) else response_to_commands(pose_lag)
+    held = same
+    for lag in {pose_lag - response, pose_lag, pose_lag + response}:
+        held = held & _moved_on(recording, ~same, _ways(recording, poses.utime - round(lag / SECONDS)))
+    return held
+
+
+def _moved_on(recording: Recording, new: Mask, ways: tuple[Floats, Floats] | None) -> Mask:
+    """Tell at which poses the robot is surely elsewhere than at the last `new` one, each of shape (n,)."""
+    if ways is None:
+        return np.zeros(len(new), np.bool_)
+    first = np.maximum.accumulate(np.where(new, np.arange(len(new)), 0))
     wheels = ways[0] + ways[1]
     steps = np.diff(wheels, prepend=wheels[:1])
-    usual = steps[~same & (steps > 0.0)]
+    usual = steps[new & (steps > 0.0)]
     least = CREEPING * float(np.median(usual)) if len(usual) else 0.0
-    by_chance = _chance(poses, pieces, ~same, ways, first) * len(poses) < BY_CHANCE
-    return np.asarray(same & (wheels - wheels[first] > least) & by_chance)
+    by_chance = _chance(recording.poses, recording.pieces, new, ways, first) * len(new) < BY_CHANCE
+    return np.asarray((wheels - wheels[first] > least) & by_chance)
 
 
 def _ways(recording: Recording, utime: Times) -> tuple[Floats, Floats] | None:

@@ -30,6 +30,7 @@ HALF_PERIOD = 0.5  # of the time between samples: a stamp may be that of its beg
 SURE = 5.0  # standard deviations by which clocks must differ
 # s by which a robot may follow its commands with all clocks right: a motor, and a controller that holds its speed.
 SLOWEST_MOTOR, SLOWEST_CONTROLLER = 0.5, 2.0
+MOTOR_RESPONSE = 0.15  # s by which wheels may follow a command sooner or later than on average, at least
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,11 @@ class Lag:
 def slowest_response(recording: Recording) -> float:
     """Return by how much [s] the robot may follow its commands at most, with all clocks right."""
     return SLOWEST_MOTOR if recording.command_kind == DUTY else SLOWEST_CONTROLLER
+
+
+def response_to_commands(lag: float) -> float:
+    """Return by how much [s] sooner or later than on average, after `lag`, a robot may follow a command."""
+    return max(MOTOR_RESPONSE, lag)
 
 
 def clocks_differ(lag: Lag, rates: Mapping[str, float], slowest: float) -> bool:
@@ -91,14 +97,17 @@ def _lag(recording: Recording, sensor: str, reference: str) -> Lag:
         rates = common_rates(late, early, recording.pieces, origin)
     except IncomparableError as why:
         return Lag.unknown(sensor, reference, str(why))
-    evidence = np.sum([_evidence(a, b, rates) for a, b in rates.pairs], axis=0)
+    of_pairs = np.stack([_evidence(a, b, rates) for a, b in rates.pairs])
+    evidence = of_pairs.sum(axis=0)
     best = int(np.argmax(evidence))
     far = np.abs(np.arange(len(evidence)) - best) * STEP > RIVAL
     if evidence[best] < LEAST_EVIDENCE or best in (0, len(evidence) - 1):
         return Lag.unknown(sensor, reference, "their speeds do not change alike")
     if far.any() and evidence[far].max() > evidence[best] - LEAST_LEAD:
         return Lag.unknown(sensor, reference, "several lags fit alike")
-    refined = [_refined(a, b, rates.piece, (best - rates.shifts) * STEP, rates.span) for a, b in rates.pairs]
+    # Where driving hardly changes, or turning, its rates are not alike: what they are refined to is chance.
+    alike = [pair for pair, own in zip(rates.pairs, of_pairs[:, best], strict=True) if own >= LEAST_EVIDENCE]
+    refined = [_refined(a, b, rates.piece, (best - rates.shifts) * STEP, rates.span) for a, b in alike]
     found = [(lag, max(std, SMALLEST_STD)) for lag, std in refined if std < LARGEST_STD]
     if not found:
         return Lag.unknown(sensor, reference, "the speeds change too little")
