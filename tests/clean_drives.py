@@ -94,10 +94,11 @@ class Shape:
     """What a recording is like. `rates` [Hz] by signal, 0 of what was not recorded.
 
     `lengths` [s] are those of the shortest and the longest piece, none of a drive recorded as a whole. `pause` [s] lies
-    between pieces on the recording's clock. The poses of a piece are in `frame`: "world", or its "own". `counters` tells how wheel counters go
-    on over a pause: as the wheels turned ("driven"), as if they had not ("held"), or from 0 ("zero"). `psi` tells
-    whether a wheel's speed is that of the moment or the mean since the reading before. `tells_duty`: the wheels'
-    messages tell the duty in force, as our driver's do.
+    between pieces on the recording's clock. The poses of a piece are in `frame`: "world", or its "own". `counters`
+    tells how wheel counters go on over a pause: as the wheels turned ("driven"), as if they had not ("held"), or from 0
+    ("zero"). `psi` tells whether a wheel's speed is that of the "moment", or the "mean" since the reading before.
+    `ticks` are those of a turn of a wheel. `jitter` is the share of an interval by which time stamps are uneven.
+    `tells_duty`: the wheels' messages tell the duty in force, as our driver's do.
     """
 
     drive: str
@@ -316,9 +317,7 @@ def _wheels(
     in_force = np.maximum(np.searchsorted(sent.time, time, side="right") - 1, 0)
     for side in SIDES:
         phase = float(random.random())
-        now, before = (
-            np.floor(truth.at(at, f"phi_{side}") / rad + phase) for at in (time, _before(time, shape))
-        )
+        now, before = (np.floor(truth.at(at, f"phi_{side}") / rad + phase) for at in (time, _before(time, shape)))
         mean = (now - before) * rad / np.maximum(time - _before(time, shape), 1e-6)
         fields[f"psi_{side}"] = truth.at(time, f"psi_{side}") if shape.psi == "moment" else mean
         fields[f"ticks_{side}"] = _counters(now, begins, shape.counters)

@@ -61,7 +61,9 @@ class Segment:
 
 def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
     """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins anew."""
-    sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [recording.poses]
+    sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [s for s in (recording.poses,) if len(s)]
+    if not sources:
+        return []
     first = max(int(signal.utime[0]) for signal in sources)
     last = min(int(signal.utime[-1]) for signal in sources)
     borders = [first, *(time for gap in _breaks(recording, sources) for time in gap), last]

@@ -10,6 +10,7 @@ import numpy as np
 from cmr.recordings.findings import Finding, Findings, counted
 from cmr.recordings.gyro_checks import gyro_findings
 from cmr.recordings.heading_checks import turned_headings
+from cmr.recordings.held_poses import held_poses
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
@@ -29,7 +30,7 @@ def check(recording: Recording) -> Findings:
     plausible = _without(sound, sensors)
     gyro = gyro_findings(plausible)
     plausible = _without(plausible, gyro)
-    lags = lags_of(plausible)
+    lags = _lags_without_repeats(plausible)
     known = {lag.sensor: lag.seconds for lag in lags if lag.known}
     rates = rates_of(sound)
     faults = path_faults(plausible, known.get("poses", 0.0), known.get("gyro", 0.0))
@@ -40,6 +41,14 @@ def check(recording: Recording) -> Findings:
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
     return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates)
+
+
+def _lags_without_repeats(recording: Recording) -> list[Lag]:
+    """Return the lags of the sensors; a pose that only repeats the one before is old, and is left out."""
+    lags = lags_of(recording)
+    late = next((lag.seconds for lag in lags if lag.sensor == "poses" and lag.known), 0.0)
+    held = held_poses(recording, late)
+    return lags_of(recording.where({"poses": ~held})) if held.any() else lags
 
 
 def _without(recording: Recording, found: list[Finding]) -> Recording:
@@ -74,7 +83,8 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
         Finding(
             "poses_held",
             held,
-            f"{counted(held, 'pose')} only repeat the one before while the robot moves: set aside.",
+            f"{counted(held, 'pose')} of {len(faults.held)} only repeat{'s' if held == 1 else ''} the one before while "
+            "the robot moves: set aside.",
             {"poses": faults.held} if held else {},
         ),
     ]

@@ -71,9 +71,7 @@ def _ways(recording: Recording, utime: Times) -> tuple[Floats, Floats] | None:
     return driven, turned
 
 
-def _chance(
-    poses: Signal, pieces: Pieces, new: Mask, ways: tuple[Floats, Floats], first: NDArray[np.int64]
-) -> Floats:
+def _chance(poses: Signal, pieces: Pieces, new: Mask, ways: tuple[Floats, Floats], first: NDArray[np.int64]) -> Floats:
     """Return how likely each pose, if it is true, repeats the one numbered `first` by chance, shape (n,).
 
     `new` marks the poses that do not repeat the one before; `ways` are how far the robot has driven and turned.
