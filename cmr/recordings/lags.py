@@ -67,8 +67,8 @@ def response_to_commands(lag: float) -> float:
 def clocks_differ(lag: Lag, rates: Mapping[str, float], slowest: float) -> bool:
     """Tell whether a lag surely means that the two clocks differ.
 
-    `rates` [Hz] tell how often each signal came: a stamp may be off by half an interval, as it is not known which moment
-    of it is meant. What follows commands may do so within `slowest` [s].
+    `rates` [Hz] tell how often each signal came: a stamp may be off by half an interval, because it is not known which
+    moment of the interval it stands for. A robot may follow its commands within `slowest` [s].
     """
     if not lag.known:
         return False
