@@ -85,10 +85,11 @@ class Predictor:
         return Errors({name: of[name] for name in self.times}, innovations.motion)
 
     def told_once(self, errors: Errors, gains: Gains) -> Errors:
-        """Return the errors, but for what is left of a wheel's in the further readings of one rest.
+        """Return the errors, counting the position of a resting wheel once.
 
-        They all say the same: where the wheel stands is told once, and the observer with these gains believes a part of
-        it each time. What is new in them is whether the wheel was to move.
+        All readings during one rest repeat the same position. With these gains, the observer corrects a part of the
+        error at each reading, so the rest of it appears in the next one's. That part is subtracted there: what remains
+        is the motion that the model predicted since the reading before.
         """
         of = dict(errors.of)
         for name, again in self._rests_on.items():
