@@ -38,6 +38,10 @@ SIDES = ("left", "right")
 PLANT_STEP = 2e-3  # s
 SENT = 50.0  # Hz, at which the robot is really commanded
 REST = 2.0  # s at both ends of a drive
+LATER, EARLIER = (
+    1.5,
+    0.3,
+)  # s at most after which a sensor begins, and before which it ends; slow robots still roll then
 DRIVES = ("figure_eight", "circles", "rich_drive", "straight", "rests", "wandering")
 # What a healthy robot may well have; none of it is a fault of a recording.
 USUAL_EFFECTS = (
@@ -202,6 +206,8 @@ def recorded(shape: Shape, seed: int) -> Recording:
     sent = Commands(sent_at, *manoeuvre(sent_at))
     pieces = _pieces(shape, seconds, random)
     times = {name: _times(rate, pieces, shape.jitter, random) for name, rate in shape.rates.items()}
+    if not shape.lengths:
+        times = _not_all_at_once(times, seconds, np.random.default_rng([seed, 22]))
     asked = np.unique(np.concatenate([*times.values(), _before(times["wheels"], shape)]))
     noise = Noise(torque=0.3, slip=0.003)
     truth = Truth(true_motion(sent, shape.robot.plant, asked, step=PLANT_STEP, noise=noise, seed=seed), asked)
@@ -278,6 +284,15 @@ def _times(rate: float, pieces: Pieces, jitter: float, random: np.random.Generat
     number = np.arange(1, int(end * rate))
     time = (number + random.random() + jitter * random.uniform(-0.5, 0.5, len(number))) / rate
     return time[_within(time, pieces)]
+
+
+def _not_all_at_once(times: Mapping[str, Floats], seconds: float, random: np.random.Generator) -> dict[str, Floats]:
+    """Have each sensor begin a little after the recording, and end a little before it."""
+    begins, ends = LATER * random.random(len(times)), seconds - EARLIER * random.random(len(times))
+    return {
+        name: time[(time > begin) & (time < end)]
+        for (name, time), begin, end in zip(times.items(), begins, ends, strict=True)
+    }
 
 
 def _within(time: Floats, pieces: Pieces) -> NDArray[np.bool_]:

@@ -227,7 +227,7 @@ def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
     """Return what the variance of a signal's noise may grow with, shape (n, 3): 1, doubt squared, wheel speeds squared.
 
     The doubt of a wheel is the uncertainty that its ticks leave [rad]; that of the gyro is the uncertainty that its
-    time stamps leave while the yaw rate changes [rad/s]. The smallest one percent of doubts are raised to that quantile.
+    time stamps leave while the yaw rate changes [rad/s]. The smallest 1 % of doubts are raised to that quantile.
     On a steady drive nearly all doubts are equal, so their share of the noise cannot be estimated, and the few errors
     with a small doubt, of a wheel that rolls to a stop, would get far too much weight.
     """

@@ -31,10 +31,10 @@ def check(recording: Recording) -> Findings:
     gyro = gyro_findings(plausible)
     plausible = _without(plausible, gyro)
     lags = _lags_without_repeats(plausible)
-    known = {lag.sensor: lag.seconds for lag in lags if lag.known}
+    pose_lag, gyro_lag = _pose_and_gyro_lag(lags)
     rates = rates_of(sound)
-    faults = path_faults(plausible, known.get("poses", 0.0), known.get("gyro", 0.0))
-    turned = turned_headings(plausible, faults, known.get("poses", 0.0))
+    faults = path_faults(plausible, pose_lag, gyro_lag)
+    turned = turned_headings(plausible, faults, pose_lag)
     findings = [*_pose_findings(faults), turned, *sensors, *gyro]
     findings = [_over_all(finding, [damaged, stale], recording) for finding in findings]
     findings += [damaged, stale, *_lag_findings(lags, rates, slowest_response(recording)), *motion_findings(sound)]
@@ -46,9 +46,20 @@ def check(recording: Recording) -> Findings:
 def _lags_without_repeats(recording: Recording) -> list[Lag]:
     """Return the lags of the sensors; a pose that only repeats the one before is old, and is left out."""
     lags = lags_of(recording)
-    late = next((lag.seconds for lag in lags if lag.sensor == "poses" and lag.known), 0.0)
-    held = held_poses(recording, late)
+    held = held_poses(recording, _pose_and_gyro_lag(lags)[0])
     return lags_of(recording.where({"poses": ~held})) if held.any() else lags
+
+
+def _pose_and_gyro_lag(lags: list[Lag]) -> tuple[float, float]:
+    """Return by how much [s] poses and gyro lag their reference.
+
+    Where one is unknown, the two are taken to agree beside commands, which both follow as slowly as the robot does, and
+    sensors to agree with the wheels.
+    """
+    known = {lag.sensor: lag.seconds for lag in lags if lag.known and lag.sensor != "wheels"}
+    commanded = any(lag.reference == "commands" for lag in lags if lag.sensor != "wheels")
+    usual = next(iter(known.values()), 0.0) if commanded else 0.0
+    return known.get("poses", usual), known.get("gyro", usual)
 
 
 def _without(recording: Recording, found: list[Finding]) -> Recording:
