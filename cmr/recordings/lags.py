@@ -73,8 +73,8 @@ def clocks_differ(lag: Lag, rates: Mapping[str, float], slowest: float) -> bool:
     if not lag.known:
         return False
     late = lag.seconds - (float(np.clip(lag.seconds, 0.0, slowest)) if lag.reference == "commands" else 0.0)
-    stamps = sum(HALF_PERIOD / rates[name] for name in (lag.sensor, lag.reference))
-    return abs(late) > stamps + max(SMALLEST_LAG, SURE * lag.std)
+    stamps = float(np.hypot(*(HALF_PERIOD / rates[name] for name in (lag.sensor, lag.reference))))
+    return abs(late) > stamps + float(np.hypot(SMALLEST_LAG, SURE * lag.std))
 
 
 def lags_of(recording: Recording) -> list[Lag]:
