@@ -124,7 +124,7 @@ class Recording:
         """When the duty that each feedback tells was sent [us]; the feedback's own time where that is not known."""
         utime, told = self.wheels.utime, self._told("applied_utime")
         known = (told > 0) & (told <= utime) & (utime - told < OLDEST_APPLIED / SECONDS)
-        return np.where(known, told, utime).astype(np.int64)
+        return np.where(known, np.where(known, told, 0.0).astype(np.int64), utime)
 
     @property
     def driven_on_the_bus(self) -> bool:
