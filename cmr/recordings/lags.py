@@ -5,6 +5,7 @@ offsets. Both are averaged over the same short span, correlated over all lags wi
 by least squares, so that it is found to a fraction of a sample.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -73,8 +74,8 @@ def clocks_differ(lag: Lag, rates: Mapping[str, float], slowest: float) -> bool:
     if not lag.known:
         return False
     late = lag.seconds - (float(np.clip(lag.seconds, 0.0, slowest)) if lag.reference == "commands" else 0.0)
-    stamps = float(np.hypot(*(HALF_PERIOD / rates[name] for name in (lag.sensor, lag.reference))))
-    return abs(late) > stamps + float(np.hypot(SMALLEST_LAG, SURE * lag.std))
+    stamps = math.hypot(HALF_PERIOD / rates[lag.sensor], HALF_PERIOD / rates[lag.reference])
+    return abs(late) > stamps + math.hypot(SMALLEST_LAG, SURE * lag.std)
 
 
 def lags_of(recording: Recording) -> list[Lag]:
