@@ -237,7 +237,7 @@ def _manoeuvre(drive: str, p: PlantParameters, random: np.random.Generator) -> t
         part = _part(drive, random)
         parts += [part, (float(random.uniform(0.5, 4.0)), constant(0.0, 0.0))] if drive == "rests" else [part]
         left -= part[0]
-    parts.append(rest)
+    parts.append((REST + 2.0 * p.controller_response_time, constant(0.0, 0.0)))  # until slow robots stand, too
     return in_turn(parts), sum(duration for duration, _ in parts)
 
 

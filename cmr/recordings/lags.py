@@ -108,8 +108,11 @@ def _lag(recording: Recording, sensor: str, reference: str) -> Lag:
         return Lag.unknown(sensor, reference, "several lags fit alike")
     # Where driving hardly changes, or turning, its rates are not alike: what they are refined to is chance.
     alike = [pair for pair, own in zip(rates.pairs, of_pairs[:, best], strict=True) if own >= LEAST_EVIDENCE]
-    refined = [_refined(a, b, rates.piece, (best - rates.shifts) * STEP, rates.span) for a, b in alike]
-    found = [(lag, max(std, SMALLEST_STD)) for lag, std in refined if std < LARGEST_STD]
+    first = (best - rates.shifts) * STEP
+    refined = [_refined(a, b, rates.piece, first, rates.span) for a, b in alike]
+    # Lags beyond RIVAL explain less: a refinement that ends there ran away.
+    near = [(lag, std) for lag, std in refined if abs(lag - first) <= RIVAL]
+    found = [(lag, max(std, SMALLEST_STD)) for lag, std in near if std < LARGEST_STD]
     if not found:
         return Lag.unknown(sensor, reference, "the speeds change too little")
     weight = sum(std**-2.0 for _, std in found)
