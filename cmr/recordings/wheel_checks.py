@@ -22,6 +22,7 @@ AT_REST = 0.5  # of the readings of a wheel that rests may differ from 0 at most
 MOVED, TURNED = 0.1, 0.5  # m, rad; a path that extends less far may be noise
 PATH_HALF = 5  # neighbours on either side, of which the median is taken for that
 LATE_START = 5.0  # s of rest at the beginning
+RESTS = "The robot rests for the first {rest:.1f} s."
 ENDING = 0.3  # s at the beginning and the end over which speed is averaged
 STILL_DRIVING = 0.2  # of fast driving; a recording that ends faster was cut off
 
@@ -96,34 +97,41 @@ def motion_findings(recording: Recording) -> list[Finding]:
     """
     utime, speed = _speed(recording)
     seconds, fast = recording.pieces.seconds(utime), _fast(speed)
-    moving = speed > MOVING * fast
-    never = _never_moved(recording, speed, moving)
-    rest = float(seconds[moving][0] - seconds[0]) if moving.any() else 0.0
+    moving = motion_of(recording)
+    never = moving is None and _seen_at_rest(recording, speed)
+    rest = float(recording.pieces.seconds(np.array([moving[0]]))[0] - seconds[0]) if moving else 0.0
     near = seconds < seconds[:1] + ENDING, seconds > seconds[-1:] - ENDING
     beginning, ending = (float(np.mean(speed[at])) if len(utime) else 0.0 for at in near)
     cut = len(recording.pieces) == 1 and beginning <= MOVING * fast and ending > STILL_DRIVING * fast
     cut = cut and not _told_to_stop(recording.duty)  # a robot that is slow to stop still rolls
     return [
         Finding("never_moved", int(never), "The robot never moves in this recording."),
-        Finding("late_start", int(rest > LATE_START), f"The robot rests for the first {rest:.1f} s."),
+        Finding("late_start", int(rest > LATE_START), RESTS.format(rest=rest)),
         Finding("cut_off", int(cut), "The recording ends while the robot still moves."),
     ]
 
 
-def _never_moved(recording: Recording, speed: Floats, moving: Mask) -> bool:
-    """Tell whether wheels, or else commands, and the path show that the robot rests throughout.
+def _seen_at_rest(recording: Recording, speed: Floats) -> bool:
+    """Tell whether wheels, or else commands, and the path show a robot that rests.
 
     Readings too few to tell what is fast may all be of a moving robot.
     """
     shown = len(speed) > 0 or len(recording.poses) >= FEWEST
     few = len(speed) > 0 and float(np.mean(speed != 0.0)) > AT_REST
-    return shown and not moving.any() and not few and _path_extent(recording)[0] <= MOVED
+    return shown and not few and _path_extent(recording)[0] <= MOVED
 
 
 def _told_to_stop(duty: Signal) -> bool:
     """Tell whether the last commands ask for rest."""
     last = duty.seconds > duty.seconds[-1:] - ENDING
     return bool(len(duty)) and not any(np.any(duty[side][last]) for side in SIDES)
+
+
+def motion_of(recording: Recording) -> tuple[int, int] | None:
+    """Return when the robot first moves and when it last does [us]; None if it never does."""
+    utime, speed = _speed(recording)
+    moving = utime[speed > MOVING * _fast(speed)]
+    return (int(moving[0]), int(moving[-1])) if len(moving) else None
 
 
 def _path_extent(recording: Recording) -> tuple[float, float]:
