@@ -12,15 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.calibration.preparing import prepare
-from cmr.estimation.checks import looked_at, refusal
-from cmr.estimation.commanded_speeds import as_duties, controller_of
 from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 from cmr.parameters.file import ParameterFile, Value
 from cmr.plant import sensors
 from cmr.plant.parameters import TYPICAL, PlantParameters, plant_parameters
 from cmr.plant.sensors import Noise, correlated
-from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal
 from tests.reference_plant.drives import Commands, true_motion, utime
@@ -388,19 +384,3 @@ def _commands(shape: Shape, sent: Commands, pieces: Pieces) -> dict[str, Signal]
     forward, turn = 0.5 * (left + right), (right - left) / p.base_width
     velocity = Signal(when, {"v": forward * p.wheel_radius / p.k1, "omega": turn * p.wheel_radius / p.k1})
     return {"commands": none, "velocity_commands": velocity}
-
-
-def complaints(recording: Recording) -> dict[str, str]:
-    """Return what calibration and diagnosis find fault with in a recording: a sentence by check, refusal or note."""
-    assert recording.parameters is not None
-    recording = as_duties(recording, controller_of([recording], recording.parameters))
-    found = {finding.check: finding.sentence for finding in check(recording).all if finding.found}
-    (looked,) = looked_at([recording])
-    prepared = prepare([recording])
-    told = {
-        "note": looked.note,
-        "useless": looked.useless,
-        "refusal": refusal([looked]),
-        "commands moved": f"{prepared.commands_shifted:.3f} s" if prepared.commands_shifted else "",
-    }
-    return found | {name: sentence for name, sentence in told.items() if sentence}

@@ -10,7 +10,8 @@ from cmr.estimation.checks import with_clocks_set
 from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Mask, Signal
-from tests.clean_drives import clean_drive, complaints
+from tests.clean_drives import clean_drive
+from tests.complaints import complaints
 from tests.faulty_drive import later, moved, placed
 
 # In each of these a check fired once. They have poses that are rounded (16, 149), wheel speeds of the moment at 10 Hz
