@@ -5,10 +5,11 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t
+from robot_driver.asking import Asking
 from robot_driver.battery import Thresholds
 from robot_driver.clock import Stamps
 from robot_driver.command_gate import CommandGate, Drive
@@ -21,8 +22,6 @@ from robot_driver.rhythm import Rhythm
 from robot_driver.sent_duties import SentDuties, SentDuty
 from robot_driver.serial_port import Answer, NotSent, PortLost, SerialPort
 
-T = TypeVar("T")
-
 SILENCE_LIMIT = 0.4  # s without an acknowledged duty after which the device counts as gone, perhaps switched off
 HUSH = 0.1  # s without one after which the device may have been reset: look before it is driven on
 BLIND_LIMIT = 1.0  # s without encoder counts after which the connection is made anew, though duties are acknowledged
@@ -31,7 +30,6 @@ TAKEN_FOR_ZERO = 0.002  # duty up to which a controller may take it for zero
 SILENCE_OF_OURS = 0.1  # s that it lasts longer than the device's watchdog
 PROMPT = 3_000_000  # ns; an adapter has not held back what comes sooner
 SLOWEST_ADAPTER, PROBES = 0.016, 16  # s for which it may hold replies back; how often it is asked meanwhile
-ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 ARM_ATTEMPTS = 10  # of one without whose answer the motors may not turn until the next connection
 STOPPING = 0.5  # s for the attempts at the last zero, so that the process still ends within a second
 TELEMETRY_ATTEMPTS = 5  # after each connection; a firmware does not answer what it does not know
@@ -50,11 +48,11 @@ class _Connection:
 class Motors(Device):
     """Drives two motors through a controller at a steady rate and publishes a motor_feedback_t each time.
 
-    `publish_duty` takes a motor_duty_t for each duty that no feedback tells.
+    `publish_duty` takes a motor_duty_t for each duty that was sent but is in no feedback.
 
     The command to drive comes from `gate`, at the very moment it is sent: whatever happens to other threads, an old
-    command does not drive. `fastest_wheel` (rad/s) may be set at any time. `faults` counts replies that failed;
-    `rhythm` tells how regularly the motors are served and how soon the device answers.
+    command does not drive. `fastest_wheel` (rad/s) may be set at any time. `rhythm` tells how regularly the motors are
+    served and how soon the device answers.
     """
 
     def __init__(
@@ -73,8 +71,8 @@ class Motors(Device):
         publish_duty: Callable[[Any], None],
     ) -> None:
         self.fastest_wheel = FASTEST_WHEEL
-        self.faults = 0
         self.rhythm = Rhythm(port.host.monotonic)
+        self._asking = Asking(port, controller_type, self.rhythm)
         self._port = port
         self._host = port.host
         self._controller_type = controller_type
@@ -93,9 +91,13 @@ class Motors(Device):
         self._last_driven = 0.0
         self._last_counted = 0.0
         self._refusal = ""  # why this device must not be driven, whatever connection is made
-        self._doubtful = False  # something may still be on its way that answers nothing that is asked from now on
         self._strays = 0  # of the port, before the last request to drive
         self._due = 0.0
+
+    @property
+    def faults(self) -> int:
+        """How many requests got no answer, or a wrong one."""
+        return self._asking.faults
 
     @property
     def jumps(self) -> int:
@@ -106,14 +108,15 @@ class Motors(Device):
         """Stop the motors, learn what the device is, arm it; from here on a new command is needed."""
         controller = self._new_controller()
         self._port.resynchronise()
-        self._insist(controller.drive(0.0, 0.0), stop)
-        self._insist(controller.identify(), stop)
+        self._asking.insist(controller.drive(0.0, 0.0), stop)
+        self._asking.insist(controller.identify(), stop)
         for request in controller.learn():
-            self._insist(request, stop)
+            self._asking.insist(request, stop)
         self._learn_turnaround(controller, stop)
         unarmed = self._arm(controller, stop)
-        self._insist(controller.read_encoders(), stop)  # without them nobody would see what the wheels do
-        self._insist(controller.drive(0.0, 0.0), stop)  # arming may have taken a board so long that it fell silent
+        self._asking.insist(controller.read_encoders(), stop)  # without them nobody would see what the wheels do
+        # Arming may have taken a board so long that it fell silent.
+        self._asking.insist(controller.drive(0.0, 0.0), stop)
         self._connection = _Connection(controller, self._refusal or unarmed, self._first_readings(controller, stop))
         self._act(self._connection)
         self._gate.clear()
@@ -129,14 +132,14 @@ class Motors(Device):
                 self._look(self._connection)
             self._serve(self._connection)
         except BadReply:
-            self._recover()
+            self._asking.recover()
             # Try again at once: at a low rate, silence would last too long before what is wrong can be known.
             self._due = min(self._due, self._host.monotonic() - self._period)
         except CountersReset as reset:
-            raise PortLost(self._reset("its encoder counts began anew at zero")) from reset
+            raise PortLost(self._asking.reset("its encoder counts began anew at zero")) from reset
         self._refusal = self._refusal or self._connection.controller.objection
         if self._host.monotonic() - self._last_driven > SILENCE_LIMIT:
-            raise PortLost(self._silence())
+            raise PortLost(self._asking.silence())
         if self._host.monotonic() - self._last_counted > BLIND_LIMIT:
             raise PortLost(f"The controller at {self._port.path} takes duties, but tells no encoder counts.")
         self._due = max(self._due + self._period, self._host.monotonic() - self._period)
@@ -154,13 +157,13 @@ class Motors(Device):
         self.rhythm.pause()
         give_up = self._host.monotonic() + STOPPING
         # In doubt, the first acknowledgement may be of another duty. What is not acknowledged waits for its next turn.
-        wanted = controller.stops() * (2 if self._doubtful else 1)
+        wanted = controller.stops() * (2 if self._asking.doubtful else 1)
         while wanted and self._host.monotonic() < give_up:
             request = wanted.pop(0)
             try:
                 self._port.exchange(request)
             except BadReply:
-                self._recover()
+                self._asking.recover()
                 wanted.append(request)
         if wanted:
             self.rest = controller.watchdog_seconds + SILENCE_OF_OURS
@@ -171,15 +174,16 @@ class Motors(Device):
         return controller
 
     def _learn_turnaround(self, controller: Controller, stop: threading.Event) -> None:
-        """See how soon the device answers beside a USB adapter that holds its replies back.
+        """Measure the device's fastest answer through a USB adapter that collects bytes before it passes them on.
 
-        Whoever asks as soon as an answer came always waits as long. Asked a little later each time, the device once
-        answers just before the adapter passes on what it holds.
+        Such an adapter delivers at fixed intervals. A request that is sent right after a delivery always waits for a
+        whole interval. Requests are therefore sent with delays spread over the longest interval: one of the answers
+        reaches the adapter just before it delivers, and that one shows how fast the device is.
         """
         if PROMPT < self._port.turnaround < sys.maxsize:
             for number in range(PROBES):
                 stop.wait(SLOWEST_ADAPTER * number / PROBES)
-                self._insist(controller.read_encoders(), stop)
+                self._asking.insist(controller.read_encoders(), stop)
 
     def _count_on(self, controller: Controller, stop: threading.Event) -> None:
         """Decide how ticks go on: a device that still has the watchdog it was given once was not reset, and counts on.
@@ -188,17 +192,17 @@ class Motors(Device):
         """
         if not controller.set_watchdog(controller.watchdog_seconds).data:
             self._encoders.doubt()
-        elif not _is_set(controller, self._insist(controller.read_watchdog(), stop, ARM_ATTEMPTS)):
+        elif not _is_set(controller, self._asking.insist(controller.read_watchdog(), stop, ARM_ATTEMPTS)):
             self._encoders.rebase()
 
     def _arm(self, controller: Controller, stop: threading.Event) -> str:
         """Set the device's own watchdog and read it back; return why the motors must not turn, or ""."""
         try:
             self._count_on(controller, stop)
-            self._insist(controller.set_watchdog(controller.watchdog_seconds), stop, ARM_ATTEMPTS)
-            seconds = self._insist(controller.read_watchdog(), stop, ARM_ATTEMPTS)
+            self._asking.insist(controller.set_watchdog(controller.watchdog_seconds), stop, ARM_ATTEMPTS)
+            seconds = self._asking.insist(controller.read_watchdog(), stop, ARM_ATTEMPTS)
         except PortLost as lost:
-            if not self._answers(controller):
+            if not self._asking.answers(controller):
                 raise
             self._encoders.rebase()
             return f"Not driving: the controller at {self._port.path} does not let its watchdog be set ({lost})."
@@ -220,9 +224,9 @@ class Motors(Device):
         answered = []
         for request in requests:
             try:
-                answer = self._insist(request, stop, TELEMETRY_ATTEMPTS)
+                answer = self._asking.insist(request, stop, TELEMETRY_ATTEMPTS)
             except PortLost:
-                if stop.is_set() or not self._answers(controller):
+                if stop.is_set() or not self._asking.answers(controller):
                     raise
                 continue
             self._health.take(request, answer, self._host.monotonic())
@@ -236,16 +240,16 @@ class Motors(Device):
         At a low rate that is so at every turn; there, one lost answer is no silence yet. Raises BadReply when there is
         no answer.
         """
-        was_silent = self._doubtful
+        was_silent = self._asking.doubtful
         try:
             self._check_watchdog(connection)
         except BadReply:
-            self._recover()
+            self._asking.recover()
             if not was_silent:
                 self._look(connection)
                 return
             self._ramp.reset()
-            self._ask(connection.controller.drive(0.0, 0.0))
+            self._asking.ask(connection.controller.drive(0.0, 0.0))
             self._check_watchdog(connection)
 
     def _serve(self, connection: _Connection) -> None:
@@ -258,10 +262,10 @@ class Motors(Device):
         sure which duty is in force.
         """
         applied, status = self._drive(connection)
-        was_doubtful = self._doubtful
+        was_doubtful = self._asking.doubtful
         if was_doubtful:
             self._read_telemetry(connection)
-            self._doubtful = False
+            self._asking.doubtful = False
             applied, status = self._drive(connection)
         self._read_encoders(connection, applied, status)
         self._ramp.confirm()
@@ -288,7 +292,7 @@ class Motors(Device):
             request = replace(request, not_after=now + DUTY_LIFETIME)
         sent = self._host.utime_at(self._host.monotonic_ns())
         try:
-            answer = self._ask(request)
+            answer = self._asking.ask(request)
         except BadReply as failed:
             if not isinstance(failed, NotSent):
                 self._sent.add(SentDuty(*duties, sent))
@@ -304,14 +308,14 @@ class Motors(Device):
         return applied, drive.status
 
     def _read_encoders(self, connection: _Connection, applied: SentDuty, status: int) -> None:
-        answer = self._ask(connection.controller.read_encoders())
+        answer = self._asking.ask(connection.controller.read_encoders())
         self._last_counted = self._host.monotonic()
         if self._port.strays != self._strays:
             raise BadReply("More than an acknowledgement was answered to a duty.")
         counts = self._wiring.forward_counts(*answer.value)
         motion = self._encoders.update(counts, answer.measured, self.fastest_wheel)
         if motion is not None:
-            self._sent.tell_all_but(applied)
+            self._sent.publish_all_but(applied)
             telemetry = self._health.recent(self._host.monotonic())
             self._publish(self._feedback(telemetry, answer, motion, applied, status))
 
@@ -354,7 +358,7 @@ class Motors(Device):
             self._check_watchdog(connection)
             return
         request = connection.requests[slot]
-        answer = self._ask(request).value
+        answer = self._asking.ask(request).value
         self._health.take(request, answer, self._host.monotonic())
 
     def _check_watchdog(self, connection: _Connection) -> None:
@@ -365,67 +369,16 @@ class Motors(Device):
         if connection.unarmed:
             return
         controller = connection.controller
-        seconds = self._ask(controller.read_watchdog()).value
+        seconds = self._asking.ask(controller.read_watchdog()).value
         if not _is_set(controller, seconds):
             raise PortLost(
-                self._reset(f"its watchdog reads {seconds:g} s instead of {controller.watchdog_seconds:g} s")
+                self._asking.reset(f"its watchdog reads {seconds:g} s instead of {controller.watchdog_seconds:g} s")
             )
 
     def _act(self, connection: _Connection) -> None:
         """Hold or release the motors by what the controller has told, or told no more, and say what is wrong."""
         health = self._health.act(self._host.monotonic())
         self.problem = " ".join(filter(None, (connection.unarmed, health)))
-
-    def _ask(self, request: Request[T]) -> Answer[T]:
-        asked = self._host.monotonic()
-        answer = self._port.exchange(request)
-        if request.data and not request.ends_in_silence:  # else it was known already, or it took a silence to know it
-            self.rhythm.round_trips.append(self._host.monotonic() - asked)
-        return answer
-
-    def _insist(self, request: Request[T], stop: threading.Event, attempts: int = ATTEMPTS) -> T:
-        """Return the answer to a request, asking again when it fails.
-
-        Raises PortLost when it fails every time, or when the process is ending.
-        """
-        for _ in range(attempts):
-            if stop.is_set():
-                raise PortLost("The process is ending.")
-            try:
-                return self._ask(_until(stop, request)).value
-            except BadReply as bad:
-                reason = str(bad)
-                self._recover()
-        raise PortLost(f"{self._silence()} Last failure: {reason}")
-
-    def _answers(self, controller: Controller) -> bool:
-        try:
-            self._ask(controller.drive(0.0, 0.0))
-        except BadReply:
-            return False
-        return True
-
-    def _recover(self) -> None:
-        self.faults += 1
-        self._doubtful = True
-        self._port.resynchronise()
-
-    def _reset(self, sign: str) -> str:
-        return (
-            f"The motor controller at {self._port.path} was reset: {sign}. Check its power supply; the motors start "
-            f"again from zero."
-        )
-
-    def _silence(self) -> str:
-        return (
-            f"The motor controller at {self._port.path} does not answer. Check its power, its cable, and that it is "
-            f"set to {self._controller_type.link} at {self._port.baud_rate} baud."
-        )
-
-
-def _until(stop: threading.Event, request: Request[T]) -> Request[T]:
-    """Return a request whose answer is not waited for when the process is ending; some take longer than a second."""
-    return replace(request, missing=lambda reply: 0 if stop.is_set() else request.missing(reply))
 
 
 def _is_set(controller: Controller, seconds: float) -> bool:

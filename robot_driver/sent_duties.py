@@ -1,4 +1,4 @@
-"""The duties that were sent to a controller, and those of them that nobody would else hear of."""
+"""Publishes the duties that were sent to a controller but are in no feedback, because an answer was lost."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,24 +16,27 @@ class SentDuty(NamedTuple):
 
 
 class SentDuties:
-    """Publishes, as motor_duty_t, the duties that may have been in force although no feedback tells them."""
+    """Collects the duties that were sent; publishes those that no feedback contains, as motor_duty_t.
+
+    The motors may have obeyed them although the controller's answer was lost.
+    """
 
     def __init__(self, robot_id: int, publish: Callable[[Any], None]) -> None:
         self._robot_id = robot_id
         self._publish = publish
-        self._untold: list[SentDuty] = []
+        self._unreported: list[SentDuty] = []
 
     def add(self, duty: SentDuty) -> None:
         """Note that a duty was sent."""
-        self._untold.append(duty)
+        self._unreported.append(duty)
 
-    def tell_all_but(self, told: SentDuty) -> None:
-        """Publish what was sent since the last call, but the duty that a feedback tells."""
-        for duty in self._untold:
-            if duty is not told:
+    def publish_all_but(self, reported: SentDuty) -> None:
+        """Publish the duties sent since the last call, except the one that the next feedback contains."""
+        for duty in self._unreported:
+            if duty is not reported:
                 left, right = float(duty.left), float(duty.right)
                 message = make(
                     motor_duty_t, utime=duty.utime, robot_id=self._robot_id, sent_left=left, sent_right=right
                 )
                 self._publish(message)
-        self._untold.clear()
+        self._unreported.clear()

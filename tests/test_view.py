@@ -1,4 +1,4 @@
-"""What cmr-view shows, without a browser: from messages to the scene and the panels, and from buttons to messages."""
+"""What cmr-view shows, without a browser: from messages to the scene and the panels."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -14,14 +14,12 @@ from cmr.bus.streams import (
     PARAMETERS,
     PROCESS_STATUS,
     RANGE_SCAN,
-    WAYPOINTS,
     WORLD_STATE,
 )
 from cmr.bus.world_state import WorldState
 from cmr.commands.command_line import CommandError
 from cmr.commands.view import main
 from cmr.msg import (
-    estop_t,
     gyro_t,
     motor_feedback_t,
     pose_xyt_t,
@@ -37,12 +35,10 @@ from cmr.view.camera import INITIAL, TOP, Camera, overview
 from cmr.view.camera_panel import caption
 from cmr.view.charts import distances, estimates, ticks
 from cmr.view.intake import Intake
-from cmr.view.orders import RELEASES, Orders
 from cmr.view.picture import BLUE, YELLOW, Bodies, picture_of, rays, trails
 from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.stage import MANY, Instances
 from cmr.view.state import ViewState
-from cmr.view.wishes import Permission
 from tests.small_log import FIELDS, small_log
 
 NOW = 1_700_000_000_000_000  # us
@@ -395,66 +391,6 @@ def test_numbers_beside_a_chart_can_be_told_apart(low: float, high: float, texts
     numbers, written = ticks(low, high)
     assert written == texts
     assert numbers == pytest.approx([float(text) for text in texts])
-
-
-# Buttons
-
-
-def sent(orders: Orders, utime: int) -> list[bool]:
-    return [bool(message.engaged) for stream, _, message in orders.due(utime) if stream.name == "ESTOP"]
-
-
-def test_a_stop_is_repeated_until_it_is_released_and_the_release_is_newer() -> None:
-    orders = Orders()
-    orders.stop(NOW)
-    assert [sent(orders, NOW + k) for k in range(3)] == [[True], [True], [True]]
-    assert orders.stopped
-    orders.release(NOW + 10)
-    releases = [message for k in range(10) for _, _, message in orders.due(NOW + 10 + k)]
-    assert len(releases) == RELEASES + 1
-    assert all(message.utime >= NOW + 10 and not message.engaged for message in releases)
-    assert not orders.stopped
-
-
-def test_anybody_may_release_a_stop_but_not_with_words_from_before_it() -> None:
-    orders = Orders()
-    orders.stop(NOW)
-    release = {"engaged": False, "source": "a person", "reason": "all is well"}
-    orders.handle(NOW, "ESTOP", make(estop_t, utime=NOW - 1, **release))
-    assert sent(orders, NOW) == [True]
-    orders.handle(NOW, "ESTOP", make(estop_t, utime=NOW + 1, **release))
-    assert sent(orders, NOW) == []
-    assert not orders.stopped
-
-
-def test_a_stop_of_somebody_else_is_shown_and_not_repeated_and_ours_that_echoes_engages_nothing() -> None:
-    orders = Orders()
-    orders.handle(NOW, "ESTOP", make(estop_t, utime=NOW, engaged=True, source="cmr-run", reason="a fence was left"))
-    assert orders.reason == "cmr-run: a fence was left"
-    assert sent(orders, NOW) == []
-    orders.stop(NOW)
-    [(_, _, echo)] = orders.due(NOW)
-    orders.release(NOW + 1)
-    orders.handle(NOW + 2, "ESTOP", echo)
-    assert not orders.stopped
-
-
-def test_a_figure_eight_begins_and_ends_where_the_robot_is() -> None:
-    orders = Orders()
-    orders.figure_eight(NOW, 7, (1.0, 2.0, 0.5))
-    [(stream, robot_id, message)] = orders.due(NOW)
-    assert (stream, robot_id, message.robot_id) == (WAYPOINTS, 7, 7)
-    assert (message.x[0], message.y[0], message.x[-1], message.y[-1]) == pytest.approx((1.0, 2.0, 1.0, 2.0))
-
-
-def test_nothing_is_done_without_the_token() -> None:
-    permission = Permission("secret of ours")
-    assert not permission.asks()
-    assert not permission.try_token("secret")
-    assert not permission.asks()
-    assert permission.try_token(" secret of ours\n")
-    assert permission.asks()
-    assert permission.refused == 2
 
 
 @pytest.mark.parametrize(

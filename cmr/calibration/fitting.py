@@ -17,6 +17,15 @@ PAPER_PARAMETERS: tuple[str, ...] = ("k2_over_k3", "k1", "base_width")
 ALIGNED = 5e-3  # s; clocks that are nearer need not be moved: the refinement treats such times as linear
 ROUNDS = 4
 WORTH_TELLING = 0.02  # s; less may be friction or slip
+POSES_LATE = "Poses are stamped {:.3f} s later than wheels and commands."
+POSES_EARLY = "Poses are stamped {:.3f} s earlier than wheels and commands."
+COMMANDS_LATE = "Commands take effect {:.3f} s later than they are stamped."
+# No robot acts on a command before it is sent.
+COMMANDS_EARLY = (
+    "The path fits best if commands are taken {:.3f} s before their time stamps: their clock is behind, or the robot "
+    "does not answer as the motor model does."
+)
+TAKEN_INTO_ACCOUNT = " The calibration has taken this into account."
 
 
 @dataclass(frozen=True)
@@ -89,13 +98,12 @@ def _refinement(
 def _told(prepared: Prepared, offsets: Mapping[str, Estimate]) -> tuple[str, ...]:
     """Say by how much the clocks were off, where that is sure and worth it."""
     notes = []
-    for name, shift, sentence in (
-        (POSE_TIME, -prepared.poses_shifted, "Poses are stamped {:.3f} s {} than wheels and commands."),
-        (COMMAND_TIME, prepared.commands_shifted, "Commands take effect {:.3f} s {} than they are stamped."),
+    for name, shift, late, early in (
+        (POSE_TIME, -prepared.poses_shifted, POSES_LATE, POSES_EARLY),
+        (COMMAND_TIME, prepared.commands_shifted, COMMANDS_LATE, COMMANDS_EARLY),
     ):
         if name in offsets:
             total = shift + offsets[name].value
             if abs(total) > max(WORTH_TELLING, 3.0 * offsets[name].std):
-                word = "later" if total > 0.0 else "earlier"
-                notes.append(sentence.format(abs(total), word) + " The calibration has taken this into account.")
+                notes.append((late if total > 0.0 else early).format(abs(total)) + TAKEN_INTO_ACCOUNT)
     return tuple(notes)

@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.calibration.segments import Segment, segments_of
-from cmr.model.command_kinds import DUTY
 from cmr.recordings.checks import check
 from cmr.recordings.findings import Findings
-from cmr.recordings.lags import Lag
+from cmr.recordings.lags import Lag, clocks_differ, slowest_response
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Signal
 
 UNKNOWN_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
-SLOWEST_MOTOR, USUAL_MOTOR = 0.5, 0.15  # s that wheels lag their commands
-SLOWEST_CONTROLLER = 2.0  # s; a robot that holds its speed by itself may take its time
+USUAL_MOTOR = 0.15  # s that wheels lag their commands
 # Findings of the data checks that are worth telling though nothing was set aside.
 TOLD = ("pose_jumps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
 LEAST_LAG = 0.02  # s; the refinement finds a smaller one itself
@@ -73,8 +71,8 @@ def prepare(recordings: Sequence[Recording]) -> Prepared:
         poses, commands = _pose_lag(findings), _command_lag(findings, recording)
         late = poses.seconds if poses and abs(poses.seconds) > LEAST_LAG else 0.0
         # A command that moves the wheels before it is sent, or long after, was stamped by another clock.
-        slowest = SLOWEST_MOTOR if recording.command_kind == DUTY else SLOWEST_CONTROLLER
-        early = 0.0 if commands is None or 0.0 <= commands.seconds < slowest else commands.seconds - USUAL_MOTOR
+        wrong = commands and clocks_differ(commands, findings.rates, slowest_response(recording))
+        early = commands.seconds - USUAL_MOTOR if commands and wrong else 0.0
         ready.append(_shifted(findings.cleaned(recording), round(early / SECONDS), -round(late / SECONDS)))
         splits.append(tuple(int(split) - round(late / SECONDS) for split in findings.splits))
         notes += [f.sentence for f in findings.all if f.found and (f.check in TOLD or f.set_aside)]

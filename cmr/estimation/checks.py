@@ -9,24 +9,27 @@ from cmr.estimation.estimates import EstimationError
 from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
 from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
 from cmr.estimation.signs import require_consistent_signs
-from cmr.model.command_kinds import DUTY
 from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.checks import check
-from cmr.recordings.findings import Finding, Findings
-from cmr.recordings.lags import Lag, lags_of
+from cmr.recordings.findings import Finding, Findings, counted
+from cmr.recordings.lags import clocks_differ, lags_of, slowest_response
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
 MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more cannot be true, none can be trusted
 LARGEST_LAG = 0.35  # s; a pose's clock that is further off is moved, a smaller difference may be named
-LEAST_LAG, SURELY = 0.02, 3.0  # s, and standard deviations, by which poses must be ahead of what they show
-LEAST_CHANGE = 0.005  # s, and as many deviations, by which a lag must change for a clock to be skewed
-# s that wheels lag their commands: at most, and usually. Commands whose clock is set right come a little early, so that
-# what is left is a delay.
-SLOWEST_MOTOR, USUAL_MOTOR = 0.5, 0.2
-SLOWEST_CONTROLLER = 2.0  # s; a robot that holds its speed by itself may take its time
-SET_RIGHT = "The clock of the {what} is {late:.2f} s {where} that of the wheels: their times were set right."
+LEAST_CHANGE, SURELY = 0.005, 3.0  # s, and standard deviations, by which a lag must change for a clock to be skewed
+# s that wheels usually lag their commands. Commands whose clock is corrected come a little early, so that what is left
+# is a delay.
+USUAL_MOTOR = 0.2
+SET_RIGHT = "The clock of the poses is {late:.2f} s {where} that of the wheels: their times were set right."
+TOO_SOON = "By its time stamps, a wheel turns {lag:.2f} s before it is commanded to"
+TOO_LATE = "By its time stamps, a wheel follows its command {lag:.2f} s late"
+MOVED = (
+    "The commands' times were moved {by:.2f} s {where}, so that the wheels follow them after the usual {usual:.1f} s."
+)
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
+REPEATS = ("poses_held", "stale_poses")  # checks that set aside what is true, but older than its time stamp
 FEWEST = 2  # readings of a sensor from which it tells of a motion
 SHORTEST = 5.0  # s; what is named from less is chance
 DRIVE = "Drive a figure-eight, or cmr-pilot's rich_drive, and record it."
@@ -94,21 +97,31 @@ def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
     findings = check(recording)
     notes = []
     lag = findings.lag("poses")
-    far_off = lag is not None and lag.reference == "wheels" and not -_least(lag) <= lag.seconds <= LARGEST_LAG
-    if lag is not None and far_off and not (abs(lag.seconds) < LARGEST_LAG and _skewed(recording)):
+    far_off = lag is not None and lag.reference == "wheels" and not 0.0 <= lag.seconds <= LARGEST_LAG
+    if (
+        lag is not None
+        and far_off
+        and clocks_differ(lag, findings.rates, 0.0)
+        and not (abs(lag.seconds) < LARGEST_LAG and _skewed(recording))
+    ):
         late = round(lag.seconds / SECONDS)
         poses = replace(recording.poses, utime=recording.poses.utime - late)
         recording, findings = replace(recording, poses=poses), replace(findings, splits=findings.splits - late)
-        notes.append(SET_RIGHT.format(what="poses", late=abs(lag.seconds), where="behind" if late > 0 else "ahead of"))
+        notes.append(SET_RIGHT.format(late=abs(lag.seconds), where="behind" if late > 0 else "ahead of"))
     lag = findings.lag("wheels") if recording.duty is recording.commands else None
-    slowest = SLOWEST_MOTOR if recording.command_kind == DUTY else SLOWEST_CONTROLLER
-    if lag is not None and not 0.0 <= lag.seconds <= slowest:
+    if lag is not None and clocks_differ(lag, findings.rates, slowest_response(recording)):
         early = round((lag.seconds - USUAL_MOTOR) / SECONDS)
         commands = replace(recording.commands, utime=recording.commands.utime + early)
         recording = replace(recording, commands=commands)
-        where = "behind" if early < 0 else "ahead of"
-        notes.append(SET_RIGHT.format(what="commands", late=abs(early * SECONDS), where=where))
+        notes.append(_commands_moved(lag.seconds, early * SECONDS))
     return recording, findings, " ".join(notes)
+
+
+def _commands_moved(lag: float, by: float) -> str:
+    """Return a sentence on commands that the wheels follow after `lag` [s], and whose times were moved on `by` [s]."""
+    how = (TOO_SOON if lag < 0.0 else TOO_LATE).format(lag=abs(lag))
+    where = "earlier" if by < 0.0 else "later"
+    return f"{how}: one of the clocks is wrong. {MOVED.format(by=abs(by), where=where, usual=USUAL_MOTOR)}"
 
 
 def _skewed(recording: Recording) -> bool:
@@ -121,11 +134,6 @@ def _skewed(recording: Recording) -> bool:
         return False
     change, doubt = lags[1].seconds - lags[0].seconds, float(np.hypot(lags[0].std, lags[1].std))
     return abs(change) > max(LEAST_CHANGE, SURELY * doubt)
-
-
-def _least(lag: Lag) -> float:
-    """Return by how much [s] a clock must surely be ahead to be touched."""
-    return max(LEAST_LAG, SURELY * lag.std)
 
 
 def _tells(segment: Segment) -> bool:
@@ -142,15 +150,18 @@ def _untrue(recording: Recording, findings: Findings) -> str:
     for name, words in SIGNALS.items():
         signal = recording.signals[name]
         empty = signal.left_out.get(NOT_FINITE, 0)
-        lost, total = _set_aside(findings, name) + empty, len(signal) + empty
+        repeated = _set_aside(findings, name, REPEATS)
+        others = [finding.check for finding in findings.all if finding.check not in REPEATS]
+        lost, total = _set_aside(findings, name, others) + empty, len(signal) - repeated + empty
         if lost > MOST_SET_ASIDE * total:
             why = "cannot be true" + (f" ({empty} are not numbers)" if empty else "")
             return f"Of the {words}, {lost} of {total} {why}: see to the sensor first. Nothing is concluded."
     return ""
 
 
-def _set_aside(findings: Findings, signal: str) -> int:
-    masks = [finding.set_aside[signal] for finding in findings.all if signal in finding.set_aside]
+def _set_aside(findings: Findings, signal: str, checks: Sequence[str]) -> int:
+    """Return how many samples of a signal these checks set aside."""
+    masks = [findings[check].set_aside[signal] for check in checks if signal in findings[check].set_aside]
     return int(sum(masks[1:], start=masks[0]).astype(bool).sum()) if masks else 0
 
 
@@ -167,14 +178,30 @@ def _why_useless(recording: Recording, cleaned: Recording, findings: Findings, s
     if untrue:
         return untrue
     if segments or max(len(cleaned.poses), len(cleaned.gyro)) < FEWEST:
-        set_aside = _why_set_aside(findings, "gyro")
-        return " ".join([*set_aside, NOTHING_ELSE]) if set_aside else WITHOUT_MOTION
-    seconds = float(recording.wheels.seconds[-1])
+        return _why_no_motion(recording, cleaned, findings)
+    drives = [(name, signal) for name, signal in (("wheels", recording.wheels), ("commands", recording.duty)) if signal]
+    seconds = max(float(signal.seconds[-1]) for _, signal in drives)
     if seconds < SHORTEST:
         return f"The recording is too short: it lasts {seconds:.1f} s. {LONG_ENOUGH}"
+    names = " and ".join(name for name, _ in drives)
     return (
-        f"In no stretch of {SHORTEST_PIECE:.0f} s were wheels and commands recorded without a gap of more than "
+        f"In no stretch of {SHORTEST_PIECE:.0f} s were {names} recorded without a gap of more than "
         f"{LONGEST_SILENCE:.0f} s. {LONG_ENOUGH}"
+    )
+
+
+def _why_no_motion(recording: Recording, cleaned: Recording, findings: Findings) -> str:
+    """Return why nothing tells how the robot moved."""
+    lost = [name for name in ("poses", "gyro") if len(cleaned.signals[name]) < FEWEST]
+    set_aside = [sentence for name in lost for sentence in _why_set_aside(findings, name)]
+    if set_aside:
+        return " ".join([*set_aside, NOTHING_ELSE])
+    recorded = {"pose": len(recording.poses), "gyro reading": len(recording.gyro)}
+    if not any(recorded.values()):
+        return WITHOUT_MOTION
+    return (
+        f"{' and '.join(counted(count, what) for what, count in recorded.items() if count)} were recorded, but in no "
+        f"stretch in which it is known what drove the robot, {FEWEST} or more: nothing tells how it moved there."
     )
 
 

@@ -5,7 +5,7 @@ speeds, and what effects remember, run freely from the segment's beginning on: t
 
 The window is short on purpose. Disturbances of a real drive make headings wander at random, and errors pile up with
 the 1.5th power of time: over 10 s, two logs of the same robot differ by 20 % and more in what a perfect model
-would get wrong. Over 3 s, with windows that overlap by half, they agree, so that an error measured on one log foretells
+would get wrong. Over 3 s, with windows that overlap by half, they agree, so that an error measured on one log predicts
 that on the next.
 """
 
@@ -30,9 +30,9 @@ WINDOW = 3.0  # s
 OVERLAP = 2  # windows that cover each moment
 BLOCK = 4.0 * WINDOW  # s; seven of eight windows lie within such blocks
 COMPLETE = 0.95  # share of a window that its poses must span
-LEAST = 0.5  # of a window; a stretch that is shorter tells too little
+LEAST = 0.5  # of a window; shorter stretches are left out
 SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
-SMOOTHED = 0.3  # s before and after a moment, whose poses tell the pose at that moment
+SMOOTHED = 0.3  # s before and after a moment, whose poses are averaged into the pose at that moment
 PAST_STEP = 0.05  # s
 SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
 
@@ -219,7 +219,7 @@ def smoothed_poses(observations: Observations, values: Values) -> Floats:
 
 
 def _motion(observations: Observations, values: Values) -> Floats:
-    """Return the poses that the sensor would say of the wheels' motion, or else of a free run, shape (P, 3).
+    """Return the poses that the sensor would measure on the wheels' motion, or else on a free run, shape (P, 3).
 
     The path begins at the first pose and strays from there.
     """
@@ -244,9 +244,9 @@ def _motion(observations: Observations, values: Values) -> Floats:
 def _with_past(
     time: Floats, path: Trajectory, parameters: RobotParameters, psi: Sequence[float]
 ) -> tuple[Floats, Trajectory]:
-    """Return times [s] and a path with what was before: the robot came at its first wheel speeds, left and right.
+    """Return times [s] and a path, extended into the past at the first wheel speeds `psi` [rad/s], left and right.
 
-    A late sensor tells it at first.
+    The first poses of a sensor that is late show the robot before the recording begins.
     """
     left, right = parameters.wheel_radius * psi[0], parameters.wheel_radius * psi[1]
     ago = np.arange(LONGEST_LATENCY, 0.0, -PAST_STEP)
@@ -262,7 +262,7 @@ def _with_past(
 
 
 def _neighbours(observations: Observations) -> tuple[Indices, Indices]:
-    """Return the numbers of the first and the last pose near each, between the same new beginnings; (P,), (P,)."""
+    """Return the numbers of the first and the last pose near each, (P,), (P,); none across a restart of the path."""
     time = observations.pose_time
     restarts = np.flatnonzero(observations.pose_use == RESTART)
     part = np.searchsorted(restarts, np.arange(len(time)), side="right")

@@ -1,8 +1,8 @@
-"""What the noise of a robot's sensors is like, found from prediction errors; and the errors made white with it.
+"""Estimate the noise of a robot's sensors from prediction errors, and whiten the errors with it.
 
-Each signal's error is first freed of what the other sensors' errors, just before, foretell of it; then of what its own
-past foretells (an autoregressive model); then divided by its size, which grows with the wheel speed and with what
-the ticks of the encoder leave open.
+Three steps whiten each signal's errors. The part that the latest errors of the other sensors predict is subtracted;
+then the part that the signal's own past errors predict (an autoregressive model). What remains is divided by its
+standard deviation, which grows with the wheel speed and with the uncertainty that the encoder's ticks leave.
 """
 
 import math
@@ -25,13 +25,13 @@ SPANS = {
     **dict.fromkeys(("psi_left", "psi_right", "yaw_rate"), (1, 1, 1, 1, 2, 4, 8, 16, 32)),
     **dict.fromkeys(POSE_SIGNALS, (1, 1, 1, 1, 4, 8)),
 }
-LARGEST_PAST = 1.0 / 6.0  # of the usual segment: what is foretold from the past begins after so much of it
+LARGEST_PAST = 1.0 / 6.0  # of the usual segment: errors are predicted from at most so long a past
 RIDGE = 1e-6  # of the variance: keeps the model of a signal that never errs solvable
 LEAST_SIZE = 1e-9
 LONGEST_GAP = 10  # readings; in longer ones a wheel is no further off
-RARE = 0.01  # of errors: too few to tell of what size such ones are
+RARE = 0.01  # of errors: too few to estimate their size
 ROUNDS = 3
-FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose before foretell those of the pose
+FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose before predict those of the pose
 PSI_LEFT, PSI_RIGHT, YAW_RATE = (MOTION.index(name) for name in ("psi_left", "psi_right", "yaw_rate"))
 STAMP = 1e-3  # s by which a gyro's stamp may be off
 LARGE = 2.5  # standard deviations from which an error counts less than in full (Huber, Ann. Math. Statist. 35, 1964)
@@ -98,9 +98,9 @@ class Noise:
         return cls(result)
 
     def with_outliers(self, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
-        """Return the noise in which large errors of the first candidate are not as exact as others of their kind.
+        """Return the noise with larger sizes for readings at which the first candidate's errors are large.
 
-        What a busy computer does to the stamps of a few readings would else count for more than all the others say.
+        A busy computer spoils the time stamps of a few readings, which would otherwise outweigh all others.
         """
         batch = Batch(predictors)
         white = self.all_white(batch, batch.joined(errors))[:, 0]
@@ -151,7 +151,7 @@ def _size_of_most(white: Floats) -> float:
 def _found(
     name: str, predictors: Sequence[Predictor], errors: Sequence[Errors], others: Sequence[Floats]
 ) -> SignalNoise:
-    """Find one signal's noise: weighted least squares for what is foretold, then its size, a few times."""
+    """Find one signal's noise: weighted least squares for what is predictable, then the size of the rest, repeated."""
     spans = _spans(name, [len(predictor.times.get(name, ())) for predictor in predictors])
     order = sum(spans)
     rows, growths = [], growth_in_gaps(name, predictors, errors)
@@ -187,7 +187,10 @@ def _found(
 
 
 def foretold(name: str, errors: Sequence[Floats]) -> Floats:
-    """Return what is left of a signal's errors, one array (n,) a segment, when their past has foretold what it can."""
+    """Return a signal's errors, given as one array (n,) a segment, less what their own past predicts, all in one array.
+
+    Errors at the beginning of a segment, which have no past, are left out.
+    """
     spans = _spans(name, [len(one) for one in errors])
     order = sum(spans)
     pairs = [(_past(one, spans), one[order:]) for one in errors if len(one) > 2 * order]
@@ -245,10 +248,10 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
 def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
     """Return what the variance of a signal's noise may grow with, shape (n, 3): 1, doubt squared, wheel speeds squared.
 
-    The doubt of a wheel is what its ticks leave open [rad]; that of the gyro is what its time leaves open where the yaw
-    rate changes [rad/s]. Doubts that are rarely as small count as larger: on a steady drive nearly all are the same,
-    and nothing tells how much of the noise is theirs. The few errors of a wheel that rolls to a stop would then count
-    far too much.
+    The doubt of a wheel is the uncertainty that its ticks leave [rad]; that of the gyro is the uncertainty that its
+    time stamps leave while the yaw rate changes [rad/s]. The smallest 1 % of doubts are raised to that quantile.
+    On a steady drive nearly all doubts are equal, so their share of the noise cannot be estimated, and the few errors
+    with a small doubt, of a wheel that rolls to a stop, would get far too much weight.
     """
     motion = predictor.motion_at(errors.motion, name)
     speed = motion[:, PSI_LEFT] ** 2 + motion[:, PSI_RIGHT] ** 2
@@ -260,10 +263,11 @@ def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
 
 
 def growth_in_gaps(name: str, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> list[Floats]:
-    """Return by how much errors of a wheel that come after a gap are larger, one array (n,) a segment; of others 1.
+    """Return the factor by which errors after a gap in a wheel's readings are larger, one array (n,) a segment.
 
-    A wheel that rolls to a stop passes its last ticks ever more slowly, and meanwhile nobody corrects its speed. How
-    far off it is after a gap of some readings is known from those without: it is what they corrected on the way.
+    It is 1 without a gap, and for other signals. A wheel that rolls to a stop passes its last ticks ever more slowly,
+    and no reading corrects its speed meanwhile. The error after a gap of some readings is estimated from stretches
+    without a gap, by adding up the corrections that so many readings made.
     """
     times = [predictor.times.get(name, np.empty(0)) for predictor in predictors]
     steps = np.concatenate([np.diff(one) for one in times])
@@ -280,7 +284,7 @@ def growth_in_gaps(name: str, predictors: Sequence[Predictor], errors: Sequence[
 
 
 def _after_gap(errors: Errors, name: str, interval: float, missed: int) -> Floats:
-    """Return how far off a wheel would be [rad] after each gap, had the observer `missed` so many readings before."""
+    """Return the error [rad] that each reading of a wheel would show, had the observer `missed` so many before it."""
     own = errors.of[name][:, 0]
     result = own[missed:].copy()
     for back in range(1, missed + 1):

@@ -111,10 +111,11 @@ class Batch:
         return Errors({name: of[name] for name in self.signals}, innovations.motion)
 
     def told_once(self, errors: Errors, gains: Gains) -> Errors:
-        """Return the errors, but for what is left of a wheel's in the further readings of one rest.
+        """Return the errors, counting the position of a resting wheel once.
 
-        They all say the same: a wheel that rests stands in one place, and the observer with these gains follows a part
-        of it each time. What is new in them is whether the wheel was to move.
+        All readings during one rest repeat the same position. With these gains, the observer corrects a part of the
+        error at each reading, so the rest of it appears in the next one's. That part is subtracted there: what remains
+        is the motion that the model predicted since the reading before.
         """
         return _told_once(errors, gains, self._rests_on)
 

@@ -46,7 +46,7 @@ FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best on
 class Problem:
     """Recordings to be explained, and what is known of their noise.
 
-    `by_moments` tells that errors are those of each moment, made white by their past.
+    `by_moments`: errors are those of single moments, whitened by their past, not those of free runs.
     """
 
     by_moments = True
@@ -195,7 +195,7 @@ class Problem:
     def fit(self, values: Mapping[str, float], names: Sequence[str], noise: Noise, renew: int = 1) -> Fit:
         """Fit the free parameters `names` from `values` on (Levenberg-Marquardt).
 
-        The noise is found anew `renew` times, and the fit repeated with it.
+        The noise is estimated again `renew` times from the fit's errors, and the fit repeated with it.
         """
         fit = self.fits([(values, names)], noise)[0]
         for _ in range(renew):
@@ -331,9 +331,9 @@ def nearer_to_neutral(values: Mapping[str, float], names: Sequence[str]) -> dict
 
 
 def tempered(white: Floats) -> Floats:
-    """Return white errors (n, C) whose squares grow like Huber's loss: no single moment decides.
+    """Return white errors (n, C) whose squares grow like Huber's loss, so that no single moment decides.
 
-    A wheel that sets off half a step earlier than foretold makes errors of a hundred standard deviations for a moment.
+    A wheel that starts half a step earlier than predicted makes errors of a hundred standard deviations for a moment.
     """
     result = np.array(white)
     temper(result.reshape(-1), LARGE)

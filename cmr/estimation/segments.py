@@ -73,7 +73,9 @@ def segments_of(recording: Recording, splits: Sequence[int], number: int) -> lis
 
     Of a rest at the beginning or at the end only LONGEST_STAND is used.
     """
-    sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [recording.poses]
+    sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [s for s in (recording.poses,) if len(s)]
+    if not sources:
+        return []
     first = max(int(signal.utime[0]) for signal in sources)
     last = min(int(signal.utime[-1]) for signal in sources)
     borders = np.array([first, *(time for gap in _breaks(recording, sources) for time in gap), last])

@@ -15,7 +15,7 @@ from cmr.model.step_helpers import sign
 LOOPS = '''
 
 NEARBY = 1e-3  # m
-EARLY = 1e-3  # of a step: clocks are not told apart more finely
+EARLY = 1e-3  # of a step: smaller differences between times do not count
 # Duty; a step is split for larger changes, and takes the mean command for smaller ones. For a change D at the share s
 # of a step dt, the mean puts the angle of a wheel k2_over_k3 D dt^2 s (1 - s) / 2 off: 3e-5 rad.
 SMALL = 0.02
@@ -87,7 +87,7 @@ def observe(
             last_wheel, last_gyro, last_pose = wheel_ends[drive + 1], gyro_ends[drive + 1], pose_ends[drive + 1]
             own[:GAIN_ANGLE] = 0.0
             for i in range(LANES):
-                # What a late sensor tells at first is older than the beginning: the robot came at its first speeds.
+                # The first poses of a late sensor show the robot before the beginning, at its first speeds.
                 left, right = own[RADIUS_LEFT + i] * here[PSI_LEFT + i], own[RADIUS_RIGHT + i] * here[PSI_RIGHT + i]
                 for h in range(HISTORY):
                     ago = (HISTORY - h) % HISTORY * dt

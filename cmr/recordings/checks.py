@@ -10,17 +10,13 @@ import numpy as np
 from cmr.recordings.findings import Finding, Findings, counted
 from cmr.recordings.gyro_checks import gyro_findings
 from cmr.recordings.heading_checks import turned_headings
-from cmr.recordings.lags import Lag, lags_of
+from cmr.recordings.held_poses import held_poses
+from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
 from cmr.recordings.stale_poses import stale_poses
 from cmr.recordings.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
 from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
-
-SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
-HALF_PERIOD = 0.5  # of the time between samples: nobody tells if a stamp is that of its beginning, middle or end
-SLOWEST_MOTOR = 0.5  # s by which a robot may follow its commands with all clocks right
-SURE = 5.0  # standard deviations by which they must differ
 
 __all__ = ["Finding", "Findings", "check"]
 
@@ -34,17 +30,36 @@ def check(recording: Recording) -> Findings:
     plausible = _without(sound, sensors)
     gyro = gyro_findings(plausible)
     plausible = _without(plausible, gyro)
-    lags = lags_of(plausible)
-    known = {lag.sensor: lag.seconds for lag in lags if lag.known}
+    lags = _lags_without_repeats(plausible)
+    pose_lag, gyro_lag = _pose_and_gyro_lag(lags)
     rates = rates_of(sound)
-    faults = path_faults(plausible, known.get("poses", 0.0), known.get("gyro", 0.0))
-    turned = turned_headings(plausible, faults, known.get("poses", 0.0))
+    faults = path_faults(plausible, pose_lag, gyro_lag)
+    turned = turned_headings(plausible, faults, pose_lag)
     findings = [*_pose_findings(faults), turned, *sensors, *gyro]
     findings = [_over_all(finding, [damaged, stale], recording) for finding in findings]
-    findings += [damaged, stale, *_lag_findings(lags, rates), *motion_findings(sound)]
+    findings += [damaged, stale, *_lag_findings(lags, rates, slowest_response(recording)), *motion_findings(sound)]
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
     return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates)
+
+
+def _lags_without_repeats(recording: Recording) -> list[Lag]:
+    """Return the lags of the sensors; a pose that only repeats the one before is old, and is left out."""
+    lags = lags_of(recording)
+    held = held_poses(recording, _pose_and_gyro_lag(lags)[0])
+    return lags_of(recording.where({"poses": ~held})) if held.any() else lags
+
+
+def _pose_and_gyro_lag(lags: list[Lag]) -> tuple[float, float]:
+    """Return by how much [s] poses and gyro lag their reference.
+
+    Where one is unknown, the two are taken to agree beside commands, which both follow as slowly as the robot does, and
+    sensors to agree with the wheels.
+    """
+    known = {lag.sensor: lag.seconds for lag in lags if lag.known and lag.sensor != "wheels"}
+    commanded = any(lag.reference == "commands" for lag in lags if lag.sensor != "wheels")
+    usual = next(iter(known.values()), 0.0) if commanded else 0.0
+    return known.get("poses", usual), known.get("gyro", usual)
 
 
 def _without(recording: Recording, found: list[Finding]) -> Recording:
@@ -79,27 +94,21 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
         Finding(
             "poses_held",
             held,
-            f"{counted(held, 'pose')} only repeat the one before while the robot moves: set aside.",
+            f"{counted(held, 'pose')} of {len(faults.held)} only repeat{'s' if held == 1 else ''} the one before while "
+            "the robot moves: set aside.",
             {"poses": faults.held} if held else {},
         ),
     ]
 
 
-def _lag_findings(lags: list[Lag], rates: Mapping[str, float]) -> list[Finding]:
+def _lag_findings(lags: list[Lag], rates: Mapping[str, float], slowest: float) -> list[Finding]:
     """Tell where clocks differ; that wheels follow their commands late is how motors are."""
     findings = []
     for sensor in ("poses", "gyro"):
         lag = next((lag for lag in lags if lag.sensor == sensor), None)
-        differs = lag is not None and lag.known and _differs(lag, rates)
+        differs = lag is not None and clocks_differ(lag, rates, slowest)
         findings.append(Finding(f"{sensor}_clock", int(differs), _lag_sentence(sensor, lag)))
     return findings
-
-
-def _differs(lag: Lag, rates: Mapping[str, float]) -> bool:
-    """Tell whether a clock is wrong; what commands ask for may come late by what a motor takes."""
-    late = lag.seconds - (SLOWEST_MOTOR if lag.reference == "commands" and lag.seconds > 0.0 else 0.0)
-    stamps = sum(HALF_PERIOD / rates[name] for name in (lag.sensor, lag.reference))
-    return bool(late * lag.seconds > 0.0 and abs(late) > max(SMALLEST_LAG, stamps, SURE * lag.std))
 
 
 def _lag_sentence(sensor: str, lag: Lag | None) -> str:

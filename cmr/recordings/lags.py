@@ -5,11 +5,14 @@ offsets. Both are averaged over the same short span, correlated over all lags wi
 by least squares, so that it is found to a fraction of a sample.
 """
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.model.command_kinds import DUTY
 from cmr.recordings.rates import STEP, CommonRates, IncomparableError, Rates, common_rates, correlation_of, piece_means
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import spread
@@ -23,6 +26,12 @@ LEAST_EVIDENCE = 12.0  # log-likelihood by which the best lag must explain more 
 RIVAL = 0.4  # s; a lag further away than this from the best must be worse
 LEAST_LEAD = 4.0  # log-likelihood by which it must be worse
 OUTLYING = 4.0  # standard deviations; larger differences of two rates are left out
+SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
+HALF_PERIOD = 0.5  # of the time between samples: a stamp may be that of its beginning, middle or end
+SURE = 5.0  # standard deviations by which clocks must differ
+# s by which a robot may follow its commands with all clocks right: a motor, and a controller that holds its speed.
+SLOWEST_MOTOR, SLOWEST_CONTROLLER = 0.5, 2.0
+MOTOR_RESPONSE = 0.15  # s by which wheels may follow a command sooner or later than on average, at least
 
 
 @dataclass(frozen=True)
@@ -46,6 +55,29 @@ class Lag:
         return not self.why_unknown
 
 
+def slowest_response(recording: Recording) -> float:
+    """Return by how much [s] the robot may follow its commands at most, with all clocks right."""
+    return SLOWEST_MOTOR if recording.command_kind == DUTY else SLOWEST_CONTROLLER
+
+
+def response_to_commands(lag: float) -> float:
+    """Return by how much [s] sooner or later than on average, after `lag`, a robot may follow a command."""
+    return max(MOTOR_RESPONSE, lag)
+
+
+def clocks_differ(lag: Lag, rates: Mapping[str, float], slowest: float) -> bool:
+    """Tell whether a lag surely means that the two clocks differ.
+
+    `rates` [Hz] tell how often each signal came: a stamp may be off by half an interval, because it is not known which
+    moment of the interval it stands for. A robot may follow its commands within `slowest` [s].
+    """
+    if not lag.known:
+        return False
+    late = lag.seconds - (float(np.clip(lag.seconds, 0.0, slowest)) if lag.reference == "commands" else 0.0)
+    stamps = math.hypot(HALF_PERIOD / rates[lag.sensor], HALF_PERIOD / rates[lag.reference])
+    return abs(late) > stamps + math.hypot(SMALLEST_LAG, SURE * lag.std)
+
+
 def lags_of(recording: Recording) -> list[Lag]:
     """Return by how much poses lag the wheels, the gyro the wheels, and the wheels the commands (motor included).
 
@@ -66,15 +98,21 @@ def _lag(recording: Recording, sensor: str, reference: str) -> Lag:
         rates = common_rates(late, early, recording.pieces, origin)
     except IncomparableError as why:
         return Lag.unknown(sensor, reference, str(why))
-    evidence = np.sum([_evidence(a, b, rates) for a, b in rates.pairs], axis=0)
+    of_pairs = np.stack([_evidence(a, b, rates) for a, b in rates.pairs])
+    evidence = of_pairs.sum(axis=0)
     best = int(np.argmax(evidence))
     far = np.abs(np.arange(len(evidence)) - best) * STEP > RIVAL
     if evidence[best] < LEAST_EVIDENCE or best in (0, len(evidence) - 1):
         return Lag.unknown(sensor, reference, "their speeds do not change alike")
     if far.any() and evidence[far].max() > evidence[best] - LEAST_LEAD:
         return Lag.unknown(sensor, reference, "several lags fit alike")
-    refined = [_refined(a, b, rates.piece, (best - rates.shifts) * STEP, rates.span) for a, b in rates.pairs]
-    found = [(lag, max(std, SMALLEST_STD)) for lag, std in refined if std < LARGEST_STD]
+    # Where driving hardly changes, or turning, its rates are not alike: what they are refined to is chance.
+    alike = [pair for pair, own in zip(rates.pairs, of_pairs[:, best], strict=True) if own >= LEAST_EVIDENCE]
+    first = (best - rates.shifts) * STEP
+    refined = [_refined(a, b, rates.piece, first, rates.span) for a, b in alike]
+    # Lags beyond RIVAL explain less: a refinement that ends there ran away.
+    near = [(lag, std) for lag, std in refined if abs(lag - first) <= RIVAL]
+    found = [(lag, max(std, SMALLEST_STD)) for lag, std in near if std < LARGEST_STD]
     if not found:
         return Lag.unknown(sensor, reference, "the speeds change too little")
     weight = sum(std**-2.0 for _, std in found)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.recordings.lags import response_to_commands
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import quantile, ratio, run_ends, running_largest, running_median, running_range, wrapped
 from cmr.recordings.run_ends import off_the_ends
@@ -23,7 +24,6 @@ USUAL_DOUBT = 1.5  # of how much that rate changes between neighbours
 JITTER, JITTER_SHARE = 0.045, 0.75  # s and share of the time to the next by which a pose's time stamp may be wrong
 # Of the motion that a sensor tells, the share by which the true one may be less: wheels may spin, a gyro cannot.
 WHEEL_SLIP, GYRO_SLIP, USUAL_SLIP = 1.0, 0.1, 1.0
-MOTOR_RESPONSE = 0.15  # s by which wheels may follow a command sooner or later than on average
 # Of the time between a sensor's samples, by how much sooner or later than on average a change is told. Commands may
 # have been given at any time since the one before was recorded.
 HALF_PERIOD, WHOLE_PERIOD = 0.5, 1.0
@@ -168,7 +168,7 @@ def _sensors(
 def _sensor(recording: Recording, name: str, origin: int, lag: float, slip: float) -> Sensor:
     travel = travel_of(recording, name, origin)
     period = float(np.median(np.diff(travel.time)))
-    response = MOTOR_RESPONSE + WHOLE_PERIOD * period if name == "commands" else HALF_PERIOD * period
+    response = response_to_commands(lag) + WHOLE_PERIOD * period if name == "commands" else HALF_PERIOD * period
     return Sensor(travel, lag, slip, response)
 
 

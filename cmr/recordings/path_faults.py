@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.recordings.held_poses import held_poses
 from cmr.recordings.path import Path
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import local_noise, running_median, spread, wrapped
-from cmr.recordings.signal import SECONDS, Floats, Mask, Times
+from cmr.recordings.signal import Floats, Mask
 
 OUTLYING = 5.0  # standard deviations at least by which an outlier stands off
 BY_CHANCE = 1e-4  # of recordings in which a pose of normal noise stands off by so much that it is called an outlier
@@ -26,7 +27,6 @@ LONGEST_BURST = 3.0  # s; a path that jumps and jumps again within this was wron
 COMES_BACK = 0.3  # of the jump there; so far off it may come back
 PASSES = 3  # what is wrong hides some of its neighbours; without it they are looked at again
 FEWEST = 11  # poses; fewer have no neighbours to be compared with
-CREEPING = 0.5  # of the way between two poses; a robot that went less far may stand in the same place
 
 
 @dataclass(frozen=True)
@@ -78,39 +78,6 @@ def _faults(path: Path) -> tuple[Mask, NDArray[np.int64]]:
     burst, before = bursts_of(rest, jumps_of(rest))
     wrong[good[burst]] = True
     return wrong, good[before]
-
-
-def held_poses(recording: Recording, pose_lag: float = 0.0) -> Mask:
-    """Tell which poses repeat the one before though wheels turn, or are told to where none were recorded, shape (n,).
-
-    A tracker that says the same three numbers again has not seen the robot again.
-    """
-    poses = recording.poses
-    same = np.append(False, np.all([values[1:] == values[:-1] for values in poses.fields.values()], axis=0))[
-        : len(poses)
-    ]
-    same &= ~recording.pieces.borders(poses.utime)  # a tracker may begin each piece where it began the one before
-    turned = _turned_until(recording, poses.utime - round(pose_lag / SECONDS))
-    if turned is None or not same.any():
-        return np.zeros(len(poses), np.bool_)
-    steps = np.diff(turned, prepend=turned[:1])
-    usual = steps[~same & (steps > 0.0)]
-    least = CREEPING * float(np.median(usual)) if len(usual) else 0.0
-    begin = np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))  # the first of each run of equal poses
-    return np.asarray(same & (turned - turned[begin] > least))
-
-
-def _turned_until(recording: Recording, utime: Times) -> Floats | None:
-    """Return how far both wheels have turned at each time, both ways counted up; None where nothing tells."""
-    if len(recording.wheels):
-        signal, names = recording.wheels, ("psi_left", "psi_right")
-    elif len(recording.commands):
-        signal, names = recording.commands, ("left", "right")
-    else:
-        return None
-    dt = np.diff(recording.pieces.seconds(signal.utime), prepend=0.0)
-    turned = np.cumsum((np.abs(signal[names[0]]) + np.abs(signal[names[1]])) * dt)
-    return np.interp(utime, signal.utime, turned)
 
 
 def outlying(path: Path) -> Mask:

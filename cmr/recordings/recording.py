@@ -45,7 +45,7 @@ class Recording:
 
     `commands` are duties. A robot with a velocity controller inside has `wheel_speed_commands` [rad/s] or
     `velocity_commands` [m/s, rad/s] in their place; once they are converted into duties (`with_duties`), these are the
-    commands. `duties` are those that were sent although no feedback, of `wheels`, tells them.
+    commands. `duties` are those that the driver sent but that are in none of its feedback messages (`wheels`).
     `parameters` is the newest parameter file announced in the recording, None without one. `rejected` counts by
     (channel, reason) messages of the log that could not be decoded, `damaged_bytes` what is no intact event in it.
     """
@@ -116,15 +116,15 @@ class Recording:
         new = np.diff(utime, prepend=utime[0] - 1) > 0
         fields = {side: self.wheels[f"applied_{side}"] for side in ("left", "right")}
         fields["status"] = self._told("status")
-        told = Signal(utime[new], {name: values[sent][new] for name, values in fields.items()})
-        return _with_untold(told, self.duties) if len(self.duties) else told
+        reported = Signal(utime[new], {name: values[sent][new] for name, values in fields.items()})
+        return _with_unreported(reported, self.duties) if len(self.duties) else reported
 
     @property
     def _applied_utime(self) -> Times:
         """When the duty that each feedback tells was sent [us]; the feedback's own time where that is not known."""
         utime, told = self.wheels.utime, self._told("applied_utime")
         known = (told > 0) & (told <= utime) & (utime - told < OLDEST_APPLIED / SECONDS)
-        return np.where(known, told, utime).astype(np.int64)
+        return np.where(known, np.where(known, told, 0.0).astype(np.int64), utime)
 
     @property
     def driven_on_the_bus(self) -> bool:
@@ -160,12 +160,12 @@ def _nothing(*names: str) -> Signal:
     return Signal(no_times(), {name: np.empty(0) for name in names})
 
 
-def _with_untold(told: Signal, untold: Signal) -> Signal:
-    """Return duties with those that no feedback tells, in the order in which they were sent."""
-    utime = np.concatenate([told.utime, untold.utime])
+def _with_unreported(reported: Signal, unreported: Signal) -> Signal:
+    """Return the duties that feedback reports together with those that it does not, in the order of sending."""
+    utime = np.concatenate([reported.utime, unreported.utime])
     utime, first = np.unique(utime, return_index=True)
-    more = {"left": untold["sent_left"], "right": untold["sent_right"], "status": np.zeros(len(untold))}
-    return Signal(utime, {name: np.concatenate([told[name], more[name]])[first] for name in told.fields})
+    more = {"left": unreported["sent_left"], "right": unreported["sent_right"], "status": np.zeros(len(unreported))}
+    return Signal(utime, {name: np.concatenate([reported[name], more[name]])[first] for name in reported.fields})
 
 
 class Recorder:

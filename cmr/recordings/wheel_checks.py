@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from cmr.recordings.findings import Finding, counted
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import quantile, ratio, running_median
-from cmr.recordings.signal import SECONDS, Floats, Mask, Times
+from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 
 SIDES = ("left", "right")
 FAST = 0.9  # quantile of the moving speeds that counts as fast driving
@@ -18,6 +18,7 @@ BACK = 0.5  # of the step away; a counter that is nearer is back
 STUCK = 1.0  # s for which an encoder must stand still though its motor is driven
 DRIVEN = 0.8  # of the duty at which a wheel usually turns; with more it should
 MOVING = 0.05  # of fast driving; with less a wheel rests
+AT_REST = 0.5  # of the readings of a wheel that rests may differ from 0 at most
 MOVED, TURNED = 0.1, 0.5  # m, rad; a path that extends less far may be noise
 PATH_HALF = 5  # neighbours on either side, of which the median is taken for that
 LATE_START = 5.0  # s of rest at the beginning
@@ -51,7 +52,11 @@ def wheel_findings(recording: Recording) -> list[Finding]:
             f"{counted(int(np.count_nonzero(absurd)), 'absurd encoder reading')}: set aside.",
             {"wheels": absurd} if absurd.any() else {},
         ),
-        Finding("encoder_resets", anew, f"The encoders' counters start anew {counted(anew, 'time')}; speeds are used."),
+        Finding(
+            "encoder_resets",
+            anew,
+            f"A wheel's counter jumps {counted(anew, 'time')}, as after a restart; the wheel speeds are used instead.",
+        ),
         Finding(
             "encoder_stuck",
             int(np.count_nonzero(stuck)),
@@ -80,7 +85,7 @@ def dead_sensors(recording: Recording) -> Finding:
     return Finding(
         "dead_sensors",
         sum(map(int, dead.values())),
-        f"The {names} always say the same though the robot moves: set aside.",
+        f"The readings of the {names} never change though the robot moves: set aside.",
         {name: np.ones(len(recording.signals[name]), np.bool_) for name, is_dead in dead.items() if is_dead},
     )
 
@@ -93,16 +98,33 @@ def motion_findings(recording: Recording) -> list[Finding]:
     utime, speed = _speed(recording)
     seconds, fast = recording.pieces.seconds(utime), _fast(speed)
     moving = motion_of(recording)
-    never = moving is None and _path_extent(recording)[0] <= MOVED
+    never = moving is None and _seen_at_rest(recording, speed)
     rest = float(recording.pieces.seconds(np.array([moving[0]]))[0] - seconds[0]) if moving else 0.0
     near = seconds < seconds[:1] + ENDING, seconds > seconds[-1:] - ENDING
     beginning, ending = (float(np.mean(speed[at])) if len(utime) else 0.0 for at in near)
-    cut = int(len(recording.pieces) == 1 and beginning <= MOVING * fast and ending > STILL_DRIVING * fast)
+    cut = len(recording.pieces) == 1 and beginning <= MOVING * fast and ending > STILL_DRIVING * fast
+    cut = cut and not _told_to_stop(recording.duty)  # a robot that is slow to stop still rolls
     return [
         Finding("never_moved", int(never), "The robot never moves in this recording."),
         Finding("late_start", int(rest > LATE_START), RESTS.format(rest=rest)),
-        Finding("cut_off", cut, "The recording ends while the robot is being driven."),
+        Finding("cut_off", int(cut), "The recording ends while the robot still moves."),
     ]
+
+
+def _seen_at_rest(recording: Recording, speed: Floats) -> bool:
+    """Tell whether wheels, or else commands, and the path show a robot that rests.
+
+    Readings too few to tell what is fast may all be of a moving robot.
+    """
+    shown = len(speed) > 0 or len(recording.poses) >= FEWEST
+    few = len(speed) > 0 and float(np.mean(speed != 0.0)) > AT_REST
+    return shown and not few and _path_extent(recording)[0] <= MOVED
+
+
+def _told_to_stop(duty: Signal) -> bool:
+    """Tell whether the last commands ask for rest."""
+    last = duty.seconds > duty.seconds[-1:] - ENDING
+    return bool(len(duty)) and not any(np.any(duty[side][last]) for side in SIDES)
 
 
 def motion_of(recording: Recording) -> tuple[int, int] | None:
