@@ -95,8 +95,8 @@ def _angle(wheels: Signal, side: str) -> Floats:
 def _by_count(turned: Floats, ticks: Floats, by_ticks: Floats, *, exact: bool) -> Floats:
     """Return by which angle a wheel turned between readings, (n,), from its count, where speeds are no averages.
 
-    `turned` are the angles by the speeds, `ticks` the counts, `by_ticks` the angles that these stand for: nearly, unless
-    they are `exact`.
+    `turned` are the angles by the speeds, `ticks` the counts, `by_ticks` the angles that these stand for: nearly,
+    unless they are `exact`.
     """
     most = UNLIKE_ANGLE * np.maximum(np.abs(turned), np.sqrt(np.mean(turned**2)))
     kept = np.abs(by_ticks - turned) < most

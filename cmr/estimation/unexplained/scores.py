@@ -246,9 +246,9 @@ def _stacked(columns: Sequence[Sequence[Column]]) -> Disturbances:
 
 
 def _made_white(views: Sequence[Predictor], errors: Sequence[Errors], noise: Noise) -> Floats:
-    parts = [
-        noise.all_white(number, view, error) for number, (view, error) in enumerate(zip(views, errors, strict=True))
-    ]
+    # A piece may lack these signals: after a jump, or where they were set aside.
+    numbered = enumerate(zip(views, errors, strict=True))
+    parts = [noise.all_white(number, view, error) for number, (view, error) in numbered if view.times]
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
