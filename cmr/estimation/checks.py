@@ -18,7 +18,7 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
 MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more cannot be true, none can be trusted
-LARGEST_LAG = 0.35  # s; a pose's clock that is further off is moved, a smaller difference may be named
+LARGEST_LAG = 0.5  # s; a pose's clock that is further off is moved, a smaller difference may be named
 LEAST_LAG, SURELY = 0.02, 3.0  # s, and standard deviations, by which poses must be ahead of what they show
 LEAST_CHANGE = 0.005  # s, and as many deviations, by which a lag must change for a clock to be skewed
 # s that wheels lag their commands: at most, and usually. Commands whose clock is set right come a little early, so that
