@@ -20,7 +20,7 @@ from tests.speed_commanded import wandering
 LENGTHS = (2.0, 10.0)  # s, of pieces; all of one recording are as long
 LATEST_POSE = 0.4  # s
 RESPONSES = (0.1, 0.4)  # s, of velocity controllers
-SHARE_OF_TOP = 0.4  # of the speed at full duty: what velocity controllers are asked for
+SHARE_OF_TOP = 0.7  # of the speed at full duty: what velocity controllers are asked for
 JUMPING = 0.1  # of the pieces hold a jump of the poses
 WHEELS_AND_GYRO, POSES = (2, 5), (1, 2, 3)  # one of so many samples was recorded: 50 or 20 Hz, 25, 12.5 or 8.3 Hz
 

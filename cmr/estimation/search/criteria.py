@@ -100,9 +100,15 @@ def too_small(candidate: CandidateEffect, excitation: Excitation) -> Measure | N
 
 
 def _stds(candidate: CandidateEffect) -> dict[str, float]:
-    """Return the standard deviations of an effect's parameters where everything was free in its fit, else none."""
-    names = [parameter.name for parameter in candidate.effect.parameters]
-    return {name: candidate.fit.std(name) for name in names} if candidate.fit else {}
+    """Return the standard deviations of an effect's parameters where everything was free in its fit, else none.
+
+    A parameter that only shapes the effect, and ended at its bound, leaves no doubt of whether there is an effect.
+    """
+    if candidate.fit is None:
+        return {}
+    own = candidate.effect.parameters
+    ended = [one.name for one in own if not one.switches and candidate.values[one.name] in (one.lower, one.upper)]
+    return {one.name: candidate.fit.std_beside(one.name, ended) for one in own}
 
 
 def _objections(
