@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cmr.estimation.encoders import wheel_angles
 from cmr.recordings.signal import Signal
+from cmr.recordings.wheel_angles import wheel_angles
 
 TICK = 2.0 * np.pi / 480  # rad
 PERIOD, READINGS = 0.05, 2000  # s
