@@ -14,6 +14,7 @@ from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.checks import check
 from cmr.recordings.findings import Finding, Findings
 from cmr.recordings.lags import Lag, lags_of
+from cmr.recordings.late_wheels import together, with_wheels_in_time
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
@@ -62,18 +63,28 @@ class Checked:
 
 
 def looked_at(
-    recordings: Sequence[Recording], names: Sequence[str] = (), otherwise: str = "recording"
+    recordings: Sequence[Recording],
+    names: Sequence[str] = (),
+    otherwise: str = "recording",
+    wheels_late: Lag | None = None,
 ) -> list[Checked]:
-    """Look at recordings; without `names` they are numbered."""
+    """Look at recordings of one robot; without `names` they are numbered.
+
+    `wheels_late` says how late its wheels tell, if that is known (see `check`); else it is found, the same for all.
+    """
     names = list(names) or [f"{otherwise} {number + 1}" for number in range(len(recordings))]
+    found = [check(recording, wheels_late) for recording in recordings]
+    late = together(one.wheels_late for one in found)
+    if wheels_late is None and late is not None and len(recordings) > 1:
+        found = [check(recording, late) for recording in recordings]
     return [
-        _looked_at(recording, number, name)
-        for number, (recording, name) in enumerate(zip(recordings, names, strict=True))
+        _looked_at(recording, findings, number, name)
+        for number, (recording, findings, name) in enumerate(zip(recordings, found, names, strict=True))
     ]
 
 
-def _looked_at(recording: Recording, number: int, name: str) -> Checked:
-    recording, findings, note = with_clocks_set(recording)
+def _looked_at(recording: Recording, findings: Findings, number: int, name: str) -> Checked:
+    recording, findings, note = with_clocks_set(recording, findings)
     cleaned = findings.cleaned(recording)
     segments = tuple(segments_of(cleaned, [int(split) for split in findings.splits], number))
     telling = tuple(segment for segment in segments if _tells(segment))
@@ -83,16 +94,20 @@ def _looked_at(recording: Recording, number: int, name: str) -> Checked:
     return Checked(name, cleaned, findings, note, telling, useless)
 
 
-def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
+def with_clocks_set(recording: Recording, findings: Findings | None = None) -> tuple[Recording, Findings, str]:
     """Return the recording with the clocks of poses and commands set by that of the wheels, the findings, and a note.
+
+    Wheels that tell late are set right before. `findings` are those of its check, where that was made.
 
     The checks are those of the recording as it came, so that what was wrong stays told; they allow for a late clock.
     Only a clock that is far off is touched, or one that shows what has not happened yet. A pose that is a little late
     may be the fault of the localisation, and is then a finding about it; so may be a command. A clock that runs at
     another rate is no constant lag: it is left to be found as such.
     """
-    findings = check(recording)
+    findings = check(recording) if findings is None else findings
     notes = []
+    if findings.wheels_late is not None:
+        recording = with_wheels_in_time(recording, findings.wheels_late)
     lag = findings.lag("poses")
     far_off = lag is not None and lag.reference == "wheels" and not -_least(lag) <= lag.seconds <= LARGEST_LAG
     if lag is not None and far_off and not (abs(lag.seconds) < LARGEST_LAG and _skewed(recording)):
