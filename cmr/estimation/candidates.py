@@ -27,8 +27,8 @@ FOLDS = (0.5, 0.55, 0.6, 0.66, 0.72, 0.79, 0.87, 0.95, 1.05, 1.15, 1.26, 1.4)  #
 # A gyro that is late by a whole period of the commands shows what came with the command before: its latency is tested
 # with less.
 LATE, PORTION_OF_LATENCY = frozenset(("gyro_time",)), 0.4
-# Poses that are this many typical sizes late, and more, show little of the motion at their stamps: no fit gets from 0 to
-# the lateness, which is tested itself.
+# Poses that are this many typical sizes late, and more, show little of the motion at their stamps: no fit gets from 0
+# to the lateness, which is tested itself.
 LATE_POSES, FAR = "pose_latency", 2.0
 EVERYWHERE = 1e3  # m, radius of a place that holds all others
 # Velocity controllers accelerate more gently than motors could: in about a second to the top wheel speed. [duty/s]

@@ -12,7 +12,7 @@ from tests.hidden_effects.unknown import UNKNOWN
 from tests.reference_plant import TYPICAL
 
 RELATIVE, DEVIATIONS = 0.05, 3.0  # a parameter is right within this share, or within so many standard deviations
-LATENCIES = ("pose_latency", "gyro_latency", "command_delay")
+LATENCIES = ("pose_latency", "gyro_latency", "command_delay", "wheel_speed_latency")
 LATENCY_SHARE = 0.1  # of a latency by which it may be off in windows
 SHORTEST_LATENCY = 0.04  # s, of poses; less need not be named
 FORETOLD = 0.2  # share by which an error may be foretold wrongly

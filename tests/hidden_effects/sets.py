@@ -19,11 +19,11 @@ PAIRS = [pair for pair in combinations(WITH_DUTIES, 2) if frozenset(pair) not in
 # Beside late poses in windows, one of these is hidden, or nothing more (None).
 IN_WINDOWS = (
     *(None, "pose_offset", "travel_reduction", "wheel_radius_asymmetry", "gyro_scale", "command_delay", "turn_slip"),
-    *("gyro_latency", "motor_gain_asymmetry", "gyro_bias", "coulomb_friction"),
+    *("gyro_latency", "motor_gain_asymmetry", "gyro_bias", "coulomb_friction", "wheel_speed_latency"),
 )
 IN_CONTROLLED_WINDOWS = (
     *(None, "pose_offset", "travel_reduction", "wheel_radius_asymmetry", "gyro_scale", "command_delay", "turn_slip"),
-    *("gyro_latency", "turn_rate_limit", "wheel_separation_error"),
+    *("gyro_latency", "turn_rate_limit", "wheel_separation_error", "wheel_speed_latency"),
 )
 TWO_HOURS = 61  # rich drives
 
