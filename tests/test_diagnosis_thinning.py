@@ -7,11 +7,12 @@ import pytest
 
 from cmr.estimation import thinning
 from cmr.estimation.segments import Segment, segments_of
-from cmr.estimation.thinning import ALL, PerSensor, share_used, thinned
+from cmr.estimation.thinning import ALL, PerSensor, Thinning, thinned, thinning_of
 from cmr.model.observer import RESTART
 from tests.hidden_effects import hidden_recording
 
 EVERY = PerSensor(2, 3, 4)
+FEWER = Thinning(EVERY)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def segment() -> Segment:
 
 
 def test_every_sensor_keeps_its_share_of_readings_at_their_times(segment: Segment) -> None:
-    observations, fewer = segment.observations, thinned(segment, EVERY).observations
+    observations, fewer = segment.observations, thinned(segment, FEWER).observations
     kept = {"wheel_time": 2, "wheel": 2, "gyro_time": 3, "gyro": 3, "pose_time": 4, "pose": 4}
     for name, every in kept.items():
         np.testing.assert_array_equal(getattr(fewer, name), getattr(observations, name)[::every])
@@ -32,7 +33,7 @@ def test_every_sensor_keeps_its_share_of_readings_at_their_times(segment: Segmen
 
 
 def test_a_new_beginning_is_kept_at_the_next_pose_used(segment: Segment) -> None:
-    begins = np.flatnonzero(thinned(segment, EVERY).observations.pose_use == RESTART)
+    begins = np.flatnonzero(thinned(segment, FEWER).observations.pose_use == RESTART)
     assert list(begins) == [0, 101]
 
 
@@ -42,11 +43,27 @@ def test_sensors_are_thinned_to_useful_rates_and_further_only_where_memory_asks_
     observations = segment.observations
     wheels, gyro, poses = (len(getattr(observations, f"{name}_time")) for name in ("wheel", "gyro", "pose"))
     readings = 2 * wheels + gyro + 3 * poses
-    assert share_used([segment]) == ALL
+    assert thinning_of([segment]) == ALL
     assert thinned(segment, ALL) is segment
+    slow = thinned(segment, Thinning(PerSensor(5, 1, 1)))
+    assert thinning_of([slow]) == ((1, 1, 1), 2)
     monkeypatch.setattr(thinning, "ENOUGH", readings - 1)
-    useful = share_used([segment])
-    assert useful == (2, 2, 1)  # 100, 100 and 25 Hz
+    assert thinning_of([segment]) == ((2, 2, 1), 2)  # 50, 50 and 25 Hz, in steps of 0.02 s
     left = wheels + gyro / 2 + 3 * poses
     monkeypatch.setattr(thinning, "MOST_READINGS", int(left / 2.5))
-    assert share_used([segment]) == (6, 6, 3)
+    assert thinning_of([segment]) == ((6, 6, 3), 2)
+
+
+def test_a_coarser_raster_covers_the_same_drive_and_holds_all_its_readings(segment: Segment) -> None:
+    rolling = segment.rolling
+    observations = rolling.observations
+    coarse = thinned(rolling, Thinning(PerSensor(1, 1, 1), 3)).observations
+    assert coarse.dt == pytest.approx(3 * observations.dt)
+    assert coarse.steps == observations.steps // 3
+    for name in ("wheel", "gyro", "pose"):
+        times, used = getattr(observations, f"{name}_time"), getattr(coarse, f"{name}_time")
+        np.testing.assert_array_equal(used, times[times <= coarse.seconds])
+        assert len(getattr(coarse, name)) == len(used)
+    # The wheels have turned as far at each border of the coarser raster.
+    turned = np.cumsum(observations.given, axis=0)[2::3] * observations.dt
+    np.testing.assert_allclose(np.cumsum(coarse.given, axis=0) * coarse.dt, turned, rtol=1e-9, atol=1e-9)

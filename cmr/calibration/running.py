@@ -17,7 +17,7 @@ from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.estimation import nominal_of
 from cmr.estimation.preparation import Ready, prepare
 from cmr.estimation.simulation_error import SimulationErrorProblem
-from cmr.estimation.thinning import ALL, PerSensor, thinned
+from cmr.estimation.thinning import PerSensor, Thinning, thinned
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
@@ -100,10 +100,9 @@ class RunningFit:
 
     def _prepared(self, recording: Recording, nominal: ParameterFile) -> Ready:
         """Return the recording ready to be fitted, with as many of its readings as there is time for."""
+        thinning = Thinning(PerSensor(self._every, self._every, self._every))
         looked = [
-            replace(
-                one, segments=tuple(thinned(segment, PerSensor(*[self._every] * len(ALL))) for segment in one.segments)
-            )
+            replace(one, segments=tuple(thinned(segment, thinning) for segment in one.segments))
             for one in looked_at([recording])
         ]
         ready = prepare(looked, nominal)

@@ -4,10 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cmr.estimation.free_runs import Fold, errors_of, joined
+from cmr.estimation.free_runs import Fold, errors_of
 from cmr.estimation.gains import COARSE, choose_gains
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import WHEELS
+from cmr.estimation.prediction import errors_of as prediction_errors_of
 from cmr.estimation.preparation import Ready
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, search
@@ -47,7 +48,7 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
         return found
     say("The model found calls for another observer: searching again ...")
     again = Problem(problem.predictors, gains, problem.excitation)
-    errors = [predictor.errors(ready.start, gains) for predictor in problem.predictors]
+    errors = prediction_errors_of(problem.predictors, ready.start, gains)
     base = again.fit(ready.start, names, Noise.plain(problem.predictors, errors), renew=0)
     return search(again, base, say)
 
@@ -68,7 +69,8 @@ def trusted(found: Search, ready: Ready) -> bool:
 def straying(found: Search) -> float:
     """Return the error of wheel speeds that run freely with the model found, as a share of what the speeds are."""
     segments = [predictor.segment for predictor in found.problem.predictors]
-    errors = joined(errors_of(segment, [Fold((dict(found.final.values),))])[0] for segment in segments)
+    fold = Fold((dict(found.final.values),))
+    (errors,) = errors_of(segments, [[fold]] * len(segments))
     speeds = [
         np.diff(observations.wheel, axis=0) / np.diff(observations.wheel_time)[:, None]
         for observations in (p.observations for p in segments)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cmr.estimation.noise import foretold
-from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Predictor
+from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Predictor, errors_of
 from cmr.model.observer import Gains
 from cmr.recordings.signal import Floats
 
@@ -36,7 +36,7 @@ def choose_gains(predictors: Sequence[Predictor], values: Mapping[str, float]) -
     interval = interval_of(predictors)
     tested = [(angle, USUAL_POSE) for angle in ANGLES] + [(USUAL_ANGLE, pose) for pose in POSES]
     lanes = Gains(*np.array([gains_at(angle, pose, interval) for angle, pose in tested]).T)
-    errors = [predictor.errors(values, lanes).of for predictor in predictors]
+    errors = [one.of for one in errors_of(predictors, values, lanes)]
     angle = _nearest(ANGLES, USUAL_ANGLE, _sizes(WHEELS, errors, slice(0, len(ANGLES))))
     pose = _nearest(POSES, USUAL_POSE, _sizes(POSE_SIGNALS, errors, slice(len(ANGLES), len(tested))))
     return gains_at(angle, pose, interval)

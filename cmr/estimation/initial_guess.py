@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.estimation.prediction import WHEELS, Predictor
+from cmr.estimation.prediction import WHEELS, Predictor, errors_of
 from cmr.model.observer import RESTART, Gains, Observations
 from cmr.recordings.signal import Floats
 
@@ -120,8 +120,7 @@ def guess_motor(predictors: Sequence[Predictor], values: dict[str, float]) -> di
     lanes = {**values, "k2_over_k3": (RATES / speeds[:, None]).ravel(), "k1": np.repeat(speeds, len(RATES))}
     shares = (1.0 / SPEEDS - 1.0 / SPEEDS[0]) / (1.0 / SPEEDS[-1] - 1.0 / SPEEDS[0])
     sums = np.zeros((len(SPEEDS), len(RATES)))
-    for predictor in predictors:
-        of = predictor.errors(lanes, FREE).of
+    for of in (one.of for one in errors_of(predictors, lanes, FREE)):
         told = WHEELS if any(name in of for name in WHEELS) else OF_POSES
         for errors in (of[name] for name in told if name in of):
             first, last = np.split(errors, 2, axis=1)

@@ -8,12 +8,13 @@ the ticks of the encoder leave open.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from cmr.estimation.nonnegative import nonnegative
-from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Errors, Predictor
+from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Batch, Errors, Indices, Predictor
 from cmr.model.compiled import compiled
 from cmr.model.observer import MOTION
 from cmr.recordings.signal import Floats
@@ -51,6 +52,16 @@ class SignalNoise:
     foreign: Floats
     sizes: tuple[Floats, ...]
 
+    def weights(self, first: int, last: int) -> Floats:
+        """Return one over the sizes in the segments from `first` to `last`, the latter not included, (n,)."""
+        inverse, ends = self._weights
+        return inverse[ends[first] : ends[last]]
+
+    @cached_property
+    def _weights(self) -> tuple[Floats, Indices]:
+        ends = np.cumsum([0, *(len(size) for size in self.sizes)])
+        return 1.0 / np.concatenate(self.sizes), ends
+
     def spans(self, name: str) -> tuple[int, ...]:
         """Return the spans [samples] of the past that are weighed, newest first; `name` is the signal's."""
         return SPANS[name][: len(self.past)]
@@ -66,7 +77,11 @@ class Noise:
     def found(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
         """Find the noise from the errors of the first candidate in each segment."""
         names = [name for name in SPANS if any(name in p.times for p in predictors)]
-        foreign = [np.stack([f[:, 0] for f in _foreign(p, e)]) for p, e in zip(predictors, errors, strict=True)]
+        batch = Batch(predictors)
+        poses = batch.ends[POSE_SIGNALS[0]]
+        first = [replace(one, of={name: of[:, :1] for name, of in one.of.items()}) for one in errors]
+        sums = np.stack([of[:, 0] for of in _foreign(batch, batch.joined(first))])
+        foreign = np.split(sums, poses[1:-1], axis=1)
         return cls({name: _found(name, predictors, errors, foreign) for name in names})
 
     @classmethod
@@ -87,10 +102,11 @@ class Noise:
 
         What a busy computer does to the stamps of a few readings would else count for more than all the others say.
         """
-        white = [self.white(number, *pair) for number, pair in enumerate(zip(predictors, errors, strict=True))]
+        batch = Batch(predictors)
+        white = self.all_white(batch, batch.joined(errors))[:, 0]
         result = {}
         for name, noise in self.of.items():
-            own = [segment[name][:, 0] if name in segment else np.empty(0) for segment in white]
+            own = [white[rows] for rows in batch.white_rows(name)]
             size = _size_of_most(np.concatenate(own))
             doubted = [np.sqrt(np.maximum(1.0, np.abs(one) / (LARGE * size))) for one in own]
             sizes = tuple(size * doubt * before for doubt, before in zip(doubted, noise.sizes, strict=True))
@@ -100,20 +116,26 @@ class Noise:
     def white(self, number: int, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
         """Return the errors of segment `number` made white, (n, C) by signal; the first, which have no past, are 0."""
         ends = np.cumsum([len(times) for times in predictor.times.values()])
-        return dict(zip(predictor.times, np.split(self.all_white(number, predictor, errors), ends[:-1]), strict=True))
+        white = self.all_white(Batch([predictor]), errors, number)
+        return dict(zip(predictor.times, np.split(white, ends[:-1]), strict=True))
 
-    def all_white(self, number: int, predictor: Predictor, errors: Errors) -> Floats:
-        """Return the errors of segment `number` made white, all signals below one another: shape (n, C)."""
+    def all_white(self, batch: Batch, errors: Errors, first: int = 0) -> Floats:
+        """Return the errors of a batch made white, shape (n, C): segment by segment and signal by signal.
+
+        Its segments are those from number `first` on.
+        """
         candidates = next(iter(errors.of.values())).shape[1]
-        result = np.empty((sum(len(times) for times in predictor.times.values()), candidates))
-        foreign = _foreign(predictor, errors) if any(np.any(self.of[name].foreign) for name in predictor.times) else []
-        end = 0
-        for name, times in predictor.times.items():
+        result = np.empty((batch.rows, candidates))
+        foreign = _foreign(batch, errors) if any(np.any(self.of[name].foreign) for name in batch.signals) else []
+        for name in batch.signals:
             noise, own = self.of[name], errors.of[name]
             if name in POSE_SIGNALS and np.any(noise.foreign):
                 own = own - sum(weight * other for weight, other in zip(noise.foreign, foreign, strict=True))
-            begin, end = end, end + len(times)
-            _whiten(own, noise.past, noise.spans(name), 1.0 / noise.sizes[number], result[begin:end])
+            weights = noise.weights(first, first + len(batch.predictors))
+            whiten(
+                np.ascontiguousarray(own), batch.ends[name], *_sums(noise.past, noise.spans(name)), weights,
+                batch.at[name], result,
+            )  # fmt: skip
         return result
 
 
@@ -273,64 +295,71 @@ def _acceleration(motion: Floats, dt: float) -> Floats:
     return np.maximum(change[1:], change[:-1])[:, None]
 
 
-def _foreign(predictor: Predictor, errors: Errors) -> list[Floats]:
-    """Return what foretells the errors of poses, (poses, C) each: sums of others' errors since the pose before."""
-    times = predictor.segment.observations.pose_time
+def _foreign(batch: Batch, errors: Errors) -> list[Floats]:
+    """Return the sums of other signals' errors since the pose before, (poses, C) each; 0 for a segment's first pose."""
     candidates = next(iter(errors.of.values())).shape[1]
-    return [_since_before(predictor, errors, other, times, candidates) for other in FOREIGN]
-
-
-def _since_before(predictor: Predictor, errors: Errors, other: str, times: Floats, candidates: int) -> Floats:
-    """Return the sums (n, C) of a signal's errors since the time before; 0 for the first."""
-    result = np.zeros((len(times), candidates))
-    if other in predictor.times:
-        at = np.searchsorted(predictor.times[other], times, side="right")
-        add_between(np.ascontiguousarray(errors.of[other]), at, result)
+    poses = batch.ends[POSE_SIGNALS[0]]
+    result = []
+    for name in FOREIGN:
+        sums = np.zeros((int(poses[-1]), candidates))
+        if name in batch.signals and len(sums):
+            add_between(np.ascontiguousarray(errors.of[name]), batch.before_poses[name], poses, sums)
+        result.append(sums)
     return result
 
 
-@compiled("void(f8[:, ::1], i8[::1], f8[:, ::1])")
-def add_between(errors, at, result):  # type: ignore[no-untyped-def]
-    """Add the rows of errors between each row number `at` and the one before."""
-    for index in range(1, len(at)):
-        for row in range(at[index - 1], at[index]):
-            for column in range(errors.shape[1]):
-                result[index, column] += errors[row, column]
+@compiled("void(f8[:, ::1], i8[::1], i8[::1], f8[:, ::1])")
+def add_between(errors, at, ends, result):  # type: ignore[no-untyped-def]
+    """Add the rows of errors between each row number `at` and the one before, within segments that end at `ends`."""
+    for segment in range(len(ends) - 1):
+        for index in range(ends[segment] + 1, ends[segment + 1]):
+            for row in range(at[index - 1], at[index]):
+                for column in range(errors.shape[1]):
+                    result[index, column] += errors[row, column]
 
 
-def _whiten(errors: Floats, past: Floats, spans: Sequence[int], weights: Floats, result: Floats) -> None:
-    """Write the errors (n, C) of one signal made white; the first, without past, become 0."""
+def _sums(past: Floats, spans: Sequence[int]) -> tuple[Floats, Indices]:
+    """Return shares of sums of all errors up to so many before each, which weigh its `past`; see `whiten`."""
     # A sum over a span is the difference of the sums of all errors up to its ends. Four ends are taken at once.
     count = len(spans) + 1
-    shares, ends = np.zeros(count + -count % 4), np.zeros(count + -count % 4, np.int64)
+    shares, before = np.zeros(count + -count % 4), np.zeros(count + -count % 4, np.int64)
     shares[: count - 1] = past
     shares[1:count] -= past
-    ends[1:count] = np.cumsum(spans)
-    whiten(np.ascontiguousarray(errors), shares, ends, weights, result)
+    before[1:count] = np.cumsum(spans)
+    return shares, before
 
 
-@compiled("void(f8[:, ::1], f8[::1], i8[::1], f8[::1], f8[:, ::1])")
-def whiten(errors, shares, ends, weights, result):  # type: ignore[no-untyped-def]
-    """Subtract shares of the sums of all errors up to so many before each, and weigh what remains."""
-    count, candidates = errors.shape
-    longest = np.max(ends)
+@compiled("void(f8[:, ::1], i8[::1], f8[::1], i8[::1], f8[::1], i8[::1], f8[:, ::1])")
+def whiten(errors, ends, shares, before, weights, at, result):  # type: ignore[no-untyped-def]
+    """Write the errors (n, C) of one signal made white, those of each segment from row `at` of the result on.
+
+    Segments end at the rows `ends`. Subtracted are `shares` of the sums of all errors of the segment up to so many
+    `before` each, and what remains is weighed. The first, which have no past, become 0.
+    """
+    candidates = errors.shape[1]
+    longest = np.max(before)
     kept = 1
     while kept <= longest:  # a power of two: its remainders are the last bits
         kept *= 2
     last_bits = kept - 1
-    sums = np.zeros((kept, candidates))  # in turn: that up to `row`, itself not included, stands at its remainder
-    for row in range(count):
-        weight = weights[row] if row >= longest else 0.0
-        for column in range(candidates):
-            result[row, column] = weight * errors[row, column]
-        if row >= longest:
-            for index in range(0, len(ends), 4):
-                one, two = weight * shares[index], weight * shares[index + 1]
-                three, four = weight * shares[index + 2], weight * shares[index + 3]
-                first, second = sums[(row - ends[index]) & last_bits], sums[(row - ends[index + 1]) & last_bits]
-                third, fourth = sums[(row - ends[index + 2]) & last_bits], sums[(row - ends[index + 3]) & last_bits]
-                for i in range(candidates):
-                    result[row, i] -= one * first[i] + two * second[i] + three * third[i] + four * fourth[i]
-        last, newest = sums[row & last_bits], sums[(row + 1) & last_bits]
-        for column in range(candidates):
-            newest[column] = last[column] + errors[row, column]
+    sums = np.empty((kept, candidates))  # in turn: that up to `row`, itself not included, stands at its remainder
+    for segment in range(len(ends) - 1):
+        begin, count = ends[segment], ends[segment + 1] - ends[segment]
+        sums[:] = 0.0
+        for row in range(count):
+            there = at[segment] + row
+            weight = weights[begin + row] if row >= longest else 0.0
+            for column in range(candidates):
+                result[there, column] = weight * errors[begin + row, column]
+            if row >= longest:
+                for index in range(0, len(before), 4):
+                    one, two = weight * shares[index], weight * shares[index + 1]
+                    three, four = weight * shares[index + 2], weight * shares[index + 3]
+                    first, second = sums[(row - before[index]) & last_bits], sums[(row - before[index + 1]) & last_bits]
+                    third = sums[(row - before[index + 2]) & last_bits]
+                    fourth = sums[(row - before[index + 3]) & last_bits]
+                    for i in range(candidates):
+                        result[there, i] -= one * first[i] + two * second[i] + three * third[i] + four * fourth[i]
+            last, newest = sums[row & last_bits], sums[(row + 1) & last_bits]
+            for column in range(candidates):
+                newest[column] = last[column] + errors[begin + row, column]

@@ -3,16 +3,19 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from cmr.estimation.segments import Segment
+from cmr.estimation.segments import Segment, continued
+from cmr.model.drives import Drives
 from cmr.model.observer import RESTART, Gains, Observer
-from cmr.recordings.signal import Floats
+from cmr.recordings.signal import Floats, Mask
 
 SIGNALS = ("psi_left", "psi_right", "yaw_rate", "forward", "sideways", "heading")
 WHEELS, POSE_SIGNALS = SIGNALS[:2], SIGNALS[3:]
+Indices = np.typing.NDArray[np.int64]
 FREE = Gains(0.0, 0.0, 0.0, 0.0)  # nothing is followed
 
 
@@ -29,28 +32,24 @@ class Errors:
 
 
 class Predictor:
-    """Foretells a recorded segment, sample by sample, with many candidate parameters at once."""
+    """What the errors of one recorded segment are: when they arise, and how well each reading is known."""
 
     def __init__(self, segment: Segment) -> None:
         self.segment = segment
         observations = segment.observations
-        used = {"psi_left": observations.wheel_use[:, 0] > 0, "psi_right": observations.wheel_use[:, 1] > 0}
-        self._wheels_foretold = len(observations.given) == 0
-        self._used = used
-        self._rests_on = {
-            name: 1 + np.flatnonzero(np.diff(observations.wheel[used[name], side]) == 0.0)
+        self.used = {name: observations.wheel_use[:, side] > 0 for side, name in enumerate(WHEELS)}
+        self.rests_on = {
+            name: 1 + np.flatnonzero(np.diff(observations.wheel[self.used[name], side]) == 0.0)
             for side, name in enumerate(WHEELS)
         }
-        self._restarts = observations.pose_use == RESTART
-        self._cosine, self._sine = np.cos(observations.pose[:, 2])[:, None], np.sin(observations.pose[:, 2])[:, None]
 
     @cached_property
     def times(self) -> dict[str, Floats]:
         """When each error arises [s since the segment's beginning], by signal, shape (n,)."""
         observations = self.segment.observations
         times = {"yaw_rate": observations.gyro_time, **dict.fromkeys(POSE_SIGNALS, observations.pose_time)}
-        if self._wheels_foretold:
-            times |= {name: observations.wheel_time[used] for name, used in self._used.items()}
+        if not len(observations.given):
+            times |= {name: observations.wheel_time[used] for name, used in self.used.items()}
         return {name: times[name] for name in SIGNALS if name in times and len(times[name])}
 
     @cached_property
@@ -58,44 +57,17 @@ class Predictor:
         """Standard deviation [rad] that the encoder's ticks leave of each of its errors, (n,); of other signals 0."""
         columns = {"psi_left": 0, "psi_right": 1}
         return {
-            name: self.segment.wheel_doubt[self._used[name], columns[name]] if name in columns else np.zeros(len(times))
+            name: self.segment.wheel_doubt[self.used[name], columns[name]] if name in columns else np.zeros(len(times))
             for name, times in self.times.items()
         }
 
-    def errors(self, values: Mapping[str, Any], gains: Gains, **luck: Any) -> Errors:
-        """Return the prediction errors; `values` by name are numbers or arrays (C,), `luck` is as in `observe`."""
-        return self.errors_of(Observer(values, gains), **luck)
-
-    def errors_of(self, observer: Observer, **luck: Any) -> Errors:
-        """Return the prediction errors of an observer's candidates; `luck` is as in `observe`."""
-        innovations = observer.observe(self.segment.observations, **luck)
-        east, north = innovations.pose[:, 0], innovations.pose[:, 1]
-        with np.errstate(invalid="ignore"):  # a candidate that makes no sense may lose its way altogether
-            forward, sideways = self._cosine * east + self._sine * north, self._cosine * north - self._sine * east
-        of = {
-            "psi_left": innovations.wheel[self._used["psi_left"], 0],
-            "psi_right": innovations.wheel[self._used["psi_right"], 1],
-            "yaw_rate": innovations.gyro,
-            "forward": forward,
-            "sideways": sideways,
-            "heading": innovations.pose[:, 2],
-        }
-        for name in POSE_SIGNALS:
-            of[name][self._restarts] = 0.0  # there was nothing to foretell such a pose from
-        return Errors({name: of[name] for name in self.times}, innovations.motion)
+    def errors(self, values: Mapping[str, Any], gains: Gains) -> Errors:
+        """Return the prediction errors; `values` by name are numbers or arrays (C,)."""
+        return Batch([self]).errors(Observer(values, gains))
 
     def told_once(self, errors: Errors, gains: Gains) -> Errors:
-        """Return the errors, but for what is left of a wheel's in the further readings of one rest.
-
-        They all say the same: where the wheel stands is told once, and the observer with these gains believes a part of
-        it each time. What is new in them is whether the wheel was to move.
-        """
-        of = dict(errors.of)
-        for name, again in self._rests_on.items():
-            if name in of and len(again):
-                of[name] = of[name].copy()
-                of[name][again] -= (1.0 - gains.angle) * errors.of[name][again - 1]
-        return replace(errors, of=of, followed=gains)
+        """Return the errors with each rest of a wheel counted once; see `Batch.told_once`."""
+        return _told_once(errors, gains, self.rests_on)
 
     def motion_at(self, motion: Floats, signal: str) -> Floats:
         """Return how the robot moved when each error of a signal arose, shape (n, columns of MOTION)."""
@@ -103,6 +75,140 @@ class Predictor:
             np.round(self.times[signal] / self.segment.observations.dt).astype(np.int64), len(motion) - 1
         )
         return np.asarray(motion[index], np.float64)
+
+
+class Batch:
+    """Segments that are predicted together: one call of the observer for all, and errors of all in one array a signal.
+
+    Rows of a signal stand segment by segment; `ends[name]` (K + 1,) tells where those of each of K segments end.
+    White errors, of all signals, stand segment by segment and signal by signal: there those of a signal begin at the
+    rows `at[name]` (K,), of `rows` in all.
+    """
+
+    def __init__(self, predictors: Sequence[Predictor]) -> None:
+        self.predictors = tuple(predictors)
+        counts = np.array([[len(one.times.get(name, ())) for name in SIGNALS] for one in predictors], np.int64)
+        begins = np.cumsum(counts).reshape(counts.shape) - counts
+        self.rows = int(counts.sum())
+        self.signals = tuple(name for name, count in zip(SIGNALS, counts.sum(axis=0), strict=True) if count)
+        self.ends = {name: _ends(counts[:, SIGNALS.index(name)]) for name in SIGNALS}
+        self.at = {name: np.ascontiguousarray(begins[:, SIGNALS.index(name)]) for name in SIGNALS}
+        self._borders = _ends([one.segment.observations.steps + 1 for one in predictors])
+
+    def errors(self, observer: Observer) -> Errors:
+        """Return the prediction errors of an observer's candidates in all segments."""
+        if len(self._of_one_kind) > 1:
+            return self.joined([batch.errors(observer) for batch in self._of_one_kind])
+        innovations = observer.observe_all(self._drives)
+        east, north = innovations.pose[:, 0], innovations.pose[:, 1]
+        with np.errstate(invalid="ignore"):  # a candidate that makes no sense may lose its way altogether
+            forward, sideways = self._cosine * east + self._sine * north, self._cosine * north - self._sine * east
+        of = {"yaw_rate": innovations.gyro, "forward": forward, "sideways": sideways, "heading": innovations.pose[:, 2]}
+        for name in POSE_SIGNALS:
+            of[name][self._restarts] = 0.0  # nothing before such a pose tells of it
+        for side, name in enumerate(WHEELS):
+            of[name] = innovations.wheel[self._used[name], side]
+        return Errors({name: of[name] for name in self.signals}, innovations.motion)
+
+    def told_once(self, errors: Errors, gains: Gains) -> Errors:
+        """Return the errors, but for what is left of a wheel's in the further readings of one rest.
+
+        They all say the same: a wheel that rests stands in one place, and the observer with these gains follows a part
+        of it each time. What is new in them is whether the wheel was to move.
+        """
+        return _told_once(errors, gains, self._rests_on)
+
+    def split(self, errors: Errors) -> list[Errors]:
+        """Return the errors of each segment."""
+        return [
+            replace(
+                errors,
+                of={name: errors.of[name][self.ends[name][k] : self.ends[name][k + 1]] for name in predictor.times},
+                motion=errors.motion[self._borders[k] : self._borders[k + 1]],
+            )
+            for k, predictor in enumerate(self.predictors)
+        ]
+
+    def joined(self, errors: Sequence[Errors]) -> Errors:
+        """Return the errors of all segments, or of parts of the batch one after another, as those of one batch."""
+        if len(errors) == 1:
+            return errors[0]
+        of = {name: np.concatenate([one.of[name] for one in errors if name in one.of]) for name in self.signals}
+        return replace(errors[0], of=of, motion=np.concatenate([one.motion for one in errors]))
+
+    @cached_property
+    def before_poses(self) -> dict[str, Indices]:
+        """In which rows the errors of each signal end that arise before each pose, (poses,)."""
+        result = {}
+        for name in self.signals:
+            rows = [np.empty(0, np.int64)]
+            for one, first in zip(self.predictors, self.ends[name], strict=False):
+                poses = one.times.get(POSE_SIGNALS[0], np.empty(0))
+                rows.append(first + np.searchsorted(one.times.get(name, np.empty(0)), poses, side="right"))
+            result[name] = np.concatenate(rows).astype(np.int64)
+        return result
+
+    def white_rows(self, name: str) -> list[slice]:
+        """Return in which rows of the white errors those of a signal stand, segment by segment."""
+        counts = np.diff(self.ends[name])
+        return [slice(int(at), int(at + count)) for at, count in zip(self.at[name], counts, strict=True)]
+
+    @cached_property
+    def _of_one_kind(self) -> list["Batch"]:
+        """The batch in parts that have commands, or have none."""
+        kinds = [list(group) for _, group in groupby(self.predictors, lambda p: len(p.segment.observations.given) > 0)]
+        return [self] if len(kinds) == 1 else [Batch(group) for group in kinds]
+
+    @cached_property
+    def _drives(self) -> Drives:
+        segments = [one.segment for one in self.predictors]
+        return Drives.of([one.observations for one in segments], continued(segments))
+
+    @cached_property
+    def _used(self) -> dict[str, Mask]:
+        return {name: np.concatenate([one.used[name] for one in self.predictors]) for name in WHEELS}
+
+    @cached_property
+    def _rests_on(self) -> dict[str, Indices]:
+        return {
+            name: np.concatenate(
+                [one.rests_on[name] + self.ends[name][k] for k, one in enumerate(self.predictors) if name in one.times]
+            )
+            for name in WHEELS
+            if name in self.signals
+        }
+
+    @cached_property
+    def _restarts(self) -> Mask:
+        return np.asarray(self._drives.pose_use == RESTART)
+
+    @cached_property
+    def _cosine(self) -> Floats:
+        return np.cos(self._drives.pose[:, 2])[:, None]
+
+    @cached_property
+    def _sine(self) -> Floats:
+        return np.sin(self._drives.pose[:, 2])[:, None]
+
+
+def errors_of(predictors: Sequence[Predictor], values: Mapping[str, Any], gains: Gains) -> list[Errors]:
+    """Return the prediction errors in each segment; `values` by name are numbers or arrays (C,)."""
+    batch = Batch(predictors)
+    return batch.split(batch.errors(Observer(values, gains)))
+
+
+def _told_once(errors: Errors, gains: Gains, rests_on: Mapping[str, Indices]) -> Errors:
+    of = dict(errors.of)
+    for name, again in rests_on.items():
+        if name in of and len(again):
+            of[name] = of[name].copy()
+            of[name][again] -= (1.0 - gains.angle) * errors.of[name][again - 1]
+    return replace(errors, of=of, followed=gains)
+
+
+def _ends(counts: Sequence[int] | Indices) -> Indices:
+    """Return where each of K parts ends, (K + 1,), with 0 before."""
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def predictors(segments: Sequence[Segment]) -> list[Predictor]:

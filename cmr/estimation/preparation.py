@@ -11,9 +11,9 @@ from cmr.estimation.gains import choose_gains
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.initial_guess import guess_base_width, guess_motor, turn_rates
 from cmr.estimation.noise import Noise
-from cmr.estimation.prediction import Errors, Predictor, predictors
+from cmr.estimation.prediction import Errors, Predictor, errors_of, predictors
 from cmr.estimation.problem import Problem
-from cmr.estimation.thinning import ALL, share_used, thinned
+from cmr.estimation.thinning import thinned, thinning_of
 from cmr.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.command_kinds import DUTY
@@ -85,18 +85,18 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
     if refused:
         return Ready(None, None, checks, notes, refused)
     segments = [segment for one in looked if not one.useless for segment in one.segments]
-    every = share_used(segments)
-    if every != ALL:
-        parts = [f"one of {one} readings of the {name}" for name, one in every._asdict().items() if one > 1]
+    thinning = thinning_of(segments)
+    parts = [f"one of {one} readings of the {name}" for name, one in thinning.readings._asdict().items() if one > 1]
+    if parts:
         notes += (THINNED.format(shares=", ".join(parts)),)
-    ready = predictors([thinned(segment, every) for segment in segments])
+    ready = predictors([thinned(segment, thinning) for segment in segments])
     start = _start(ready, nominal)
     notes += start.notes
     refused = start.refused or _contradiction(ready, start.values["wheel_radius"])
     if refused:
         return Ready(None, None, checks, notes, refused)
     gains = choose_gains(ready, start.values)
-    errors = [predictor.errors(start.values, gains) for predictor in ready]
+    errors = errors_of(ready, start.values, gains)
     excitation = replace(_excitation(ready, start.values, errors), poses_late=_poses_late(looked))
     problem = Problem(ready, gains, excitation)
     base = problem.fit(start.values, start.names, Noise.plain(ready, errors), renew=0)

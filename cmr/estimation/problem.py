@@ -23,7 +23,7 @@ from cmr.estimation.gauss_newton import (
     sums_of_squares,
 )
 from cmr.estimation.noise import Noise
-from cmr.estimation.prediction import WHEELS, Errors, Predictor
+from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.compiled import compiled
 from cmr.model.effect import Effect
@@ -65,12 +65,15 @@ class Problem:
 
     def errors(self, values: Mapping[str, object]) -> list[Errors]:
         """Return the prediction errors in each segment; `values` are numbers or arrays (C,)."""
-        observer = Observer(values, self.gains)
-        return [one.told_once(one.errors_of(observer), self.gains) for one in self.predictors]
+        return self.batch.split(self.joint_errors(values))
+
+    def joint_errors(self, values: Mapping[str, object]) -> Errors:
+        """Return the prediction errors in all segments of the batch."""
+        return self.batch.told_once(self.batch.errors(Observer(values, self.gains)), self.gains)
 
     def white(self, values: Mapping[str, object], noise: Noise) -> Floats:
         """Return all prediction errors made white and tempered, shape (n, C)."""
-        white = self.made_white(self.errors(values), noise)
+        white = self._counted_white(self.joint_errors(values), noise)
         temper(white.reshape(-1), LARGE)
         return white
 
@@ -80,14 +83,18 @@ class Problem:
 
     def made_white(self, errors: Sequence[Errors], noise: Noise) -> Floats:
         """Return prediction errors made white, shape (n, C), segment by segment and signal by signal."""
-        parts = [
-            noise.all_white(number, predictor, error)
-            for number, (predictor, error) in enumerate(zip(self.predictors, errors, strict=True))
-        ]
-        white = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return self._counted_white(self.batch.joined(errors), noise)
+
+    def _counted_white(self, errors: Errors, noise: Noise) -> Floats:
+        white = noise.all_white(self.batch, errors)
         if self._counted is not None:
             white[~self._counted] = 0.0
         return white
+
+    @cached_property
+    def batch(self) -> Batch:
+        """All segments, to be predicted together."""
+        return Batch(self.predictors)
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:

@@ -12,6 +12,7 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 from cmr.recordings.time_checks import held_up
 from cmr.recordings.wheel_angles import wheel_angles
+from cmr.recordings.wheel_checks import motion_of
 
 STEP = 0.01  # s of the raster
 LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is foretold
@@ -20,6 +21,8 @@ LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing
 LONGEST_UNTOLD, LONGEST_UNTOLD_PERIODS = 0.05, 5.0
 LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
 SHORTEST_PIECE = 1.0  # s
+# s before the first motion and after the last one that are used: they tell the gyro's bias as well as its drift lets.
+LONGEST_STAND = 10.0
 EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
 SIDES = ("left", "right")
@@ -60,17 +63,29 @@ class Segment:
         return replace(self, observations=replace(self.observations, commands=commands))
 
 
+def continued(segments: Sequence[Segment]) -> list[bool]:
+    """Tell of each segment whether it goes on with the recording of the one before, after a gap."""
+    before = [None, *(one.recording for one in segments[:-1])]
+    return [one.recording == last for one, last in zip(segments, before, strict=True)]
+
+
 def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
-    """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins anew."""
+    """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins anew.
+
+    Of a rest at the beginning or at the end only LONGEST_STAND is used.
+    """
     sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [recording.poses]
     first = max(int(signal.utime[0]) for signal in sources)
     last = min(int(signal.utime[-1]) for signal in sources)
-    borders = [first, *(time for gap in _breaks(recording, sources) for time in gap), last]
-    spans = zip(borders[::2], borders[1::2], strict=True)
+    borders = np.array([first, *(time for gap in _breaks(recording, sources) for time in gap), last])
+    motion = motion_of(recording)
+    if motion:
+        stand = round(LONGEST_STAND / SECONDS)
+        borders = np.clip(borders, motion[0] - stand, motion[1] + stand)
     tick = _tick(recording.wheels)
     return [
         _segment(recording, begin, end, first, splits, number, tick)
-        for begin, end in spans
+        for begin, end in borders.reshape(-1, 2).tolist()
         if (end - begin) * SECONDS >= SHORTEST_PIECE
     ]
 

@@ -17,7 +17,7 @@ from cmr.estimation.candidates import Excitation, driving_parameters, lanes_of
 from cmr.estimation.gains import interval_of
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import FOREIGN, LEAST_SIZE, SPANS, Noise, SignalNoise, size_found
-from cmr.estimation.prediction import WHEELS, Errors, Predictor
+from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem, nearer_to_neutral
 from cmr.model.observer import MOTION, Gains, Observer
 from cmr.model.parameters import DEFINITIONS as PAPER
@@ -40,19 +40,16 @@ class SimulationErrorProblem(Problem):
 
     def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation) -> None:
         super().__init__(predictors, gains, excitation)
-        self._rolling = [Predictor(predictor.segment.rolling) for predictor in predictors]
+        self._rolling = Batch([Predictor(predictor.segment.rolling) for predictor in predictors])
         self._free = Gains(min(1.0, interval_of(predictors) / MEMORY), 0.0, gains.position, gains.theta)
 
-    def errors(self, values: Mapping[str, Any]) -> list[Errors]:
+    def joint_errors(self, values: Mapping[str, Any]) -> Errors:
         """Return the errors of wheels that run freely, and of gyro and pose beside wheels as they were measured."""
-        of_pose, of_wheels = Observer(_of_rolling(values), self.gains), Observer(values, self._free)
-        result = []
-        for predictor, rolling in zip(self.predictors, self._rolling, strict=True):
-            rolled = rolling.errors_of(of_pose)
-            wheels = predictor.errors_of(of_wheels).of if any(name in predictor.times for name in WHEELS) else {}
-            both = {**wheels, **rolled.of}
-            result.append(Errors({name: both[name] for name in predictor.times}, rolled.motion))
-        return result
+        rolled = self._rolling.errors(Observer(_of_rolling(values), self.gains))
+        wheels = any(name in self.batch.signals for name in WHEELS)
+        driven = self.batch.errors(Observer(values, self._free)).of if wheels else {}
+        both = {**driven, **rolled.of}
+        return Errors({name: both[name] for name in self.batch.signals}, rolled.motion)
 
     def found(self, errors: Sequence[Errors]) -> Noise:
         """Return the noise that the errors of the first candidate in each segment show: how large, and how lasting.

@@ -73,6 +73,19 @@ def fill_profile(time, duty, dt, delay, profile):  # type: ignore[no-untyped-def
             _average(row, time, duty, dt, delay, step, first, number)
 
 
+@compiled("void(f8[::1], f8[:, ::1], i8[::1], f8, f8, i8[::1], f8[:, ::1])")
+def fill_profiles(time, duty, ends, dt, delay, steps, profile):  # type: ignore[no-untyped-def]
+    """Write the profiles of several drives, one after another; see `Commands.profile`.
+
+    `ends` and `steps` (K + 1,) tell where each drive's commands and steps end; a drive without commands is left as is.
+    """
+    for drive in range(len(steps) - 1):
+        first, last = ends[drive], ends[drive + 1]
+        if last > first:
+            of_drive = profile[steps[drive] : steps[drive + 1]]
+            fill_profile(time[first:last], duty[first:last], dt, delay, of_drive)
+
+
 @inlined
 def _average(row, time, duty, dt, delay, step, first, last):  # type: ignore[no-untyped-def]
     """Write means of the duties before and behind the split of a step in which several commands come."""

@@ -81,6 +81,11 @@ class Candidates:
         differ = np.any(self._rows != self._rows[:1, :, :1], axis=(0, 2))
         self._places = own + np.flatnonzero(differ[own:])
 
+    @property
+    def rows(self) -> Floats:
+        """All rows of all blocks, flat: robots that stand at the origin, without memory yet; not to be written to."""
+        return self._rows.reshape(-1)
+
     def begun(self, start: Sequence[Floats] | Floats, time: float) -> "Blocks":
         """Return the robots at these states: x, y, theta and both psi, each (count,)."""
         rows = self._rows.copy()

@@ -11,6 +11,7 @@ have said. Many candidate parameters are observed at once, one to a lane.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from itertools import groupby, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,8 +22,9 @@ from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.command_kinds import DUTY
 from cmr.model.commands import Commands, fixed_delays
 from cmr.model.compose import CHANGED, LANES
+from cmr.model.drives import Drives
 from cmr.model.evaluating import mean_radii, slip_time
-from cmr.model.extended import Candidates, ExtendedModel, composed_module, model_of
+from cmr.model.extended import START, Candidates, ExtendedModel, composed_module, model_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.statements import SIDES, Statements
 
@@ -36,6 +38,7 @@ OF_MODEL = (
     *("X", "Y", "THETA", "PSI_LEFT", "PSI_RIGHT", "ANGLE_LEFT", "ANGLE_RIGHT", "COMMAND_LEFT", "COMMAND_RIGHT"),
     *("LEFT_BEFORE", "RIGHT_BEFORE"),
     *(
+        "TIME",
         "DT",
         "KEPT_END",
         "COEFFICIENTS_END",
@@ -45,8 +48,10 @@ OF_MODEL = (
         "LANES",
         "ABREAST",
         "OWN",
+        "SIZE",
+        "LASTING",
     ),
-    *("advance", "prepare", "prepare_each", "send"),
+    *("advance", "prepare", "prepare_each", "send", "start"),
 )
 # What the compiled observer keeps of each candidate beside the model's rows: what changes, and then what is given. They
 # are rows of one array, as the model's are: only so does the compiler see that none overlap, and vectorises.
@@ -162,33 +167,48 @@ class Observer:
         self, observations: Observations, *, seed: int = 0, luck: NDArray[np.int64] | None = None
     ) -> Innovations:
         """Observe a drive; see `observe`."""
+        return self.observe_all(Drives.of([observations]), seed=seed, luck=luck)
+
+    def observe_each(self, observations: Sequence[Observations], continued: Sequence[bool]) -> list[Innovations]:
+        """Observe several drives, with or without commands; `continued` is that of `Drives`."""
+        result: list[Innovations] = []
+        for _, numbers in groupby(range(len(observations)), lambda number: len(observations[number].given) > 0):
+            group = list(numbers)
+            drives = Drives.of([observations[k] for k in group], [continued[k] for k in group])
+            result += _split(self.observe_all(drives), drives)
+        return result
+
+    def observe_all(self, drives: Drives, *, seed: int = 0, luck: NDArray[np.int64] | None = None) -> Innovations:
+        """Observe several drives; what comes back has the rows of each, one drive after another.
+
+        Either all drives have commands or none has. Each has the same `seed` and `luck`; see `observe`.
+        """
         count = self._count
-        start = [np.full(count, value) for value in observations.start]
-        blocks = (
-            self._rolling.begun(start, observations.time)
-            if len(observations.given)
-            else self._driven.begun(start, observations.time)
-        )
+        candidates = self._rolling if len(drives.given) else self._driven
+        blocks = candidates.begun(np.zeros((len(START), count)), 0.0)
         delays = fixed_delays(self._values)
         ring, chosen = 0, np.zeros(len(self._lanes), np.int64)
         if delays is None:
-            ring = self._model.packets_under_way(self._values, np.full(observations.steps, observations.dt))
+            longest = int(np.max(np.diff(drives.ends.steps)))
+            ring = self._model.packets_under_way(self._values, np.full(longest, drives.dt))
             chosen = chosen if luck is None else np.asarray(luck, np.int64)[self._lanes]
             delays = np.zeros(1)
-        delays, which = np.unique(np.broadcast_to(delays, self._count), return_inverse=True)
-        profiles = [observations.commands.profile(observations.dt, observations.steps, float(one)) for one in delays]
+        delays, which = np.unique(np.broadcast_to(delays, count), return_inverse=True)
+        profiles = np.stack([drives.profile(float(delay)) for delay in delays])
         profile = np.ascontiguousarray(which.ravel()[self._lanes])
         result = Innovations(
-            np.empty((len(observations.wheel_time), 2, count)),
-            np.empty((len(observations.gyro_time), count)),
-            np.empty((len(observations.pose_time), 3, count)),
-            np.empty((observations.steps + 1, len(MOTION))),
+            np.empty((len(drives.wheel_time), 2, count)),
+            np.empty((len(drives.gyro_time), count)),
+            np.empty((len(drives.pose_time), 3, count)),
+            np.empty((drives.steps + len(drives.start), len(MOTION))),
         )
-        o = observations
-        _module(self._model, o.dt).observe(
-            *blocks.arguments, count, np.stack(profiles), profile, o.dt, ring, seed, chosen, o.given,
-            self._numbers, o.time, o.wheel_time, o.wheel, o.wheel_use,
-            o.gyro_time, o.gyro, o.pose_time, o.pose, o.pose_use, *result,
+        ends = drives.ends
+        _module(self._model, drives.dt).observe(
+            candidates.rows.copy(), *blocks.arguments, count, profiles, profile, drives.dt, ring, seed, chosen,
+            self._numbers,
+            drives.start, drives.began, drives.continued, ends.steps, ends.wheel, ends.gyro, ends.pose, ends.given,
+            drives.given, drives.wheel_time, drives.wheel, drives.wheel_use,
+            drives.gyro_time, drives.gyro, drives.pose_time, drives.pose, drives.pose_use, *result,
         )  # fmt: skip
         return result
 
@@ -209,6 +229,17 @@ class Observer:
     def _each(self, value: Any) -> Floats:
         """Return a number, or one for each candidate, as an array (C,)."""
         return np.broadcast_to(np.asarray(value, np.float64), self._count)
+
+
+def _split(innovations: Innovations, drives: Drives) -> list[Innovations]:
+    """Return the innovations of each drive."""
+    ends = drives.ends
+    borders = ends.steps + np.arange(len(ends.steps))
+    spans = [pairwise(rows.tolist()) for rows in (ends.wheel, ends.gyro, ends.pose, borders)]
+    return [
+        Innovations(*(rows[first:last] for rows, (first, last) in zip(innovations, of_drive, strict=True)))
+        for of_drive in zip(*spans, strict=True)
+    ]
 
 
 @cache
@@ -238,7 +269,7 @@ def _source(model: ExtendedModel, history: int) -> str:
     """Return the source of the observer with all effects of the catalogue."""
     loops = observer_loops.LOOPS
     for place, lines in _sensor_lines().items():
-        loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 20}{line}\n" for line in lines))
+        loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
     rows = (*CHANGING, *GIVEN, *_sensor_parameters())
     constants = {
         "HISTORY": history,

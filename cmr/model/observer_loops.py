@@ -37,16 +37,21 @@ def known(duty, held):
 
 
 @compiled(
-    "void(f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1], f8[:, ::1],"
-    "f8, f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
+    "void(f8[::1], f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
+    "f8[:, ::1], f8[::1], u1[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
+    "f8[:, ::1], f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
     "f8[:, :, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])"
 )
 def observe(
-    rows, work, varying, robots, commands, profile, dt, ring, seed, luck, given, numbers,
-    began, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
+    at_rest, rows, work, varying, robots, commands, profile, dt, ring, seed, luck, numbers,
+    starts, begins, continued, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
+    given, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
     wheel_error, gyro_error, pose_error, motion,
 ):
-    """See `cmr.model.observer.observe`, which prepares the arguments."""
+    """Observe K drives, one after another; see `cmr.model.observer.observe`, which prepares the arguments.
+
+    `at_rest` are the blocks with all rows, from which each drive starts.
+    """
     stride = OWN + len(varying) * LANES
     packets = np.empty(ring * 3 * LANES)
     duty = np.empty((2, LANES))
@@ -57,273 +62,292 @@ def observe(
         index = luck[block * LANES : (block + 1) * LANES]
         lanes = min(LANES, robots - block * LANES)
         filled = (lanes + ABREAST - 1) // ABREAST * ABREAST
+        begun = at_rest[block * SIZE : (block + 1) * SIZE]
         prepare(here, stride, dt)
         whole = here[DT:COEFFICIENTS_END].copy()
         before, behind = whole.copy(), whole.copy()
         shares, turning, growing = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
-        next_wheel, next_gyro, next_pose = 0, 0, 0
-        own[:GAIN_ANGLE] = 0.0
         for i in range(LANES):
             for row in range(len(numbers)):
                 own[GAIN_ANGLE + row * LANES + i] = numbers[row, block * LANES + i]
-            # What a late sensor tells at first is older than the beginning: the robot came at its first speeds.
-            left, right = own[RADIUS_LEFT + i] * here[PSI_LEFT + i], own[RADIUS_RIGHT + i] * here[PSI_RIGHT + i]
-            for h in range(HISTORY):
-                ago = (HISTORY - h) % HISTORY * dt
-                turned = ago * (right - left) / own[BASE_WIDTH + i]
-                rolled, along = 0.5 * ago * (left + right), here[THETA + i] - 0.5 * turned
-                past[h, 0, i], past[h, 1, i] = here[X + i] - rolled * cos(along), here[Y + i] - rolled * sin(along)
-                past[h, 2, i] = here[THETA + i] - turned
-                for row in range(SPLIT_AT, 8):
-                    past[h, row, i] = 0.0
-        for border in range(commands.shape[1] + 1):
-            newest = past[border % HISTORY]
-            if border > 0:
-                for i in range(filled):
-                    own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
-                splits, comes = False, False
-                for i in range(filled):
-                    duties = commands[profile[block * LANES + i], border - 1]
-                    share = duties[SPLIT]
-                    change_left, change_right = duties[LAST] - duties[FIRST], duties[LAST + 1] - duties[FIRST + 1]
-                    # Neither is true of duties that are not known, as before the first command.
-                    small = abs(change_left) <= SMALL and abs(change_right) <= SMALL
-                    splits |= share > 0.0 and not small
-                    comes |= share > 0.0
-                    left = duties[LAST] - share * change_left if share > 0.0 and small else duties[LAST]
-                    right = duties[LAST + 1] - share * change_right if share > 0.0 and small else duties[LAST + 1]
-                    here[COMMAND_LEFT + i] = known(left, here[LEFT_BEFORE + i])
-                    here[COMMAND_RIGHT + i] = known(right, here[RIGHT_BEFORE + i])
-                if len(given) > 0:
+        for drive in range(len(starts)):
+            for i in range(LANES):
+                begun[X + i], begun[Y + i], begun[THETA + i] = starts[drive, 0], starts[drive, 1], starts[drive, 2]
+                begun[PSI_LEFT + i], begun[PSI_RIGHT + i] = starts[drive, 3], starts[drive, 4]
+                begun[TIME + i] = begins[drive]
+            start(begun, LANES)
+            if continued[drive] > 0:
+                for row in LASTING:
+                    begun[row : row + LANES] = here[row : row + LANES]
+            here[:DT] = begun[:DT]
+            began, first_step = begins[drive], step_ends[drive]
+            steps = step_ends[drive + 1] - first_step
+            speeds = given[given_ends[drive] : given_ends[drive + 1]]
+            next_wheel, next_gyro, next_pose = wheel_ends[drive], gyro_ends[drive], pose_ends[drive]
+            last_wheel, last_gyro, last_pose = wheel_ends[drive + 1], gyro_ends[drive + 1], pose_ends[drive + 1]
+            own[:GAIN_ANGLE] = 0.0
+            for i in range(LANES):
+                # What a late sensor tells at first is older than the beginning: the robot came at its first speeds.
+                left, right = own[RADIUS_LEFT + i] * here[PSI_LEFT + i], own[RADIUS_RIGHT + i] * here[PSI_RIGHT + i]
+                for h in range(HISTORY):
+                    ago = (HISTORY - h) % HISTORY * dt
+                    turned = ago * (right - left) / own[BASE_WIDTH + i]
+                    rolled, along = 0.5 * ago * (left + right), here[THETA + i] - 0.5 * turned
+                    past[h, 0, i], past[h, 1, i] = here[X + i] - rolled * cos(along), here[Y + i] - rolled * sin(along)
+                    past[h, 2, i] = here[THETA + i] - turned
+                    for row in range(SPLIT_AT, 8):
+                        past[h, row, i] = 0.0
+            for border in range(steps + 1):
+                newest = past[border % HISTORY]
+                if border > 0:
                     for i in range(filled):
-                        here[PSI_LEFT + i] = given[border - 1, 0] * own[SCALE_LEFT + i]
-                        here[PSI_RIGHT + i] = given[border - 1, 1] * own[SCALE_RIGHT + i]
-                if ring > 0:
-                    duties = commands[0, border - 1]
-                    for side in range(2):
-                        first, last = known(duties[FIRST + side], 0.0), known(duties[LAST + side], 0.0)
-                        duty[side] = last + duties[SPLIT] * (first - last)
-                    send(here, stride, duty, index, seed, border - 1, packets, ring, border - 1, dt)
+                        own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
                     splits, comes = False, False
-                if splits:
-                    # Robots to which no command comes within the step take it in two halves.
-                    same = True
-                    for i in range(LANES):
-                        duties = commands[profile[block * LANES + min(i, filled - 1)], border - 1]
-                        share = duties[SPLIT] if duties[SPLIT] > 0.0 else 0.5
-                        same &= share == shares[i]
-                        shares[i] = share
-                        here[COMMAND_LEFT + i] = known(duties[FIRST], here[LEFT_BEFORE + i])
-                        here[COMMAND_RIGHT + i] = known(duties[FIRST + 1], here[RIGHT_BEFORE + i])
-                    if not same:
-                        prepare_each(here, (1.0 - shares) * dt)
-                        behind[:] = here[DT:COEFFICIENTS_END]
-                        prepare_each(here, shares * dt)
-                        before[:] = here[DT:COEFFICIENTS_END]
-                    here[DT:COEFFICIENTS_END] = before
-                    advance(here, work, varying, filled)
+                    for i in range(filled):
+                        duties = commands[profile[block * LANES + i], first_step + border - 1]
+                        share = duties[SPLIT]
+                        change_left, change_right = duties[LAST] - duties[FIRST], duties[LAST + 1] - duties[FIRST + 1]
+                        # Neither is true of duties that are not known, as before the first command.
+                        small = abs(change_left) <= SMALL and abs(change_right) <= SMALL
+                        splits |= share > 0.0 and not small
+                        comes |= share > 0.0
+                        left = duties[LAST] - share * change_left if share > 0.0 and small else duties[LAST]
+                        right = duties[LAST + 1] - share * change_right if share > 0.0 and small else duties[LAST + 1]
+                        here[COMMAND_LEFT + i] = known(left, here[LEFT_BEFORE + i])
+                        here[COMMAND_RIGHT + i] = known(right, here[RIGHT_BEFORE + i])
+                    if len(speeds) > 0:
+                        for i in range(filled):
+                            here[PSI_LEFT + i] = speeds[border - 1, 0] * own[SCALE_LEFT + i]
+                            here[PSI_RIGHT + i] = speeds[border - 1, 1] * own[SCALE_RIGHT + i]
+                    if ring > 0:
+                        duties = commands[0, first_step + border - 1]
+                        for side in range(2):
+                            first, last = known(duties[FIRST + side], 0.0), known(duties[LAST + side], 0.0)
+                            duty[side] = last + duties[SPLIT] * (first - last)
+                        send(here, stride, duty, index, seed, border - 1, packets, ring, border - 1, dt)
+                        splits, comes = False, False
+                    if splits:
+                        # Robots to which no command comes within the step take it in two halves.
+                        same = True
+                        for i in range(LANES):
+                            duties = commands[profile[block * LANES + min(i, filled - 1)], first_step + border - 1]
+                            share = duties[SPLIT] if duties[SPLIT] > 0.0 else 0.5
+                            same &= share == shares[i]
+                            shares[i] = share
+                            here[COMMAND_LEFT + i] = known(duties[FIRST], here[LEFT_BEFORE + i])
+                            here[COMMAND_RIGHT + i] = known(duties[FIRST + 1], here[RIGHT_BEFORE + i])
+                        if not same:
+                            prepare_each(here, (1.0 - shares) * dt)
+                            behind[:] = here[DT:COEFFICIENTS_END]
+                            prepare_each(here, shares * dt)
+                            before[:] = here[DT:COEFFICIENTS_END]
+                        here[DT:COEFFICIENTS_END] = before
+                        advance(here, work, varying, filled)
+                        for i in range(LANES):
+                            turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
+                            newest[SPLIT_AT, i], newest[MEAN_BEFORE, i] = shares[i], turning[i]
+                            newest[GROWTH_BEFORE, i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
+                            duties = commands[profile[block * LANES + min(i, filled - 1)], first_step + border - 1]
+                            here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
+                            here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
+                        here[DT:COEFFICIENTS_END] = behind
+                        advance(here, work, varying, filled)
+                        here[DT:COEFFICIENTS_END] = whole
+                    else:
+                        advance(here, work, varying, filled)
+                        for i in range(LANES):
+                            newest[SPLIT_AT, i] = 0.0
                     for i in range(LANES):
                         turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
-                        newest[SPLIT_AT, i], newest[MEAN_BEFORE, i] = shares[i], turning[i]
-                        newest[GROWTH_BEFORE, i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
-                        duties = commands[profile[block * LANES + min(i, filled - 1)], border - 1]
-                        here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
-                        here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
-                    here[DT:COEFFICIENTS_END] = behind
-                    advance(here, work, varying, filled)
-                    here[DT:COEFFICIENTS_END] = whole
-                else:
-                    advance(here, work, varying, filled)
-                    for i in range(LANES):
-                        newest[SPLIT_AT, i] = 0.0
-                for i in range(LANES):
-                    turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
-                    growing[i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
-                if len(given) > 0:
-                    # Given speeds are means over steps; at a border the wheels turn half as one step says, half as the
-                    # next.
-                    then = given[min(border, len(given) - 1)]
-                    for i in range(LANES):
-                        faster_left = own[SCALE_LEFT + i] * (then[0] - given[border - 1, 0])
-                        faster_right = own[SCALE_RIGHT + i] * (then[1] - given[border - 1, 1])
-                        growing[i] = own[RADIUS_RIGHT + i] * faster_right - own[RADIUS_LEFT + i] * faster_left
-                        growing[i] /= own[BASE_WIDTH + i]
-                for i in range(filled):
-                    newest[0, i] = here[X + i] - own[OFFSET_X + i]
-                    newest[1, i] = here[Y + i] - own[OFFSET_Y + i]
-                    newest[2, i] = here[THETA + i] - own[OFFSET_THETA + i]
-                    # What corrections add fades as a wheel's speed does; without it the past is smooth.
-                    own[OFFSET_LEFT + i] *= here[KEPT_END + i]
-                    own[OFFSET_RIGHT + i] *= here[KEPT_END + i]
-                    width = own[BASE_WIDTH + i]
-                    radius_left, radius_right = own[RADIUS_LEFT + i], own[RADIUS_RIGHT + i]
-                    offset = (radius_right * own[OFFSET_RIGHT + i] - radius_left * own[OFFSET_LEFT + i]) / width
-                    offset *= 1.0 + own[SLIP_TIME + i] * own[K1 + i] * own[K2_OVER_K3 + i]
-                    own[OFFSET_YAW_RATE + i] = offset
-                    newest[MEAN_BEFORE, i] -= offset
-                    newest[MEAN, i] = turning[i] - offset
-                    newest[GROWTH, i] = growing[i]
-                if comes and not splits:
-                    # The mean command leads to the same end, but within the step the yaw rate bends where one comes.
+                        growing[i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
+                    if len(speeds) > 0:
+                        # Given speeds are means over steps; at a border the wheels turn half as one step says, half
+                        # as the next.
+                        then = speeds[min(border, len(speeds) - 1)]
+                        for i in range(LANES):
+                            faster_left = own[SCALE_LEFT + i] * (then[0] - speeds[border - 1, 0])
+                            faster_right = own[SCALE_RIGHT + i] * (then[1] - speeds[border - 1, 1])
+                            growing[i] = own[RADIUS_RIGHT + i] * faster_right - own[RADIUS_LEFT + i] * faster_left
+                            growing[i] /= own[BASE_WIDTH + i]
                     for i in range(filled):
-                        duties = commands[profile[block * LANES + i], border - 1]
-                        share = duties[SPLIT]
-                        left = own[RADIUS_LEFT + i] * (duties[LAST] - duties[FIRST])
-                        right = own[RADIUS_RIGHT + i] * (duties[LAST + 1] - duties[FIRST + 1])
-                        bend = own[K2_OVER_K3 + i] * (right - left) / own[BASE_WIDTH + i] if share > 0.0 else 0.0
-                        slips, bend = own[SLIP_TIME + i] * bend, dt * bend * share * (1.0 - share)
-                        mean, growth = newest[MEAN, i] - 0.5 * bend, newest[GROWTH, i]
-                        newest[SPLIT_AT, i] = share
-                        newest[MEAN_BEFORE, i] = mean + (1.0 - share) * (slips - 0.5 * growth)
-                        newest[GROWTH_BEFORE, i] = share * growth - bend
-                        newest[MEAN, i] = mean - share * (slips - 0.5 * growth)
-                        newest[GROWTH, i] = (1.0 - share) * growth + bend
-            else:
-                for i in range(filled):
-                    own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
-            now = border * dt
-            # Within a step, or each part of it, the yaw rate changes along a line, which has the right mean and the
-            # right end. Between two it may jump, as commands do; a reading there shows the one before.
-            while next_gyro < len(gyro_time) and gyro_time[next_gyro] <= now + EARLY * dt:
-                time = began + gyro_time[next_gyro]
-                # Nearly always all candidates look back to the same step, and take a few instructions together.
-                earliest, latest = inf, -inf
-                for i in range(filled):
-                    moment = time
+                        newest[0, i] = here[X + i] - own[OFFSET_X + i]
+                        newest[1, i] = here[Y + i] - own[OFFSET_Y + i]
+                        newest[2, i] = here[THETA + i] - own[OFFSET_THETA + i]
+                        # What corrections add fades as a wheel's speed does; without it the past is smooth.
+                        own[OFFSET_LEFT + i] *= here[KEPT_END + i]
+                        own[OFFSET_RIGHT + i] *= here[KEPT_END + i]
+                        width = own[BASE_WIDTH + i]
+                        radius_left, radius_right = own[RADIUS_LEFT + i], own[RADIUS_RIGHT + i]
+                        offset = (radius_right * own[OFFSET_RIGHT + i] - radius_left * own[OFFSET_LEFT + i]) / width
+                        offset *= 1.0 + own[SLIP_TIME + i] * own[K1 + i] * own[K2_OVER_K3 + i]
+                        own[OFFSET_YAW_RATE + i] = offset
+                        newest[MEAN_BEFORE, i] -= offset
+                        newest[MEAN, i] = turning[i] - offset
+                        newest[GROWTH, i] = growing[i]
+                    if comes and not splits:
+                        # The mean command leads to the same end, but within the step the yaw rate bends where one
+                    # comes.
+                        for i in range(filled):
+                            duties = commands[profile[block * LANES + i], first_step + border - 1]
+                            share = duties[SPLIT]
+                            left = own[RADIUS_LEFT + i] * (duties[LAST] - duties[FIRST])
+                            right = own[RADIUS_RIGHT + i] * (duties[LAST + 1] - duties[FIRST + 1])
+                            bend = own[K2_OVER_K3 + i] * (right - left) / own[BASE_WIDTH + i] if share > 0.0 else 0.0
+                            slips, bend = own[SLIP_TIME + i] * bend, dt * bend * share * (1.0 - share)
+                            mean, growth = newest[MEAN, i] - 0.5 * bend, newest[GROWTH, i]
+                            newest[SPLIT_AT, i] = share
+                            newest[MEAN_BEFORE, i] = mean + (1.0 - share) * (slips - 0.5 * growth)
+                            newest[GROWTH_BEFORE, i] = share * growth - bend
+                            newest[MEAN, i] = mean - share * (slips - 0.5 * growth)
+                            newest[GROWTH, i] = (1.0 - share) * growth + bend
+                else:
+                    for i in range(filled):
+                        own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
+                now = border * dt
+                # Within a step, or each part of it, the yaw rate changes along a line, which has the right mean and the
+                # right end. Between two it may jump, as commands do; a reading there shows the one before.
+                while next_gyro < last_gyro and gyro_time[next_gyro] <= now + EARLY * dt:
+                    time = began + gyro_time[next_gyro]
+                    # Nearly always all candidates look back to the same step, and take a few instructions together.
+                    earliest, latest = inf, -inf
+                    for i in range(filled):
+                        moment = time
     GYRO_NUMBERS
     GYRO_TIME
-                    position = border + (moment - began - now) / dt
-                    position = min(max(position, border - (HISTORY - 2.0), 0.0), border + EARLY)
-                    own[GYRO_AT + i] = position
-                    earliest, latest = min(earliest, position), max(latest, position)
-                step = min(max(int(np.ceil(latest - EARLY)), 1), border)
-                if earliest - EARLY > step - 1.0 or step == 1:
-                    one = past[step % HISTORY]
-                    for i in range(filled):
-                        share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
-                        along = (share / split if split > 0.0 else 0.0) - 0.5
-                        reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
-                        earlier = one[MEAN_BEFORE, i] + along * one[GROWTH_BEFORE, i]
-                        reading = earlier if split > 0.0 and share <= split else reading
-                        own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
-                else:
-                    for i in range(filled):
-                        step = min(max(int(np.ceil(own[GYRO_AT + i] - EARLY)), 1), border)
+                        position = border + (moment - began - now) / dt
+                        position = min(max(position, border - (HISTORY - 2.0), 0.0), border + EARLY)
+                        own[GYRO_AT + i] = position
+                        earliest, latest = min(earliest, position), max(latest, position)
+                    step = min(max(int(np.ceil(latest - EARLY)), 1), border)
+                    if earliest - EARLY > step - 1.0 or step == 1:
                         one = past[step % HISTORY]
-                        share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
-                        reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
-                        if split > 0.0 and share <= split:
-                            reading = one[MEAN_BEFORE, i] + (share / split - 0.5) * one[GROWTH_BEFORE, i]
-                        own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
-                for i in range(filled):
+                        for i in range(filled):
+                            share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
+                            along = (share / split if split > 0.0 else 0.0) - 0.5
+                            reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
+                            earlier = one[MEAN_BEFORE, i] + along * one[GROWTH_BEFORE, i]
+                            reading = earlier if split > 0.0 and share <= split else reading
+                            own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
+                    else:
+                        for i in range(filled):
+                            step = min(max(int(np.ceil(own[GYRO_AT + i] - EARLY)), 1), border)
+                            one = past[step % HISTORY]
+                            share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
+                            reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
+                            if split > 0.0 and share <= split:
+                                reading = one[MEAN_BEFORE, i] + (share / split - 0.5) * one[GROWTH_BEFORE, i]
+                            own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
+                    for i in range(filled):
     GYRO_NUMBERS
-                    yaw_rate = own[GYRO_READING + i] if border > 0 else 0.0
-                    reading = yaw_rate
+                        yaw_rate = own[GYRO_READING + i] if border > 0 else 0.0
+                        reading = yaw_rate
     GYRO
-                    own[GYRO_READING + i] = gyro[next_gyro] - reading
-                for i in range(lanes):
-                    gyro_error[next_gyro, block * LANES + i] = own[GYRO_READING + i]
-                next_gyro += 1
-            while next_wheel < len(wheel_time) and wheel_time[next_wheel] <= now:
-                time = began + wheel_time[next_wheel]
-                share = 1.0 - (now - wheel_time[next_wheel]) / dt
-                use_left, use_right = wheel_use[next_wheel, 0] > 0, wheel_use[next_wheel, 1] > 0
-                for i in range(filled):
-                    reading_left = own[BEFORE_LEFT + i] + share * (here[ANGLE_LEFT + i] - own[BEFORE_LEFT + i])
-                    reading_right = own[BEFORE_RIGHT + i] + share * (here[ANGLE_RIGHT + i] - own[BEFORE_RIGHT + i])
+                        own[GYRO_READING + i] = gyro[next_gyro] - reading
+                    for i in range(lanes):
+                        gyro_error[next_gyro, block * LANES + i] = own[GYRO_READING + i]
+                    next_gyro += 1
+                while next_wheel < last_wheel and wheel_time[next_wheel] <= now:
+                    time = began + wheel_time[next_wheel]
+                    share = 1.0 - (now - wheel_time[next_wheel]) / dt
+                    use_left, use_right = wheel_use[next_wheel, 0] > 0, wheel_use[next_wheel, 1] > 0
+                    for i in range(filled):
+                        reading_left = own[BEFORE_LEFT + i] + share * (here[ANGLE_LEFT + i] - own[BEFORE_LEFT + i])
+                        reading_right = own[BEFORE_RIGHT + i] + share * (here[ANGLE_RIGHT + i] - own[BEFORE_RIGHT + i])
     ENCODER_NUMBERS
     ENCODER
-                    error_left = wheel[next_wheel, 0] - reading_left
-                    error_right = wheel[next_wheel, 1] - reading_right
-                    own[ERROR_LEFT + i] = error_left
-                    own[ERROR_RIGHT + i] = error_right
-                    # From here on by how much the wheels, not their encoders, are elsewhere.
-                    error_left = own[SCALE_LEFT + i] * error_left if use_left else 0.0
-                    error_right = own[SCALE_RIGHT + i] * error_right if use_right else 0.0
-                    rolled_left, rolled_right = own[GAIN_ANGLE + i] * error_left, own[GAIN_ANGLE + i] * error_right
-                    here[ANGLE_LEFT + i] += rolled_left
-                    own[BEFORE_LEFT + i] += rolled_left
-                    here[ANGLE_RIGHT + i] += rolled_right
-                    own[BEFORE_RIGHT + i] += rolled_right
-                    here[PSI_LEFT + i] += own[GAIN_PSI + i] * error_left
-                    here[PSI_RIGHT + i] += own[GAIN_PSI + i] * error_right
-                    own[OFFSET_LEFT + i] += own[GAIN_PSI + i] * error_left
-                    own[OFFSET_RIGHT + i] += own[GAIN_PSI + i] * error_right
-                    # Wheels that are elsewhere have carried the robot there, but for what it slipped as they came to
-                    # the speed that they have.
-                    rolled_left -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_left
-                    rolled_right -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_right
-                    rolled_left, rolled_right = own[RADIUS_LEFT + i] * rolled_left, own[RADIUS_RIGHT + i] * rolled_right
-                    ahead = 0.5 * (rolled_left + rolled_right)
-                    turned = (rolled_right - rolled_left) / own[BASE_WIDTH + i]
-                    move_x, move_y = ahead * cos(here[THETA + i]), ahead * sin(here[THETA + i])
-                    own[OFFSET_X + i] += move_x
-                    own[OFFSET_Y + i] += move_y
-                    own[OFFSET_THETA + i] += turned
-                    here[X + i] += move_x
-                    here[Y + i] += move_y
-                    here[THETA + i] += turned
-                for i in range(lanes):
-                    wheel_error[next_wheel, 0, block * LANES + i] = own[ERROR_LEFT + i]
-                    wheel_error[next_wheel, 1, block * LANES + i] = own[ERROR_RIGHT + i]
-                next_wheel += 1
-            while next_pose < len(pose_time) and pose_time[next_pose] <= now:
-                time = began + pose_time[next_pose]
-                restart = pose_use[next_pose] == 0
-                for i in range(filled):
-                    moment = time
+                        error_left = wheel[next_wheel, 0] - reading_left
+                        error_right = wheel[next_wheel, 1] - reading_right
+                        own[ERROR_LEFT + i] = error_left
+                        own[ERROR_RIGHT + i] = error_right
+                        # From here on by how much the wheels, not their encoders, are elsewhere.
+                        error_left = own[SCALE_LEFT + i] * error_left if use_left else 0.0
+                        error_right = own[SCALE_RIGHT + i] * error_right if use_right else 0.0
+                        rolled_left, rolled_right = own[GAIN_ANGLE + i] * error_left, own[GAIN_ANGLE + i] * error_right
+                        here[ANGLE_LEFT + i] += rolled_left
+                        own[BEFORE_LEFT + i] += rolled_left
+                        here[ANGLE_RIGHT + i] += rolled_right
+                        own[BEFORE_RIGHT + i] += rolled_right
+                        here[PSI_LEFT + i] += own[GAIN_PSI + i] * error_left
+                        here[PSI_RIGHT + i] += own[GAIN_PSI + i] * error_right
+                        own[OFFSET_LEFT + i] += own[GAIN_PSI + i] * error_left
+                        own[OFFSET_RIGHT + i] += own[GAIN_PSI + i] * error_right
+                        # Wheels that are elsewhere have carried the robot there, but for what it slipped as they came
+                        # to the speed that they have.
+                        rolled_left -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_left
+                        rolled_right -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_right
+                        rolled_left *= own[RADIUS_LEFT + i]
+                        rolled_right *= own[RADIUS_RIGHT + i]
+                        ahead = 0.5 * (rolled_left + rolled_right)
+                        turned = (rolled_right - rolled_left) / own[BASE_WIDTH + i]
+                        move_x, move_y = ahead * cos(here[THETA + i]), ahead * sin(here[THETA + i])
+                        own[OFFSET_X + i] += move_x
+                        own[OFFSET_Y + i] += move_y
+                        own[OFFSET_THETA + i] += turned
+                        here[X + i] += move_x
+                        here[Y + i] += move_y
+                        here[THETA + i] += turned
+                    for i in range(lanes):
+                        wheel_error[next_wheel, 0, block * LANES + i] = own[ERROR_LEFT + i]
+                        wheel_error[next_wheel, 1, block * LANES + i] = own[ERROR_RIGHT + i]
+                    next_wheel += 1
+                while next_pose < last_pose and pose_time[next_pose] <= now:
+                    time = began + pose_time[next_pose]
+                    restart = pose_use[next_pose] == 0
+                    for i in range(filled):
+                        moment = time
     POSE_TIME_NUMBERS
     POSE_TIME
-                    # A moment still to come lies on the line through the last two borders.
-                    position = max(border + (moment - began - now) / dt, border - (HISTORY - 2.0))
-                    first = min(int(floor(position)), border - 1)
-                    share = position - first
-                    one, other = past[first % HISTORY], past[(first + 1) % HISTORY]
-                    own[AT_X + i] = one[0, i] + share * (other[0, i] - one[0, i]) + own[OFFSET_X + i]
-                    own[AT_Y + i] = one[1, i] + share * (other[1, i] - one[1, i]) + own[OFFSET_Y + i]
-                    own[AT_THETA + i] = one[2, i] + share * (other[2, i] - one[2, i]) + own[OFFSET_THETA + i]
-                for i in range(filled):
+                        # A moment still to come lies on the line through the last two borders.
+                        position = max(border + (moment - began - now) / dt, border - (HISTORY - 2.0))
+                        first = min(int(floor(position)), border - 1)
+                        share = position - first
+                        one, other = past[first % HISTORY], past[(first + 1) % HISTORY]
+                        own[AT_X + i] = one[0, i] + share * (other[0, i] - one[0, i]) + own[OFFSET_X + i]
+                        own[AT_Y + i] = one[1, i] + share * (other[1, i] - one[1, i]) + own[OFFSET_Y + i]
+                        own[AT_THETA + i] = one[2, i] + share * (other[2, i] - one[2, i]) + own[OFFSET_THETA + i]
+                    for i in range(filled):
     POSE_NUMBERS
-                    at_x, at_y, at_theta = own[AT_X + i], own[AT_Y + i], own[AT_THETA + i]
-                    # What the sensor would say a little further on: where it stretches or folds space, following its
-                    # error itself may lead away.
-                    x, y, theta = at_x + NEARBY, at_y, at_theta
+                        at_x, at_y, at_theta = own[AT_X + i], own[AT_Y + i], own[AT_THETA + i]
+                        # What the sensor would say a little further on: where it stretches or folds space, following
+                        # its error itself may lead away.
+                        x, y, theta = at_x + NEARBY, at_y, at_theta
     POSE
-                    east_x, east_y = x, y
-                    x, y, theta = at_x, at_y + NEARBY, at_theta
+                        east_x, east_y = x, y
+                        x, y, theta = at_x, at_y + NEARBY, at_theta
     POSE
-                    north_x, north_y = x, y
-                    x, y, theta = at_x, at_y, at_theta
+                        north_x, north_y = x, y
+                        x, y, theta = at_x, at_y, at_theta
     POSE
-                    error_x, error_y = pose[next_pose, 0] - x, pose[next_pose, 1] - y
-                    error_theta = pose[next_pose, 2] - theta
-                    error_theta -= 2.0 * pi * floor(error_theta / (2.0 * pi) + 0.5)
-                    own[ERROR_X + i] = error_x
-                    own[ERROR_Y + i] = error_y
-                    own[ERROR_THETA + i] = error_theta
-                    east_x, east_y = (east_x - x) / NEARBY, (east_y - y) / NEARBY
-                    north_x, north_y = (north_x - x) / NEARBY, (north_y - y) / NEARBY
-                    stretched = 0.5 * (east_x * east_x + east_y * east_y + north_x * north_x + north_y * north_y)
-                    followed = (1.0 if restart else own[GAIN_POSITION + i]) / max(1.0, stretched)
-                    move_x = followed * (east_x * error_x + east_y * error_y)
-                    move_y = followed * (north_x * error_x + north_y * error_y)
-                    turned = 1.0 if restart else own[GAIN_THETA + i]
-                    own[OFFSET_X + i] += move_x
-                    own[OFFSET_Y + i] += move_y
-                    own[OFFSET_THETA + i] += turned * error_theta
-                    here[X + i] += move_x
-                    here[Y + i] += move_y
-                    here[THETA + i] += turned * error_theta
-                for i in range(lanes):
-                    for row in range(3):
-                        pose_error[next_pose, row, block * LANES + i] = own[ERROR_X + row * LANES + i]
-                next_pose += 1
-            if border == commands.shape[1]:
-                for sample in range(next_gyro, len(gyro_time)):
+                        error_x, error_y = pose[next_pose, 0] - x, pose[next_pose, 1] - y
+                        error_theta = pose[next_pose, 2] - theta
+                        error_theta -= 2.0 * pi * floor(error_theta / (2.0 * pi) + 0.5)
+                        own[ERROR_X + i] = error_x
+                        own[ERROR_Y + i] = error_y
+                        own[ERROR_THETA + i] = error_theta
+                        east_x, east_y = (east_x - x) / NEARBY, (east_y - y) / NEARBY
+                        north_x, north_y = (north_x - x) / NEARBY, (north_y - y) / NEARBY
+                        stretched = 0.5 * (east_x * east_x + east_y * east_y + north_x * north_x + north_y * north_y)
+                        followed = (1.0 if restart else own[GAIN_POSITION + i]) / max(1.0, stretched)
+                        move_x = followed * (east_x * error_x + east_y * error_y)
+                        move_y = followed * (north_x * error_x + north_y * error_y)
+                        turned = 1.0 if restart else own[GAIN_THETA + i]
+                        own[OFFSET_X + i] += move_x
+                        own[OFFSET_Y + i] += move_y
+                        own[OFFSET_THETA + i] += turned * error_theta
+                        here[X + i] += move_x
+                        here[Y + i] += move_y
+                        here[THETA + i] += turned * error_theta
                     for i in range(lanes):
-                        gyro_error[sample, block * LANES + i] = 0.0
-            if block == 0:
-                for field in range(CHANGED_FIELDS):
-                    motion[border, field] = here[field * LANES]
-                motion[border, CHANGED_FIELDS] = past[border % HISTORY, MEAN, 0] + own[OFFSET_YAW_RATE]
+                        for row in range(3):
+                            pose_error[next_pose, row, block * LANES + i] = own[ERROR_X + row * LANES + i]
+                    next_pose += 1
+                if border == steps:
+                    for sample in range(next_gyro, last_gyro):
+                        for i in range(lanes):
+                            gyro_error[sample, block * LANES + i] = 0.0
+                if block == 0:
+                    for field in range(CHANGED_FIELDS):
+                        motion[first_step + drive + border, field] = here[field * LANES]
+                    yaw_rate = past[border % HISTORY, MEAN, 0] + own[OFFSET_YAW_RATE]
+                    motion[first_step + drive + border, CHANGED_FIELDS] = yaw_rate
 '''

@@ -21,6 +21,7 @@ MOVING = 0.05  # of fast driving; with less a wheel rests
 MOVED, TURNED = 0.1, 0.5  # m, rad; a path that extends less far may be noise
 PATH_HALF = 5  # neighbours on either side, of which the median is taken for that
 LATE_START = 5.0  # s of rest at the beginning
+RESTS = "The robot rests for the first {rest:.1f} s."
 ENDING = 0.3  # s at the beginning and the end over which speed is averaged
 STILL_DRIVING = 0.2  # of fast driving; a recording that ends faster was cut off
 
@@ -91,17 +92,24 @@ def motion_findings(recording: Recording) -> list[Finding]:
     """
     utime, speed = _speed(recording)
     seconds, fast = recording.pieces.seconds(utime), _fast(speed)
-    moving = speed > MOVING * fast
-    never = not moving.any() and _path_extent(recording)[0] <= MOVED
-    rest = float(seconds[moving][0] - seconds[0]) if moving.any() else 0.0
+    moving = motion_of(recording)
+    never = moving is None and _path_extent(recording)[0] <= MOVED
+    rest = float(recording.pieces.seconds(np.array([moving[0]]))[0] - seconds[0]) if moving else 0.0
     near = seconds < seconds[:1] + ENDING, seconds > seconds[-1:] - ENDING
     beginning, ending = (float(np.mean(speed[at])) if len(utime) else 0.0 for at in near)
     cut = int(len(recording.pieces) == 1 and beginning <= MOVING * fast and ending > STILL_DRIVING * fast)
     return [
         Finding("never_moved", int(never), "The robot never moves in this recording."),
-        Finding("late_start", int(rest > LATE_START), f"The robot rests for the first {rest:.1f} s."),
+        Finding("late_start", int(rest > LATE_START), RESTS.format(rest=rest)),
         Finding("cut_off", cut, "The recording ends while the robot is being driven."),
     ]
+
+
+def motion_of(recording: Recording) -> tuple[int, int] | None:
+    """Return when the robot first moves and when it last does [us]; None if it never does."""
+    utime, speed = _speed(recording)
+    moving = utime[speed > MOVING * _fast(speed)]
+    return (int(moving[0]), int(moving[-1])) if len(moving) else None
 
 
 def _path_extent(recording: Recording) -> tuple[float, float]:

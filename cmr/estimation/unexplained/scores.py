@@ -12,8 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.noise import Noise
-from cmr.estimation.prediction import SIGNALS, Errors, Predictor
+from cmr.estimation.prediction import SIGNALS, Batch, Errors, Predictor
 from cmr.estimation.problem import BLOCK, LARGE, Problem
 from cmr.estimation.unexplained.terms import Column, Drive, Term, terms_for
 from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
@@ -176,7 +175,8 @@ def _moves(
         traces(view, error.motion, fit.values, problem.gains, _stacked([of_term[number] for of_term in columns]))
         for number, (view, error) in enumerate(zip(views, errors, strict=True))
     ]
-    return _made_white(views, errors_of, fit.noise)
+    batch = Batch(views)
+    return fit.noise.all_white(batch, batch.joined(errors_of))
 
 
 @dataclass(frozen=True)
@@ -243,13 +243,6 @@ def _stacked(columns: Sequence[Sequence[Column]]) -> Disturbances:
         for name, share in acts.items():
             shares[DISTURBED.index(name), index] = share
     return Disturbances(np.stack([course for _, course in every], axis=1), shares)
-
-
-def _made_white(views: Sequence[Predictor], errors: Sequence[Errors], noise: Noise) -> Floats:
-    # A piece may lack these signals: after a jump, or where they were set aside.
-    numbered = enumerate(zip(views, errors, strict=True))
-    parts = [noise.all_white(number, view, error) for number, (view, error) in numbered if view.times]
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _scored(terms: Sequence[Term], counts: Sequence[int], moves: Floats, rows: _Rows) -> list[Score]:

@@ -1,0 +1,124 @@
+"""Recorded drives side by side, as the compiled observer takes them: one call for all pieces of a recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.model.commands import PROFILE, fill_profiles
+
+if TYPE_CHECKING:
+    from cmr.model.observer import Observations
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+MOST_PROFILES = 16  # that are kept: candidates mostly have the same few delays
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where the rows of each of K drives end in arrays that hold those of all, shape (K + 1,), with 0 before."""
+
+    steps: Indices
+    wheel: Indices
+    gyro: Indices
+    pose: Indices
+    given: Indices
+    commands: Indices
+
+
+@dataclass(frozen=True)
+class Drives:
+    """What was sent to a robot and what its sensors said in K drives, one after another.
+
+    Times of readings and commands [s] count from the beginning of their own drive. `start` (K, 5) is x, y, theta,
+    psi_left, psi_right there, `began` (K,) [s] the time since the robot set off; the other arrays are those of
+    `Observations`, and `ends` tells where each drive's rows end. A drive that is `continued` (K,) follows the one
+    before after a gap: what lasts longer than a gap is as it was, such as what the battery has given.
+    """
+
+    dt: float
+    start: Floats
+    began: Floats
+    continued: NDArray[np.uint8]
+    ends: Ends
+    wheel_time: Floats
+    wheel: Floats
+    wheel_use: NDArray[np.uint8]
+    gyro_time: Floats
+    gyro: Floats
+    pose_time: Floats
+    pose: Floats
+    pose_use: NDArray[np.uint8]
+    given: Floats
+    command_time: Floats
+    command_duty: Floats
+    _profiles: dict[float, Floats] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, observations: Sequence["Observations"], continued: Sequence[bool] = ()) -> "Drives":
+        """Join drives on rasters of the same step; without `continued` each is for itself.
+
+        Raises ValueError where the steps differ, or without any drive.
+        """
+        steps = {one.dt for one in observations}
+        if len(steps) != 1:
+            raise ValueError(f"drives observed together need one and the same step; these have {sorted(steps)}")
+
+        return cls(
+            dt=steps.pop(),
+            start=np.array([one.start for one in observations], np.float64),
+            began=np.array([one.time for one in observations], np.float64),
+            continued=np.array(continued or [False] * len(observations), np.uint8),
+            ends=Ends(
+                steps=_ends([one.steps for one in observations]),
+                wheel=_ends([len(one.wheel_time) for one in observations]),
+                gyro=_ends([len(one.gyro_time) for one in observations]),
+                pose=_ends([len(one.pose_time) for one in observations]),
+                given=_ends([len(one.given) for one in observations]),
+                commands=_ends([len(one.commands.time) for one in observations]),
+            ),
+            wheel_time=_joined([one.wheel_time for one in observations]),
+            wheel=_joined([one.wheel for one in observations]),
+            wheel_use=_joined([one.wheel_use for one in observations]),
+            gyro_time=_joined([one.gyro_time for one in observations]),
+            gyro=_joined([one.gyro for one in observations]),
+            pose_time=_joined([one.pose_time for one in observations]),
+            pose=_joined([one.pose for one in observations]),
+            pose_use=_joined([one.pose_use for one in observations]),
+            given=_joined([one.given for one in observations]),
+            command_time=_joined([one.commands.time for one in observations]),
+            command_duty=_joined([one.commands.duty for one in observations]),
+        )
+
+    @property
+    def steps(self) -> int:
+        """The number of steps of all drives."""
+        return int(self.ends.steps[-1])
+
+    def profile(self, delay: float) -> Floats:
+        """Return the duties in each step of all drives, (steps, 5), where commands come `delay` [s] after their time.
+
+        Columns are those of `cmr.model.commands`. What is returned is kept, and is not to be written to.
+        """
+        known = self._profiles.get(delay)
+        if known is None:
+            known = np.zeros((self.steps, len(PROFILE)))
+            fill_profiles(
+                self.command_time, self.command_duty, self.ends.commands, self.dt, delay, self.ends.steps, known
+            )
+            if len(self._profiles) >= MOST_PROFILES:
+                self._profiles.pop(next(iter(self._profiles)))
+            self._profiles[delay] = known
+        return known
+
+
+def _ends(counts: Sequence[int]) -> Indices:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def _joined(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return the rows of all arrays in one, which compiled functions take."""
+    return np.ascontiguousarray(arrays[0] if len(arrays) == 1 else np.concatenate(arrays))
