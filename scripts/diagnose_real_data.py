@@ -25,6 +25,8 @@ from cmr.estimation.free_runs import Values, free_run, stacked
 from cmr.estimation.segments import segments_of
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
+from cmr.recordings.lags import Lag
+from cmr.recordings.late_wheels import with_wheels_in_time
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, hold
 from scripts.score_real_data import DATA, GRASS_PIECE, MAEBOT_PIECE, Importer
@@ -170,9 +172,15 @@ def husky_tile(importer: Importer, every: int = 1) -> tuple[Case, Ends]:
     fitted = [window for window, first in zip(rolled, first_half, strict=True) if first]
     diagnosis = diagnose(_only(replace(recording, commands=recording.commands.between(0, 0)), fitted[::every]))
     models = models_of(diagnosis)
-    scored = [window for window, first in zip(rolled, first_half, strict=True) if not first]
+    scored = [in_time(window, diagnosis) for window, first in zip(rolled, first_half, strict=True) if not first]
     ends = joined([ends_of(one, [int(one.poses.utime[0])], 2.0, models) for one in scored if len(one.poses)])
     return case_of("Husky, tile", diagnosis, [distance_score("position after 2 s", ends)]), ends
+
+
+def in_time(recording: Recording, diagnosis: Diagnosis) -> Recording:
+    """Return a recording with its wheels stamped as much earlier as they tell late by the diagnosis."""
+    late = Lag("wheels", "gyro", diagnosis.parameters.get("wheel_speed_latency", 0.0), 0.0)
+    return with_wheels_in_time(recording, late)
 
 
 def _only(recording: Recording, parts: Sequence[Recording]) -> Recording:

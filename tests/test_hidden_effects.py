@@ -12,7 +12,17 @@ import pytest
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 from tests.hidden_effects import Case, hidden_recording, hide, sets
-from tests.hidden_effects.cases import EIGHT, EIGHT_OPEN, NOISES, RICH, SECONDS, SHORT_SECONDS, Truth
+from tests.hidden_effects.cases import (
+    CONTROLLED_WINDOWS,
+    EIGHT,
+    EIGHT_OPEN,
+    NOISES,
+    RICH,
+    SECONDS,
+    SHORT_SECONDS,
+    WINDOWS,
+    Truth,
+)
 from tests.hidden_effects.driving import commands_of, eight
 from tests.hidden_effects.hiding import truth_of
 from tests.hidden_effects.robots import TYPICAL_ROBOT
@@ -220,6 +230,8 @@ def test_the_sets_hold_what_is_to_be_reached_and_no_case_twice() -> None:
     assert len(cases["short"]) == 120
     assert {case.manoeuvre for case in cases["short"]} == set(SHORT_SECONDS)
     assert len(cases["pairs"]) == 100
+    assert {case.manoeuvre for case in cases["windows"]} == {WINDOWS, CONTROLLED_WINDOWS}
+    assert {case.effects[-1] for case in cases["windows"]} == {"pose_latency"}
     assert {case.effects[0] for case in cases["unknown"]} == set(UNKNOWN)
     assert len(UNKNOWN) >= 8
     for name, own in cases.items():

@@ -35,6 +35,7 @@ FAULTS = {
     "pose_headings_turned",
     "poses_held",
     "stale_poses",
+    "wheels_late",
     "encoder_spikes",
     "encoder_resets",
     "encoder_stuck",

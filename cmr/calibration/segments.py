@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cmr.estimation.encoders import moved_on, tick_of, wheel_angles, within_tick
+from cmr.estimation.encoders import moved_on, tick_of, within_tick
 from cmr.model.motion import RobotState, Trajectory, drive
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal, Times, hold, no_times
+from cmr.recordings.wheel_angles import wheel_angles
 
 SIDES = ("left", "right")
 LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is not known and a new segment begins

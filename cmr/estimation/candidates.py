@@ -28,12 +28,15 @@ TURNS = tuple(eighth * math.pi / 4.0 for eighth in (-3, -2, -1, 1, 2, 3, 4))  # 
 # A gyro that is late by a whole period of the commands shows what came with the command before: its latency is tested
 # with less.
 LATE, PORTION_OF_LATENCY = frozenset(("gyro_time",)), 0.4
+# Poses that are this many typical sizes late, and more, show little of the motion at their stamps: no fit gets from 0
+# to the lateness, which is tested itself.
+LATE_POSES, FAR = "pose_latency", 2.0
 EVERYWHERE = 1e3  # m, radius of a place that holds all others
 # Velocity controllers accelerate more gently than motors could: in about a second to the top wheel speed. [duty/s]
 GENTLE = {"slew_limit": 1.0, "current_limit": 1.0}
 RANDOM = ("command_jitter", "command_loss")  # show in the spread, not in the mean
 NEVER_AHEAD = ("gyro_latency", "pose_latency")  # what a sensor tells ahead of its moment cannot be foretold
-SENSED = ("encoder_quantisation",)  # read off the encoder's ticks
+SENSED = ("encoder_quantisation", "wheel_speed_latency")  # read off the ticks, and off the gyro beside the wheels
 # Stages of the model's step that end with the wheels' speeds; where these are given, they mean nothing.
 DRIVING = frozenset(
     (
@@ -61,7 +64,8 @@ class Excitation:
 
     These are the robot's parameters, a usual yaw rate `turning` [rad/s], how far from the origin of the poses it
     usually was, `extent` [m], a yaw rate that it was seen to exceed, `fastest` [rad/s], and the usual time between
-    poses, `interval` [s]. `controlled` tells that a velocity controller in the robot is commanded.
+    poses, `interval` [s]. `controlled` tells that a velocity controller in the robot is commanded, `poses_late` [s] by
+    how much poses seem late before any model is fitted.
     """
 
     parameters: Mapping[str, float]
@@ -70,6 +74,7 @@ class Excitation:
     fastest: float = 0.0
     interval: float = USUAL_INTERVAL
     controlled: bool = False
+    poses_late: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -125,6 +130,8 @@ def trials(excitation: Excitation, effects: Iterable[Effect] = CATALOGUE.values(
                 Trial(effect.name, values | others, threshold, local, portion=portion) for values, threshold in sizes
             ]
         result += [*_folds(effect), *_turned(effect)]
+        if effect.name == LATE_POSES and excitation.poses_late > FAR * size(effect.parameters[0], excitation):
+            result.append(Trial(effect.name, {LATE_POSES: excitation.poses_late}, threshold=True, spare=True))
     return result
 
 

@@ -12,12 +12,13 @@ from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.checks import check
 from cmr.recordings.findings import Finding, Findings, counted
-from cmr.recordings.lags import clocks_differ, lags_of, slowest_response
+from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
+from cmr.recordings.late_wheels import together, with_wheels_in_time
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
 MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more cannot be true, none can be trusted
-LARGEST_LAG = 0.35  # s; a pose's clock that is further off is moved, a smaller difference may be named
+LARGEST_LAG = 0.5  # s; a pose's clock that is further off is moved, a smaller difference may be named
 LEAST_CHANGE, SURELY = 0.005, 3.0  # s, and standard deviations, by which a lag must change for a clock to be skewed
 # s that wheels usually lag their commands. Commands whose clock is corrected come a little early, so that what is left
 # is a delay.
@@ -65,18 +66,28 @@ class Checked:
 
 
 def looked_at(
-    recordings: Sequence[Recording], names: Sequence[str] = (), otherwise: str = "recording"
+    recordings: Sequence[Recording],
+    names: Sequence[str] = (),
+    otherwise: str = "recording",
+    wheels_late: Lag | None = None,
 ) -> list[Checked]:
-    """Look at recordings; without `names` they are numbered."""
+    """Look at recordings of one robot; without `names` they are numbered.
+
+    `wheels_late` says how late its wheels tell, if that is known (see `check`); else it is found, the same for all.
+    """
     names = list(names) or [f"{otherwise} {number + 1}" for number in range(len(recordings))]
+    found = [check(recording, wheels_late) for recording in recordings]
+    late = together(one.wheels_late for one in found)
+    if wheels_late is None and late is not None and len(recordings) > 1:
+        found = [check(recording, late) for recording in recordings]
     return [
-        _looked_at(recording, number, name)
-        for number, (recording, name) in enumerate(zip(recordings, names, strict=True))
+        _looked_at(recording, findings, number, name)
+        for number, (recording, findings, name) in enumerate(zip(recordings, found, names, strict=True))
     ]
 
 
-def _looked_at(recording: Recording, number: int, name: str) -> Checked:
-    recording, findings, note = with_clocks_set(recording)
+def _looked_at(recording: Recording, findings: Findings, number: int, name: str) -> Checked:
+    recording, findings, note = with_clocks_set(recording, findings)
     cleaned = findings.cleaned(recording)
     segments = tuple(segments_of(cleaned, [int(split) for split in findings.splits], number))
     telling = tuple(segment for segment in segments if _tells(segment))
@@ -86,16 +97,20 @@ def _looked_at(recording: Recording, number: int, name: str) -> Checked:
     return Checked(name, cleaned, findings, note, telling, useless)
 
 
-def with_clocks_set(recording: Recording) -> tuple[Recording, Findings, str]:
+def with_clocks_set(recording: Recording, findings: Findings | None = None) -> tuple[Recording, Findings, str]:
     """Return the recording with the clocks of poses and commands set by that of the wheels, the findings, and a note.
+
+    Wheels that tell late are set right before. `findings` are those of its check, where that was made.
 
     The checks are those of the recording as it came, so that what was wrong stays told; they allow for a late clock.
     Only a clock that is far off is touched, or one that shows what has not happened yet. A pose that is a little late
     may be the fault of the localisation, and is then a finding about it; so may be a command. A clock that runs at
     another rate is no constant lag: it is left to be found as such.
     """
-    findings = check(recording)
+    findings = check(recording) if findings is None else findings
     notes = []
+    if findings.wheels_late is not None:
+        recording = with_wheels_in_time(recording, findings.wheels_late)
     lag = findings.lag("poses")
     far_off = lag is not None and lag.reference == "wheels" and not 0.0 <= lag.seconds <= LARGEST_LAG
     if (

@@ -1,11 +1,9 @@
-"""Wheel angles from encoder readings, and how precisely the ticks give them."""
+"""How precisely encoder readings give wheel angles."""
 
 import numpy as np
 
-from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
+from cmr.recordings.signal import Floats, Mask
 
-SIDES = ("left", "right")
-SAME_ANGLE, UNLIKE_ANGLE = 1e-3, 1.0  # relative differences of the angles by ticks and by speed
 FEW_COUNTS, SETTLING = 4.0, 3  # counts; a smaller step may be any
 ROUNDING = 1.0  # counts by which a step may be off that both its ends were rounded
 NO_STEP = 1e-9  # rad; what angles differ by from rounding alone
@@ -61,27 +59,3 @@ def within_tick(steps: Floats, tick: float) -> tuple[Floats, Floats]:
     since = index - np.concatenate([[0], before[:-1]])  # readings since the last edge
     width = np.where(moved, np.minimum(np.abs(steps) / np.maximum(since, 1), tick), tick)
     return np.where(moved & (steps < 0.0), tick - 0.5 * width, 0.5 * width), width
-
-
-def wheel_angles(wheels: Signal) -> tuple[Floats, Floats]:
-    """Return how far each side's wheels have turned [rad] at each time of `wheels`, from 0."""
-    left, right = (_angle(wheels, side) for side in SIDES)
-    return left, right
-
-
-def _angle(wheels: Signal, side: str) -> Floats:
-    """Return the angle [rad] of one side.
-
-    Speeds are averages over the time since the previous message; where one was lost, their sum misses a part and the
-    count of ticks does not. A count that goes otherwise than the speed, as when the driver was started anew, is not
-    believed.
-    """
-    turned = wheels[f"psi_{side}"] * np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
-    ticks = np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1])
-    counted = (ticks != 0.0) & (turned != 0.0)
-    if counted.any():
-        by_ticks = ticks * float(np.median(turned[counted] / ticks[counted]))
-        lost = np.abs(by_ticks - turned) > SAME_ANGLE * np.abs(turned)
-        believed = np.abs(by_ticks - turned) < UNLIKE_ANGLE * np.abs(turned)
-        turned = np.where(counted & lost & believed, by_ticks, turned)
-    return np.cumsum(turned)

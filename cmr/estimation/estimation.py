@@ -19,6 +19,7 @@ from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.measured_gain import Measured, NominalMeasured, measure_nominal
 from cmr.estimation.model_error import inexactness
 from cmr.estimation.preparation import MOTOR, Ready, prepare
+from cmr.estimation.search.late_wheels import with_late_wheels
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.extending import Extended, extended
@@ -29,6 +30,7 @@ from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
+from cmr.recordings.late_wheels import IN_TIME
 from cmr.recordings.recording import Recording
 
 ERRORS_ACCUMULATE = (
@@ -167,11 +169,12 @@ def _estimated(
     if problem is None:
         return Estimation(looked, ready)
     segments = [predictor.segment for predictor in problem.predictors]
-    unseen = looked_at(held_out, held_out_sources, "held-out recording")
+    late = looked[0].findings.wheels_late
+    unseen = looked_at(held_out, held_out_sources, "held-out recording", late or IN_TIME)
     require_of_use_held_out(unseen, path=any(len(segment.observations.pose) for segment in segments))
     mended = [f"{one.name}: {one.note}" for one in unseen if one.note]
     ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *mended))
-    found = look(ready, progress)
+    found = with_late_wheels(look(ready, progress), late)
     progress("Looking at what remains ...")
     whole = extended(problem, found) if found.problem.by_moments else Extended(found, not_judged(ERRORS_ACCUMULATE))
     progress("Averaging over what these drives may hide ...")

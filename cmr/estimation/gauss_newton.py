@@ -4,8 +4,8 @@ A fit is a generator: it asks for the white errors of several sets of values, an
 several models can go side by side, and what they ask for is observed at once.
 """
 
-from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Generator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -53,6 +53,11 @@ class Fit:
         """Return the standard deviation of a free parameter, in its unit."""
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
+
+    def std_beside(self, name: str, held: Collection[str]) -> float:
+        """Return the standard deviation of a free parameter while those of `held` stay where they are."""
+        names = [one for one in self.names if one == name or one not in held]
+        return replace(self, names=tuple(names), slopes=self.slopes[:, [self.names.index(n) for n in names]]).std(name)
 
     def values_without(self, left_out: Mask) -> Mapping[str, float]:
         """Return the values that the fit would have without some white errors, shape (n,), to first order."""

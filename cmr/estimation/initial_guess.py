@@ -6,11 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from cmr.estimation.prediction import WHEELS, Predictor, errors_of
-from cmr.model.observer import Gains, Observations
+from cmr.model.observer import RESTART, Gains, Observations
 from cmr.recordings.signal import Floats
 
 STANDING = 0.1  # of the fastest wheels' speed: motors that hold still say little
 WINDOW = 0.5  # s over which turns are compared
+GOOD = 0.02  # share of a base width that is known well enough to begin with
+LATE = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s, of poses
 RATES = np.geomspace(1.0, 60.0, 10)  # 1/s: how fast motors of wheeled robots follow
 SPEEDS = np.array([0.8, 0.9, 1.0, 1.1, 1.25])  # shares of the first guess of K1
 POSES_APART = 0.2  # s between poses that stand for wheels: their noise is small beside the way
@@ -26,8 +28,20 @@ class Width(NamedTuple):
 
 
 def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> Width | None:
-    """Return the base width by which the wheels' difference explains the turns; None if the robot never turned."""
-    turned = [_turns(predictor) for predictor in predictors]
+    """Return the base width by which the wheels' difference explains the turns; None if the robot never turned.
+
+    Where it explains them badly, poses may be late: then it is the width at the lateness that explains them best.
+    """
+    width = _width(predictors, wheel_radius, 0.0)
+    if width is not None and width.doubt < GOOD:
+        return width
+    widths = [width, *(_width(predictors, wheel_radius, late) for late in LATE)]
+    return min((one for one in widths if one is not None), key=lambda one: one.doubt, default=None)
+
+
+def _width(predictors: Sequence[Predictor], wheel_radius: float, late: float) -> Width | None:
+    """Return the base width that explains poses which are `late` [s]; None if the robot never turned."""
+    turned = [_turns(predictor, late) for predictor in predictors]
     difference, turn, _ = (np.concatenate(column) for column in zip(*turned, strict=True))
     moving = np.abs(difference) > 1e-3
     difference, turn = difference[moving], turn[moving]
@@ -38,24 +52,30 @@ def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> Wi
     return Width(wheel_radius * squares / products, float(np.sqrt(np.mean(rest**2) * squares)) / products)
 
 
-def _turns(predictor: Predictor) -> tuple[Floats, Floats, Floats]:
+def _turns(predictor: Predictor, late: float = 0.0) -> tuple[Floats, Floats, Floats]:
     """Return by how much the wheels' angles differ, and the robot turned, in each window [rad], and how long it is [s].
 
-    Poses that are farther apart than a window, such as those at the ends of a run, are its borders.
+    Poses that are farther apart than a window, such as those at the ends of a run, are its borders. Others are `late`
+    [s], and tell nothing of windows in which their path begins anew.
     """
     observations = predictor.segment.observations
     borders = np.arange(0.0, observations.seconds, WINDOW)
     if len(observations.pose_time) > 1 and np.median(np.diff(observations.pose_time)) > WINDOW:
-        borders = observations.pose_time
+        borders, late = observations.pose_time, 0.0
+    path = np.zeros(len(borders), np.int64)
+    if len(observations.pose_time) and borders is not observations.pose_time:
+        begins = observations.pose_time[observations.pose_use == RESTART] - late
+        path = np.searchsorted(begins, borders, side="right").astype(np.int64)
     wheels = np.zeros(len(borders))
     if len(observations.wheel_time):
         wheels = np.interp(borders, observations.wheel_time, observations.wheel[:, 1] - observations.wheel[:, 0])
     if len(observations.pose_time):
-        heading = np.interp(borders, observations.pose_time, np.unwrap(observations.pose[:, 2]))
+        heading = np.interp(borders, observations.pose_time - late, np.unwrap(observations.pose[:, 2]))
     else:
         spans = np.diff(observations.gyro_time, prepend=observations.gyro_time[:1])
         heading = np.interp(borders, observations.gyro_time, np.cumsum(observations.gyro * spans))
-    return np.diff(wheels), np.diff(heading), np.diff(borders)
+    whole = np.diff(path) == 0
+    return np.diff(wheels)[whole], np.diff(heading)[whole], np.diff(borders)[whole]
 
 
 def turn_rates(predictor: Predictor) -> Floats:

@@ -110,7 +110,7 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
         return Ready(None, None, checks, notes, refused)
     gains = choose_gains(ready, start.values)
     errors = errors_of(ready, start.values, gains)
-    excitation = _excitation(ready, start.values, errors)
+    excitation = replace(_excitation(ready, start.values, errors), poses_late=_poses_late(looked))
     problem = Problem(ready, gains, excitation)
     base = _first_fit(problem, start.values, start.names, errors)
     problem.excitation = replace(excitation, parameters=base.values)
@@ -193,6 +193,12 @@ def _add_nominal_motor(start: _Start, nominal: ParameterFile) -> None:
         start.values |= {name: getattr(TYPICAL, name) for name in MOTOR}
         start.unknown = MOTOR
         start.notes += (f"{WITHOUT_COMMANDS}{names} are not among the parameters, and cmr-sim needs them.",)
+
+
+def _poses_late(looked: Sequence[Checked]) -> float:
+    """Return by how much [s] the poses are stamped late by the checks of their clocks, 0 where they tell nothing."""
+    lags = [one.findings.lag("poses") for one in looked if not one.useless and not one.note]
+    return float(np.median([lag.seconds for lag in lags if lag] or [0.0]))
 
 
 def _excitation(ready: Sequence[Predictor], values: dict[str, float], errors: Sequence[Errors]) -> Excitation:

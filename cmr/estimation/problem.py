@@ -27,7 +27,7 @@ from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.compiled import compiled
 from cmr.model.effect import Effect
-from cmr.model.observer import MOTION, RESTART, Gains, Observer
+from cmr.model.observer import MOTION, Gains, Observer
 from cmr.recordings.signal import Floats, Mask
 
 BLOCK = 1.5  # s; neighbouring blocks belong to different folds
@@ -120,7 +120,7 @@ class Problem:
         Poses are exactly the same only if they are set; those of a robot that comes along are set if nearly the same.
         """
         observations = [predictor.segment.observations for predictor in self.predictors]
-        begins = np.concatenate([one.pose[one.pose_use == RESTART] for one in observations])
+        begins = np.concatenate([one.pose[:1] for one in observations])
         if len(begins) < 2:
             return False
         apart = np.max(np.abs(begins - np.median(begins, axis=0)), axis=1)

@@ -37,10 +37,12 @@ def read_sensors(
     the stamps of the readings. Between its times the motion is interpolated, outside it stands still.
     """
     values = _values(parameters)
+    stamp = np.asarray(encoder_time)
+    turned_at = _stage("encoder_time")({**values, "time": stamp, "moment": stamp})["moment"]
     sides = {
-        side: _stage("encoder", side)(
-            {**values, "time": np.asarray(encoder_time), "reading": np.interp(encoder_time, time, angle)}
-        )["reading"]
+        side: _stage("encoder", side)({**values, "time": stamp, "reading": np.interp(turned_at, time, angle)})[
+            "reading"
+        ]
         for side, angle in zip(SIDES, (motion.angle_left, motion.angle_right), strict=True)
     }
     seen = _stage("gyro_time")({**values, "time": np.asarray(gyro_time), "moment": np.asarray(gyro_time)})["moment"]

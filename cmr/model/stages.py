@@ -119,6 +119,9 @@ STAGES = {
     ),
     "memory": Stage("at the end of a step", {}, {"duty": "", "psi": "at the end"}, per_side=True),
     "robot_memory": Stage("at the end of a step", {}, {"load_share": "mean over the step"}),
+    "encoder_time": Stage(
+        SENSOR, {"moment": "that a stamped time shows [s]"}, {"time": "the stamp [s]"}, of_sensors=True
+    ),
     "encoder": Stage(SENSOR, {"reading": "wheel angle [rad]"}, {"time": "[s]"}, per_side=True, of_sensors=True),
     "gyro_time": Stage(SENSOR, {"moment": "that a stamped time shows [s]"}, {"time": "the stamp [s]"}, of_sensors=True),
     "gyro": Stage(

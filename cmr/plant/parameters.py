@@ -69,6 +69,7 @@ class PlantParameters(NamedTuple):
     encoder_scale: Annotated[float, (-0.9, 10.0)] = 0.0  # 1
     encoder_asymmetry: Annotated[float, (-0.9, 0.9)] = 0.0  # 1
     encoder_quantisation: Annotated[float, (1.0, math.inf)] = math.inf  # ticks per turn
+    wheel_speed_latency: Annotated[float, (0.0, 10.0)] = 0.0  # s
     gyro_bias: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/s
     gyro_scale: Annotated[float, (-10.0, 10.0)] = 0.0  # 1
     gyro_drift: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/s in 100 s
@@ -153,6 +154,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "encoder_scale": {"encoder_scale": 0.02},
     "encoder_asymmetry": {"encoder_asymmetry": 0.02},
     "encoder_quantisation": {"encoder_quantisation": 48.0},
+    "wheel_speed_latency": {"wheel_speed_latency": 0.1},
     "gyro_bias": {"gyro_bias": 0.01},
     "gyro_scale": {"gyro_scale": 0.02},
     "gyro_drift": {"gyro_drift": 0.012},

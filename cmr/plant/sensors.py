@@ -92,6 +92,11 @@ def wheel_speed(count: Floats, time: Floats, nominal: float) -> Floats:
     return np.concatenate([[0.0], np.diff(count) / np.diff(time)]) * (TURN / nominal)
 
 
+def wheel_time(p: PlantParameters, time: Floats) -> Floats:
+    """Return when the wheels stood as their readings say at `time`. wheel_speed_latency: phi_m(t) = phi(t - d)."""
+    return np.maximum(time - p.wheel_speed_latency, 0.0)
+
+
 def gyro_time(p: PlantParameters, time: Floats) -> Floats:
     """Return when that happened which the gyro says at `time`. gyro_latency: w_m(t) = w(t - d)."""
     return np.maximum(time - p.gyro_latency, 0.0)

@@ -12,6 +12,7 @@ from cmr.recordings.gyro_checks import gyro_findings
 from cmr.recordings.heading_checks import turned_headings
 from cmr.recordings.held_poses import held_poses
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
+from cmr.recordings.late_wheels import IN_TIME, late_wheels, with_wheels_in_time
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
 from cmr.recordings.stale_poses import stale_poses
@@ -21,8 +22,12 @@ from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_fin
 __all__ = ["Finding", "Findings", "check"]
 
 
-def check(recording: Recording) -> Findings:
-    """Find what is wrong in a recording: poses, wheels, clocks, gaps and the log itself."""
+def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
+    """Find what is wrong in a recording: poses, wheels, clocks, gaps and the log itself.
+
+    How late the wheels tell is found, unless it is known from other recordings of the robot: `wheels_late`, which is
+    late_wheels.IN_TIME where they are not.
+    """
     damaged = damaged_samples(recording)
     stale = _over_all(stale_poses(_without(recording, [damaged])), [damaged], recording)
     sound = _without(recording, [damaged, stale])
@@ -30,17 +35,28 @@ def check(recording: Recording) -> Findings:
     plausible = _without(sound, sensors)
     gyro = gyro_findings(plausible)
     plausible = _without(plausible, gyro)
-    lags = _lags_without_repeats(plausible)
+    lags, rates = _lags_without_repeats(plausible), rates_of(sound)
+    late = _late(plausible, lags, rates) if wheels_late is None else wheels_late
+    late = None if late == IN_TIME else late
+    if late is not None:  # all else is compared with the wheels as they should have been stamped
+        plausible = with_wheels_in_time(plausible, late)
+        lags = _lags_without_repeats(plausible)
     pose_lag, gyro_lag = _pose_and_gyro_lag(lags)
-    rates = rates_of(sound)
     faults = path_faults(plausible, pose_lag, gyro_lag)
     turned = turned_headings(plausible, faults, pose_lag)
     findings = [*_pose_findings(faults), turned, *sensors, *gyro]
     findings = [_over_all(finding, [damaged, stale], recording) for finding in findings]
-    findings += [damaged, stale, *_lag_findings(lags, rates, slowest_response(recording)), *motion_findings(sound)]
+    findings += [damaged, stale, _wheels_finding(late), *_lag_findings(lags, rates, slowest_response(recording))]
+    findings += motion_findings(sound)
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
-    return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates)
+    return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late)
+
+
+def _late(recording: Recording, lags: list[Lag], rates: Mapping[str, float]) -> Lag | None:
+    """Return how late the wheels tell, where the gyro is surely ahead of them by more than clocks may differ."""
+    gyro = next((lag for lag in lags if lag.sensor == "gyro"), None)
+    return late_wheels(recording, lags) if gyro is not None and clocks_differ(gyro, rates, 0.0) else None
 
 
 def _lags_without_repeats(recording: Recording) -> list[Lag]:
@@ -99,6 +115,16 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
             {"poses": faults.held} if held else {},
         ),
     ]
+
+
+def _wheels_finding(late: Lag | None) -> Finding:
+    sentence = "The wheels are not told later than the gyro."
+    if late is not None:
+        sentence = (
+            f"The wheels tell {late.seconds:.3f} +- {late.std:.3f} s late beside the {late.reference}: they are "
+            f"filtered or stamped late, or the clock of the {late.reference} is ahead. Their times were set right."
+        )
+    return Finding("wheels_late", int(late is not None), sentence)
 
 
 def _lag_findings(lags: list[Lag], rates: Mapping[str, float], slowest: float) -> list[Finding]:

@@ -30,13 +30,15 @@ class Findings:
 
     `splits` are the times [us] of the first pose after each jump of the tracker, and after each pause of the whole
     recording: a path ends before and begins there.
-    `lags` tell how the sensors' clocks differ, `rates` [Hz] how often each signal came.
+    `lags` tell how the sensors' clocks differ, `rates` [Hz] how often each signal came. Where the wheels tell late,
+    `wheels_late` says how late, and the lags are those to wheels that were set right.
     """
 
     all: tuple[Finding, ...]
     splits: Times
     lags: tuple[Lag, ...]
     rates: Mapping[str, float]
+    wheels_late: Lag | None = None
 
     def __getitem__(self, check: str) -> Finding:
         return next(finding for finding in self.all if finding.check == check)

@@ -9,6 +9,7 @@ from cmr.recordings.pieces import Pieces
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import running_median
 from cmr.recordings.signal import SECONDS, Floats, Signal
+from cmr.recordings.wheel_angles import wheel_angles
 
 LONGEST_GAP = 1.0  # s; over a longer one nobody knows how far the robot went
 
@@ -49,9 +50,8 @@ def _runs(signal: Signal, pieces: Pieces) -> NDArray[np.int64]:
 
 
 def _by_wheels(wheels: Signal, dt: Floats, _run: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """A wheel's speed is the average since the message before."""
-    left, right = wheels["psi_left"][1:], wheels["psi_right"][1:]
-    return (left + right) * dt, (right - left) * dt
+    left, right = (np.where(dt > 0.0, np.diff(angle), 0.0) for angle in wheel_angles(wheels))
+    return left + right, right - left
 
 
 def _by_commands(commands: Signal, dt: Floats, _run: NDArray[np.int64]) -> tuple[Floats, Floats]:

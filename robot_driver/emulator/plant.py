@@ -5,13 +5,13 @@ show.
 """
 
 import math
-from collections import deque
 from random import Random
 
 from cmr.plant.commanded import CommandedRobot
 from cmr.plant.parameters import PlantParameters
 from cmr.plant.running import PLACES, STEP, RunningRobot
 from cmr.plant.sensors import missed, slip_of_way, ticks
+from robot_driver.emulator.past import Past, Values
 from robot_driver.emulator.settings import Settings
 
 __all__ = ["STEP", "Plant", "Wheel"]
@@ -70,8 +70,9 @@ class Plant:
         self._electrics = settings.electrics
         self._commanded = CommandedRobot(self._running, self.parameters, Random(f"{settings.seed} commands"))
         self._turned, self._counted, self._counted_at = [0.0, 0.0], [0.0, 0.0], 0.0
-        self._remembers = self.parameters.gyro_latency != 0.0
-        self._headings: deque[tuple[float, float]] = deque([(0.0, robot.theta)])
+        p = self.parameters
+        self._headings = Past(p.gyro_latency, [robot.theta]) if p.gyro_latency else None
+        self._wheels = Past(p.wheel_speed_latency, self._of_wheels()) if p.wheel_speed_latency else None
 
     @property
     def time(self) -> float:
@@ -107,13 +108,7 @@ class Plant:
 
     def theta_at(self, time: float) -> float:
         """Return the heading at a time up to gyro_latency ago (rad); times never go back."""
-        headings = self._headings
-        if self.parameters.gyro_latency == 0.0 or time >= self.time:
-            return self.theta
-        while len(headings) > 2 and headings[1][0] <= time:
-            headings.popleft()
-        (begin, old), (end, new) = headings[0], headings[min(1, len(headings) - 1)]
-        return old if not begin < time <= end else old + (new - old) * (time - begin) / (end - begin)
+        return self.theta if self._headings is None or time >= self.time else self._headings.at(time)[0]
 
     def command(self, left: float, right: float) -> None:
         """Drive each side with this duty, -1 to 1, from now on; later, or never, where commands are late or lost."""
@@ -122,10 +117,10 @@ class Plant:
     def advance(self, time: float) -> None:
         """Let the world go on until `time` (s); a time that has passed changes nothing."""
         self._commanded.advance(time)
-        if self._remembers:
-            self._headings.append((self.time, self.theta))
-            while self._headings[0][0] < self.time - 2.0 * self.parameters.gyro_latency - STEP:
-                self._headings.popleft()
+        if self._headings is not None:
+            self._headings.keep(self.time, [self.theta])
+        if self._wheels is not None:
+            self._wheels.keep(self.time, self._of_wheels())
 
     def encoder_counts(self) -> tuple[float, float]:
         """Return the counts of both encoders since the start; whole numbers of the disc's positions."""
@@ -135,7 +130,8 @@ class Plant:
 
     def encoder_speeds(self) -> tuple[float, float]:
         """Return the velocity of both encoders in counts per second."""
-        return self._encoder_speed(1.0, self.left.velocity), self._encoder_speed(-1.0, self.right.velocity)
+        _, _, left, right = self._wheels_told()
+        return self._encoder_speed(1.0, left), self._encoder_speed(-1.0, right)
 
     def motor_currents(self) -> tuple[float, float]:
         """Return the current through both motors in A; positive drives forward."""
@@ -147,6 +143,16 @@ class Plant:
         supply, _, _ = self._running.electrics()
         return self._electrics.battery_voltage * supply
 
+    def _of_wheels(self) -> Values:
+        """Return the angles (rad) and the velocities (rad/s) of both wheels."""
+        return self.left.angle, self.right.angle, self.left.velocity, self.right.velocity
+
+    def _wheels_told(self) -> Values:
+        """Return what the encoders know of the wheels now: as they were wheel_speed_latency ago."""
+        if self._wheels is None:
+            return self._of_wheels()
+        return self._wheels.at(self.time - self.parameters.wheel_speed_latency)
+
     def _encoder_speed(self, s: float, velocity: float) -> float:
         """Return the counts per second of the encoder of one side, s = 1 on the left and -1 on the right."""
         p = self.parameters
@@ -155,7 +161,7 @@ class Plant:
 
     def _count(self) -> None:
         """Have the encoders count what the shafts have turned; some miss a share of it at speed (encoder_miscount)."""
-        turned = [self.left.angle, self.right.angle]
+        turned = list(self._wheels_told()[:2])
         seconds = self.time - self._counted_at
         if self.parameters.encoder_miscount == 0.0:
             self._counted = turned

@@ -12,7 +12,15 @@ from tests.reference_plant import REALISTIC, TYPICAL, Noise
 from tests.reference_plant.manoeuvres import PART_SECONDS, RICH_DRIVE_SECONDS
 
 RICH, EIGHT, EIGHT_OPEN = "rich", "figure_eight", "figure_eight_open"
-SECONDS: dict[str, float] = {RICH: RICH_DRIVE_SECONDS, EIGHT: 120.0, EIGHT_OPEN: 120.0}
+# What is recorded of these are windows: of the rich drive, and of a robot with a velocity controller.
+WINDOWS, CONTROLLED_WINDOWS = "windows", "controlled_windows"
+SECONDS: dict[str, float] = {
+    RICH: RICH_DRIVE_SECONDS,
+    EIGHT: 120.0,
+    EIGHT_OPEN: 120.0,
+    WINDOWS: RICH_DRIVE_SECONDS,
+    CONTROLLED_WINDOWS: 120.0,
+}
 BEGINNING = "beginning_of_rich"
 # Short drives in which the robot turns: the beginning of the rich drive, and parts of it by themselves.
 SHORT_SECONDS: dict[str, float] = {

@@ -6,7 +6,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from cmr.recordings.signal import Floats
-from tests.hidden_effects.cases import BEGINNING, EIGHT_OPEN, RICH, SHORT_SECONDS, Truth
+from tests.hidden_effects.cases import (
+    BEGINNING,
+    CONTROLLED_WINDOWS,
+    EIGHT_OPEN,
+    RICH,
+    SHORT_SECONDS,
+    WINDOWS,
+    Truth,
+)
+from tests.hidden_effects.windows import commands_of_controller
 from tests.reference_plant import Commands, packets, plant_parameters
 from tests.reference_plant.drives import Pose
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, figure_eight, in_turn, part_of_rich_drive, rich_drive
@@ -23,7 +32,9 @@ POINTS = 1000  # of a figure-eight
 def commands_of(truth: Truth, seed: int) -> Commands:
     """Return the commands that the robot gets in the drive of this seed."""
     seconds, random = truth.case.seconds, truth.case.random("driving", truth.case.run)
-    if truth.case.manoeuvre == RICH:
+    if truth.case.manoeuvre == CONTROLLED_WINDOWS:
+        return commands_of_controller(truth, seed)
+    if truth.case.manoeuvre in (RICH, WINDOWS):
         return packets(in_turn([(RICH_DRIVE_SECONDS, rich_drive())] * truth.case.repeats), seconds)
     if truth.case.manoeuvre in SHORT_SECONDS:
         short = rich_drive() if truth.case.manoeuvre == BEGINNING else part_of_rich_drive(truth.case.manoeuvre)

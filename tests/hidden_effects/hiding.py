@@ -13,6 +13,7 @@ from tests.hidden_effects.logs import write_log
 from tests.hidden_effects.places import placed
 from tests.hidden_effects.robots import draw_nominal, draw_robot
 from tests.hidden_effects.sizes import draw_sizes
+from tests.hidden_effects.windows import is_windowed, parameters_of_windows, windowed
 from tests.reference_plant import Drive, drive
 
 
@@ -58,6 +59,8 @@ def truth_of(case: Case) -> Truth:
     parameters = {}
     for effect in case.effects:
         parameters.update(draw_sizes(effect, robot, case.seconds, random))
+    if is_windowed(case):
+        parameters = parameters_of_windows(case, parameters)
     truth = Truth(case=case, robot=robot, parameters=parameters, nominal=nominal)
     return replace(placed(truth), case=case) if "surface_patch" in case.effects else truth
 
@@ -66,4 +69,5 @@ def _driven(case: Case) -> tuple[Truth, Drive]:
     truth = truth_of(case)
     nominal = ParameterFile(0, {name: Value(value) for name, value in truth.nominal.items()})
     commands = commands_of(truth, case.drive_seed)
-    return truth, drive(commands, truth.plant, case.seconds, truth.noise, case.drive_seed, nominal=nominal)
+    driven = drive(commands, truth.plant, case.seconds, truth.noise, case.drive_seed, nominal=nominal)
+    return truth, driven._replace(recording=windowed(truth, driven.recording)) if is_windowed(case) else driven

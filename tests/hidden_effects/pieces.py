@@ -9,7 +9,8 @@ import numpy as np
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal
 
-SIGNALS = ("commands", "wheels", "gyro", "poses")
+SIGNALS = ("commands", "velocity_commands", "wheels", "gyro", "poses")
+JUMPS = (0.2, 1.0)  # m, of a lidar that finds itself elsewhere; it turns by as many rad as half of that
 
 
 def in_pieces(
@@ -49,3 +50,22 @@ def _from_origin(poses: Signal) -> dict[str, Floats]:
     x, y = poses["x"] - poses["x"][0], poses["y"] - poses["y"][0]
     cosine, sine = np.cos(poses["theta"][0]), np.sin(poses["theta"][0])
     return {"x": cosine * x + sine * y, "y": cosine * y - sine * x, "theta": poses["theta"] - poses["theta"][0]}
+
+
+def with_jumps(recording: Recording, share: float, random: np.random.Generator) -> Recording:
+    """Return the recording with a jump in this share of its pieces: from there on its poses are of another frame."""
+    poses = recording.poses
+    first = recording.pieces.first
+    number = np.searchsorted(first, poses.utime, side="right") - 1
+    place, theta = poses["x"] + 1j * poses["y"], poses["theta"].copy()
+    for piece in np.flatnonzero(random.random(len(first)) < share):
+        own = np.flatnonzero(number == piece)
+        after = own[int(len(own) * random.uniform(0.2, 0.8)) :]
+        size, along, way = random.uniform(*JUMPS), random.uniform(-np.pi, np.pi), random.choice((-0.5, 0.5))
+        turn = size * way
+        # It turns about the place of the jump.
+        place[after] = (
+            place[after[0]] + (place[after] - place[after[0]]) * np.exp(1j * turn) + size * np.exp(1j * along)
+        )
+        theta[after] += turn
+    return replace(recording, poses=Signal(poses.utime, {"x": place.real, "y": place.imag, "theta": theta}))

@@ -12,6 +12,9 @@ from tests.hidden_effects.unknown import UNKNOWN
 from tests.reference_plant import TYPICAL
 
 RELATIVE, DEVIATIONS = 0.05, 3.0  # a parameter is right within this share, or within so many standard deviations
+LATENCIES = ("pose_latency", "gyro_latency", "command_delay", "wheel_speed_latency")
+LATENCY_SHARE = 0.1  # of a latency by which it may be off in windows
+SHORTEST_LATENCY = 0.04  # s, of poses; less need not be named
 FORETOLD = 0.2  # share by which an error may be foretold wrongly
 PHASE_SPAN = 1.0  # rad; what a phase is off is compared with
 LOG_SECONDS, COMMAND_SECONDS = 3.0, 8.0  # of the processor
@@ -81,6 +84,34 @@ def all_named(row: Row) -> bool:
     """Tell whether all hidden effects are named."""
     ranks = range(len(row.names))
     return all(any(names(row, rank, effect) for rank in ranks) for effect in row.case.effects)
+
+
+def large(row: Row) -> tuple[str, ...]:
+    """Return the hidden effects that are large enough to be named: not a latency of less than a usual pose's time."""
+    return tuple(e for e in row.case.effects if e != "pose_latency" or row.parameters[e] > SHORTEST_LATENCY)
+
+
+def hidden_first(row: Row) -> bool:
+    """Tell whether the first effect named is one of those hidden; if none is large enough, there need be no name."""
+    if not row.names:
+        return not row.error and not large(row)
+    return any(names(row, 0, effect) for effect in row.case.effects)
+
+
+def all_large_named(row: Row) -> bool:
+    """Tell whether all hidden effects are named that are large enough."""
+    return not row.error and all(any(names(row, k, effect) for k in range(len(row.names))) for effect in large(row))
+
+
+def latencies_right(row: Row) -> list[bool]:
+    """Tell of each hidden latency that was found, or should have been, whether it is right."""
+    result = []
+    for name in (name for name in LATENCIES if name in row.case.effects):
+        value, std = row.estimates.get(name, (0.0, 0.0, 0.0, 0.0))[:2]
+        if name in row.estimates or name in large(row):
+            true = row.parameters[name]
+            result.append(abs(value - true) <= max(LATENCY_SHARE * true, DEVIATIONS * std))
+    return result
 
 
 def flagged(row: Row) -> bool:
@@ -264,6 +295,18 @@ def score_length(rows: Sequence[Row]) -> list[Score]:
     return [Score("length", quantity, growth, len(rows), f"<= {LINEAR}", growth <= LINEAR, unit="")]
 
 
+def score_windows(rows: Sequence[Row]) -> list[Score]:
+    """Score recordings in windows."""
+    latencies = [right for row in rows for right in latencies_right(row)]
+    share = float(np.mean(latencies)) if latencies else math.nan
+    return [
+        _share("windows", "a hidden effect first", _those(rows, hidden_first), rows, least=0.97),
+        _share("windows", "wrongly named", _those(rows, wrongly_named), rows, most=0.02),
+        Score("windows", "latencies within 10 % or 3 std", share, len(latencies), ">= 95 %", share >= 0.95),
+        _share("windows", "all named that are large enough", _those(rows, all_large_named), rows),
+    ]
+
+
 def score_command(rows: Sequence[Row]) -> list[Score]:
     """Score the whole command."""
     return _most("command", "processor, report included", [row.cpu_seconds for row in rows], COMMAND_SECONDS, "s")
@@ -304,6 +347,7 @@ SCORES: Mapping[str, Callable[[Sequence[Row]], list[Score]]] = {
     "friction": score_friction,
     "gain": score_gain,
     "length": score_length,
+    "windows": score_windows,
     "command": score_command,
     "hours": score_hours,
 }

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from tests.hidden_effects.cases import EIGHT, EIGHT_OPEN, RICH, SHORT_SECONDS, Case
+from tests.hidden_effects.cases import CONTROLLED_WINDOWS, EIGHT, EIGHT_OPEN, RICH, SHORT_SECONDS, WINDOWS, Case
 from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
 from tests.reference_plant import TYPICAL
 
@@ -16,6 +16,15 @@ NULL_NOISES = ("realistic", "threefold", "white", "threefold_white", "slow", "th
 # Either name says the same of the data, so both at once are one effect.
 SAME_MATHEMATICS = (frozenset({"wheel_radius_scale", "encoder_scale"}),)
 PAIRS = [pair for pair in combinations(WITH_DUTIES, 2) if frozenset(pair) not in SAME_MATHEMATICS]
+# Beside late poses in windows, one of these is hidden, or nothing more (None).
+IN_WINDOWS = (
+    *(None, "pose_offset", "travel_reduction", "wheel_radius_asymmetry", "gyro_scale", "command_delay", "turn_slip"),
+    *("gyro_latency", "motor_gain_asymmetry", "gyro_bias", "coulomb_friction", "wheel_speed_latency"),
+)
+IN_CONTROLLED_WINDOWS = (
+    *(None, "pose_offset", "travel_reduction", "wheel_radius_asymmetry", "gyro_scale", "command_delay", "turn_slip"),
+    *("gyro_latency", "turn_rate_limit", "wheel_separation_error", "wheel_speed_latency"),
+)
 TWO_HOURS = 61  # rich drives
 
 
@@ -83,6 +92,16 @@ def command(seeds: int) -> list[Case]:
     return [Case((effect,), RICH, 600 + seed) for seed, effect in enumerate(WITH_DUTIES[: (seeds + 3) // 4])]
 
 
+def windows(seeds: int) -> list[Case]:
+    """Return recordings in windows with late poses, of robots that take duties and of those that take (v, omega)."""
+    kinds = ((WINDOWS, IN_WINDOWS), (CONTROLLED_WINDOWS, IN_CONTROLLED_WINDOWS))
+    return [
+        Case((*filter(None, [effects[seed % len(effects)]]), "pose_latency"), manoeuvre, seed)
+        for seed in range(2 * seeds)
+        for manoeuvre, effects in kinds
+    ]
+
+
 def hours(_seeds: int) -> list[Case]:
     """Return one drive of two hours."""
     return [Case(("coulomb_friction",), RICH, 700, repeats=TWO_HOURS)]
@@ -99,6 +118,7 @@ SETS: Mapping[str, Callable[[int], list[Case]]] = {
     "friction": friction,
     "gain": gain,
     "length": length,
+    "windows": windows,
     "command": command,
     "hours": hours,
 }

@@ -131,13 +131,14 @@ def drive(
     time, gyro_time, pose_time = (raster(seconds, rate) for rate in (WHEEL_RATE, GYRO_RATE, POSE_RATE))
     asked = moments(p, seconds)
     states = true_motion(commands, parameters, asked, step=step, start=start, noise=noise, seed=motion_seed)
-    at_wheels, at_gyro, at_poses = np.split(np.arange(len(asked)), [len(time), len(time) + len(gyro_time)])
+    ends = np.cumsum([len(time), len(gyro_time), len(pose_time)])
+    at_wheels, at_gyro, at_poses, at_times = np.split(np.arange(len(asked)), ends)
     rate = sensors.gyro(p, gyro_time, states["w"][at_gyro], states["theta"][at_gyro], noise, random)
     true_pose = states["x"][at_poses], states["y"][at_poses], states["theta"][at_poses]
     poses = sensors.pose(p, pose_time, true_pose, noise, random)
     sent = commands.time <= seconds
     return Drive(
-        Signal(utime(time), {name: values[at_wheels] for name, values in states.items()}),
+        Signal(utime(time), {name: values[at_times] for name, values in states.items()}),
         Recording(
             0,
             commands=Signal(utime(commands.time[sent]), {"left": commands.left[sent], "right": commands.right[sent]}),
@@ -193,9 +194,10 @@ def seeds(seed: int) -> tuple[int, np.random.Generator]:
 
 
 def moments(p: PlantParameters, seconds: float) -> Floats:
-    """Return the moments [s] of which wheels, gyro and poses tell in a drive, one after the other."""
+    """Return the moments [s] of which wheels, gyro and poses tell in a drive, and those of its truth, in this order."""
     wheels, gyro, poses = (raster(seconds, rate) for rate in (WHEEL_RATE, GYRO_RATE, POSE_RATE))
-    return np.concatenate([wheels, sensors.gyro_time(p, gyro), sensors.pose_time(p, poses)])
+    seen = sensors.wheel_time(p, wheels), sensors.gyro_time(p, gyro), sensors.pose_time(p, poses)
+    return np.concatenate([*seen, wheels])
 
 
 def raster(seconds: float, rate: float) -> Floats:

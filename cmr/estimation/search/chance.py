@@ -111,7 +111,7 @@ def _jitter(
     rivals = tuple(names) if drop < THRESHOLD else ()
     estimate, gained = Estimate(largest, STD_OF_JITTER * largest), drop + max(one.candidate.drop for one in late)
     cleaned = without_jitter(problem, timing.delays(size), mean)
-    return _selected(JITTER, estimate, gained, rivals, late[0].before), cleaned
+    return read_off(JITTER, estimate, gained, rivals, late[0].before), cleaned
 
 
 def _lost(problem: Problem, final: Fit, timing: Timing | None) -> tuple[SelectedEffect, Problem] | None:
@@ -122,7 +122,7 @@ def _lost(problem: Problem, final: Fit, timing: Timing | None) -> tuple[Selected
     if not worth_naming({LOSS: loss.share + PERHAPS * loss.std}, {}, problem.excitation):
         return None
     cleaned = without_loss(problem, timing, loss)
-    return _selected(LOSS, Estimate(loss.share, loss.std), loss.drop, (), final), cleaned
+    return read_off(LOSS, Estimate(loss.share, loss.std), loss.drop, (), final), cleaned
 
 
 def coarse_ticks(problem: Problem, final: Fit) -> SelectedEffect | None:
@@ -134,7 +134,7 @@ def coarse_ticks(problem: Problem, final: Fit) -> SelectedEffect | None:
     readings = sum(int(np.sum(predictor.segment.observations.wheel_use)) for predictor in problem.predictors)
     # Each reading that falls on a tick, where a fine encoder would fall anywhere, is evidence.
     drop = 2.0 * readings * float(np.log(tick / COARSE) + 1.0)
-    return _selected("encoder_quantisation", Estimate(value, value * READ_OFF), drop, (), final)
+    return read_off("encoder_quantisation", Estimate(value, value * READ_OFF), drop, (), final)
 
 
 def tick_of(problem: Problem) -> float:
@@ -142,7 +142,8 @@ def tick_of(problem: Problem) -> float:
     return max(predictor.segment.tick for predictor in problem.predictors)
 
 
-def _selected(name: str, estimate: Estimate, drop: float, rivals: tuple[str, ...], before: Fit) -> SelectedEffect:
+def read_off(name: str, estimate: Estimate, drop: float, rivals: tuple[str, ...], before: Fit) -> SelectedEffect:
+    """Return an effect that no fit has, with its size as it was estimated; `before` is the fit beside it."""
     values = {**before.values, name: estimate.value}
     candidate = CandidateEffect(CATALOGUE[name], drop, values, None, 0.5 * drop)
     return SelectedEffect(candidate, rivals, before, {name: estimate})

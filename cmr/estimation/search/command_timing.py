@@ -182,7 +182,8 @@ def largest_delay(mean: float, period: float) -> float:
     def missing(largest: float) -> float:
         return _seeming_delay(largest, period) - mean
 
-    return float(brentq(missing, mean, MOST_OVERTAKEN * mean)) if missing(2.0 * mean) < 0.0 else 2.0 * mean
+    overtakes = 2.0 * mean > period and missing(2.0 * mean) < 0.0
+    return float(brentq(missing, mean, MOST_OVERTAKEN * mean)) if overtakes else 2.0 * mean
 
 
 def _seeming_delay(largest: float, period: float) -> float:

@@ -62,6 +62,29 @@ ENCODER_QUANTISATION = Effect(
     confused_with={"deadband": "a finer encoder", "static_friction": "a finer encoder"},
 )
 
+# How late all sensors are together is not known: it counts as command_delay. Where the gyro is ahead of the wheels, the
+# first of gyro and poses counts as in time, else the wheels do: so no latency is negative.
+WHEEL_SPEED_LATENCY = Effect(
+    name="wheel_speed_latency",
+    group=GROUP,
+    cause="The wheels' readings are {wheel_speed_latency:.3f} s older than their stamps say.",
+    equations={"encoder_time": "moment = moment - wheel_speed_latency"},
+    parameters=(
+        ParameterDefinition(
+            "wheel_speed_latency",
+            "s",
+            "age of the wheels' readings at their stamp beside the gyro's; 0.2 from a filtered speed",
+            0.0,
+            1.0,
+            0.0,
+            0.1,
+        ),
+    ),
+    needs="turns that begin and end, and a gyro",
+    shows_in="the gyro, which is ahead of the wheels",
+    confused_with={"command_delay": "a gyro: it shows by how much of it the wheels are told late"},
+)
+
 GYRO_BIAS = Effect(
     name="gyro_bias",
     group=GROUP,
@@ -194,6 +217,7 @@ EFFECTS = (
     ENCODER_SCALE,
     ENCODER_ASYMMETRY,
     ENCODER_QUANTISATION,
+    WHEEL_SPEED_LATENCY,
     GYRO_BIAS,
     GYRO_SCALE,
     GYRO_DRIFT,

@@ -1,0 +1,56 @@
+"""Find wheels that tell late: their readings are older than their stamps say.
+
+Many bought robots filter the speeds that they report, or stamp them on arrival. The gyro then turns before the wheels
+do, which no robot can; a gyro's clock that is ahead looks the same, and poses may be as late as the wheels. The sensor
+that is first, gyro or poses, counts as in time: so none tells what has not yet happened. How late all of them are
+together is not known: it counts as command_delay.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cmr.recordings.lags import Lag
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS
+
+SURELY = 3.0  # standard deviations
+IN_TIME = Lag("wheels", "gyro", 0.0, 0.0)  # of wheels that are known not to be late
+
+
+def late_wheels(recording: Recording, lags: Sequence[Lag]) -> Lag | None:
+    """Return by how much the wheels lag the first of the other sensors in these `lags`; None if they need not.
+
+    The driver of CMR stamps its wheels when they were read: they are never late. Nor are wheels that would then have
+    turned before they were commanded to.
+    """
+    known = {lag.sensor: lag for lag in lags if lag.known}
+    first = known.get("gyro")
+    if first is None or first.reference != "wheels" or first.seconds >= 0.0 or recording.driven_on_the_bus:
+        return None
+    if "poses" in known and _is_before(known["poses"], first):
+        first = known["poses"]
+    late = Lag("wheels", first.sensor, -first.seconds, first.std)
+    return None if "wheels" in known and _is_before(known["wheels"], late) else late
+
+
+def _is_before(one: Lag, other: Lag) -> bool:
+    """Tell whether a lag is surely smaller than another."""
+    return one.seconds < other.seconds - SURELY * float(np.hypot(one.std, other.std))
+
+
+def with_wheels_in_time(recording: Recording, late: Lag) -> Recording:
+    """Return the recording with its wheels stamped as much earlier as they are late."""
+    wheels = recording.wheels
+    return replace(recording, wheels=replace(wheels, utime=wheels.utime - round(late.seconds / SECONDS)))
+
+
+def together(found: Iterable[Lag | None]) -> Lag | None:
+    """Return the lag of wheels that several recordings of one robot tell, as a mean; None where none does."""
+    known = [lag for lag in found if lag is not None]
+    if not known:
+        return None
+    weights = np.array([lag.std**-2.0 for lag in known])
+    mean = float(weights @ [lag.seconds for lag in known] / weights.sum())
+    return Lag("wheels", known[0].reference, mean, float(weights.sum() ** -0.5))
