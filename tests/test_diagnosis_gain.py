@@ -48,7 +48,7 @@ def piece_of(one: Recording, splits: tuple[int, ...] = ()) -> Segment:
 
 
 def errors_with(one: Recording, *models: Values, window: float = WINDOW) -> tuple[Errors, ...]:
-    return errors_of(piece_of(one), [Fold(models)], window)
+    return errors_of([piece_of(one)], [[Fold(models)]], window)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_a_jump_of_the_tracker_is_no_error_of_the_model() -> None:
     late = whole.poses.utime >= jump
     fields = {**whole.poses.fields, "x": whole.poses["x"] + 1.0 * late}
     torn = replace(whole, poses=replace(whole.poses, fields=fields))
-    (errors,) = errors_of(piece_of(torn, (jump,)), [Fold((TRUE,))])
+    (errors,) = errors_of([piece_of(torn, (jump,))], [[Fold((TRUE,))]])
     (unspoilt,) = errors_with(whole, TRUE)
     assert path_rmse(errors) == pytest.approx(path_rmse(unspoilt), rel=0.1)
 
@@ -98,9 +98,9 @@ def test_every_window_is_run_with_the_parameters_that_were_found_without_it() ->
     segment = piece_of(driven("figure-eight"))
     wrong = {**TRUE, "base_width": 0.3}
     mine, others = alternating_spans(segment.observations.seconds, 2)
-    mixed, _ = errors_of(segment, [Fold((TRUE, TRUE), mine), Fold((wrong, TRUE), others)])
-    near, _ = errors_of(segment, [Fold((TRUE, TRUE), mine)])
-    far, _ = errors_of(segment, [Fold((wrong, TRUE), others)])
+    mixed, _ = errors_of([segment], [[Fold((TRUE, TRUE), mine), Fold((wrong, TRUE), others)]])
+    near, _ = errors_of([segment], [[Fold((TRUE, TRUE), mine)]])
+    far, _ = errors_of([segment], [[Fold((wrong, TRUE), others)]])
     assert path_rmse(far) > 2.0 * path_rmse(near)
     of_mine = np.isin(mixed.begin, near.begin)
     assert mixed.squares["position"][of_mine] == pytest.approx(near.squares["position"])
@@ -156,7 +156,7 @@ def test_the_error_on_what_was_left_out_is_that_on_a_fresh_log() -> None:
     middle = seconds / 2.0
     halves = ((0.0, middle), (middle, seconds))
     folds = [Fold((fitted(log, (kept,)),), (left_out,)) for kept, left_out in (halves, halves[::-1])]
-    (foretold,) = errors_of(piece_of(log), folds)
+    (foretold,) = errors_of([piece_of(log)], [folds])
     (measured,) = errors_with(fresh, fitted(log, ((0.0, seconds),)))
     assert path_rmse(foretold) == pytest.approx(path_rmse(measured), rel=0.2)
 

@@ -7,7 +7,7 @@ import pytest
 
 from cmr.model.commands import Commands
 from cmr.model.motion import RobotState, drive
-from cmr.model.observer import MOTION, RESTART, Gains, Observations, observe
+from cmr.model.observer import MOTION, RESTART, Gains, Observations, Observer, observe
 from cmr.model.parameters import RobotParameters
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
@@ -201,3 +201,65 @@ def test_what_grows_with_time_goes_on_growing_after_a_gap(
     expected = observe(at_once, {**ROBOT, **effect, **after_50_s}, FREE)
     assert np.allclose(said.gyro, expected.gyro, atol=1e-9)
     assert np.allclose(said.pose, expected.pose, atol=1e-9)
+
+
+def halves(what: Observations, motion: np.typing.NDArray[np.float64]) -> list[Observations]:
+    """Return a drive in two, the second of which starts as the robot then moved."""
+    half = STEPS // 2
+    wheels, poses = slice(half, None), slice(int(np.sum(what.pose_time <= half * STEP)), None)
+    first = replace(
+        what,
+        steps=half,
+        wheel_time=what.wheel_time[:half],
+        wheel=what.wheel[:half],
+        wheel_use=what.wheel_use[:half],
+        gyro_time=what.gyro_time[:half],
+        gyro=what.gyro[:half],
+        pose_time=what.pose_time[: poses.start],
+        pose=what.pose[: poses.start],
+        pose_use=what.pose_use[: poses.start],
+    )
+    x, y, theta, psi_left, psi_right = (float(motion[half, MOTION.index(name)]) for name in MOTION[:5])
+    angles = motion[half, [MOTION.index("angle_left"), MOTION.index("angle_right")]]
+    second = replace(
+        what,
+        steps=STEPS - half,
+        commands=replace(what.commands, time=what.commands.time - half * STEP),
+        start=(x, y, theta, psi_left, psi_right),
+        time=half * STEP,
+        wheel_time=what.wheel_time[wheels] - half * STEP,
+        wheel=np.ascontiguousarray(what.wheel[wheels] - angles),
+        wheel_use=what.wheel_use[wheels],
+        gyro_time=what.gyro_time[wheels] - half * STEP,
+        gyro=what.gyro[wheels],
+        pose_time=what.pose_time[poses] - half * STEP,
+        pose=np.ascontiguousarray(what.pose[poses]),
+        pose_use=what.pose_use[poses],
+    )
+    return [first, second]
+
+
+@pytest.mark.parametrize(
+    "effect", [{"battery_drift": 0.5}, {"motor_heating": 0.5}], ids=lambda effect: next(iter(effect))
+)
+def test_what_lasts_is_as_it_was_after_a_gap(effect: dict[str, float]) -> None:
+    """A battery is as empty in a drive that is continued as it would have been without the gap, and a motor as warm."""
+    what, values = observations(**effect), {**ROBOT, **effect}
+    parts = halves(what, observe(what, values, FREE).motion)
+    observer = Observer(values, FREE)
+    _, continued = observer.observe_each(parts, [False, True])
+    _, alone = observer.observe_each(parts, [False, False])
+    assert np.abs(continued.wheel).max() < 1e-9
+    assert np.abs(alone.wheel).max() > 1e-2
+
+
+def test_drives_are_observed_together_as_one_by_one() -> None:
+    """With commands or by given wheel speeds: each drive's errors are those that it has alone."""
+    what = observations()
+    rolling = replace(what, given=np.full((STEPS, 2), 5.0), time=3.0)
+    drives = [what, *halves(what, observe(what, ROBOT, FREE).motion), rolling, rolling]
+    values = {**ROBOT, "base_width": np.linspace(0.15, 0.17, 20), "command_delay": np.repeat([0.0, 0.013], 10)}
+    together = Observer(values, FOLLOWING).observe_each(drives, [False] * len(drives))
+    for one, said in zip(drives, together, strict=True):
+        for found, alone in zip(said, observe(one, values, FOLLOWING), strict=True):
+            np.testing.assert_array_equal(found, alone)

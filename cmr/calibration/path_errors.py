@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from cmr.estimation.free_runs import Fold, errors_of, joined
+from cmr.estimation.free_runs import Fold, errors_of
 from cmr.estimation.gain import path_rmse
 from cmr.estimation.problem import Problem
 from cmr.model.parameters import RobotParameters
@@ -18,6 +18,6 @@ def path_errors(problem: Problem, given: Mapping[str, float], found: Mapping[str
     if not known[1]:
         return math.nan, math.nan
     models = (given if known[0] else found, found)
-    errors = zip(*(errors_of(one.segment, [Fold(models)]) for one in problem.predictors), strict=True)
-    before, after = (path_rmse(joined(of_model)) for of_model in errors)
+    segments = [one.segment for one in problem.predictors]
+    before, after = map(path_rmse, errors_of(segments, [[Fold(models)]] * len(segments)))
     return (before if known[0] else math.nan), after

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cmr.estimation.free_runs import Fold, errors_of, joined
+from cmr.estimation.free_runs import Fold, errors_of
 from cmr.estimation.gains import COARSE, choose_gains
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import WHEELS
@@ -73,7 +73,8 @@ def trusted(found: Search, ready: Ready) -> bool:
 def straying(found: Search) -> float:
     """Return the error of wheel speeds that run freely with the model found, as a share of what the speeds are."""
     segments = [predictor.segment for predictor in found.problem.predictors]
-    errors = joined(errors_of(segment, [Fold((dict(found.final.values),))])[0] for segment in segments)
+    fold = Fold((dict(found.final.values),))
+    (errors,) = errors_of(segments, [[fold]] * len(segments))
     speeds = [
         np.diff(observations.wheel, axis=0) / np.diff(observations.wheel_time)[:, None]
         for observations in (p.observations for p in segments)

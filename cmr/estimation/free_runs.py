@@ -11,14 +11,14 @@ that on the next.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cmr.estimation.prediction import FREE, WHEELS
-from cmr.estimation.segments import Segment
+from cmr.estimation.segments import Segment, continued
 from cmr.model.catalogue import definition
 from cmr.model.motion import RobotState, Trajectory, roll
 from cmr.model.observer import FOLLOWED, LONGEST_LATENCY, MOTION, RESTART, Innovations, Observations, Observer, observe
@@ -111,26 +111,33 @@ def alternating_spans(seconds: float, folds: int, block: float = BLOCK) -> list[
     return [tuple((begin, begin + block) for begin in begins[fold::folds]) for fold in range(folds)]
 
 
-def errors_of(segment: Segment, folds: Sequence[Fold], window: float = WINDOW) -> tuple[Errors, ...]:
-    """Return the errors in one segment of each model, all folds having the same number of them.
+def errors_of(
+    segments: Sequence[Segment], folds: Sequence[Sequence[Fold]], window: float = WINDOW
+) -> tuple[Errors, ...]:
+    """Return the errors of each model over all segments; `folds` are those of each, all with as many models.
 
     The last model should be the one that knows most: its sensor effects tell what the real pose is at a beginning.
     Windows do not reach beyond a fold's span; each is run with the parameters found without it. What is left over at
     the ends is not used.
     """
-    observations = segment.observations
-    values = stacked([model for fold in folds for model in fold.models])
-    smooth = smoothed_poses(observations, folds[0].models[-1])
-    models = len(folds[0].models)
-    parts: list[list[Errors]] = [[] for _ in range(models)]
+    observations = [segment.observations for segment in segments]
+    models = {id(fold.models): fold.models for of_segment in folds for fold in of_segment}
+    first = dict(zip(models, np.cumsum([0, *map(len, models.values())]).tolist(), strict=False))
+    values = stacked([model for together in models.values() for model in together])
+    smooth = [smoothed_poses(one, of_one[0].models[-1]) for one, of_one in zip(observations, folds, strict=True)]
+    parts: list[list[list[Errors]]] = [[[] for _ in segments] for _ in folds[0][0].models]
     for phase in range(OVERLAP):
-        windows, fold = _windows(observations, folds, window, phase * window / OVERLAP)
-        if len(windows.begin) == 0:
-            continue
-        told = told_errors(observations, free_run(observations, windows.pose, smooth, values))
-        for model, part in enumerate(parts):
-            part.append(_summed(segment, window, windows, told, fold * models + model))
-    return tuple(joined(part, window) for part in parts)
+        late = phase * window / OVERLAP
+        chosen = [_windows(one, of_one, window, late) for one, of_one in zip(observations, folds, strict=True)]
+        begins = [windows.pose for windows, _ in chosen]
+        runs = free_runs(observations, begins, smooth, values, continued(segments))
+        for number, ((windows, fold), run) in enumerate(zip(chosen, runs, strict=True)):
+            if len(windows.begin):
+                told = told_errors(observations[number], run)
+                lane = np.array([first[id(one.models)] for one in folds[number]])[fold]
+                for model, part in enumerate(parts):
+                    part[number].append(_summed(segments[number], window, windows, told, lane + model))
+    return tuple(joined(chain.from_iterable(part), window) for part in parts)
 
 
 def joined(errors: Iterable[Errors], window: float = WINDOW) -> Errors:
@@ -157,24 +164,37 @@ def free_run(observations: Observations, begins: Indices, poses: Floats, values:
 
     What the sensors said less what they would have said comes back, at each pose that was measured.
     """
+    return free_runs([observations], [begins], [poses], values, [False])[0]
+
+
+def free_runs(
+    observations: Sequence[Observations],
+    begins: Sequence[Indices],
+    poses: Sequence[Floats],
+    values: Mapping[str, Floats],
+    continued: Sequence[bool],
+) -> list[Innovations]:
+    """Run freely over several segments; see `free_run`. `continued` tells which follow the one before after a gap."""
+    changed = [_put_to(*one) for one in zip(observations, begins, poses, strict=True)]
+    results = Observer(values, FREE).observe_each(changed, continued)
+    measured = (
+        np.insert(np.ones(len(one.pose), np.bool_), np.repeat(of_one, 2) + 1, False)
+        for one, of_one in zip(observations, begins, strict=True)
+    )
+    return [result._replace(pose=result.pose[rows]) for result, rows in zip(results, measured, strict=True)]
+
+
+def _put_to(observations: Observations, begins: Indices, poses: Floats) -> Observations:
+    """Return observations in which the robot is put to `poses` (P, 3) right after the poses with numbers `begins`."""
     # Twice, because where the tracked point is depends on the heading, which the first time sets.
     source = np.repeat(begins, 2)
     at = source + 1
-    changed = replace(
+    return replace(
         observations,
         pose_time=np.insert(observations.pose_time, at, observations.pose_time[source]),
         pose=np.insert(observations.pose, at, poses[source], axis=0),
         pose_use=np.insert(observations.pose_use, at, RESTART),
     )
-    result = _observer(tuple((name, value.tobytes()) for name, value in values.items())).observe(changed)
-    measured = np.insert(np.ones(len(observations.pose), np.bool_), at, False)
-    return result._replace(pose=result.pose[measured])
-
-
-@lru_cache(maxsize=4)
-def _observer(values: tuple[tuple[str, bytes], ...]) -> Observer:
-    """Return the observer of some models that follows nothing: many segments in turn are run with the same ones."""
-    return Observer({name: np.frombuffer(data) for name, data in values}, FREE)
 
 
 def smoothed_poses(observations: Observations, values: Values) -> Floats:

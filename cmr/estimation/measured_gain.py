@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from cmr.estimation.free_runs import BLOCK, Errors, Fold, alternating_spans, errors_of, joined
+from cmr.estimation.free_runs import BLOCK, Errors, Fold, alternating_spans, errors_of
 from cmr.estimation.gain import Gain, gain_of, path_rmse
 from cmr.estimation.problem import Problem
 from cmr.estimation.segments import Segment
@@ -138,7 +138,7 @@ class Running(NamedTuple):
 def _fitted_errors(models: Sequence[Running], segments: Sequence[Segment]) -> tuple[Errors, ...]:
     """Return the errors of each model in segments, with its values as they are."""
     fold = Fold(tuple(model.values for model in models))
-    return _errors(segments, [[fold]] * len(segments))
+    return errors_of(segments, [[fold]] * len(segments))
 
 
 def _left_out_errors(
@@ -147,13 +147,7 @@ def _left_out_errors(
     """Return the errors of each model on held-out segments, without any on parts of the segments left out."""
     if held_out:
         return _fitted_errors(models, held_out)
-    return _errors(segments, _folds(problem, models, segments))
-
-
-def _errors(segments: Sequence[Segment], folds: Sequence[Sequence[Fold]]) -> tuple[Errors, ...]:
-    """Return the errors of each model over all segments."""
-    parts = [errors_of(segment, of_piece) for segment, of_piece in zip(segments, folds, strict=True)]
-    return tuple(joined(of_model) for of_model in zip(*parts, strict=True))
+    return errors_of(segments, _folds(problem, models, segments))
 
 
 def _folds(problem: Problem, models: Sequence[Running], segments: Sequence[Segment]) -> list[list[Fold]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cmr.estimation.segments import Segment
+from cmr.estimation.segments import Segment, continued
 from cmr.model.drives import Drives
 from cmr.model.observer import RESTART, Gains, Observer
 from cmr.recordings.signal import Floats, Mask
@@ -161,7 +161,8 @@ class Batch:
 
     @cached_property
     def _drives(self) -> Drives:
-        return Drives.of([one.segment.observations for one in self.predictors])
+        segments = [one.segment for one in self.predictors]
+        return Drives.of([one.observations for one in segments], continued(segments))
 
     @cached_property
     def _used(self) -> dict[str, Mask]:

@@ -62,6 +62,12 @@ class Segment:
         return replace(self, observations=replace(self.observations, commands=commands))
 
 
+def continued(segments: Sequence[Segment]) -> list[bool]:
+    """Tell of each segment whether it goes on with the recording of the one before, after a gap."""
+    before = [None, *(one.recording for one in segments[:-1])]
+    return [one.recording == last for one, last in zip(segments, before, strict=True)]
+
+
 def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
     """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins anew.
 

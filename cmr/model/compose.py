@@ -74,6 +74,7 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
         [
             *(IMPORTS, f"LANES, ABREAST = {LANES}, {ABREAST}"),
             *(f"{name} = {value}" for name, value in constants.items()),
+            f"LASTING = {tuple(constants[name.upper()] for name in memories(effects, lasting=True))}",
             functions,
         ]
     )

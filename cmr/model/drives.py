@@ -35,12 +35,14 @@ class Drives:
 
     Times of readings and commands [s] count from the beginning of their own drive. `start` (K, 5) is x, y, theta,
     psi_left, psi_right there, `began` (K,) [s] the time since the robot set off; the other arrays are those of
-    `Observations`, and `ends` tells where each drive's rows end.
+    `Observations`, and `ends` tells where each drive's rows end. A drive that is `continued` (K,) follows the one
+    before after a gap: what lasts longer than a gap is as it was, such as what the battery has given.
     """
 
     dt: float
     start: Floats
     began: Floats
+    continued: NDArray[np.uint8]
     ends: Ends
     wheel_time: Floats
     wheel: Floats
@@ -56,8 +58,11 @@ class Drives:
     _profiles: dict[float, Floats] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, observations: Sequence["Observations"]) -> "Drives":
-        """Join drives on rasters of the same step. Raises ValueError where the steps differ, or without any drive."""
+    def of(cls, observations: Sequence["Observations"], continued: Sequence[bool] = ()) -> "Drives":
+        """Join drives on rasters of the same step; without `continued` each is for itself.
+
+        Raises ValueError where the steps differ, or without any drive.
+        """
         steps = {one.dt for one in observations}
         if len(steps) != 1:
             raise ValueError(f"drives observed together need one and the same step; these have {sorted(steps)}")
@@ -66,6 +71,7 @@ class Drives:
             dt=steps.pop(),
             start=np.array([one.start for one in observations], np.float64),
             began=np.array([one.time for one in observations], np.float64),
+            continued=np.array(continued or [False] * len(observations), np.uint8),
             ends=Ends(
                 steps=_ends([one.steps for one in observations]),
                 wheel=_ends([len(one.wheel_time) for one in observations]),

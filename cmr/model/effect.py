@@ -18,12 +18,16 @@ GENERIC = "generic terms"  # the group of what has no cause
 
 @dataclass(frozen=True)
 class Memory:
-    """A value that the robot keeps from one step to the next; 0.0 at the start unless stage `start` says otherwise."""
+    """A value that the robot keeps from one step to the next; 0.0 at the start unless stage `start` says otherwise.
+
+    What is `lasting` outlives a gap in a recording: a battery is as empty after it as before.
+    """
 
     name: str
     unit: str
     meaning: str
     per_side: bool = False
+    lasting: bool = False
 
 
 @dataclass(frozen=True)

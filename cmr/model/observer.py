@@ -11,6 +11,7 @@ have said. Many candidate parameters are observed at once, one to a lane.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from itertools import groupby, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,6 +49,7 @@ OF_MODEL = (
         "ABREAST",
         "OWN",
         "SIZE",
+        "LASTING",
     ),
     *("advance", "prepare", "prepare_each", "send", "start"),
 )
@@ -167,6 +169,15 @@ class Observer:
         """Observe a drive; see `observe`."""
         return self.observe_all(Drives.of([observations]), seed=seed, luck=luck)
 
+    def observe_each(self, observations: Sequence[Observations], continued: Sequence[bool]) -> list[Innovations]:
+        """Observe several drives, with or without commands; `continued` is that of `Drives`."""
+        result: list[Innovations] = []
+        for _, numbers in groupby(range(len(observations)), lambda number: len(observations[number].given) > 0):
+            group = list(numbers)
+            drives = Drives.of([observations[k] for k in group], [continued[k] for k in group])
+            result += _split(self.observe_all(drives), drives)
+        return result
+
     def observe_all(self, drives: Drives, *, seed: int = 0, luck: NDArray[np.int64] | None = None) -> Innovations:
         """Observe several drives; what comes back has the rows of each, one drive after another.
 
@@ -195,7 +206,7 @@ class Observer:
         _module(self._model, drives.dt).observe(
             candidates.rows.copy(), *blocks.arguments, count, profiles, profile, drives.dt, ring, seed, chosen,
             self._numbers,
-            drives.start, drives.began, ends.steps, ends.wheel, ends.gyro, ends.pose, ends.given,
+            drives.start, drives.began, drives.continued, ends.steps, ends.wheel, ends.gyro, ends.pose, ends.given,
             drives.given, drives.wheel_time, drives.wheel, drives.wheel_use,
             drives.gyro_time, drives.gyro, drives.pose_time, drives.pose, drives.pose_use, *result,
         )  # fmt: skip
@@ -218,6 +229,17 @@ class Observer:
     def _each(self, value: Any) -> Floats:
         """Return a number, or one for each candidate, as an array (C,)."""
         return np.broadcast_to(np.asarray(value, np.float64), self._count)
+
+
+def _split(innovations: Innovations, drives: Drives) -> list[Innovations]:
+    """Return the innovations of each drive."""
+    ends = drives.ends
+    borders = ends.steps + np.arange(len(ends.steps))
+    spans = [pairwise(rows.tolist()) for rows in (ends.wheel, ends.gyro, ends.pose, borders)]
+    return [
+        Innovations(*(rows[first:last] for rows, (first, last) in zip(innovations, of_drive, strict=True)))
+        for of_drive in zip(*spans, strict=True)
+    ]
 
 
 @cache

@@ -38,13 +38,13 @@ def known(duty, held):
 
 @compiled(
     "void(f8[::1], f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
-    "f8[:, ::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
+    "f8[:, ::1], f8[::1], u1[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
     "f8[:, ::1], f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
     "f8[:, :, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])"
 )
 def observe(
     at_rest, rows, work, varying, robots, commands, profile, dt, ring, seed, luck, numbers,
-    starts, begins, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
+    starts, begins, continued, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
     given, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
     wheel_error, gyro_error, pose_error, motion,
 ):
@@ -76,6 +76,9 @@ def observe(
                 begun[PSI_LEFT + i], begun[PSI_RIGHT + i] = starts[drive, 3], starts[drive, 4]
                 begun[TIME + i] = begins[drive]
             start(begun, LANES)
+            if continued[drive] > 0:
+                for row in LASTING:
+                    begun[row : row + LANES] = here[row : row + LANES]
             here[:DT] = begun[:DT]
             began, first_step = begins[drive], step_ends[drive]
             steps = step_ends[drive + 1] - first_step

@@ -14,12 +14,13 @@ OF_A_SIDE = {name for stage in STAGES.values() if stage.per_side for name in (*s
 }
 
 
-def memories(effects: Iterable[Effect]) -> list[str]:
-    """Return what the step calls all memory: after its effect, and with the side where there is one for each."""
+def memories(effects: Iterable[Effect], *, lasting: bool = False) -> list[str]:
+    """Return what the step calls all memory, or that which is `lasting`: after its effect, and each with its side."""
     return [
         name
         for effect in effects
         for memory in effect.memory
+        if memory.lasting or not lasting
         for name in _for_sides(f"{effect.name}_{memory.name}", memory.per_side)
     ]
 

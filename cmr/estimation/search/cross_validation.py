@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmr.estimation.candidates import Excitation, is_limit, lanes_of
-from cmr.estimation.free_runs import SIGNALS, Errors, Fold, alternating_spans, errors_of, joined
+from cmr.estimation.free_runs import SIGNALS, Errors, Fold, alternating_spans, errors_of
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.folds import first_recordings, two_parts
@@ -89,15 +89,14 @@ def _share(problem: Problem, models: Sequence[tuple[Mapping[str, float], ...]], 
     """
     segments = [predictor.segment for predictor in problem.predictors]
     first = first_recordings(problem.predictors, by_kind) if problem.several else None
-    parts = []
+    folds = []
     for segment in segments:
         if first is None:
             spans = alternating_spans(segment.observations.time + segment.observations.seconds, 2)
-            folds = [Fold(models[1 - number], _within(segment, spans[number])) for number in range(2)]
+            folds.append([Fold(models[1 - number], _within(segment, spans[number])) for number in range(2)])
         else:
-            folds = [Fold(models[1 if first[segment.recording] else 0])]
-        parts.append(errors_of(segment, folds))
-    before, after = (joined(of_model) for of_model in zip(*parts, strict=True))
+            folds.append([Fold(models[1 if first[segment.recording] else 0])])
+    before, after = errors_of(segments, folds)
     told = [name for name in SIGNALS if name != GYRO and _squares(before, name) > 0.0]
     return max((1.0 - _squares(after, name) / _squares(before, name) for name in told), default=0.0)
 

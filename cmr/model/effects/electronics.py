@@ -207,7 +207,7 @@ BATTERY_DRIFT = Effect(
             0.03,
         ),
     ),
-    memory=(Memory("energy", "s", "load share, integrated over time"),),
+    memory=(Memory("energy", "s", "load share, integrated over time", lasting=True),),
     needs="a drive of minutes",
     shows_in="wheel speeds, as a slow trend",
     confused_with={"motor_heating": "circles at two speeds, idle pauses", "surface_change": "repeat the loop"},

@@ -120,7 +120,15 @@ MOTOR_HEATING = Effect(
     parameters=(
         ParameterDefinition("motor_heating", "-", "share by which K1 rises at full drive", 0.0, 2.0, 0.0, 0.06),
     ),
-    memory=(Memory("heat", "-", f"squared duty, followed with a time constant of {HEATING_TIME:g} s", per_side=True),),
+    memory=(
+        Memory(
+            "heat",
+            "-",
+            f"squared duty, followed with a time constant of {HEATING_TIME:g} s",
+            per_side=True,
+            lasting=True,
+        ),
+    ),
     needs="minutes of effort, and pauses",
     shows_in="wheel speeds, following the effort of the last minute",
     confused_with={"battery_drift": "effort on one side only, idle pauses"},
