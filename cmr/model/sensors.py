@@ -39,17 +39,28 @@ def read_sensors(
     values = _values(parameters)
     stamp = np.asarray(encoder_time)
     turned_at = _stage("encoder_time")({**values, "time": stamp, "moment": stamp})["moment"]
+    turned = (
+        _turned(turned_at, time, motion.angle_left, motion.psi_left),
+        _turned(turned_at, time, motion.angle_right, motion.psi_right),
+    )
     sides = {
-        side: _stage("encoder", side)({**values, "time": stamp, "reading": np.interp(turned_at, time, angle)})[
-            "reading"
-        ]
-        for side, angle in zip(SIDES, (motion.angle_left, motion.angle_right), strict=True)
+        side: _stage("encoder", side)({**values, "time": stamp, "reading": angle})["reading"]
+        for side, angle in zip(SIDES, turned, strict=True)
     }
     seen = _stage("gyro_time")({**values, "time": np.asarray(gyro_time), "moment": np.asarray(gyro_time)})["moment"]
     turning = np.interp(seen, time, yaw_rate(time, motion.theta))
     gyro = _stage("gyro")({**values, "time": np.asarray(gyro_time), "reading": turning, "yaw_rate": turning})
     pose = pose_seen(time, motion, parameters, pose_time)
     return Readings(sides["left"], sides["right"], gyro["reading"], *pose)
+
+
+def _turned(at: Any, time: Any, angle: Any, psi: Any) -> Any:
+    """Return the angles [rad] of a wheel at some times [s]: cubic between those at which angle and speed are known."""
+    before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
+    span, step = time[before + 1] - time[before], angle[before + 1] - angle[before]
+    share = np.clip((at - time[before]) / span, 0.0, 1.0)
+    bend = (1.0 - share) * (span * psi[before] - step) - share * (span * psi[before + 1] - step)
+    return angle[before] + share * step + share * (1.0 - share) * bend
 
 
 def encoder_reading(values: Mapping[str, Any], side: str, angle: Any) -> Any:

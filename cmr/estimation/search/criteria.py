@@ -6,14 +6,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import NEVER_AHEAD, USUAL_RATE, Excitation, locality, rarity, unlikelihood
+from cmr.estimation.candidates import USUAL_RATE, Excitation, locality, rarity, unlikelihood
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.cross_validation import as_seen
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.measures import (
-    ahead_of_time,
     at_the_end,
     implausible_change,
     left_out_gain,
@@ -159,8 +158,6 @@ def _impossible(
         stretch = abs(values[name]) * problem.excitation.extent**2
         if stretch > LARGEST_STRETCH:
             yield "It would need implausible values of its own parameters.", at_the_end(name, values[name])
-    for name in (name for name in names if name in NEVER_AHEAD and values[name] < 0.0):
-        yield "It would tell what has not happened yet.", ahead_of_time(name, values[name])
     for name in (name for name in names if at_its_end(definition(name), values[name])):
         yield "It would need implausible values of its own parameters.", at_the_end(name, values[name])
     for name, std in stds.items():

@@ -104,9 +104,3 @@ def coarse_tick(tick: float, coarse: float) -> Measure:
     """Return the size [rad] of an encoder's tick, which is coarse."""
     sentence = f"One tick of the encoders is {tick:.2g} rad; more than {coarse:.2g} rad is coarse."
     return Measure("tick", tick, coarse, "rad", sentence)
-
-
-def ahead_of_time(name: str, value: float) -> Measure:
-    """Return a latency [s] with which a sensor would tell what has not happened yet."""
-    sentence = f"With a {name} of {value:.3f} s it would tell what has not happened yet."
-    return Measure(name, value, 0.0, "s", sentence)
