@@ -11,7 +11,13 @@ import numpy as np
 
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
-from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, VelocityController, motor_of, response_of
+from cmr.model.velocity_controller import (
+    CONTROLLER_DEFINITIONS,
+    VelocityController,
+    motor_of,
+    response_of,
+    response_stds,
+)
 from cmr.parameters.file import COUNTED_WIDTH, MOTOR, ParameterFile, Value
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
@@ -75,13 +81,11 @@ def in_words_of(
     """
     if controller is None or not set(MOTOR) <= set(estimates):
         return dict(estimates)
-    gain, k1 = (estimates[name] for name in MOTOR)
-    told = response_of({"k2_over_k3": gain.value, "k1": k1.value}, controller.top_wheel_speed)
-    shares = gain.std / gain.value, k1.std / k1.value
-    of_time = np.sqrt(max(shares[0] ** 2 + shares[1] ** 2 + 2.0 * correlation * shares[0] * shares[1], 0.0))
-    stds = {"response_time": told["response_time"] * float(of_time), "speed_scale": told["speed_scale"] * shares[1]}
+    values, stds = ({name: getattr(estimates[name], what) for name in MOTOR} for what in ("value", "std"))
+    response = response_of(values, controller.top_wheel_speed)
+    stds = response_stds(values, stds, controller.top_wheel_speed, correlation)
     rest = {name: one for name, one in estimates.items() if name not in MOTOR}
-    return {**{name: Estimate(value, stds[name]) for name, value in told.items()}, **rest}
+    return {**{name: Estimate(value, stds[name]) for name, value in response.items()}, **rest}
 
 
 def values_in_words_of(values: Mapping[str, float], controller: VelocityController | None) -> dict[str, float]:

@@ -14,6 +14,7 @@ commanded speed) and `current_limit` (of the wheel's own acceleration). What a c
 battery or friction, has no place in the model of these robots: `Effect.with_commands`.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -98,3 +99,15 @@ def response_of(values: Mapping[str, float], top_wheel_speed: float) -> dict[str
         "response_time": 1.0 / (values["k1"] * values["k2_over_k3"]),
         "speed_scale": 1.0 / (values["k1"] * top_wheel_speed),
     }
+
+
+def response_stds(
+    values: Mapping[str, float], stds: Mapping[str, float], top_wheel_speed: float, correlation: float = 0.0
+) -> dict[str, float]:
+    """Return the standard deviations of response_time [s] and speed_scale, from values and those of the motor by name.
+
+    `correlation` is that of k2_over_k3 and k1.
+    """
+    gain, k1 = (stds[name] / values[name] for name in ("k2_over_k3", "k1"))
+    shares = {"response_time": math.sqrt(max(gain**2 + k1**2 + 2.0 * correlation * gain * k1, 0.0)), "speed_scale": k1}
+    return {name: value * shares[name] for name, value in response_of(values, top_wheel_speed).items()}

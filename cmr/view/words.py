@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from html import escape
-from typing import Any
+from typing import Any, NamedTuple
 
 from cmr.bus.streams import (
     GYRO,
@@ -15,10 +15,8 @@ from cmr.bus.streams import (
     WHEEL_SPEED_COMMAND,
     Stream,
 )
-from cmr.estimation.commanded_speeds import in_words_of
-from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import DEFINITIONS
-from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, VelocityController
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, VelocityController, response_of, response_stds
 from cmr.msg import calibration_status_t, motor_feedback_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
 from cmr.view.drawing import bar, distance, paths_drawing
@@ -174,10 +172,23 @@ def controller_of(state: ViewState, robot_id: int) -> VelocityController | None:
         return None
 
 
+class Estimate(NamedTuple):
+    """A parameter's value and standard deviation, in its unit."""
+
+    value: float
+    std: float
+
+
 def estimated(message: Any, controller: VelocityController | None) -> dict[str, Estimate]:
     """Return what a calibration_status_t tells of the parameters that are known, by the names of the robot's file."""
-    known = {name: Estimate(getattr(message, name), getattr(message, f"{name}_std")) for name in ESTIMATED}
-    return in_words_of({name: one for name, one in known.items() if math.isfinite(one.value)}, controller)
+    values = {name: getattr(message, name) for name in ESTIMATED if math.isfinite(getattr(message, name))}
+    stds = {name: getattr(message, f"{name}_std") for name in values}
+    if controller is not None and {"k2_over_k3", "k1"} <= set(values):
+        top = controller.top_wheel_speed
+        response, response_std = response_of(values, top), response_stds(values, stds, top)
+        rest = {name: value for name, value in values.items() if name not in ("k2_over_k3", "k1")}
+        values, stds = {**response, **rest}, {**response_std, **stds}
+    return {name: Estimate(value, stds[name]) for name, value in values.items()}
 
 
 def _ago(state: ViewState, stream: Stream, robot_id: int) -> str:
