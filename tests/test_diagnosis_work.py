@@ -6,7 +6,8 @@ import pytest
 
 from cmr.diagnosis.diagnose import diagnose
 from cmr.model.compose import LANES
-from cmr.model.observer import Innovations, Observations, Observer
+from cmr.model.drives import Drives
+from cmr.model.observer import Innovations, Observer
 from tests.hidden_effects import hidden_recording
 
 SEED = 1000
@@ -20,15 +21,15 @@ def test_the_observer_drives_few_candidates_through_a_log(
     effects: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording = hidden_recording(*effects, seed=SEED).recording
-    observe, blocks = Observer.observe, list[float]()
+    observe, blocks = Observer.observe_all, list[float]()
 
-    def counted(self: Observer, observations: Observations, **options: Any) -> Innovations:
-        result = observe(self, observations, **options)
+    def counted(self: Observer, drives: Drives, **options: Any) -> Innovations:
+        result = observe(self, drives, **options)
         candidates = result.wheel.shape[-1]
-        blocks.append(-(-candidates // LANES) * observations.seconds / recording.wheels.seconds[-1])
+        blocks.append(-(-candidates // LANES) * drives.steps * drives.dt / recording.wheels.seconds[-1])
         return result
 
-    monkeypatch.setattr(Observer, "observe", counted)
+    monkeypatch.setattr(Observer, "observe_all", counted)
     diagnosis = diagnose(recording)
     assert tuple(effect.name for effect in diagnosis.effects) == effects
     assert 0.0 < sum(blocks) < MOST[effects]

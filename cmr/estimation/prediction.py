@@ -93,7 +93,6 @@ class Batch:
         self.signals = tuple(name for name, count in zip(SIGNALS, counts.sum(axis=0), strict=True) if count)
         self.ends = {name: _ends(counts[:, SIGNALS.index(name)]) for name in SIGNALS}
         self.at = {name: np.ascontiguousarray(begins[:, SIGNALS.index(name)]) for name in SIGNALS}
-        self._borders = _ends([one.segment.observations.steps + 1 for one in predictors])
 
     def errors(self, observer: Observer) -> Errors:
         """Return the prediction errors of an observer's candidates in all segments."""
@@ -159,6 +158,11 @@ class Batch:
         """The batch in parts that have commands, or have none."""
         kinds = [list(group) for _, group in groupby(self.predictors, lambda p: len(p.segment.observations.given) > 0)]
         return [self] if len(kinds) == 1 else [Batch(group) for group in kinds]
+
+    @cached_property
+    def _borders(self) -> Indices:
+        """Where the rows of the motion of each segment end, (K + 1,), with 0 before."""
+        return _ends([one.segment.observations.steps + 1 for one in self.predictors])
 
     @cached_property
     def _drives(self) -> Drives:

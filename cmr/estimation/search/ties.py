@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.estimation.candidates import unlikelihood
+from cmr.estimation.candidates import rarity, unlikelihood
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.criteria import CandidateEffect, why_not
+from cmr.estimation.search.criteria import CandidateEffect, needed, why_not
 from cmr.estimation.search.cross_validation import alternatives, elsewhere
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.ranking import judged
@@ -35,8 +35,9 @@ def decided(
 ) -> Tie:
     """Decide between the effect that explains most and those `close` to it that explain the same and hold.
 
-    Where the data do not distinguish them, the least unusual size is named; of equal ones, the catalogue's first. In
-    free runs, errors count that are left out of the fits as well as those that are not.
+    Where the data do not distinguish them, the simplest is named, which needs least to be believed: it neither chooses
+    a place nor is rare. Of several it is the one of the least unusual size, then the catalogue's first. In free runs,
+    errors count that are left out of the fits as well as those that are not.
     """
     if problem.by_moments:
         holding = [one for one in close if one.fit and not why_not(problem, current, one, inflation)]
@@ -49,8 +50,12 @@ def decided(
     order = list(CATALOGUE)
     margin = EQUAL + CONVERGED * chosen.drop
     equals = [one for one, gain in zip(alike, gains, strict=True) if gain > max(gains) - margin]
-    named = min(equals, key=lambda one: (unlikelihood(one.values, problem.excitation), order.index(one.effect.name)))
-    return Tie(named, tuple(alike))
+
+    def unusual(one: CandidateEffect) -> tuple[float, float, int]:
+        name = one.effect.name
+        return needed(one.effect) + rarity(name), unlikelihood(one.values, problem.excitation), order.index(name)
+
+    return Tie(min(equals, key=unusual), tuple(alike))
 
 
 def _gain(problem: Problem, current: Fit, one: CandidateEffect) -> float:
