@@ -21,7 +21,7 @@ LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing
 LONGEST_UNTOLD, LONGEST_UNTOLD_PERIODS = 0.05, 5.0
 LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
 SHORTEST_PIECE = 1.0  # s
-# s before the first motion and after the last one that are used: they tell the gyro's bias as well as its drift lets.
+# s before anything happens and after it that are used: they tell the gyro's bias as well as its drift lets.
 LONGEST_STAND = 10.0
 EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
@@ -72,7 +72,7 @@ def continued(segments: Sequence[Segment]) -> list[bool]:
 def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
     """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins anew.
 
-    Of a rest at the beginning or at the end only LONGEST_STAND is used.
+    Of a rest without commands at the beginning or at the end only LONGEST_STAND is used.
     """
     sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [s for s in (recording.poses,) if len(s)]
     if not sources:
@@ -80,16 +80,26 @@ def segments_of(recording: Recording, splits: Sequence[int], number: int) -> lis
     first = max(int(signal.utime[0]) for signal in sources)
     last = min(int(signal.utime[-1]) for signal in sources)
     borders = np.array([first, *(time for gap in _breaks(recording, sources) for time in gap), last])
-    motion = motion_of(recording)
-    if motion:
+    times = _eventful(recording)
+    if len(times):
         stand = round(LONGEST_STAND / SECONDS)
-        borders = np.clip(borders, motion[0] - stand, motion[1] + stand)
+        borders = np.clip(borders, times.min() - stand, times.max() + stand)
     tick = _tick(recording.wheels)
     return [
         _segment(recording, begin, end, first, splits, number, tick)
         for begin, end in borders.reshape(-1, 2).tolist()
         if (end - begin) * SECONDS >= SHORTEST_PIECE
     ]
+
+
+def _eventful(recording: Recording) -> Times:
+    """Return times [us] between which all motion lies, and all of the motors' work.
+
+    Motors that are driven, and do not turn, tell of friction.
+    """
+    duty = recording.duty
+    driven = duty.utime[(duty["left"] != 0.0) | (duty["right"] != 0.0)]
+    return np.concatenate([np.array(motion_of(recording) or (), np.int64), driven])
 
 
 def _breaks(recording: Recording, sources: Sequence[Signal]) -> list[tuple[int, int]]:
