@@ -136,7 +136,7 @@ class Motors(Device):
             # Try again at once: at a low rate, silence would last too long before what is wrong can be known.
             self._due = min(self._due, self._host.monotonic() - self._period)
         except CountersReset as reset:
-            raise PortLost(self._asking.reset("its encoder counts began anew at zero")) from reset
+            raise PortLost(self._asking.reset("its encoder counts restarted at zero")) from reset
         self._refusal = self._refusal or self._connection.controller.objection
         if self._host.monotonic() - self._last_driven > SILENCE_LIMIT:
             raise PortLost(self._asking.silence())

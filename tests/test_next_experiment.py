@@ -36,7 +36,7 @@ PAIRS = [(effect.name, other, text) for effect in CATALOGUE.values() for other, 
 ADVICE = {
     "a finer encoder",
     "compare encoders with pose",
-    "a gyro: it shows by how much of it the wheels are told late",
+    "a gyro: it shows how late the readings of the wheels are",
     "compare wheels with commands",
     "compare wheels with commands: radii leave them in agreement",
     "look at the encoders",

@@ -1,4 +1,4 @@
-"""What is said of data is no more than was seen in them."""
+"""Statements on data claim no more than was seen in them."""
 
 from dataclasses import replace
 

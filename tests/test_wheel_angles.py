@@ -1,4 +1,4 @@
-"""How far wheels turned is told by their counts where the speeds beside them are coarse, or of a moment."""
+"""Counts tell how far wheels turned where the speeds beside them are coarse, or of a moment."""
 
 import numpy as np
 import pytest

@@ -30,7 +30,7 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
         say("No model foretells this robot from moment to moment: looking at the course of its motion instead ...")
     courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
     base = courses.base(ready.start, ready.base.names)
-    # Moments may speak for a robot that hardly moves; what is typical of effects is scaled to the one of the courses.
+    # Errors of moments may suggest a robot that hardly moves: typical sizes of effects are those on this one.
     courses.excitation = replace(courses.excitation, parameters=base.values)
     return search(courses, base, say)
 

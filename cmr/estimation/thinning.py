@@ -63,7 +63,7 @@ def thinning_of(segments: Sequence[Segment]) -> Thinning:
 
 
 def thinned(segment: Segment, thinning: Thinning) -> Segment:
-    """Return a segment with every so many-th reading of each sensor; where the path begins anew it still does.
+    """Return a segment with every so many-th reading of each sensor; where the path breaks it still does.
 
     What remains at the end of less than a step of the coarser raster is left out.
     """

@@ -78,7 +78,7 @@ class ParameterFile:
 
     @property
     def has_velocity_controller(self) -> bool:
-        """Whether the robot is told how fast to go, by (v, omega) or wheel speeds, and not how hard to drive."""
+        """Whether the robot takes speeds, (v, omega) or those of its wheels, and not duties."""
         return any(name in self.values for name in CONTROLLER_DEFINITIONS)
 
     @property

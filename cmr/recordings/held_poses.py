@@ -22,7 +22,7 @@ REPEATING = (4.0 * np.pi) ** -0.5  # density of the difference of two values of 
 
 
 def held_poses(recording: Recording, pose_lag: float = 0.0) -> Mask:
-    """Tell which poses repeat the one before though wheels turn, or are told to where none were recorded, shape (n,).
+    """Tell which poses repeat the one before though wheels turn, or are commanded to where none were recorded, (n,).
 
     `pose_lag` [s] is by how much poses are stamped later than the wheels.
     """

@@ -22,7 +22,7 @@ def _angle(wheels: Signal, side: str) -> Floats:
 
     Speeds are averages over the time since the previous message; where one was lost, their sum misses a part and the
     count of ticks does not. Speeds of the moment, or coarse ones, tell only in the mean what a count stands for; the
-    count then tells the angle. One that goes otherwise than the speed, as when the driver was started anew, is not
+    count then tells the angle. One that contradicts the speed, as after a restart of the driver, is not
     believed.
     """
     seconds = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
@@ -47,7 +47,7 @@ def _by_count(turned: Floats, ticks: Floats, by_ticks: Floats, told: Mask, *, ex
     `turned` are the angles by the speeds, `ticks` the counts, `by_ticks` the angles that these stand for: nearly,
     unless they are `exact`. Of pauses, where speeds tell nothing, `told` (n,) is false.
     """
-    # Counts and speeds in turn would count what coarse speeds tell too late twice: only a count that is begun anew is
+    # Counts and speeds in turn would count what coarse speeds tell too late twice: only a count that restarts is
     # not believed, which is farther off than the wheel ever turned between two readings.
     most = UNLIKE_ANGLE * np.maximum(np.abs(turned), np.max(np.abs(turned[told]), initial=0.0))
     kept = told & (ticks != 0.0) & (np.abs(by_ticks - turned) < most)

@@ -86,7 +86,7 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
 
 
 def _emulation(emulator: EmulatorPlan, ports: Path) -> list[str]:
-    """Return how a robot is emulated, as cmr-emulate is told."""
+    """Return how a robot is emulated, as options of cmr-emulate."""
     devices = ["--ports", str(ports), "--controller", emulator.controller, "--gyro", emulator.gyro]
     told = devices if emulator.command == DUTY else ["--command", emulator.command]
     return [*told, "--pose-rate", f"{emulator.pose_rate:g}", *(["--ideal"] if emulator.ideal else [])]

@@ -57,7 +57,7 @@ def _options(arguments: list[str]) -> Namespace:
         "  cmr-emulate --command velocity --ideal",
     )
     options.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
-    options.add_argument("--command", choices=KINDS, default=DUTY, help="what the robot is told: see above")
+    options.add_argument("--command", choices=KINDS, default=DUTY, help="what the robot takes: see above")
     options.add_argument("--controller", choices=sorted(CONTROLLER_DEVICES), default="roboclaw", help="on port motor")
     options.add_argument("--gyro", choices=sorted(GYRO_DEVICES), default="dsp3000", help="on port gyro")
     options.add_argument("--settings", type=Path, metavar="FILE.yaml", help="what differs from the default robot")

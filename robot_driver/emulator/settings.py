@@ -106,7 +106,7 @@ class Mbot:
 
 @dataclass(frozen=True)
 class Controller:
-    """How wheels follow the speeds that they are told, by a controller inside of the robot; SI units, `rate` in Hz."""
+    """How wheels follow commanded speeds, by a controller inside the robot; SI units, `rate` in Hz."""
 
     rate: float
     response_time: float

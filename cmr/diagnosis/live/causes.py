@@ -40,8 +40,8 @@ class Cause:
 
     `title` names it in a few words, which may depend on the sizes of the changes, by name; `advice` says what to do.
     `effect` is the effect of the catalogue that models it, empty if none does. `fits` tells whether the battery's
-    voltage allows it; where `tells_voltage`, the sentence says what the battery shows. Robots that are told how fast to
-    go have others than those that are told how hard to drive: `by_speed` says which; None for both.
+    voltage allows it; where `tells_voltage`, the sentence says what the battery shows. Robots that take speeds have
+    other causes than those that take duties: `by_speed` says which has this one; None for both.
     """
 
     key: str

@@ -112,7 +112,7 @@ class Second:
 
     @property
     def by_speed(self) -> bool:
-        """Whether the robot is told how fast to go, not how hard to drive."""
+        """Whether the robot takes speeds, not duties."""
         return math.isfinite(self.top_speed)
 
     @property

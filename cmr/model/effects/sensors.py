@@ -82,7 +82,7 @@ WHEEL_SPEED_LATENCY = Effect(
     ),
     needs="turns that begin and end, and a gyro",
     shows_in="the gyro, which is ahead of the wheels",
-    confused_with={"command_delay": "a gyro: it shows by how much of it the wheels are told late"},
+    confused_with={"command_delay": "a gyro: it shows how late the readings of the wheels are"},
 )
 
 GYRO_BIAS = Effect(
