@@ -70,10 +70,11 @@ def _alike(values: Mapping[str, float]) -> Iterator[dict[str, float]]:
     seem late by k. Wheels that accelerate within a limit move as if their command rose no faster, somewhat later.
     """
     gyro, pose, slip = (values.get(name, 0.0) for name in ("gyro_latency", "pose_latency", "longitudinal_slip"))
-    if pose > 0.0 and gyro > 0.0 and slip == 0.0:
-        yield {**values, "gyro_latency": gyro - pose, "pose_latency": 0.0, "longitudinal_slip": pose}
-    if slip > 0.0 and pose == 0.0:
-        yield {**values, "gyro_latency": gyro + slip, "pose_latency": slip, "longitudinal_slip": 0.0}
+    both = min(gyro, pose)
+    if both > 0.0 and slip == 0.0:
+        yield {**values, "gyro_latency": gyro - both, "pose_latency": pose - both, "longitudinal_slip": both}
+    if slip > 0.0:
+        yield {**values, "gyro_latency": gyro + slip, "pose_latency": pose + slip, "longitudinal_slip": 0.0}
     slew, current = (values.get(name, np.inf) for name in ("slew_limit", "current_limit"))
     motor, late = values["k1"] * values["k2_over_k3"], max(values.get("command_delay", 0.0), SOMEWHAT)
     if slew < np.inf and current == np.inf:
