@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cmr.estimation.segments import Segment, continued
-from cmr.model.drives import Drives
+from cmr.model.drives import Drives, ends_of
 from cmr.model.observer import RESTART, Gains, Observer
 from cmr.recordings.signal import Floats, Mask
 
@@ -91,7 +91,7 @@ class Batch:
         begins = np.cumsum(counts).reshape(counts.shape) - counts
         self.rows = int(counts.sum())
         self.signals = tuple(name for name, count in zip(SIGNALS, counts.sum(axis=0), strict=True) if count)
-        self.ends = {name: _ends(counts[:, SIGNALS.index(name)]) for name in SIGNALS}
+        self.ends = {name: ends_of(counts[:, SIGNALS.index(name)]) for name in SIGNALS}
         self.at = {name: np.ascontiguousarray(begins[:, SIGNALS.index(name)]) for name in SIGNALS}
 
     def errors(self, observer: Observer) -> Errors:
@@ -162,7 +162,7 @@ class Batch:
     @cached_property
     def _borders(self) -> Indices:
         """Where the rows of the motion of each segment end, (K + 1,), with 0 before."""
-        return _ends([one.segment.observations.steps + 1 for one in self.predictors])
+        return ends_of([one.segment.observations.steps + 1 for one in self.predictors])
 
     @cached_property
     def _drives(self) -> Drives:
@@ -209,11 +209,6 @@ def _told_once(errors: Errors, gains: Gains, rests_on: Mapping[str, Indices]) ->
             of[name] = of[name].copy()
             of[name][again] -= (1.0 - gains.angle) * errors.of[name][again - 1]
     return replace(errors, of=of, followed=gains)
-
-
-def _ends(counts: Sequence[int] | Indices) -> Indices:
-    """Return where each of K parts ends, (K + 1,), with 0 before."""
-    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def predictors(segments: Sequence[Segment]) -> list[Predictor]:

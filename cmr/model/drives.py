@@ -73,12 +73,12 @@ class Drives:
             began=np.array([one.time for one in observations], np.float64),
             continued=np.array(continued or [False] * len(observations), np.uint8),
             ends=Ends(
-                steps=_ends([one.steps for one in observations]),
-                wheel=_ends([len(one.wheel_time) for one in observations]),
-                gyro=_ends([len(one.gyro_time) for one in observations]),
-                pose=_ends([len(one.pose_time) for one in observations]),
-                given=_ends([len(one.given) for one in observations]),
-                commands=_ends([len(one.commands.time) for one in observations]),
+                steps=ends_of([one.steps for one in observations]),
+                wheel=ends_of([len(one.wheel_time) for one in observations]),
+                gyro=ends_of([len(one.gyro_time) for one in observations]),
+                pose=ends_of([len(one.pose_time) for one in observations]),
+                given=ends_of([len(one.given) for one in observations]),
+                commands=ends_of([len(one.commands.time) for one in observations]),
             ),
             wheel_time=_joined([one.wheel_time for one in observations]),
             wheel=_joined([one.wheel for one in observations]),
@@ -115,7 +115,8 @@ class Drives:
         return known
 
 
-def _ends(counts: Sequence[int]) -> Indices:
+def ends_of(counts: Sequence[int] | Indices) -> Indices:
+    """Return where each of K parts ends, (K + 1,), with 0 before."""
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 

@@ -22,8 +22,7 @@ def _angle(wheels: Signal, side: str) -> Floats:
 
     Speeds are averages over the time since the previous message; where one was lost, their sum misses a part and the
     count of ticks does not. Speeds of the moment, or coarse ones, tell only in the mean what a count stands for; the
-    count then tells the angle. One that contradicts the speed, as after a restart of the driver, is not
-    believed.
+    count then tells the angle. One that contradicts the speed, as after a restart of the driver, is not believed.
     """
     seconds = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
     turned = wheels[f"psi_{side}"] * seconds
