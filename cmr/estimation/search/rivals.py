@@ -7,19 +7,20 @@ import numpy as np
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect, held_out_gain, why_not
-from cmr.estimation.search.exchange import possible
+from cmr.estimation.search.exchange import BETTER, IN_DATA_SHEETS, possible
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.screening import Score, Screening, start_of
 from cmr.model.catalogue import CATALOGUE
 
 ALIKE = 12.0  # drops that differ by less cannot be distinguished,
-ALIKE_SHARE = 0.02  # nor those that differ by less than this share
+ALIKE_SHARE = 0.02  # nor those that differ by less than this share, as long as other effects may be missing,
+ALIKE_AT_THE_END = 0.001  # and by less than this one when all are there: fits stop a little before the best values
 MOST = 4  # rivals that are looked for
 
 
-def margin_of(candidate: CandidateEffect, inflation: Inflation) -> float:
+def margin_of(candidate: CandidateEffect, inflation: Inflation, share: float = ALIKE_SHARE) -> float:
     """Return by how much the drops of effects must differ from this one's to be distinguished."""
-    return max(ALIKE * inflation.of(candidate.effect.name), ALIKE_SHARE * candidate.drop)
+    return max(ALIKE * inflation.of(candidate.effect.name), share * candidate.drop)
 
 
 def rivals_of(
@@ -27,12 +28,13 @@ def rivals_of(
 ) -> tuple[str, ...]:
     """Return the effects that explain the data as well as one of those in the model, beside all others in it.
 
-    To first order, the screening beside the model tells which; these are then fitted.
+    To first order, the screening beside the model tells which; these are then fitted. What a data sheet
+    says is a rival only if it explains as much.
     """
     name = one.candidate.effect.name
     own = {parameter.name for parameter in one.candidate.effect.parameters}
     left = screening.linear.beside([free for free in current.names if free not in own], [name])
-    margin = margin_of(one.candidate, inflation)
+    margin = margin_of(one.candidate, inflation, ALIKE_AT_THE_END)
     sizes = np.maximum(np.diag(left.normal), np.finfo(np.float64).tiny)
     shares, drops = -left.pulls / sizes, left.pulls**2 / sizes
     starts: dict[str, dict[str, float]] = {}
@@ -52,7 +54,7 @@ def rivals_of(
     alike = [
         CandidateEffect(CATALOGUE[effect], before.squares - fit.squares, fit.values, fit)
         for effect, fit in zip(starts, fits, strict=True)
-        if fit.squares < current.squares + margin
+        if fit.squares < current.squares + (BETTER if effect in IN_DATA_SHEETS else margin)
     ]
     judged = [replace(tested, held_out=held_out_gain(problem, before, tested.fit)) for tested in alike if tested.fit]
     return tuple(tested.effect.name for tested in judged if not why_not(problem, before, tested, inflation))

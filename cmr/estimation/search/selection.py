@@ -247,12 +247,15 @@ class _Selection:
             )
 
     def with_rivals(self, screening: Screening) -> list[SelectedEffect]:
-        """Return the effects selected, with the rivals of those that came in exchanges."""
+        """Return the effects selected, with the rivals that each has beside all the others.
+
+        What explained as much as an effect before others were found may no longer do so.
+        """
         return [self._with_rivals(screening, one) for one in self.named]
 
     def _with_rivals(self, screening: Screening, one: SelectedEffect) -> SelectedEffect:
         name = one.candidate.effect.name
-        if name not in self._exchanged_for:
+        if name not in self._exchanged_for and not (one.rivals and self.problem.by_moments):
             return one
         rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
         for rival in rivals:
