@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from cmr.parameters.file import load as load_parameters
 from cmr.scenario import Scenario, ScenarioError, load
+from cmr.scenario.jobs import PILOT, RECORDER, SIM, jobs_of
 from cmr.scenario.plan import arguments_of
 from cmr.scenario.robots import KEYS as ROBOT_KEYS
 from cmr.scenario.scenario import KEYS, parse
@@ -123,6 +124,34 @@ def test_what_is_wrong_is_refused_with_file_line_and_key(right: str) -> None:
         parse(TEXT.replace(right, wrong, 1), "lab.yaml")
     assert str(refused.value).startswith(f"lab.yaml: line {line}: {key}: "), refused.value
     assert allowed in str(refused.value)
+
+
+VELOCITY_CONTROLLER = """\
+schema: 1
+robot_id: 0
+written: 2026-01-31T12:00:00Z
+parameters:
+  wheel_radius: {value: 0.165, unit: m}
+  base_width: {value: 0.9, unit: m}
+  response_time: {value: 0.3, unit: s}
+  top_wheel_speed: {value: 6.0, unit: rad/s}
+"""
+DRIVER = "    driver: {port: /dev/ttyUSB0, invert_left: true, battery_stop: 10.5}\n"
+
+
+def test_a_real_robot_that_takes_duties_needs_a_driver() -> None:
+    with pytest.raises(ScenarioError, match=r"robots\[1\]: driver is missing: a real robot needs the port"):
+        parse(TEXT.replace(DRIVER, ""))
+
+
+def test_a_real_robot_that_takes_speeds_comes_with_a_bridge_of_its_own(tmp_path: Path) -> None:
+    husky = tmp_path / "husky.yaml"
+    husky.write_text(VELOCITY_CONTROLLER)
+    text = TEXT.replace("kind: real", f"kind: real\n    parameters: {husky}")
+    with pytest.raises(ScenarioError, match="which cmr-driver does not drive"):
+        parse(text)
+    jobs = jobs_of(parse(text.replace(DRIVER, "")), tmp_path, "udpm://239.255.76.67:7667?ttl=0")
+    assert [job.role for job in jobs] == [RECORDER, SIM, PILOT]
 
 
 def test_a_leader_must_be_another_robot() -> None:

@@ -7,9 +7,9 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
-from cmr.parameters.file import ParameterFileError
+from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.parameters.file import load as load_parameters
-from cmr.scenario.document import Item, ScenarioError
+from cmr.scenario.document import Item, Place, ScenarioError
 from cmr.scenario.plan import Disc, Pose, RobotPlan, Wall
 from cmr.scenario.robots import Placed
 from cmr.world.interaction.obstacles import Geofence
@@ -27,17 +27,41 @@ def with_sources_of_parameters(placed: Sequence[Placed], shared: Path | None) ->
     first = next((plan.robot_id for plan, _ in placed if plan.kind != "virtual"), None)
     sourced = [Placed(_with_source(robot, first, shared), robot.place) for robot in placed]
     own = {plan.robot_id for plan, _ in sourced if plan.parameters is not None}
-    checked: set[Path] = set()
+    files: dict[Path, ParameterFile] = {}
     for plan, place in sourced:
         if plan.parameters is None and plan.parameters_of not in own:
             raise place.error(f"parameters_of names robot {plan.parameters_of}, which has no parameter file of its own")
-        if plan.parameters is not None and plan.parameters not in checked:
-            checked.add(plan.parameters)
-            try:
-                load_parameters(plan.parameters).robot_parameters  # noqa: B018 - says what is missing
-            except ParameterFileError as error:
-                raise place.error(f"parameters: {error}") from error
+        if plan.parameters is None:
+            continue
+        if plan.parameters not in files:
+            files[plan.parameters] = _loaded(plan.parameters, place)
+        if plan.kind == "real":
+            _check_driver(plan, place, files[plan.parameters].has_velocity_controller)
     return sourced
+
+
+def _loaded(path: Path, place: Place) -> ParameterFile:
+    try:
+        file = load_parameters(path)
+        file.robot_parameters  # noqa: B018 - says what is missing
+    except ParameterFileError as error:
+        raise place.error(f"parameters: {error}") from error
+    return file
+
+
+def _check_driver(plan: RobotPlan, place: Place, has_velocity_controller: bool) -> None:
+    """Raise ScenarioError unless a real robot has a driver where it takes duties, and none where it takes speeds."""
+    if has_velocity_controller and plan.driver is not None:
+        raise place.error(
+            f"driver: {plan.parameters} describes a robot with a velocity controller, which cmr-driver does not drive. "
+            "Leave out driver, and start the robot's own bridge to the bus"
+        )
+    if not has_velocity_controller and plan.driver is None:
+        raise place.error(
+            "driver is missing: a real robot needs the port of its motor controller, driver: {port: /dev/ttyUSB0}. "
+            "A robot that takes speeds through a bridge of its own has response_time and top_wheel_speed "
+            f"in its parameters, in place of k2_over_k3 and k1; {plan.parameters} has not"
+        )
 
 
 def _with_source(robot: Placed, first: int | None, shared: Path | None) -> RobotPlan:

@@ -66,7 +66,8 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
     else:
         connection = arguments_of(robot.driver) if robot.driver is not None else []
         after = None
-    if robot.emulator is None or robot.emulator.command == DUTY:  # others are on the bus themselves
+    # Robots with a velocity controller are on the bus themselves, real ones by a bridge of their own.
+    if robot.driver is not None or (robot.emulator is not None and robot.emulator.command == DUTY):
         driver = [our_command("cmr-driver"), *who, *connection, *parameters, *bus]
         yield Job(f"driver {robot_id}", DRIVER, driver, robot_id, after, robot.host)
     if robot.calibrate:

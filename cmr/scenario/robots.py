@@ -105,8 +105,6 @@ def _ids(section: Section) -> range:
 
 def _check_belonging(section: Section, kind: Kind, ids: range) -> None:
     """Raise ScenarioError for a key that a robot of this kind lacks, or has no use for."""
-    if kind == "real":
-        section.need("driver", "a real robot needs the port of its motor controller, driver: {port: /dev/ttyUSB0}")
     if kind != "virtual" and len(ids) > 1:
         raise section.place.error(f"count is for virtual robots; describe each {kind} one with an id of its own")
     foreign = {
