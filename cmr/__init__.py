@@ -4,5 +4,24 @@ Rooms: `bus` (channels, messages, processes on LCM), `recordings` (event logs as
 (the parameter file), `model` (how a robot moves), `calibration`, `world` (all robots, real and virtual),
 `diagnosis`, `tools` (log tools), `commands` (the cmr-* processes). Imports run towards `model`, which knows nobody.
 
-This module imports nothing, so that a command hears Ctrl-C before anything that takes time.
+This module imports next to nothing, so that a command hears Ctrl-C before anything that takes time.
 """
+
+import os
+import sys
+
+MESSAGES = "msg"  # the package that the build generates from lcmtypes/
+
+if not os.path.isdir(os.path.join(__path__[0], MESSAGES)):  # noqa: PTH112, PTH118 - pathlib takes longer
+    # Python runs inside a checkout, but CMR was installed elsewhere: that installation has the message classes.
+    _installed = [os.path.join(folder, __name__) for folder in sys.path]  # noqa: PTH118
+    __path__ += [folder for folder in _installed if os.path.isdir(os.path.join(folder, MESSAGES))]  # noqa: PTH112, PTH118
+
+
+def __getattr__(name: str) -> object:
+    if name == MESSAGES:
+        raise ImportError(
+            f"the message classes cmr.{MESSAGES} have not been generated in {__path__[0]}. "
+            "Install CMR from that checkout: pip install -e ."
+        )
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -49,6 +49,8 @@ provide_environment() {
     stamp="$(cat pyproject.toml lcmtypes/*.lcm scripts/build_messages.py | sha256sum) $PWD"
     if [ "$(cat ".venv/installed$extras" 2> /dev/null)" != "$stamp" ]; then
         echo "Installing into .venv ..."
+        # Its name was "cmr" until the 25th of November 2026; left there, both would own the same commands.
+        .venv/bin/pip uninstall --quiet --yes cmr > /dev/null 2>&1
         # Python compiles what is imported when it is imported: to do so now with everything takes twenty seconds.
         .venv/bin/pip install --quiet --no-compile --editable ".$extras" || fail "pip could not install the package; see above"
         echo "$stamp" > ".venv/installed$extras"

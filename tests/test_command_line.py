@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from importlib.metadata import distribution, version
+from importlib.metadata import distribution
 from pathlib import Path
 
 import cv2
@@ -21,8 +21,9 @@ from cmr.bus.preflight import BusError
 from cmr.bus.streams import LARGEST_ROBOT_ID
 from cmr.camera.lens import Lens
 from cmr.commands.command_line import CommandError, guarded, parse_robot_id, parser
+from cmr.distribution import NAME, version
 
-COMMANDS = sorted(entry.name for entry in distribution("cmr").entry_points if entry.group == "console_scripts")
+COMMANDS = sorted(entry.name for entry in distribution(NAME).entry_points if entry.group == "console_scripts")
 WITHOUT_BUS = ("cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-sweep")  # these end by themselves
 SERVICES = [name for name in COMMANDS if name not in WITHOUT_BUS]
 NEEDED = {
@@ -150,7 +151,7 @@ def test_a_robot_id_that_no_message_can_hold_is_wrong_usage(text: str) -> None:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_version_is_that_of_the_package(name: str) -> None:
     result = run(name, "--version")
-    assert (result.returncode, result.stdout, result.stderr) == (0, f"{name} {version('cmr')}\n", "")
+    assert (result.returncode, result.stdout, result.stderr) == (0, f"{name} {version()}\n", "")
 
 
 @pytest.mark.parametrize("name", COMMANDS)

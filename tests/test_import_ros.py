@@ -295,7 +295,7 @@ def test_a_folder_without_a_bag_is_said(tmp_path: Path) -> None:
 def test_without_rosbags_it_is_said_what_to_install(tmp_path: Path, bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     decoder.cache_clear()
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    with pytest.raises(CommandError, match=r"rosbags.* is not installed.*pip install 'cmr\[ros\]'"):
+    with pytest.raises(CommandError, match=r"rosbags.* is missing.* install .*\[ros\]'"):
         run(tmp_path, WHOLE, bag)
 
 

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cmr.commands.command_line import CommandError
+from cmr.distribution import how_to_install
 from cmr.recordings.events import Event, EventReader, event_bytes
 from cmr.tools.events import Progress
 from cmr.tools.log_main import main
@@ -205,7 +206,7 @@ def test_a_missing_library_is_told_with_what_to_install(
 ) -> None:
     for part in (module, f"{module}.writer", f"{module}.parquet"):
         monkeypatch.setitem(sys.modules, part, None)
-    with pytest.raises(CommandError, match=re.escape(f"To install it: pip install 'cmr[{extra}]'")):
+    with pytest.raises(CommandError, match=re.escape(f"To install it: {how_to_install(extra)}")):
         main([name, str(log), "--out", str(log.parent / "out")])
 
 

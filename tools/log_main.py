@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cmr.commands.command_line import CommandError, parse_seconds, parser
+from cmr.distribution import how_to_install
 from cmr.recordings.events import EventReader
 from cmr.tools.events import Progress, channel_chooser, damage_sentence, open_log, reading
 
@@ -137,7 +138,7 @@ def _damage(logs: Sequence[EventReader]) -> list[str]:
 
 
 def _missing(error: ModuleNotFoundError, what: str, extra: str) -> CommandError:
-    return CommandError(f"{error.name} is not installed, which {what} need. To install it: pip install 'cmr[{extra}]'")
+    return CommandError(f"{error.name} is missing, which {what} need. To install it: {how_to_install(extra)}")
 
 
 def _check_out(logs: Sequence[EventReader], out: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cmr.distribution import how_to_install
 from cmr.tools.events import Progress
 from cmr.tools.mapping_types import Mapping
 from cmr.tools.mapping_types import Topic as MappedTopic
@@ -53,7 +54,7 @@ def read_bag(mapping: Mapping, path: Path) -> Source:
         raise SourceError(str(error)) from error
     except ModuleNotFoundError as error:
         raise SourceError(
-            f"{error.name} is not installed, which bags need. To install it: pip install 'cmr[ros]'"
+            f"{error.name} is missing, which bags need. To install it: {how_to_install('ros')}"
         ) from error
     try:
         _check_present(path, rows, present)

@@ -12,6 +12,7 @@ from cmr.bus.messages import make
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CAMERA_IMAGE, POSE, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parse_seconds, parser
+from cmr.distribution import how_to_install
 from cmr.msg import camera_image_t, pose_xyt_t, process_status_t
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def main(arguments: list[str]) -> int:
         import cv2
     except ModuleNotFoundError as error:
         if "--help" not in arguments and "-h" not in arguments and "--version" not in arguments:
-            raise CommandError("OpenCV is missing. To install it: pip install 'cmr[camera]'") from error
+            raise CommandError(f"OpenCV is missing. To install it: {how_to_install('camera')}") from error
     else:
         cv2.setNumThreads(1)  # more threads finish a picture hardly sooner, and take the other processes' time
     commands: dict[str, Callable[[list[str]], int]] = {"calibrate": _calibrate, "board": _board, "tags": _tags}

@@ -9,6 +9,7 @@ from textwrap import fill
 
 from cmr.bus.preflight import DEFAULT_URL, BusError
 from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.distribution import version
 
 HELP_WIDTH = 79  # characters; a terminal's usual 80 leave room for no more
 
@@ -49,9 +50,7 @@ class _Version(argparse.Action):
     """Prints the version; it is looked up only then, because that takes as long as all the rest of a start."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_arguments: object) -> None:
-        from importlib.metadata import version
-
-        print(f"{parser.prog} {version('cmr')}")
+        print(f"{parser.prog} {version()}")
         parser.exit()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmr.commands.command_line import CommandError, parser
+from cmr.distribution import how_to_install
 from cmr.sweep.stopping import end_on_signals
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def main(arguments: list[str]) -> int:
         from cmr.sweep.table import write_tables
     except ModuleNotFoundError as error:
         raise CommandError(
-            f"{error.name} is not installed, which sweeps need. To install it: pip install 'cmr[sweep]'"
+            f"{error.name} is missing, which sweeps need. To install it: {how_to_install('sweep')}"
         ) from error
     name = Path(options.scenario).stem
     out = options.out or Path(f"{name}_sweep")

@@ -11,6 +11,7 @@ from cmr.bus.messages import now_utime
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP
 from cmr.commands.command_line import CommandError, parser
+from cmr.distribution import how_to_install
 from cmr.msg import process_status_t
 from cmr.world.interaction.obstacles import Geofence, ObstacleError, Obstacles
 
@@ -31,7 +32,7 @@ def main(arguments: list[str]) -> int:
         from cmr.view.server import PageServer
         from cmr.view.showing import LiveShowing, LogShowing
     except ModuleNotFoundError as error:
-        raise CommandError(f"{error.name} is missing. To install it: pip install 'cmr[view]'") from error
+        raise CommandError(f"{error.name} is missing. To install it: {how_to_install('view')}") from error
     token = options.token or secrets.token_urlsafe(12)
     with Process("cmr-view", options.lcm_url) as process:
         process.subscribe(ESTOP, every=True)

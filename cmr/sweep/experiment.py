@@ -5,7 +5,6 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import version
 from inspect import getfile
 from pathlib import Path
 from socket import gethostname
@@ -13,6 +12,7 @@ from threading import Lock
 from typing import Any
 
 import robot_driver
+from cmr.distribution import version
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.scenario.ending import why_only_live
 from cmr.scenario.scenario import Scenario
@@ -107,9 +107,7 @@ def perform(experiment: Experiment, seed: int) -> dict[str, Any]:
 def key_of(document: str, files: Iterable[Path], seed: int) -> str:
     """Return what a run is known by: it changes with the scenario, its files, the seed and CMR itself."""
     contents = [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files)]
-    return hashlib.sha256(
-        json.dumps([version("cmr"), sources_digest(), document, contents, seed]).encode()
-    ).hexdigest()[:32]
+    return hashlib.sha256(json.dumps([version(), sources_digest(), document, contents, seed]).encode()).hexdigest()[:32]
 
 
 @cache

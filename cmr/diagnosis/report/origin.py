@@ -1,11 +1,10 @@
 """Problems in the data, and which recordings and which version made the diagnosis."""
 
-from importlib.metadata import version
-
 from cmr.diagnosis.report.markup import Html, joined
 from cmr.diagnosis.report.section import bullets, code, codes, paragraph, quiet, section
 from cmr.diagnosis.report.table import table
 from cmr.diagnosis.result import BAD_DATA, Diagnosis
+from cmr.distribution import version
 
 
 def data(diagnosis: Diagnosis) -> Html:
@@ -35,7 +34,7 @@ def provenance(diagnosis: Diagnosis) -> Html:
     sources = bullets([code(source) for source in diagnosis.sources])
     amount = f"{diagnosis.samples:,} measurements" if diagnosis.samples else "no usable measurement"
     said = paragraph(
-        f"Diagnosis of robot {diagnosis.robot_id} by CMR {version('cmr')} from {amount}",
+        f"Diagnosis of robot {diagnosis.robot_id} by CMR {version()} from {amount}",
         " in these recordings:" if diagnosis.sources else ".",
     )
     model = quiet(

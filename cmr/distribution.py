@@ -1,0 +1,33 @@
+"""What this installation of CMR is: its distribution, its version, and how to add an extra to it."""
+
+import shutil
+import sys
+from pathlib import Path
+
+NAME = "calibrated-mixed-reality"  # what the package index would call it: "cmr" is somebody else's there
+UNKNOWN_VERSION = "0+unknown"
+
+
+def version() -> str:
+    """Return the version of the installed distribution; UNKNOWN_VERSION where none is installed."""
+    from importlib.metadata import PackageNotFoundError, version  # takes as long as most commands need to start
+
+    try:
+        return version(NAME)
+    except PackageNotFoundError:
+        return UNKNOWN_VERSION
+
+
+def how_to_install(extra: str) -> str:
+    """Return the command that adds an extra to this installation: from its checkout, as CMR is not published."""
+    checkout = Path(__file__).resolve().parents[1]
+    if (checkout / "pyproject.toml").is_file():
+        return f"{_pip()} install -e '{checkout}[{extra}]'"
+    return f"{_pip()} install '.[{extra}]' in the folder of CMR's sources"
+
+
+def _pip() -> str:
+    """Return pip of this interpreter, as it is called from here."""
+    found = shutil.which("pip")
+    beside = Path(sys.executable).parent
+    return "pip" if found and Path(found).parent == beside else f"{sys.executable} -m pip"
