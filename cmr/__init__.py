@@ -12,14 +12,19 @@ import sys
 
 MESSAGES = "msg"  # the package that the build generates from lcmtypes/
 
-if not os.path.isdir(os.path.join(__path__[0], MESSAGES)):  # noqa: PTH112, PTH118 - pathlib takes longer
+
+def _generated(folders: list[str]) -> list[str]:
+    """Return those of some folders that have the message classes."""
+    return [folder for folder in folders if os.path.isdir(os.path.join(folder, MESSAGES))]  # noqa: PTH112, PTH118
+
+
+if not _generated(__path__):
     # Python runs inside a checkout, but CMR was installed elsewhere: that installation has the message classes.
-    _installed = [os.path.join(folder, __name__) for folder in sys.path]  # noqa: PTH118
-    __path__ += [folder for folder in _installed if os.path.isdir(os.path.join(folder, MESSAGES))]  # noqa: PTH112, PTH118
+    __path__ += _generated([os.path.join(folder, __name__) for folder in sys.path])  # noqa: PTH118
 
 
 def __getattr__(name: str) -> object:
-    if name == MESSAGES:
+    if name == MESSAGES and not _generated(__path__):
         raise ImportError(
             f"the message classes cmr.{MESSAGES} have not been generated in {__path__[0]}. "
             "Install CMR from that checkout: pip install -e ."
