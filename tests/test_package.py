@@ -1,6 +1,7 @@
 """A wheel holds all that runs, nothing that collides with other people's packages, and nothing made by hand."""
 
 import configparser
+import os
 import re
 import shutil
 import subprocess
@@ -115,3 +116,37 @@ def test_nothing_that_is_generated_is_tracked() -> None:
     assert git("ls-files", "cmr/msg") == []
     generated = re.compile(r"__pycache__|\.egg-info|\.pyc$|^build/|^dist/|^\.venv/|_cache/")
     assert [name for name in git("ls-files") if generated.search(name)] == []
+
+
+def test_python_in_a_checkout_finds_the_message_classes_of_the_installed_package(wheel: Path, sources: Path) -> None:
+    """As after `pip install .`: the folder in which Python runs comes before what is installed."""
+    run = [sys.executable, "-c", "import sys; sys.path.append(sys.argv[1]); from cmr import msg; print(msg.__file__)"]
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    bare = shutil.copytree(sources / "cmr", sources / "bare" / "cmr", ignore=shutil.ignore_patterns("msg", "tools"))
+    command = [run[0], "-S", *run[1:]]  # without the editable installation that runs this test
+    found = subprocess.run(
+        [*command, str(wheel)], cwd=bare.parent, env=environment, capture_output=True, text=True, check=True
+    )
+    assert Path(found.stdout.strip()) == wheel / "cmr" / "msg" / "__init__.py"
+    missing = subprocess.run(
+        [*command, str(bare / "bus")], cwd=bare.parent, env=environment, capture_output=True, text=True, check=False
+    )
+    assert "have not been generated in" in missing.stderr
+    assert "pip install -e ." in missing.stderr
+
+
+def test_the_metadata_name_the_licence_and_nobody_else_s_package(wheel: Path) -> None:
+    [metadata] = wheel.glob("*.dist-info/METADATA")
+    text = metadata.read_text()
+    assert "\nName: calibrated-mixed-reality\n" in text
+    assert "\nLicense-Expression: BSD-3-Clause\n" in text
+    assert (metadata.parent / "licenses" / "LICENSE").is_file()
+    assert not re.search(r"^Requires-Dist: cmr\b", text, re.MULTILINE)
+
+
+def test_no_text_says_to_install_the_stranger_s_package() -> None:
+    """The package index has a "cmr" that is not this one."""
+    stranger = re.compile(r"pip3? install [^\n`]*['\" ]cmr\b(?!-)")
+    texts = [PROJECT / name for name in git("ls-files") if name.endswith((".md", ".py", ".sh", ".toml"))]
+    texts = [path for path in texts if path != Path(__file__).resolve() and path.name != "CHANGELOG.md"]
+    assert [path.name for path in texts if path.is_file() and stranger.search(path.read_text())] == []
