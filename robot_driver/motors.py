@@ -141,7 +141,7 @@ class Motors(Device):
         if self._host.monotonic() - self._last_driven > SILENCE_LIMIT:
             raise PortLost(self._asking.silence())
         if self._host.monotonic() - self._last_counted > BLIND_LIMIT:
-            raise PortLost(f"The controller at {self._port.path} takes duties, but tells no encoder counts.")
+            raise PortLost(f"The controller at {self._port.path} takes duties, but reports no encoder counts.")
         self._due = max(self._due + self._period, self._host.monotonic() - self._period)
         stop.wait(max(self._due - self._host.monotonic(), 0.0))
 

@@ -67,4 +67,4 @@ def sentence_on(unknown: dict[str, float], path: str) -> str:
     """Return what a person has to know of `unknown` quantities of the controller at `path`; "" when all are known."""
     seconds = {key: "" if math.isinf(age) else f" for {age:.0f} s" for key, age in unknown.items()}
     told = [f"{words} unknown{seconds[key]}" for key, words in WORDS.items() if key in unknown]
-    return f"The controller at {path} does not tell everything: {', '.join(told)}." if told else ""
+    return f"The controller at {path} does not report everything: {', '.join(told)}." if told else ""

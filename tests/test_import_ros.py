@@ -247,7 +247,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ),
     (
         mapping_of({"/imu": "published"}, gyro=GYRO),
-        "/imu: only MCAP files tell when a message was published; map time: header",
+        "/imu: only MCAP files record times of publication; map time: header",
     ),
 ]
 

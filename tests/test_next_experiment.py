@@ -213,8 +213,8 @@ def test_all_that_errors_may_go_with_stands_out_somewhere() -> None:
 def test_the_same_mathematics_is_said_and_nothing_is_recommended() -> None:
     said = experiment_to_tell_apart("wheel_radius_scale", ["encoder_scale"])
     assert said == (
-        "No drive can distinguish wheel radius scale from encoder scale: the same mathematics, unless commands tell. "
-        "The simulation is the same with either."
+        "No drive can distinguish wheel radius scale from encoder scale: the same mathematics, unless commands were "
+        "recorded. The simulation is the same with either."
     )
     both = experiment_to_tell_apart("wheel_radius_scale", ["encoder_scale", "pose_distortion"])
     assert both is not None

@@ -84,7 +84,7 @@ def test_a_controller_that_holds_its_motors_is_told_as_holding_them_and_no_other
     told = request.then(request.parse(DONE))
     assert told.parse(b"M=0:0\r") == (0.0, 0.0)
     for other in (b"M=300:0\r", b"M=0:-250\r", b"M=300:250\r"):
-        with pytest.raises(BadReply, match="tells"):
+        with pytest.raises(BadReply, match="reports"):
             told.parse(other)
 
 

@@ -87,7 +87,7 @@ def test_a_gyro_in_pieces_is_compared_within_them_and_its_factor_is_right() -> N
     assert len(recording.pieces) > 5
     gyro = replace(recording.gyro, fields={"yaw_rate": 2.0 * recording.gyro["yaw_rate"]})
     said = check(replace(recording, gyro=gyro))["gyro_factor"].sentence
-    assert 1.9 < float(said.split("tells ")[1].split(" times")[0]) < 2.1  # turn slip is at most 5 %
+    assert 1.9 < float(said.split("reports ")[1].split(" times")[0]) < 2.1  # turn slip is at most 5 %
     assert check(recording)["gyro_factor"].found == 0
 
 

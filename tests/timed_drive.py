@@ -36,7 +36,7 @@ class Chain:
 
     `late` is the mean time that a command takes to the driver. `lost` is the share of commands that never reach it.
     Adapters hold each reply for up to `hold`. `busy` is the share of turns, of any process, that are held up.
-    `resolution` is the least duty that the controller tells apart.
+    `resolution` is the least duty that the controller reports apart.
     """
 
     rate: float = 50.0

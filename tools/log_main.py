@@ -178,7 +178,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         command.set_defaults(work=work, out=None)
         return command
 
-    info = add("info", _info, "Tell what is in logs and how healthy it is", "run.lcm")
+    info = add("info", _info, "Show what is in logs and how healthy it is", "run.lcm")
     info.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="an event log")
     _add_pieces(add)
     _add_formats(add)

@@ -237,7 +237,7 @@ def _has_stamp(types: Types, header: str) -> bool:
 
 def _published(message: Message, _content: Any) -> int:
     if message.published is None:
-        raise SourceError(f"{message.topic.name}: only MCAP files tell when a message was published; map time: header")
+        raise SourceError(f"{message.topic.name}: only MCAP files record times of publication; map time: header")
     return message.published // MICROSECOND
 
 

@@ -30,7 +30,7 @@ WORSE_THAN_GIVEN = (
     "than they do ({before:.3f} m). Something that no effect explains moves this robot or its sensors. Check the time "
     "stamps of commands, wheels and poses, and run cmr-diagnose."
 )
-UNTOLD = "The drive tells nothing of it: its standard deviation is {:.0f} % of the value."
+UNTOLD = "The drive does not determine it: its standard deviation is {:.0f} % of the value."
 
 
 def calibrate(

@@ -24,11 +24,11 @@ WIDE: Mapping[str, float] = {
 STANDS_FOR: Mapping[str, str] = {"response_time": "k2_over_k3", "speed_scale": "k1"}  # in the model, by the file's name
 POOR = 0.1  # relative standard deviation beyond which it is said what kind of driving tells a parameter
 TELLING: Mapping[str, str] = {
-    "k2_over_k3": "Stops, starts and other changes of speed tell k2_over_k3.",
-    "k1": "Steady driving, at two speeds, tells k1.",
-    "response_time": "Stops, starts and other changes of speed tell response_time.",
-    "speed_scale": "Steady driving tells speed_scale.",
-    "base_width": "Turns in both directions tell base_width.",
+    "k2_over_k3": "Stops, starts and other changes of speed determine k2_over_k3.",
+    "k1": "Steady driving at two speeds determines k1.",
+    "response_time": "Stops, starts and other changes of speed determine response_time.",
+    "speed_scale": "Steady driving determines speed_scale.",
+    "base_width": "Turns in both directions determine base_width.",
 }
 HALF = 0.5  # of its standard deviation alone, below which a parameter is much surer beside effects
 ALONE = "Three parameters alone do not describe this robot: it has the effects that are named here."
@@ -53,7 +53,7 @@ def in_doubt_alone(estimation: Estimation, alone: Mapping[str, Estimate]) -> tup
     surer = [name for name in wide if name in beside and beside[name].std < HALF * alone[name].std]
     if surer and estimation.found.named:
         known = " and ".join(f"{name} to {100.0 * _share(beside[name]):.2g} %" for name in surer)
-        return (*sentences, f"{ALONE} With them, without --paper-only, this drive tells {known}.")
+        return (*sentences, f"{ALONE} With them, without --paper-only, this drive determines {known}.")
     return (*sentences, *_telling(wide, alone, one_speed(estimation)))
 
 

@@ -253,7 +253,7 @@ def _trusted(
             continue
         pairs = zip(found, np.abs(correlation[row]), strict=True)
         confused = [other for other, r in pairs if r > CONFUSED and other != name]
-        told = f", and it cannot be told from {' and '.join(confused)}" if confused else ""
+        told = f", and it cannot be distinguished from {' and '.join(confused)}" if confused else ""
         unidentified[name] = f"{reason}{told} (standard deviation {estimate.std:.2g} of {estimate.value:.3g})"
     return trusted
 

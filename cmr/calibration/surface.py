@@ -16,8 +16,8 @@ from cmr.recordings.signal import Floats
 NAMES = ("k2_over_k3", "k1", "base_width")  # the axes of a grid
 ALIKE = 1.1  # times the least path error, up to which errors count as alike
 AT_THE_EDGE = (
-    "the error surface does not tell it: from {low:.4g} to {high:.4g} {unit}, the edge of the grid, the path error is "
-    "within 10 % of the least, which is at {best:.4g}"
+    "the error surface does not determine it: from {low:.4g} to {high:.4g} {unit}, the edge of the grid, the path "
+    "error is within 10 % of the least, which is at {best:.4g}"
 )
 
 

@@ -54,7 +54,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options = parser(
         "cmr-diagnose",
         "Show what the simulation of a robot gets wrong, name the physical cause, extend the model and measure the "
-        "gain. The logs of one robot are diagnosed together: different manoeuvres tell effects apart. Writes "
+        "gain. The logs of one robot are diagnosed together: different manoeuvres distinguish effects. Writes "
         "diagnosis.json, report.html and the extended parameters robot_N.yaml.\n\n"
         "Logs of several robots, or --each, make several diagnoses, which run side by side, each with a folder of its "
         "own below DIR. With --live a drive is watched while it happens: what changes is said on PROCESS_STATUS.",
@@ -105,7 +105,7 @@ def _contradiction(chosen: argparse.Namespace) -> str:
     if chosen.live:
         if chosen.logs or chosen.held_out:
             return "--live listens to the bus; it takes no logs"
-        return "--why tells how logs were searched; --live searches none" if chosen.why else ""
+        return "--why explains the search of logs; --live searches none" if chosen.why else ""
     if not chosen.logs:
         return "name at least one event log, or --live"
     if chosen.out is None:
@@ -201,7 +201,7 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     with Process("cmr-diagnose", options.lcm_url) as process:
         for stream in WATCHED:
             process.subscribe(stream, options.robot, every=True)
-        watching = "Watching. What changes is said here; PROCESS_STATUS tells what is heard."
+        watching = "Watching. Changes are reported here, and the messages received on PROCESS_STATUS."
         print(f"{process.name}: {watching}", file=sys.stderr, flush=True)
         for utime in process.loop(rate_hz=WATCH_RATE):
             process.dispatch(watcher.handle)

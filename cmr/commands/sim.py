@@ -240,8 +240,8 @@ def _add_range_sensors(options: argparse.ArgumentParser) -> None:
         "--range-sensor",
         type=_with_sensor,
         metavar="ID,...|virtual|all",
-        help="robots that get a planar range sensor, told on RANGE_SCAN_N at 10 Hz; of a real robot what its own laser "
-        "cannot see: virtual robots and obstacles (default: no robot)",
+        help="robots that get a planar range sensor, published on RANGE_SCAN_N at 10 Hz; of a real robot what its own "
+        "laser cannot see: virtual robots and obstacles (default: no robot)",
     )
     options.add_argument(
         "--range-sensor-rays",

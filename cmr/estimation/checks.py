@@ -35,13 +35,13 @@ FEWEST = 2  # readings of a sensor from which it tells of a motion
 SHORTEST = 5.0  # s; what is named from less is chance
 DRIVE = "Drive a figure-eight, or cmr-pilot's rich_drive, and record it."
 LONG_ENOUGH = (
-    f"A diagnosis takes {SHORTEST:.0f} s of driving at least; two minutes of cmr-pilot's rich_drive tell most."
+    f"A diagnosis takes {SHORTEST:.0f} s of driving at least; two minutes of cmr-pilot's rich_drive show most."
 )
 WITHOUT_WHEELS = "Neither wheels (MOTOR_FEEDBACK_N) nor commands (MOTOR_COMMAND_N) were recorded: what drove the robot?"
 WITHOUT_MOTION = (
-    "Neither poses (POSE_N) nor a gyro (GYRO_N) were recorded beside the wheels: nothing tells how the robot moved."
+    "Neither poses (POSE_N) nor a gyro (GYRO_N) were recorded beside the wheels: nothing shows how the robot moved."
 )
-NOTHING_ELSE = "Nothing else tells how the robot moved."
+NOTHING_ELSE = "Nothing else shows how the robot moved."
 WITHOUT_WINDOW = (
     f"The recording has no stretch of {LEAST * WINDOW:.1f} s over which the error of {{what}} could be measured."
 )
@@ -216,7 +216,7 @@ def _why_no_motion(recording: Recording, cleaned: Recording, findings: Findings)
         return WITHOUT_MOTION
     return (
         f"{' and '.join(counted(count, what) for what, count in recorded.items() if count)} were recorded, but in no "
-        f"stretch in which it is known what drove the robot, {FEWEST} or more: nothing tells how it moved there."
+        f"stretch in which it is known what drove the robot, {FEWEST} or more: nothing shows how it moved there."
     )
 
 

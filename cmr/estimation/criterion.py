@@ -27,7 +27,7 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
         found = _with_right_gains(search(ready.problem, ready.base, say), ready, say)
         if trusted(found, ready):
             return found
-        say("No model foretells this robot from moment to moment: looking at the course of its motion instead ...")
+        say("No model predicts this robot from moment to moment: fitting free runs instead ...")
     courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
     base = courses.base(ready.start, ready.base.names)
     # Errors of moments may suggest a robot that hardly moves: typical sizes of effects are those on this one.

@@ -30,10 +30,10 @@ X, Y = MOTION.index("x"), MOTION.index("y")
 # Beyond this share a base width is not known. Drives with turns tell it ten times as well, straight ones half as well.
 LARGEST_DOUBT = 0.05
 NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
-HARDLY_TURNED = "The robot hardly turned: its turns tell the base width to {doubt:.0f} % only."
-TURNS = "A drive with turns tells it: figure-eights, or circles both ways."
+HARDLY_TURNED = "The robot hardly turned: its turns determine the base width to {doubt:.0f} % only."
+TURNS = "A drive with turns would: figure-eights, or circles both ways."
 WITHOUT_WIDTH = "No wheels were recorded (MOTOR_FEEDBACK_N): give base_width, nearly, by --parameters."
-WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing tells how the motors follow them: "
+WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing shows how the motors follow them: "
 
 WORST_FACTOR = 3.0  # of the wheels' way to that of the poses; beyond it, or under one over it, one of them is wrong
 SHORTEST_WAY = 0.3  # m; root of the sum of squares of the ways of each second
@@ -155,7 +155,7 @@ def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
         if any(len(predictor.segment.observations.pose) for predictor in ready):
             start.names = ("wheel_radius", *start.names)
     if not start.names:
-        start.refused = f"Neither commands nor turns nor poses tell anything of this robot. {TURNS}"
+        start.refused = f"Neither commands nor turns nor poses were recorded of this robot. {TURNS}"
     return start
 
 

@@ -121,7 +121,7 @@ def cautions(findings: Sequence[Finding]) -> list[str]:
     count = min((len(finding.values[REAL_A]) for finding in findings), default=ENOUGH)
     if count >= ENOUGH:
         return []
-    return [f"These are {count} experiments of each kind, in which only large differences show; {USUAL} tell more."]
+    return [f"These are {count} experiments of each kind, in which only large differences show; {USUAL} show more."]
 
 
 def rows(findings: Sequence[Finding]) -> Iterator[dict[str, str | float]]:

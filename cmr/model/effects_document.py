@@ -75,7 +75,7 @@ def _entry(effect: Effect, shown: Showcase) -> str:
         lines.append(f"Of a robot with a [velocity controller](#velocity-controllers): *{said}*\n")
     if effect.confused_with:
         told_apart = [f"[{other}](#{other}): {manoeuvre}" for other, manoeuvre in effect.confused_with.items()]
-        lines.append(f"Confused with, and told apart by: {'; '.join(told_apart)}.\n")
+        lines.append(f"Confused with, and distinguished by: {'; '.join(told_apart)}.\n")
     return "\n".join(lines)
 
 
@@ -123,7 +123,7 @@ def _velocity_controllers() -> str:
     return "\n".join(
         [
             "## Velocity controllers\n",
-            "Most robots that can be bought are told how fast to go, by (v, omega) or by wheel speeds, and hold that",
+            "Most robots that can be bought take speeds as commands, (v, omega) or wheel speeds, and hold a commanded",
             "speed by themselves. Their parameter files have these in place of `k2_over_k3` and `k1`:\n",
             "| parameter | unit | meaning | from | to |",
             "|---|---|---|---|---|",
@@ -153,7 +153,7 @@ def _generic_terms() -> str:
         [
             "## Generic terms\n",
             "A generic term has no physical cause, and nothing is ever named after it. Where a robot does what no",
-            "effect describes, `cmr-diagnose` may give a few of these products a coefficient, if that foretells data",
+            "effect describes, `cmr-diagnose` may give a few of these products a coefficient, if that predicts data",
             "better that it was not fitted on. `u` is a wheel's duty, `s` = K1 psi its share of the no-load speed, v",
             "[m/s] the speed of the body and omega [rad/s] its turn rate. Models without any of them are compiled",
             "without them.\n",

@@ -118,10 +118,10 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
 
 
 def _wheels_finding(late: Lag | None) -> Finding:
-    sentence = "The wheels are not told later than the gyro."
+    sentence = "The wheels are not reported later than the gyro."
     if late is not None:
         sentence = (
-            f"The wheels tell {late.seconds:.3f} +- {late.std:.3f} s late beside the {late.reference}: they are "
+            f"The wheels report {late.seconds:.3f} +- {late.std:.3f} s late beside the {late.reference}: they are "
             f"filtered or stamped late, or the clock of the {late.reference} is ahead. Their times were set right."
         )
     return Finding("wheels_late", int(late is not None), sentence)
@@ -148,4 +148,4 @@ def _lag_sentence(sensor: str, lag: Lag | None) -> str:
     size = f"{abs(lag.seconds):.3f} +- {lag.std:.3f} s"
     if lag.seconds > 0.0:
         return f"{subject} clock is {size} behind that of the {lag.reference}."
-    return f"{subject} clock is {size} ahead of that of the {lag.reference}, or the {lag.reference} tell late."
+    return f"{subject} clock is {size} ahead of that of the {lag.reference}, or the {lag.reference} report late."

@@ -148,7 +148,7 @@ def _about_sign(seen: Iterable[str], reverse: bool) -> str:
 
 
 def _about_poses(poses: Comparison) -> str:
-    told = f"The gyro tells {poses.factor:.3g} times the turn of the poses"
+    told = f"The gyro reports {poses.factor:.3g} times the turn of the poses"
     if poses.times(1.0 / DEGREES).within(1.0 / AS_GOOD_AS, AS_GOOD_AS):
         return f"{told}: it gives degrees per second, rad/s are wanted. Its readings are set aside."
     if poses.times(DEGREES).within(1.0 / AS_GOOD_AS, AS_GOOD_AS):
@@ -159,7 +159,7 @@ def _about_poses(poses: Comparison) -> str:
 def _about_wheels(wheels: Comparison, turn: tuple[float, float]) -> str:
     much = "more" if wheels.least > turn[1] else "less"
     return (
-        f"The gyro tells far {much} than the wheels can turn the robot: see to its unit (rad/s), or to the encoders' "
+        f"The gyro reports far {much} than the wheels can turn the robot: see to its unit (rad/s), or to the encoders' "
         "ticks per turn. Its readings are set aside."
     )
 

@@ -98,7 +98,7 @@ def check_noise(robots: Sequence[RobotPlan], noise: Item | None) -> None:
         provenance = load_parameters(path).provenance
         if provenance.get("method") != "diagnosis" or STRAYED not in provenance:
             raise noise.place.error(
-                f"{path} does not tell how far robots stray from their model. "
+                f"{path} does not say how far robots stray from their model. "
                 "Use a file that cmr-diagnose wrote of a log with poses"
             )
 

@@ -117,7 +117,7 @@ def _spread_of_one(file: ParameterFile, names: Sequence[str], values: Floats, lo
     deviations = np.array([(file.values[n].std or 0.0) if n in file.values else 0.0 for n in names])
     if not deviations.any():
         raise PopulationError(
-            f"The file of robot {file.robot_id} tells no standard deviations. Give files of several calibrated robots, "
+            f"The file of robot {file.robot_id} has no standard deviations. Give files of several calibrated robots, "
             "or one that cmr-calibrate wrote."
         )
     return np.diag(np.where(logarithmic, deviations / np.abs(np.where(logarithmic, values, 1.0)), deviations))

@@ -115,7 +115,7 @@ def size_of(file: ParameterFile) -> float:
     distance = file.provenance.get(STRAYED)
     if file.provenance.get("method") != "diagnosis" or not isinstance(distance, (int, float)) or not distance >= 0.0:
         raise ParameterFileError(
-            "their file does not tell how far free runs stray. Use one that cmr-diagnose wrote of a log with poses."
+            "their file does not say how far free runs stray. Use one that cmr-diagnose wrote of a log with poses."
         )
     return min(float(distance) / strayed(file.robot_parameters, SMALL) * SMALL, LARGEST)
 

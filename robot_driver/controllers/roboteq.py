@@ -148,7 +148,7 @@ class Roboteq(Controller):
 
         def confirm(*told: int) -> tuple[float, float]:
             if told not in (steps, (0, 0)):
-                raise BadReply(f"The duty {steps} was sent, but the controller tells {told}.")
+                raise BadReply(f"The duty {steps} was sent, but the controller reports {told}.")
             return duty if told == steps else (0.0, 0.0)
 
         sent = self._request(f"!M {steps[0]} {steps[1]}", len(DONE), parse)

@@ -128,7 +128,7 @@ def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, signific
         return "Only a part of the data shows it."
     if found.gain <= LEAST_GAIN or not harmless:
         return DOES_NOT_HOLD
-    return "It hardly helps to foretell data that it was not fitted on." if found.share < LEAST_SHARE else ""
+    return "It hardly improves the prediction of data that it was not fitted to." if found.share < LEAST_SHARE else ""
 
 
 def why_not_of_moments(found: Elsewhere, significant: float) -> str:

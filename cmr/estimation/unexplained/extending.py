@@ -14,7 +14,7 @@ from cmr.estimation.unexplained.result import Unexplained
 
 SURPASSED = 0.8  # of some error of free runs with the named effects: so little must a term leave that does without them
 NOWHERE_WORSE = 1.03  # of each of these errors, and of those with both: so much it may leave
-WITHDRAWN = "A generic term foretells much better than it does, and as well without it."
+WITHDRAWN = "A generic term predicts much better than it does, and as well without it."
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ WHEEL_RADIUS_SCALE = Effect(
     needs="any motion, and a pose from outside",
     shows_in="distances",
     confused_with={
-        "encoder_scale": "none: the same mathematics, unless commands tell",
+        "encoder_scale": "none: the same mathematics, unless commands were recorded",
         "pose_distortion": "a larger area",
     },
 )

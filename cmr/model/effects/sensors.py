@@ -19,7 +19,7 @@ ENCODER_SCALE = Effect(
     ),
     needs="any motion, and commands or a pose from outside",
     shows_in="encoders against commands and pose",
-    confused_with={"wheel_radius_scale": "none: the same mathematics, unless commands tell"},
+    confused_with={"wheel_radius_scale": "none: the same mathematics, unless commands were recorded"},
 )
 
 ENCODER_ASYMMETRY = Effect(
