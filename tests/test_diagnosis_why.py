@@ -87,7 +87,7 @@ def test_a_drive_that_is_watched_is_not_searched(capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit) as wrong:
         main(["--live", "--why"])
     assert wrong.value.code == 2
-    assert "--why tells how logs were searched" in capsys.readouterr().err
+    assert "--why explains the search of logs" in capsys.readouterr().err
 
 
 # The report

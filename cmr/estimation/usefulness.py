@@ -117,17 +117,31 @@ class _Judge:
         return _as_the_paper_if_alone(whole)
 
     def _use(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[_Use]:
-        """Return of what use each effect is: which error grows most without it."""
-        without_it = self._without_each(whole, fitted)
+        """Return of what use each effect is: which error grows most without it.
+
+        Where effects that are too small to be named are left out, others make up for them as far as they can, and may
+        seem useless for that. Such an effect has another chance beside them.
+        """
+        use = self._use_in(whole, whole.final, fitted)
+        beside = _beside_what_is_small(whole)
+        weak = [n for n, one in enumerate(use) if beside and one.ratio < OF_USE and not one.vetoed]
+        if beside and weak:
+            for number, again in zip(weak, self._use_in(whole, beside, [fitted[n] for n in weak]), strict=True):
+                use[number] = again if again.vetoed or again.ratio >= OF_USE else use[number]
+        return use
+
+    def _use_in(self, whole: Extended, model: Fit, fitted: Sequence[SelectedEffect]) -> list[_Use]:
+        """Return of what use each effect is in a model."""
+        without_it = self._without_each(whole, model, fitted)
         ratios = [
-            {**_in_words(gain), **_of_readings(whole, one, fit)}
-            for one, fit, gain in zip(fitted, without_it, self._gains(whole, without_it, []), strict=True)
+            {**_in_words(gain), **_of_readings(whole, one, fit, model)}
+            for one, fit, gain in zip(fitted, without_it, self._gains(whole, model, without_it, []), strict=True)
         ]
         if not self.held_out:
             return [_largest(one) for one in ratios]
         return [
             _vetoed(gain) if _speaks_against(gain) else _largest({**one, **_in_words(gain, " in held-out recordings")})
-            for one, gain in zip(ratios, self._gains(whole, without_it, self.held_out), strict=True)
+            for one, gain in zip(ratios, self._gains(whole, model, without_it, self.held_out), strict=True)
         ]
 
     def without_the_worst(self, whole: Extended) -> Extended:
@@ -135,21 +149,28 @@ class _Judge:
         if whole.term:
             return replace(whole, term=None)
         fitted = _fitted(whole.found)
-        gains = self._gains(whole, self._without_each(whole, fitted), self.held_out)
+        gains = self._gains(whole, whole.final, self._without_each(whole, whole.final, fitted), self.held_out)
         worst = int(np.argmin([_of_path(gain) for gain in gains]))
         where = "in the held-out recordings" if self.held_out else "on left-out data"
         return _without(whole, fitted[worst], TAKEN_BACK, _of_little_use(_of_path(gains[worst]), where))
 
-    def _without_each(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[Fit]:
-        return whole.found.problem.without(whole.final, [[one.candidate.effect] for one in fitted])
+    def _without_each(self, whole: Extended, model: Fit, fitted: Sequence[SelectedEffect]) -> list[Fit]:
+        return whole.found.problem.without(model, [[one.candidate.effect] for one in fitted])
 
-    def _gains(self, whole: Extended, without_it: Sequence[Fit], held_out: Sequence[Segment]) -> list[Gain]:
-        """Return what the model gains over others in free runs, in recordings held out or on parts left out."""
+    def _gains(self, whole: Extended, model: Fit, without_it: Sequence[Fit], held_out: Sequence[Segment]) -> list[Gain]:
+        """Return what a model gains over others in free runs, in recordings held out or on parts left out."""
         problem, chance = whole.found.problem, chance_of(whole.found)
-        return [left_out_gain(problem, fit, whole.final, chance, self.segments, held_out) for fit in without_it]
+        return [left_out_gain(problem, fit, model, chance, self.segments, held_out) for fit in without_it]
 
 
-def _of_readings(whole: Extended, one: SelectedEffect, without_it: Fit) -> dict[str, float]:
+def _beside_what_is_small(whole: Extended) -> Fit | None:
+    """Return the fit that has effects too small to be named beside all that are; None where there is none."""
+    seen = whole.found.seen
+    more = seen is not None and set(whole.final.names) < set(seen.names)
+    return seen if more and not whole.term and whole.found.problem.by_moments else None
+
+
+def _of_readings(whole: Extended, one: SelectedEffect, without_it: Fit, model: Fit) -> dict[str, float]:
     """Return how many times as large the left-out errors of each signal are without what a sensor does, by its words.
 
     Each fold is predicted by fits without it, to first order.
@@ -158,7 +179,7 @@ def _of_readings(whole: Extended, one: SelectedEffect, without_it: Fit) -> dict[
         return {}
     problem = whole.found.problem
     signal = np.concatenate([np.full(len(times), name) for p in problem.predictors for name, times in p.times.items()])
-    before, after = (left_out_errors(fit, problem.folds) for fit in (without_it, whole.final))
+    before, after = (left_out_errors(fit, problem.folds) for fit in (without_it, model))
     return {
         f"the one-step prediction of the {name.replace('_', ' ')}": float(
             np.linalg.norm(before[signal == name]) / np.linalg.norm(after[signal == name])
