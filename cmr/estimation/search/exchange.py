@@ -38,6 +38,7 @@ LARGEST_SHARE = 5.0  # of the typical size: first order holds no further
 # By how much the predicted score may be worse than the present one, as first order is not exact; how many are fitted.
 WORSE_BY_ONE, FITTED_BY_ONE = 60.0, 6  # of exchanges in which one effect comes
 WORSE_BY_TWO, FITTED_BY_TWO = 10.0, 3  # in which two come
+FITTED_INSTEAD = 2  # of exchanges in which one effect comes for one that is known from data sheets
 WORSE_QUICKLY = 15.0  # by how much a quick fit may be worse
 IN_DATA_SHEETS = ("encoder_scale", "encoder_asymmetry")
 SURELY_MORE = 0.02  # of what such an effect explains, the exchange for which it comes must explain
@@ -249,7 +250,11 @@ def _proposals(screening: Screening, current: Fit, selected: Sequence[str], infl
     ranked = sorted(found.values(), key=lambda one: one.score)
     by_one = [one for one in ranked if len(one.trials) == 1 and one.score < current.squares + WORSE_BY_ONE]
     by_two = [one for one in ranked if len(one.trials) == 2 and one.score < current.squares + WORSE_BY_TWO]
-    return [*by_one[:FITTED_BY_ONE], *by_two[:FITTED_BY_TWO]]
+    # Encoders that count wrongly look to the last bit like wheels of another size, which are more likely; but where
+    # that explains much, first order is thousands off.
+    instead = [one for one in ranked if len(one.trials) == 1 and len(one.leaving) == 1 and one not in by_one]
+    rare = [one for one in instead if one.leaving[0] in IN_DATA_SHEETS]
+    return [*by_one[:FITTED_BY_ONE], *rare[:FITTED_INSTEAD], *by_two[:FITTED_BY_TWO]]
 
 
 def _subsets(selected: Sequence[str]) -> Iterator[tuple[str, ...]]:

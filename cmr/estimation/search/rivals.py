@@ -15,6 +15,7 @@ from cmr.model.catalogue import CATALOGUE
 ALIKE = 12.0  # drops that differ by less cannot be distinguished,
 ALIKE_SHARE = 0.02  # nor those that differ by less than this share, as long as other effects may be missing,
 ALIKE_AT_THE_END = 0.001  # and by less than this one when all are there: fits stop a little before the best values
+FIRST_ORDER = 0.5  # of what is lost without an effect: another that makes up for so much to first order is fitted
 MOST = 4  # rivals that are looked for
 
 
@@ -37,11 +38,12 @@ def rivals_of(
     margin = margin_of(one.candidate, inflation, ALIKE_AT_THE_END)
     sizes = np.maximum(np.diag(left.normal), np.finfo(np.float64).tiny)
     shares, drops = -left.pulls / sizes, left.pulls**2 / sizes
+    lost = left.squares - current.squares
+    least = min(lost - margin, FIRST_ORDER * lost)
     starts: dict[str, dict[str, float]] = {}
     for number in np.argsort(-drops):
         trial, share = screening.trials[number], float(shares[number])
-        alike = left.squares - drops[number] < current.squares + margin
-        if alike and possible(screening, number, share) and len(starts) < MOST:
+        if drops[number] > least and possible(screening, number, share) and len(starts) < MOST:
             starts.setdefault(trial.effect, start_of(Score(trial, 0.0, share)))
     if not starts:
         return ()
