@@ -12,6 +12,7 @@ from cmr.view.camera import FOLLOW, FREE, TOP, Camera
 from cmr.view.camera_panel import CameraPanel
 from cmr.view.charts import Chart, distances, estimates
 from cmr.view.inputs import write
+from cmr.view.look import page_look
 from cmr.view.picture import Lines, rays, trails
 from cmr.view.replay_panel import ReplayPanel
 from cmr.view.shapes import LENGTH, at_height, circle
@@ -40,6 +41,7 @@ class Page:
         self._overview_due: float | None = time.monotonic() + SETTLED
         gui = client.gui
         self._head = gui.add_html("")
+        gui.add_html(page_look())
         self._add_orders(gui)
         self._camera_panel = CameraPanel(gui)
         if replay is not None:

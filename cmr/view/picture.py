@@ -26,8 +26,9 @@ def rgb(colour: str) -> tuple[int, int, int]:
 YELLOW = rgb(REAL_COLOUR)
 BLUE = (70, 140, 245)  # on which black digits can be read
 RED = (214, 40, 40)
-COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: YELLOW}
-TRAIL_COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: (150, 126, 48)}
+GREEN = (0, 158, 115)  # with these, all who see colours, if not red and green, know whose trail is whose
+COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: GREEN}
+TRAIL_COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: GREEN}
 MOST_LABELLED = 3000  # robots; with more than that only real ones have their ids on them
 LABEL_HEIGHT = shapes.CLEARANCE + shapes.HEIGHT + 0.002  # m
 TRAIL_HEIGHT, WAYPOINT_HEIGHT, RAY_HEIGHT = 0.006, 0.012, 0.05  # m

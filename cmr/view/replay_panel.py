@@ -10,11 +10,13 @@ import viser
 
 from cmr.view.inputs import write
 from cmr.view.log_index import Mark
+from cmr.view.look import GO_TO, time_bar
 from cmr.view.playback import Playback
 from cmr.view.wishes import JUMP, PAUSE, SPEED
 
 SPEEDS = ("0.1", "0.5", "1", "2", "5", "10", "20", "50")
 STEP = 0.1  # s
+STEP_BY_KEY = 5.0  # s
 HANDS_OFF = 2.0  # s after a visitor moved the slider, or typed beside it, in which it is left to him
 TYPED = 0.7  # s after the last letter of a time; then it is complete
 MARKS_APART = 3.0  # s; with each news of them the slider is made anew
@@ -40,11 +42,12 @@ class ReplayPanel:
     def add(self, gui: viser.GuiApi, ask: Asking) -> None:
         """Add it to a page; `ask(what, value)` passes on wishes."""
         self._gui, self._ask = gui, ask
+        self._bar = gui.add_html("")
         self._folder = gui.add_folder("replay")
         with self._folder:
             self._slider = self._new_slider(gui, ())
             # Nothing is ever written into this box, unlike into the one at the slider, which shows where the log is.
-            self._time = gui.add_text("go to", "", hint="a time: seconds, or minutes:seconds")
+            self._time = gui.add_text(GO_TO, "", hint="a time: seconds, or minutes:seconds")
             self._pause = gui.add_button("pause")
             self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
             self._events = gui.add_dropdown("events", (CHOOSE,), initial_value=CHOOSE)
@@ -52,6 +55,16 @@ class ReplayPanel:
         self._pause.on_click(lambda _event: ask(PAUSE))
         self._speed.on_update(self._change_speed)
         self._events.on_update(self._choose_event)
+        self._add_keys(gui)
+
+    def _add_keys(self, gui: viser.GuiApi) -> None:
+        """Let the space bar pause and play, and arrows jump by STEP_BY_KEY."""
+        gui.add_command("pause or play", hotkey="space").on_trigger(lambda _event: self._ask(PAUSE))
+        for name, key, seconds in (("back", "arrowleft", -STEP_BY_KEY), ("on", "arrowright", STEP_BY_KEY)):
+            gui.add_command(f"{name} {STEP_BY_KEY:g} s", hotkey=key).on_trigger(self._stepping(seconds))
+
+    def _stepping(self, seconds: float) -> Callable[[Any], None]:
+        return lambda _event: self._ask(JUMP, self._playback.position + int(seconds * 1e6))
 
     def show(self) -> None:
         """Bring it up to date."""
@@ -63,6 +76,8 @@ class ReplayPanel:
         end = self._end()
         if self._slider.max != end:
             self._slider.max = end
+        marks = [(self._seconds(mark.utime), mark) for mark in playback.index.marks]
+        self._bar.content = time_bar(min(self._seconds(playback.position), end), end, marks)
         if time.monotonic() - self._touched <= HANDS_OFF:
             return
         write(self._slider, round(min(self._seconds(playback.position), end), 1))

@@ -15,7 +15,7 @@ GHOST_OPACITY = 0.35
 LABEL_COLOUR = (20, 20, 20)
 OBSTACLE_COLOUR = (120, 120, 125)
 OBSTACLE_HEIGHT = 0.12  # m that is drawn; they reach higher
-FENCE_COLOUR = (225, 120, 20)
+FENCE_COLOUR = (0, 0, 0)
 TRAIL_WIDTH, WAYPOINT_WIDTH, FENCE_WIDTH = 0.02, 0.01, 0.03  # m; trails can be seen under the way they follow
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 # Viser takes colours of instances and of single lines for amounts of light, those of everything else for sRGB.

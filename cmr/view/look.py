@@ -1,0 +1,93 @@
+"""How the page looks beyond what viser draws: its title, a legend, a bar of time, and its shape on a phone.
+
+Viser puts the HTML of a panel into the page as it is. So a style there holds for the whole page, elements with a fixed
+position lie over the scene, and an image that cannot be loaded runs the script that names the page.
+"""
+
+from collections.abc import Sequence
+from html import escape
+
+from cmr.view.log_index import Mark
+from cmr.view.picture import BLUE, GREEN, RED, YELLOW
+from cmr.view.stage import FENCE_COLOUR
+
+GO_TO = "go to"  # the label of the box into which a visitor types a time
+TITLE = "CMR: real and virtual robots"
+PANEL = "388px"  # the width that viser gives to a large fixed panel
+NARROW = "35em"  # of the window, below which viser puts the panel at the bottom
+LEGEND = (
+    (YELLOW, "real robot"),
+    (BLUE, "virtual robot"),
+    (GREEN, "simulated twin"),
+    (RED, "way to drive"),
+    (FENCE_COLOUR, "geofence"),
+)
+ICON = (
+    "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'%3E"
+    "%3Cpath d='M1 3h9l5 5-5 5H1z' fill='%23f2b705'/%3E%3C/svg%3E"
+)
+STYLE = f"""
+.mantine-ActionIcon-root {{ display: none; }}
+.mantine-Text-root, .mantine-Slider-markLabel {{ color: #495057 !important; }}
+.mantine-Button-root[style*="red"] {{ background: #c92a2a !important; }}
+.mantine-Button-root[style*="gray"] {{ background: #5c636a !important; }}
+.mantine-Button-root:not([style*="red"]):not([style*="gray"]) {{ background: #1864ab !important; }}
+.cmr-legend, .cmr-time {{ position: fixed; left: 0; z-index: 5; font: 13px/1.4 sans-serif; color: #222; }}
+.cmr-legend {{ bottom: 34px; left: 8px; padding: 6px 10px; border-radius: 4px; pointer-events: none; }}
+.cmr-legend, .cmr-time {{ background: #ffffffd9; }}
+.cmr-legend i {{ display: inline-block; width: 14px; height: 10px; margin-right: 6px; border-radius: 2px; }}
+.cmr-time {{ bottom: 0; right: {PANEL}; height: 26px; cursor: pointer; }}
+.cmr-time b, .cmr-time u {{ position: absolute; top: 0; height: 100%; pointer-events: none; }}
+.cmr-time b {{ left: 0; background: #1f4fd855; border-right: 2px solid #1f4fd8; }}
+.cmr-time u {{ width: 6px; margin-left: -3px; pointer-events: auto; border-left: 2px solid #222; }}
+.cmr-time span {{ position: absolute; right: 8px; top: 4px; pointer-events: none; }}
+@media (max-width: {NARROW}) {{
+  .mantine-Paper-root[style*="position: fixed"] {{ width: 100% !important; max-height: 36% !important; }}
+  .mantine-Paper-root[style*="position: fixed"] [style*="width: 20em"] {{ width: 100% !important; }}
+  .cmr-time {{ top: 0; bottom: auto; right: 0; }}
+  .cmr-legend {{ top: 30px; bottom: auto; right: 4px; left: auto; font-size: 11px; }}
+}}
+"""
+# The first function names what viser's labels stand beside, for screen readers and for the second one, which jumps to a
+# time; React notices what is written into its boxes only by this detour.
+SCRIPT = f"""
+document.title = '{TITLE}';
+document.querySelector('link[rel=icon]').href = this.dataset.icon;
+const nameInputs = () => document.querySelectorAll('.mantine-Flex-root').forEach((row) => {{
+  const name = row.querySelector('label')?.innerText.trim();
+  if (name) row.querySelectorAll('input, [role=slider]').forEach((one) => one.setAttribute('aria-label', name));
+}});
+new MutationObserver(nameInputs).observe(document.body, {{childList: true, subtree: true}});
+nameInputs();
+window.cmrJump = (event) => {{
+  const bar = event.currentTarget, left = bar.getBoundingClientRect().left;
+  const input = document.querySelector('input[aria-label="{GO_TO}"]');
+  const seconds = (event.clientX - left) / bar.clientWidth * bar.dataset.seconds;
+  Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set.call(input, seconds.toFixed(1));
+  input.dispatchEvent(new Event('input', {{bubbles: true}}));
+}};
+"""
+
+
+def page_look() -> str:
+    """Return what gives the page its title, style and legend."""
+    entries = "".join(f'<div><i style="background:{_css(colour)}"></i>{name}</div>' for colour, name in LEGEND)
+    script = f'<img hidden alt="" src="data:," data-icon="{ICON}" onerror="{escape(SCRIPT)}">'
+    return f'<style>{STYLE}</style>{script}<div class="cmr-legend" role="note" aria-label="legend">{entries}</div>'
+
+
+def time_bar(now: float, end: float, marks: Sequence[tuple[float, Mark]]) -> str:
+    """Return the bar of a log's time over the whole width: `now` of `end` [s], and its events, each at its time [s]."""
+    ticks = "".join(
+        f'<u style="left:{100.0 * at / end:.2f}%" title="{at:.1f} s: {escape(mark.sentence[:80])}"></u>'
+        for at, mark in marks
+    )
+    return (
+        f'<div class="cmr-time" onclick="cmrJump(event)" data-seconds="{end:.1f}" role="slider" aria-label="time [s]" '
+        f'aria-valuemin="0" aria-valuemax="{end:.1f}" aria-valuenow="{now:.1f}" tabindex="0">'
+        f'<b style="width:{100.0 * min(now / end, 1.0):.2f}%"></b>{ticks}<span>{now:.1f} of {end:.1f} s</span></div>'
+    )
+
+
+def _css(colour: tuple[int, int, int]) -> str:
+    return "rgb({},{},{})".format(*colour)
