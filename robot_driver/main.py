@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
-from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, add_robot, parser
 from cmr.msg import process_status_t
 from robot_driver.battery import Thresholds
 from robot_driver.controllers import CONTROLLERS
@@ -97,7 +97,8 @@ def _settings(options: argparse.Namespace) -> Settings:
     )
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-driver."""
     result = parser("cmr-driver", DESCRIPTION, EXAMPLE)
     add = result.add_argument
     add(
@@ -108,7 +109,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     )
     add("--port", metavar="DEVICE", help="serial port of the motor controller")
     add("--gyro-port", metavar="DEVICE", help="serial port of the gyro, if it has one of its own")
-    add("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
+    add_robot(result)
     add("--controller", choices=sorted(CONTROLLERS), default="roboclaw", help="kind of motor controller")
     add("--gyro", choices=[BOARD, *sorted(GYROS)], help=f"kind; else {BOARD}, or dsp3000 if it has a port of its own")
     add("--baud", type=_positive, metavar="RATE", help="of the motor controller, if not what its kind has by default")
@@ -129,6 +130,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     add("--invert-right", action="store_true", help="motor and encoder of the right side are mounted backwards")
     add("--invert-gyro", action="store_true", help="the gyro is mounted upside down")
     add("--parameters", type=Path, metavar="FILE", help="parameter file of the robot; followed while it changes")
+    return result
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    result = command_parser()
     options = result.parse_args(arguments)
     if options.port is None and not options.list_devices:
         result.error("--port is needed: --list-devices shows which there are")

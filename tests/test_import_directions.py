@@ -12,13 +12,16 @@ RECORDED = {*BUS, "parameters", "model", "recordings"}
 # Which rooms of cmr each may know beside itself.
 KNOWN: dict[str, set[str]] = {
     "colours": set(),
+    "configuration": set(),
     "files": set(),
+    "news": set(),
+    "progress": {"news"},
     "threads": set(),
     "priority": set(),
     "msg": set(),
     "model": set(),
     "plant": set(),  # the judge of the model, with which it shares no code
-    "bus": {"msg"},
+    "bus": {"msg", "configuration", "news"},
     "parameters": {*BUS, "files", "model"},
     "camera": {"msg", "files"},
     "manoeuvres": {"model"},
@@ -45,11 +48,11 @@ KNOWN: dict[str, set[str]] = {
             "fidelity",
             "sweep",
         },
-        *("camera", "view", "threads", "priority"),
+        *("camera", "view", "threads", "priority", "configuration", "files", "news", "progress"),
     },
-    "tools": {*RECORDED, "colours", "commands"},
+    "tools": {*RECORDED, "colours", "commands", "progress"},
 }
-DRIVER = {*BUS, "parameters", "commands", "priority"}  # of commands only how command lines are read
+DRIVER = {*BUS, "parameters", "commands", "priority", "configuration", "news"}  # of commands only how command lines are read
 
 
 def imports(source: str) -> Iterator[str]:

@@ -37,7 +37,8 @@ def main(arguments: list[str]) -> int:
     return _live(options, nominal)
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-calibrate."""
     options = parser(
         "cmr-calibrate",
         "Find k2_over_k3, k1 and base_width of a real robot while it drives a figure-eight (both lobes, best at two "
@@ -84,6 +85,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="FILE",
         help="draw path, residuals and error surface, as .png, .svg or .pdf",
     )
+    return options
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = command_parser()
     given = options.parse_args(arguments)
     if given.method == PAPER and given.paper_only:
         options.error(

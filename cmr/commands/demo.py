@@ -48,7 +48,7 @@ class Interrupted(Exception):  # noqa: N818 - the user's wish, not an error
 
 def main(arguments: list[str]) -> int:
     """Run cmr-demo."""
-    options = _options(arguments)
+    options = command_parser().parse_args(arguments)
     folder: Path = options.out
     try:
         settings = load_settings(options.settings)
@@ -66,7 +66,8 @@ def main(arguments: list[str]) -> int:
     return _report(folder, settings)
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-demo."""
     options = parser(
         "cmr-demo",
         "Drive an emulated robot through figure-eights behind a virtual leader, calibrate it, and drive again: all "
@@ -86,7 +87,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         help="of the drive in m/s, one or several; each for the same time, together a minute",
     )
     options.add_argument("--ideal", action="store_true", help="emulate a robot that is exactly as the model says")
-    return options.parse_args(arguments)
+    return options
 
 
 def _speeds(text: str) -> str:

@@ -50,7 +50,8 @@ def main(arguments: list[str]) -> int:
     return _one(jobs[0], options.why) if len(jobs) == 1 else _many(jobs, options.jobs, options.why)
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-diagnose."""
     options = parser(
         "cmr-diagnose",
         "Show what the simulation of a robot gets wrong, name the physical cause, extend the model and measure the "
@@ -64,6 +65,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         bus="LCM bus of --live; otherwise LCM_DEFAULT_URL from the environment, otherwise this host only",
     )
     _add_arguments(options)
+    return options
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = command_parser()
     chosen = options.parse_intermixed_args(arguments)
     wrong = _contradiction(chosen)
     if wrong:

@@ -28,7 +28,7 @@ JOURNAL = "experiments.jsonl"  # what is done, for a study that was stopped
 
 def main(arguments: list[str]) -> int:
     """Run cmr-fidelity."""
-    options = _options(arguments)
+    options = command_parser().parse_args(arguments)
     end_on_signals("cmr-fidelity")
     scenario, study = _study(options)
     began = time.monotonic()
@@ -60,7 +60,8 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-fidelity."""
     options = parser(
         "cmr-fidelity",
         "Run a scenario many times with all robots real, and as often with one real robot and the rest virtual: not "
@@ -100,7 +101,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         help=f"some of {', '.join(PREPARATIONS)}; else all",
     )
     add("--jobs", type=_jobs, default=len(os.sched_getaffinity(0)), metavar="N", help="processes side by side")
-    return options.parse_args(arguments)
+    return options
 
 
 def _seeds(text: str) -> int:

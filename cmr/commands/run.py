@@ -56,7 +56,8 @@ def main(arguments: list[str]) -> int:
         return _exit_code(outcome, folder)
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-run."""
     options = parser(
         "cmr-run",
         "Run a team experiment: start what its scenario names (drivers or emulators, cmr-sim, pilots, calibrator), "
@@ -70,6 +71,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options.add_argument("scenario", nargs="?", help="YAML file, or the name of a shipped scenario")
     options.add_argument("--list", action="store_true", help="show the shipped scenarios")
     options.add_argument("--out", type=Path, metavar="DIR", help="folder for the results; otherwise NAME-DATE-TIME")
+    return options
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = command_parser()
     result = options.parse_args(arguments)
     if result.scenario is None and not result.list:
         options.error("name a scenario; --list shows the shipped ones")

@@ -142,7 +142,8 @@ def _drawn(population: list[Path], virtual: list[VirtualRobot], seed: int) -> di
         raise CommandError(f"--population: {error}") from error
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-sim."""
     options = parser(
         "cmr-sim",
         "Keep the state of the whole world: estimate real robots from their sensors, simulate virtual robots and a "
@@ -161,6 +162,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options.add_argument(
         "--split", action="store_true", help=f"split WORLD_STATE into messages of at most {PACKET} bytes"
     )
+    return options
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = command_parser()
     result = options.parse_args(arguments)
     if result.seed is not None and not result.population:
         options.error("--seed is that of --population, which is not given; process noise has its own")

@@ -22,7 +22,7 @@ MOST_WORKERS = 4096
 
 def main(arguments: list[str]) -> int:
     """Run cmr-sweep."""
-    options = _options(arguments)
+    options = command_parser().parse_args(arguments)
     end_on_signals("cmr-sweep")
     settings, runs = _planned(options)
     try:
@@ -126,7 +126,8 @@ def _row(run: "PlannedRun", result: "Result") -> dict[str, Any]:
     return {"seed": run.seed, **run.values, **result}
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-sweep."""
     options = parser(
         "cmr-sweep",
         "Run a scenario many times without hardware, faster than real time: with every seed and every combination of "
@@ -167,7 +168,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="N",
         help="how many processes here; otherwise one a core",
     )
-    return options.parse_args(arguments)
+    return options
 
 
 def _number(largest: int) -> Any:
