@@ -2,6 +2,8 @@
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from cmr.bus.process import Process
@@ -37,7 +39,7 @@ def main(arguments: list[str]) -> int:
         paths = [path for path in (options.port, options.gyro_port) if path]
         return _list_devices(paths, Rates(options.baud, options.gyro_baud))
     try:
-        with Process("cmr-driver", options.lcm_url) as process, Driver(_settings(options)) as driver:
+        with Process("cmr-driver", options.lcm_url) as process, _said(process, _settings(options)) as driver:
             if driver.warnings:
                 print(f"cmr-driver: {driver.warnings}", file=sys.stderr, flush=True)
             process.subscribe(MOTOR_COMMAND, options.robot, every=True)
@@ -47,10 +49,21 @@ def main(arguments: list[str]) -> int:
                 driver.turn()
                 process.dispatch(driver.handle)
                 process.publish_all(list(driver.outgoing()))
+                for news in driver.news():
+                    process.news(news)
                 _report(process, driver)
             return process.exit_code
     except PortLost as lost:
         raise CommandError(str(lost)) from lost
+
+
+@contextmanager
+def _said(process: Process, settings: Settings) -> Iterator[Driver]:
+    """Have the process say at its end what became of the motors."""
+    driver = Driver(settings)
+    with driver:
+        yield driver
+    process.farewell = driver.farewell
 
 
 def _list_devices(paths: list[str], rates: Rates) -> int:

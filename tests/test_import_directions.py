@@ -13,6 +13,7 @@ RECORDED = {*BUS, "parameters", "model", "recordings"}
 KNOWN: dict[str, set[str]] = {
     "colours": set(),
     "configuration": set(),
+    "distribution": set(),
     "files": set(),
     "news": set(),
     "progress": {"news"},
@@ -29,11 +30,11 @@ KNOWN: dict[str, set[str]] = {
     "estimation": {*RECORDED, "manoeuvres"},
     "calibration": {*RECORDED, "colours", "manoeuvres", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
-    "diagnosis": {*RECORDED, "colours", "files", "threads", "manoeuvres", "estimation"},
+    "diagnosis": {*RECORDED, "distribution", "colours", "files", "threads", "manoeuvres", "estimation"},
     "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
     "team": {*RECORDED, "plant", "world"},
     "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
-    "sweep": {*RECORDED, "colours", "scenario", "team", "world"},
+    "sweep": {*RECORDED, "distribution", "colours", "scenario", "team", "world"},
     "view": {*RECORDED, "colours", "world"},
     "commands": {
         *{
@@ -48,9 +49,11 @@ KNOWN: dict[str, set[str]] = {
             "fidelity",
             "sweep",
         },
-        *("camera", "view", "threads", "priority", "configuration", "files", "news", "progress"),
+        *("camera", "view", "threads", "priority", "configuration", "distribution", "files", "news", "progress"),
     },
-    "tools": {*RECORDED, "colours", "commands", "progress"},
+    "robot_log": {*RECORDED, "calibration", "diagnosis", "distribution", "progress"},
+    "__main__": {"commands"},
+    "tools": {*RECORDED, "colours", "commands", "distribution", "progress"},
 }
 DRIVER = {*BUS, "parameters", "commands", "priority", "configuration", "news"}  # of commands only how command lines are read
 

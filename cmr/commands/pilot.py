@@ -7,6 +7,7 @@ from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, add_robot, parser
 from cmr.commands.robots import behaviour_of
+from cmr.configuration import parameter_file
 from cmr.model.command_kinds import KINDS
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
@@ -25,7 +26,7 @@ def main(arguments: list[str]) -> int:
     behaviour, pose = behaviour_of(options.behaviour)
     if pose:
         raise CommandError("A real robot starts where it stands: x, y and theta are for virtual robots.")
-    path = options.parameters or Path(f"robot_{options.robot}.yaml")
+    path = options.parameters or parameter_file(options.robot)
     pilot = Pilot(
         options.robot,
         behaviour,

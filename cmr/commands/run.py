@@ -9,6 +9,7 @@ from pathlib import Path
 from cmr.bus.preflight import parse_udpm
 from cmr.bus.process import Process
 from cmr.commands.command_line import CommandError, parser
+from cmr.configuration import results
 from cmr.scenario import Scenario, ScenarioError, load
 from cmr.scenario.children import Children
 from cmr.scenario.jobs import Job, jobs_of
@@ -27,7 +28,7 @@ def main(arguments: list[str]) -> int:
     if options.list:
         return _list_shipped()
     scenario = _load(options.scenario)
-    folder: Path = options.out or Path(f"{scenario.name}-{time.strftime('%Y%m%d-%H%M%S')}")
+    folder: Path = options.out or results() / f"{scenario.name}-{time.strftime('%Y%m%d-%H%M%S')}"
     if logs_in(folder):
         raise CommandError(
             f"{folder} holds a run already. Choose another with --out; without, a new one gets the date."

@@ -21,12 +21,14 @@ from cmr.bus.streams import (
 )
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
+from cmr.configuration import parameters
 from cmr.model.parameters import RobotParameters
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.file import load as load_parameters
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
+from cmr.scenario.shipping import SHIPPED
 from cmr.world.behaviours.help_text import help_text
 from cmr.world.interaction.obstacles import ObstacleError, Obstacles
 from cmr.world.lateness import Lateness
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from cmr.world.scanning import Scanner
 
 STEP_RATE = 100.0  # Hz
+DEFAULT_PARAMETERS = SHIPPED / "parameters" / "robot_0.yaml"
 PACKET = 1400  # bytes; more than that is split by a real network
 
 
@@ -63,6 +66,9 @@ def main(arguments: list[str]) -> int:
             process.subscribe(stream, every=True)
         for stream in COMMANDS_OF.values():
             process.subscribe(stream)
+        for robot_id, follower in sorted(world.parameters.items()):
+            if follower.by_default:
+                process.news(f"no {follower.path}: robots with parameters of robot {robot_id} use the shipped ones")
         for utime in process.loop(rate_hz=STEP_RATE):
             process.dispatch(world.handle)
             world.advance(utime)
@@ -89,11 +95,15 @@ def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loa
     drawn = _drawn(population, virtual, options.seed or 0)
     seeds = [seed for seed in (options.process_noise, cast.noise_seed if cast else None) if seed is not None]
     noise = ProcessNoise(seeds[0]) if seeds else None
+    borrowed = {robot.parameters_of for robot in virtual} - files.keys()
+    default = load_parameters(DEFAULT_PARAMETERS) if borrowed else None
     loader = Loader(robot.behaviour for robot in virtual)
     world = World(
         virtual,
         lambda robot_id: ParameterFollower(
-            robot_id, files.get(robot_id, options.parameters / f"robot_{robot_id}.yaml")
+            robot_id,
+            files.get(robot_id, options.parameters / f"robot_{robot_id}.yaml"),
+            default if robot_id in borrowed else None,
         ),
         loader.ready,
         options.real,
@@ -187,7 +197,7 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
         "--scenario", type=Path, metavar="FILE", help="simulate the virtual robots of this cmr-run scenario, too"
     )
     options.add_argument(
-        "--parameters", type=Path, default=Path(), metavar="DIR", help="folder with the files robot_<id>.yaml"
+        "--parameters", type=Path, default=parameters(), metavar="DIR", help="folder with the files robot_<id>.yaml"
     )
     options.add_argument(
         "--parameters-of",
@@ -348,6 +358,14 @@ def _state_messages(world: World, largest: int | None) -> list[tuple[Stream, int
     return messages
 
 
+def _by_default(world: World, robot_id: int) -> str:
+    """Return that a real robot has no parameters of its own; empty if it has."""
+    follower = world.parameters[robot_id]
+    if not follower.by_default:
+        return ""
+    return f"Robot {robot_id} is simulated by shipped parameters. There is no {follower.path}: cmr init writes one."
+
+
 def _announce(world: World, loader: Loader, process: Process, lateness: Lateness) -> None:
     """Repeat the parameters in use of all real robots, and report what keeps any from being used."""
     for robot_id in world.real_robots:
@@ -358,6 +376,7 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
     told = [*(follower.message for follower in followers), loader.message, *world.others.problems(world.utime)]
     told += [lateness.problem(world.utime, world.late_steps), world.noise_problem]
+    told += [_by_default(world, robot_id) for robot_id in world.real_robots]
     problems = [message for message in told if message]
     process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
     process.message = " ".join(problems)

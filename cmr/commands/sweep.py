@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmr.commands.command_line import CommandError, parser
+from cmr.configuration import results
 from cmr.distribution import how_to_install
 from cmr.sweep.stopping import end_on_signals
 
@@ -34,7 +35,7 @@ def main(arguments: list[str]) -> int:
             f"{error.name} is missing, which sweeps need. To install it: {how_to_install('sweep')}"
         ) from error
     name = Path(options.scenario).stem
-    out = options.out or Path(f"{name}_sweep")
+    out = options.out or results() / f"{name}_sweep"
     try:
         with Journal(out / "runs.jsonl") as journal:
             failed = _perform(runs, journal, options)
@@ -162,7 +163,9 @@ def command_parser() -> argparse.ArgumentParser:
         help="let the workers of this Dask scheduler do the runs, on other computers; otherwise processes here",
     )
     where.add_argument(
+        "--jobs",
         "--workers",
+        dest="workers",
         type=_number(MOST_WORKERS),
         default=None,
         metavar="N",

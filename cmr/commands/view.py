@@ -26,6 +26,7 @@ SHORTEST_TOKEN = 8  # characters
 def main(arguments: list[str]) -> int:
     """Run cmr-view."""
     options = command_parser().parse_args(arguments)
+    options.log = options.log or options.log_option
     _check(options)
     obstacles, geofence = _room(options)
     try:
@@ -78,6 +79,7 @@ def command_parser() -> argparse.ArgumentParser:
     ):
         action = "store" if name == "--geofence" else "append"
         options.add_argument(name, type=_numbers, action=action, metavar=form, help=f"{what} [m] to draw")
+    options.add_argument("--log", dest="log_option", type=Path, metavar="RUN.lcm", help="the same as RUN.lcm")
     return options
 
 
