@@ -1,4 +1,4 @@
-"""What a user sets once for all commands: bus, robot and folders. The command line comes before it, and the environment.
+"""What a user sets once for all commands: bus, robot and folders. Command line and environment come before it.
 
 The file is `$XDG_CONFIG_HOME/cmr/config.yaml`, usually `~/.config/cmr/config.yaml`.
 """

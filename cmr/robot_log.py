@@ -11,7 +11,7 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
 if TYPE_CHECKING:
-    import pandas
+    import pandas  # type: ignore[import-untyped, unused-ignore]
 
     from cmr.calibration.result import CalibrationResult
     from cmr.diagnosis.result import Diagnosis

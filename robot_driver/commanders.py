@@ -8,10 +8,10 @@ from collections import deque
 from typing import NamedTuple
 
 WINDOW = 1_000_000  # us
-FEWEST = 6  # departures and returns within the window; chance, noise and a single correction make fewer
+FEWEST = 7  # departures and returns within the window; chance, noise and a single correction make fewer
 SHARE = 0.1  # of all commands
 DIFFERENT = 0.01  # duty; smaller differences do nothing to the robot
-RETURN = 0.25  # of the departure, within which the next command has to be at the one before
+RETURN = 0.15  # of the departure, within which the next command has to be at the one before
 REPORTED = 5_000_000  # us for which it stays reported, so that a person sees it
 
 

@@ -85,6 +85,7 @@ def _report(process: Process, driver: Driver) -> None:
     """Have the next PROCESS_STATUS tell how the driver is; when something was lost or came back, at once."""
     problems = driver.problems()
     before, process.state = process.state, process_status_t.DEGRADED if problems else process_status_t.RUNNING
+    process.problem = problems
     process.message = " ".join(text for text in (problems, driver.remarks()) if text)
     process.parameters_sha256 = driver.follower.sha256
     if process.state != before:

@@ -55,7 +55,14 @@ KNOWN: dict[str, set[str]] = {
     "__main__": {"commands"},
     "tools": {*RECORDED, "colours", "commands", "distribution", "progress"},
 }
-DRIVER = {*BUS, "parameters", "commands", "priority", "configuration", "news"}  # of commands only how command lines are read
+DRIVER = {
+    *BUS,
+    "parameters",
+    "commands",
+    "priority",
+    "configuration",
+    "news",
+}  # of commands only how command lines are read
 
 
 def imports(source: str) -> Iterator[str]:

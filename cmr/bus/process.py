@@ -49,6 +49,7 @@ class Process:
         self.stopped_by_signal = False
         self.state = process_status_t.STARTING
         self.message = ""
+        self.problem = ""  # the part of the message that the terminal shows while DEGRADED; empty: all of it
         self.farewell = "stopped"  # what it says at its end
         self.parameters_sha256 = ""
         self.overruns = 0
@@ -163,7 +164,7 @@ class Process:
 
     def _tell_news(self) -> None:
         """Say when the process is ready, and each new sentence on what keeps it from that, or that this is over."""
-        problem = self.message if self.state == process_status_t.DEGRADED else ""
+        problem = (self.problem or self.message) if self.state == process_status_t.DEGRADED else ""
         if problem and problem != self._told:
             self.news(problem)
         elif self.state == process_status_t.RUNNING and (self._told or not self._was_ready):

@@ -138,7 +138,10 @@ def _gather(path: Path, options: argparse.Namespace, nominal: ParameterFile | No
     """Return the calibrator of a log's robot after it has seen the log."""
     calibrator = Calibrator.of(read_messages(path, options.robot), nominal)
     if calibrator.missing:
-        print(f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.", file=_notes(options))
+        print(
+            f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.",
+            file=_notes(options),
+        )
     if calibrator.left_out > FURTHER:
         print(
             f"{path}: the first drive is used, as in a live calibration. {calibrator.left_out:.0f} s follow after it; "

@@ -38,8 +38,8 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescrip
 
 
 USUAL_BUS = (
-    "LCM bus; otherwise LCM_DEFAULT_URL from the environment, otherwise lcm_url of ~/.config/cmr/config.yaml, otherwise "
-    f"{DEFAULT_URL} (this host only)"
+    "LCM bus; otherwise LCM_DEFAULT_URL from the environment, otherwise lcm_url of ~/.config/cmr/config.yaml, "
+    f"otherwise {DEFAULT_URL} (this host only)"
 )
 
 

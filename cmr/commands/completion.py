@@ -48,13 +48,17 @@ def command_parser() -> argparse.ArgumentParser:
     return options
 
 
-def _complete_files(command: argparse.ArgumentParser, files: dict[str, str]) -> None:
+def _is_file(action: argparse.Action) -> bool:
+    return action.type is Path or action.metavar == "DEVICE" or not action.option_strings
+
+
+def _complete_files(command: argparse.ArgumentParser, files: object) -> None:
     """Mark the options and arguments that are files, in the way of shtab; in subcommands, too."""
     for action in command._actions:
         if isinstance(action.choices, dict):
             for subcommand in action.choices.values():
                 _complete_files(subcommand, files)
-        elif action.choices is None and (action.type is Path or action.metavar == "DEVICE" or not action.option_strings):
+        elif action.choices is None and _is_file(action):
             action.complete = files  # type: ignore[attr-defined] # shtab looks for it
 
 

@@ -82,7 +82,9 @@ def command_parser() -> argparse.ArgumentParser:
         "cmr-demo --out demo-run\n  cmr-demo --speed 0.3     # one speed, as in the paper",
         bus="LCM bus; otherwise one of its own, on a free port, that does not leave this host",
     )
-    options.add_argument("--out", type=Path, default=results() / "demo-run", metavar="DIR", help="folder for the results")
+    options.add_argument(
+        "--out", type=Path, default=results() / "demo-run", metavar="DIR", help="folder for the results"
+    )
     options.add_argument("--settings", type=Path, default=None, metavar="FILE", help="as for cmr-emulate")
     options.add_argument(
         "--speed",

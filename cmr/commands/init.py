@@ -17,7 +17,7 @@ from robot_driver.serial_port import available_ports
 NO_GYRO = "none"
 GYRO_CHOICES = (NO_GYRO, *sorted(GYROS))
 FIRST_GUESS = {"k2_over_k3": 80.0, "k1": 0.065}  # until cmr-calibrate has found the robot's own
-USB_IDS: dict[str, tuple[str, str] | None] = {"roboclaw": ("03eb", "2404"), "roboclaw-pair": ("03eb", "2404"), "roboteq": ("20d2", "5740"), "mbot": None}
+USB_IDS = {"roboclaw": ("03eb", "2404"), "roboclaw-pair": ("03eb", "2404"), "roboteq": ("20d2", "5740")}
 MARK = "put the ids here that `udevadm info -a` shows for the port"
 
 
@@ -99,7 +99,7 @@ def contents(answers: Answers, folder: Path) -> dict[str, str]:
 
 def _udev_rules(answers: Answers) -> str:
     rules = [f"# Ports of robot {answers.robot}. To find the ids of others: udevadm info -a /dev/ttyACM0"]
-    rules.append(_udev_rule(f"cmr-motor-{answers.robot}", USB_IDS[answers.controller]))
+    rules.append(_udev_rule(f"cmr-motor-{answers.robot}", USB_IDS.get(answers.controller)))
     if answers.gyro != NO_GYRO:
         rules.append(_udev_rule(f"cmr-gyro-{answers.robot}", None))
     return "\n".join(rules) + "\n"
@@ -231,4 +231,5 @@ def _next_steps(answers: Answers, folder: Path) -> str:
           cmr doctor
           cmr run {folder}/robot_{answers.robot}_scenario.yaml
         To start driver and simulator with the computer:
-          sudo cp {folder}/cmr-*.service /etc/systemd/system/ && sudo systemctl enable --now cmr-driver-{answers.robot} cmr-sim""")
+          sudo cp {folder}/cmr-*.service /etc/systemd/system/
+          sudo systemctl enable --now cmr-driver-{answers.robot} cmr-sim""")

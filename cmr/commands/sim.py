@@ -66,9 +66,9 @@ def main(arguments: list[str]) -> int:
             process.subscribe(stream, every=True)
         for stream in COMMANDS_OF.values():
             process.subscribe(stream)
-        for robot_id, follower in sorted(world.parameters.items()):
+        for follower in world.parameters.values():
             if follower.by_default:
-                process.news(f"no {follower.path}: robots with parameters of robot {robot_id} use the shipped ones")
+                process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
         for utime in process.loop(rate_hz=STEP_RATE):
             process.dispatch(world.handle)
             world.advance(utime)
@@ -363,7 +363,12 @@ def _by_default(world: World, robot_id: int) -> str:
     follower = world.parameters[robot_id]
     if not follower.by_default:
         return ""
-    return f"Robot {robot_id} is simulated by shipped parameters. There is no {follower.path}: cmr init writes one."
+    return f"Robot {robot_id} is simulated by shipped parameters. {_missing(follower)}"
+
+
+def _missing(follower: ParameterFollower) -> str:
+    where = follower.path.absolute() if follower.path else ""
+    return f"There is no {where}; cmr init writes one."
 
 
 def _announce(world: World, loader: Loader, process: Process, lateness: Lateness) -> None:

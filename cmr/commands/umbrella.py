@@ -38,6 +38,7 @@ def _help() -> str:
     return (
         f"{USAGE}\n\nCalibrated Mixed Reality: real and virtual robots in one world.\n\ncommands:\n{commands}\n\n"
         "cmr COMMAND --help explains a command. Most can be called by a name of their own, too: cmr-sim.\n\n"
-        "options:\n  -h, --help  show this help message and exit\n  --version   show program's version number and exit\n\n"
+        "options:\n  -h, --help  show this help message and exit\n"
+        "  --version   show program's version number and exit\n\n"
         f"example:\n  cmr demo\n\n{EXIT_CODES}"
     )

@@ -37,7 +37,7 @@ class ParameterFollower:
         self._started = False
         self.poll()
         self._started = True
-        self.by_default = default is not None and self.parameters is None and bool(path) and not path.exists()
+        self.by_default = default is not None and self.parameters is None and path is not None and not path.exists()
         if default is not None and self.by_default:
             self.parameters = replace(default, robot_id=robot_id)
 

@@ -31,7 +31,12 @@ class Page:
     """What one visitor sees and may do. `show_scene` is to be called at each picture, `show_panels` now and then."""
 
     def __init__(
-        self, client: viser.ClientHandle, token: str, wishes: Wishes, replay: ReplayPanel | None, stop_is_free: bool = False
+        self,
+        client: viser.ClientHandle,
+        token: str,
+        wishes: Wishes,
+        replay: ReplayPanel | None,
+        stop_is_free: bool = False,
     ) -> None:
         self.client = client
         self.permission = Permission(token)
