@@ -28,7 +28,6 @@ from cmr.parameters.file import ParameterFileError
 from cmr.parameters.file import load as load_parameters
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
-from cmr.scenario.shipping import SHIPPED
 from cmr.world.behaviours.help_text import help_text
 from cmr.world.interaction.obstacles import ObstacleError, Obstacles
 from cmr.world.lateness import Lateness
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     from cmr.world.scanning import Scanner
 
 STEP_RATE = 100.0  # Hz
-DEFAULT_PARAMETERS = SHIPPED / "parameters" / "robot_0.yaml"
+DEFAULT_PARAMETERS = Path(__file__).parents[1] / "scenario" / "shipped" / "parameters" / "robot_0.yaml"
 PACKET = 1400  # bytes; more than that is split by a real network
 
 

@@ -113,5 +113,6 @@ class ParameterFollower:
 def _why_unread(path: Path, error: Exception) -> str:
     """Return why a parameter file cannot be read, and what to do if there is none."""
     if isinstance(error, FileNotFoundError):
-        return f"There is no parameter file {path.absolute()}. To write one: cmr init --out {path.absolute().parent}"
+        place = path.absolute()
+        return f"{place} cannot be read: there is no such file. To write one: cmr init --out {place.parent}"
     return f"{path}: cannot be read: {error}"
