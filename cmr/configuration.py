@@ -70,7 +70,7 @@ def _file() -> dict[str, str]:
     """Return the settings of the file, as texts; none where there is no file."""
     try:
         text = path().read_text(encoding="utf-8")
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return {}
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{path()}: cannot be read: {error}") from error
