@@ -23,7 +23,59 @@ if not _generated(__path__):
     __path__ += _generated([os.path.join(folder, __name__) for folder in sys.path])  # noqa: PTH118
 
 
+TYPE_CHECKING = False  # type checkers know the name; to import it from typing would take longer than all the rest
+if TYPE_CHECKING:
+    from cmr.calibration.calibrate import calibrate
+    from cmr.calibration.result import CalibrationResult
+    from cmr.diagnosis.diagnose import diagnose
+    from cmr.diagnosis.result import Diagnosis
+    from cmr.model.effect import Effect
+    from cmr.parameters.file import ParameterFile
+    from cmr.recordings.recording import Recording
+    from cmr.robot_log import RobotLog, read
+
+    __version__: str
+
+# The library's names, each with its module, which is imported at the first use.
+_MODULES = {
+    "CalibrationResult": "cmr.calibration.result",
+    "Diagnosis": "cmr.diagnosis.result",
+    "Effect": "cmr.model.effect",
+    "ParameterFile": "cmr.parameters.file",
+    "Recording": "cmr.recordings.recording",
+    "RobotLog": "cmr.robot_log",
+    "calibrate": "cmr.calibration.calibrate",
+    "diagnose": "cmr.diagnosis.diagnose",
+    "read": "cmr.robot_log",
+}
+__all__ = [
+    "CalibrationResult",
+    "Diagnosis",
+    "Effect",
+    "ParameterFile",
+    "Recording",
+    "RobotLog",
+    "__version__",
+    "calibrate",
+    "diagnose",
+    "read",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 def __getattr__(name: str) -> object:
+    if name in _MODULES:
+        from importlib import import_module
+
+        globals()[name] = found = getattr(import_module(_MODULES[name]), name)
+        return found
+    if name == "__version__":
+        from cmr.distribution import version
+
+        return version()
     if name == MESSAGES and not _generated(__path__):
         raise ImportError(
             f"the message classes cmr.{MESSAGES} have not been generated in {__path__[0]}. "

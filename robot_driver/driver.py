@@ -12,6 +12,7 @@ from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBA
 from cmr.parameters.following import ParameterFollower
 from robot_driver.battery import Thresholds
 from robot_driver.command_gate import CommandGate
+from robot_driver.commanders import Commanders
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.encoders import FASTEST_WHEEL, Wiring
 from robot_driver.gyro_device import GyroDevice
@@ -60,6 +61,7 @@ class Driver:
         self._robot_id = settings.robot
         self._outgoing: queue.SimpleQueue[tuple[Stream, Any]] = queue.SimpleQueue()
         self._gate = CommandGate()
+        self._commanders = Commanders()
         controller_type = CONTROLLERS[settings.controller]
         port_type = StreamPort if controller_type.streams else SerialPort
         port = port_type(settings.port, settings.baud or controller_type.default_baud_rate, host)
@@ -111,6 +113,7 @@ class Driver:
     def handle(self, utime: int, channel: str, message: Any) -> None:
         """Take a message from the bus."""
         if channel == MOTOR_COMMAND.channel(self._robot_id):
+            self._commanders.take(utime, message.left, message.right)
             self._gate.offer(
                 utime, message.left, message.right, now=self._host.seconds_since_boot(), utime=self._host.utime()
             )
@@ -125,12 +128,25 @@ class Driver:
             stream, message = self._outgoing.get()
             yield stream, self._robot_id, message
 
+    def news(self) -> Iterator[str]:
+        """Yield what happened since the last call, as a person wants to read it."""
+        while not self._motors.news.empty():
+            yield self._motors.news.get()
+
+    @property
+    def farewell(self) -> str:
+        """What became of the motors at the end, once the driver has been left."""
+        if self._motors.stopped:
+            return "motors stopped, zero acknowledged"
+        return "zero was not acknowledged: the controller's own watchdog stops the motors"
+
     def problems(self) -> str:
         """Return what keeps the driver from full service, in sentences; "" when nothing does.
 
         Raises what ended a port's thread, if it was a fault of the program.
         """
-        return " ".join(problem for thread in self._threads if (problem := thread.problem))
+        found = [thread.problem for thread in self._threads]
+        return " ".join(filter(None, [*found, self._commanders.problem(self._host.utime())]))
 
     def remarks(self) -> str:
         """Return what else a person might want to know, in sentences."""

@@ -2,11 +2,13 @@
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
-from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, add_robot, parser
 from cmr.msg import process_status_t
 from robot_driver.battery import Thresholds
 from robot_driver.controllers import CONTROLLERS
@@ -37,7 +39,7 @@ def main(arguments: list[str]) -> int:
         paths = [path for path in (options.port, options.gyro_port) if path]
         return _list_devices(paths, Rates(options.baud, options.gyro_baud))
     try:
-        with Process("cmr-driver", options.lcm_url) as process, Driver(_settings(options)) as driver:
+        with Process("cmr-driver", options.lcm_url) as process, _said(process, _settings(options)) as driver:
             if driver.warnings:
                 print(f"cmr-driver: {driver.warnings}", file=sys.stderr, flush=True)
             process.subscribe(MOTOR_COMMAND, options.robot, every=True)
@@ -47,10 +49,21 @@ def main(arguments: list[str]) -> int:
                 driver.turn()
                 process.dispatch(driver.handle)
                 process.publish_all(list(driver.outgoing()))
+                for news in driver.news():
+                    process.news(news)
                 _report(process, driver)
             return process.exit_code
     except PortLost as lost:
         raise CommandError(str(lost)) from lost
+
+
+@contextmanager
+def _said(process: Process, settings: Settings) -> Iterator[Driver]:
+    """Have the process say at its end what became of the motors."""
+    driver = Driver(settings)
+    with driver:
+        yield driver
+    process.farewell = driver.farewell
 
 
 def _list_devices(paths: list[str], rates: Rates) -> int:
@@ -72,6 +85,7 @@ def _report(process: Process, driver: Driver) -> None:
     """Have the next PROCESS_STATUS tell how the driver is; when something was lost or came back, at once."""
     problems = driver.problems()
     before, process.state = process.state, process_status_t.DEGRADED if problems else process_status_t.RUNNING
+    process.problem = problems
     process.message = " ".join(text for text in (problems, driver.remarks()) if text)
     process.parameters_sha256 = driver.follower.sha256
     if process.state != before:
@@ -97,7 +111,8 @@ def _settings(options: argparse.Namespace) -> Settings:
     )
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-driver."""
     result = parser("cmr-driver", DESCRIPTION, EXAMPLE)
     add = result.add_argument
     add(
@@ -108,7 +123,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     )
     add("--port", metavar="DEVICE", help="serial port of the motor controller")
     add("--gyro-port", metavar="DEVICE", help="serial port of the gyro, if it has one of its own")
-    add("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
+    add_robot(result)
     add("--controller", choices=sorted(CONTROLLERS), default="roboclaw", help="kind of motor controller")
     add("--gyro", choices=[BOARD, *sorted(GYROS)], help=f"kind; else {BOARD}, or dsp3000 if it has a port of its own")
     add("--baud", type=_positive, metavar="RATE", help="of the motor controller, if not what its kind has by default")
@@ -129,6 +144,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     add("--invert-right", action="store_true", help="motor and encoder of the right side are mounted backwards")
     add("--invert-gyro", action="store_true", help="the gyro is mounted upside down")
     add("--parameters", type=Path, metavar="FILE", help="parameter file of the robot; followed while it changes")
+    return result
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    result = command_parser()
     options = result.parse_args(arguments)
     if options.port is None and not options.list_devices:
         result.error("--port is needed: --list-devices shows which there are")

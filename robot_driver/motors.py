@@ -1,6 +1,7 @@
 """The motor controller of one robot, as the thread of its port sees it: drive, measure, tell."""
 
 import math
+import queue
 import sys
 import threading
 from collections.abc import Callable
@@ -31,6 +32,7 @@ SILENCE_OF_OURS = 0.1  # s that it lasts longer than the device's watchdog
 PROMPT = 3_000_000  # ns; an adapter has not held back what comes sooner
 SLOWEST_ADAPTER, PROBES = 0.016, 16  # s for which it may hold replies back; how often it is asked meanwhile
 ARM_ATTEMPTS = 10  # of one without whose answer the motors may not turn until the next connection
+STANDING = 1.0  # s of zero duty after which the robot counts as standing
 STOPPING = 0.5  # s for the attempts at the last zero, so that the process still ends within a second
 TELEMETRY_ATTEMPTS = 5  # after each connection; a firmware does not answer what it does not know
 
@@ -52,7 +54,8 @@ class Motors(Device):
 
     The command to drive comes from `gate`, at the very moment it is sent: whatever happens to other threads, an old
     command does not drive. `fastest_wheel` (rad/s) may be set at any time. `rhythm` tells how regularly the motors are
-    served and how soon the device answers.
+    served and how soon the device answers. `news` are sentences on what happened, `stopped` whether zero was
+    acknowledged at the end.
     """
 
     def __init__(
@@ -72,6 +75,10 @@ class Motors(Device):
     ) -> None:
         self.fastest_wheel = FASTEST_WHEEL
         self.rhythm = Rhythm(port.host.monotonic)
+        self.news: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.stopped = False  # zero was acknowledged when the device was left
+        self._moved = -math.inf  # when a duty other than zero was last acknowledged (s)
+        self._driving = False
         self._asking = Asking(port, controller_type, self.rhythm)
         self._port = port
         self._host = port.host
@@ -109,7 +116,7 @@ class Motors(Device):
         controller = self._new_controller()
         self._port.resynchronise()
         self._asking.insist(controller.drive(0.0, 0.0), stop)
-        self._asking.insist(controller.identify(), stop)
+        name = self._asking.insist(controller.identify(), stop)
         for request in controller.learn():
             self._asking.insist(request, stop)
         self._learn_turnaround(controller, stop)
@@ -121,6 +128,7 @@ class Motors(Device):
         self._act(self._connection)
         self._gate.clear()
         self._ramp.reset()
+        self.news.put(f"connected to {name or 'the controller'} at {self._port.path}, {1.0 / self._period:g} Hz")
         self._due = self._last_driven = self._last_counted = self._host.monotonic()
 
     def turn(self, stop: threading.Event) -> None:
@@ -165,6 +173,7 @@ class Motors(Device):
             except BadReply:
                 self._asking.recover()
                 wanted.append(request)
+        self.stopped = not wanted
         if wanted:
             self.rest = controller.watchdog_seconds + SILENCE_OF_OURS
 
@@ -299,6 +308,7 @@ class Motors(Device):
             raise
         acknowledged = answer.value
         self._last_driven = self._host.monotonic()
+        self._note_driving(any(acknowledged))
         if max(map(abs, duties)) > TAKEN_FOR_ZERO and not any(acknowledged):
             self._ramp.reset()  # the controller holds the motors by itself: when it lets go, they begin at zero
         else:
@@ -306,6 +316,14 @@ class Motors(Device):
         applied = SentDuty(*self._wiring.forward(*acknowledged), self._host.utime_at(answer.measured))
         self._sent.add(applied)
         return applied, drive.status
+
+    def _note_driving(self, moving: bool) -> None:
+        """Say when the motors begin to drive, and when they have been at zero for a while."""
+        now = self._host.monotonic()
+        self._moved = now if moving else self._moved
+        if self._driving != (now - self._moved < STANDING):
+            self._driving = not self._driving
+            self.news.put("driving" if self._driving else "standing")
 
     def _read_encoders(self, connection: _Connection, applied: SentDuty, status: int) -> None:
         answer = self._asking.ask(connection.controller.read_encoders())

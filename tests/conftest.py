@@ -21,6 +21,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("patient", deadline=None)
 settings.load_profile("patient")
 
+os.environ["XDG_CONFIG_HOME"] = os.devnull  # a developer's own settings change no test
+
 
 # Drivers, emulated devices and the bus keep time to some ms: their tests have the machine to themselves (scripts/test).
 REAL_TIME = ("test_bus", "test_driver", "test_kvh", "test_mbot", "test_roboteq", "test_stalls")

@@ -23,7 +23,11 @@ from cmr.camera.lens import Lens
 from cmr.commands.command_line import CommandError, guarded, parse_robot_id, parser
 from cmr.distribution import NAME, version
 
-COMMANDS = sorted(entry.name for entry in distribution(NAME).entry_points if entry.group == "console_scripts")
+COMMANDS = sorted(
+    entry.name
+    for entry in distribution(NAME).entry_points
+    if entry.group == "console_scripts" and entry.name != "cmr"  # which starts the others: tests/test_umbrella.py
+)
 WITHOUT_BUS = ("cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-sweep")  # these end by themselves
 SERVICES = [name for name in COMMANDS if name not in WITHOUT_BUS]
 NEEDED = {

@@ -12,13 +12,17 @@ RECORDED = {*BUS, "parameters", "model", "recordings"}
 # Which rooms of cmr each may know beside itself.
 KNOWN: dict[str, set[str]] = {
     "colours": set(),
+    "configuration": set(),
+    "distribution": set(),
     "files": set(),
+    "news": set(),
+    "progress": {"news"},
     "threads": set(),
     "priority": set(),
     "msg": set(),
     "model": set(),
     "plant": set(),  # the judge of the model, with which it shares no code
-    "bus": {"msg"},
+    "bus": {"msg", "configuration", "news"},
     "parameters": {*BUS, "files", "model"},
     "camera": {"msg", "files"},
     "manoeuvres": {"model"},
@@ -26,11 +30,11 @@ KNOWN: dict[str, set[str]] = {
     "estimation": {*RECORDED, "manoeuvres"},
     "calibration": {*RECORDED, "colours", "manoeuvres", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
-    "diagnosis": {*RECORDED, "colours", "files", "threads", "manoeuvres", "estimation"},
+    "diagnosis": {*RECORDED, "distribution", "colours", "files", "threads", "manoeuvres", "estimation"},
     "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
     "team": {*RECORDED, "plant", "world"},
     "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
-    "sweep": {*RECORDED, "colours", "scenario", "team", "world"},
+    "sweep": {*RECORDED, "distribution", "colours", "scenario", "team", "world"},
     "view": {*RECORDED, "colours", "world"},
     "commands": {
         *{
@@ -45,11 +49,20 @@ KNOWN: dict[str, set[str]] = {
             "fidelity",
             "sweep",
         },
-        *("camera", "view", "threads", "priority"),
+        *("camera", "view", "threads", "priority", "configuration", "distribution", "files", "news", "progress"),
     },
-    "tools": {*RECORDED, "colours", "commands"},
+    "robot_log": {*RECORDED, "calibration", "diagnosis", "distribution", "progress"},
+    "__main__": {"commands"},
+    "tools": {*RECORDED, "colours", "commands", "distribution", "progress"},
 }
-DRIVER = {*BUS, "parameters", "commands", "priority"}  # of commands only how command lines are read
+DRIVER = {
+    *BUS,
+    "parameters",
+    "commands",
+    "priority",
+    "configuration",
+    "news",
+}  # of commands only how command lines are read
 
 
 def imports(source: str) -> Iterator[str]:

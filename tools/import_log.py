@@ -47,7 +47,8 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-import."""
     command_line = parser(
         "cmr-import",
         "Turn recordings of another robot (foreign LCM logs, CSV files, ROS 1 or ROS 2 bags, MCAP) into event logs "
@@ -74,6 +75,11 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         "--parameters", metavar="FILE", help="the robot's nominal parameters, in place of those in the mapping"
     )
     command_line.add_argument("--list", action="store_true", help="list the shipped mappings and end")
+    return command_line
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    command_line = command_parser()
     options = command_line.parse_args(arguments)
     if not options.list and (options.mapping is None or not options.input or options.out is None):
         command_line.error("MAPPING, INPUT and --out are needed; or --list")

@@ -24,7 +24,7 @@ def main(arguments: list[str]) -> int:
 
     Raises CommandError when a log cannot be read or the result cannot be written.
     """
-    options = _parse(arguments)
+    options = command_parser().parse_args(arguments)
     try:
         lines = options.work(options)
     except OSError as error:
@@ -157,7 +157,8 @@ def _allow_many_open_files() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-log."""
     options = parser(
         "cmr-log",
         "Look at event logs: what is in them and how healthy they are, pieces of them, and their messages in other "
@@ -182,7 +183,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     info.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="an event log")
     _add_pieces(add)
     _add_formats(add)
-    return options.parse_args(arguments)
+    return options
 
 
 def _add_pieces(add: Callable[[str, Work, str, str], argparse.ArgumentParser]) -> None:

@@ -55,7 +55,8 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def _parse(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-plot."""
     result = parser(
         "cmr-plot",
         "Draw fields of the messages of event logs: over time, or one against the other. Fields of the same unit share "
@@ -75,6 +76,11 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "against the second",
     )
     result.add_argument("--out", type=Path, metavar="FILE", help="PNG, SVG or PDF to write; else a window opens")
+    return result
+
+
+def _parse(arguments: list[str]) -> argparse.Namespace:
+    result = command_parser()
     options = result.parse_args(arguments)
     options.logs = [Path(text) for text in options.what if _is_log(text)]
     options.fields = [text for text in options.what if not _is_log(text)]

@@ -87,7 +87,8 @@ def main(arguments: list[str]) -> int:
     return EXIT_INTERRUPTED if interrupted else 0
 
 
-def _parse(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-replay."""
     result = parser(
         "cmr-replay",
         "Send the messages of an event log on the bus again, at the times at which they were logged. In a terminal, "
@@ -124,6 +125,11 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "new; ages stay as they were, or shrink with a higher speed",
     )
     _add_channels(result)
+    return result
+
+
+def _parse(arguments: list[str]) -> argparse.Namespace:
+    result = command_parser()
     options = result.parse_args(arguments)
     for bound in ("stop", "skip_gaps"):
         if getattr(options, bound) is None:

@@ -69,7 +69,7 @@ def main(arguments: list[str]) -> int:
 
     Raises CommandError for a terminal that cannot be used, BusError when the bus cannot be used.
     """
-    options = _parse(arguments)
+    options = command_parser().parse_args(arguments)
     statistics = Statistics()
     fits = channel_chooser(options.channel)
     with stopped_by_signals() as stopping:
@@ -83,7 +83,8 @@ def main(arguments: list[str]) -> int:
     return EXIT_INTERRUPTED if stopping else 0
 
 
-def _parse(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-spy."""
     result = parser(
         "cmr-spy",
         "Show what is said on the bus: each channel with its message type, rate, bytes, age and jitter (standard "
@@ -107,7 +108,7 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         metavar="PATTERN",
         help="only channels that fit, such as 'POSE_*'; may be given again",
     )
-    return result.parse_args(arguments)
+    return result
 
 
 def _listen(ear: Ear, seconds: float, stopping: Stopping) -> None:

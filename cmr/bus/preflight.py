@@ -12,6 +12,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import lcm
 
+from cmr import configuration
 from cmr.bus.streams import SELF_TEST
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"
@@ -36,8 +37,8 @@ class Multicast:
 
 
 def resolve_url(url: str | None) -> str:
-    """Return `url` if given, else LCM_DEFAULT_URL from the environment, else the URL that stays on this host."""
-    return url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
+    """Return `url` if given, else that of environment or configuration file, else the URL that stays on this host."""
+    return url or configuration.lcm_url() or DEFAULT_URL
 
 
 def parse_udpm(url: str) -> Multicast:

@@ -3,7 +3,6 @@
 import os
 import signal
 import socket
-import sys
 import time
 from collections.abc import Callable, Iterator
 from types import FrameType, TracebackType
@@ -13,6 +12,7 @@ from cmr.bus.bus import Bus
 from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, Stream
 from cmr.msg import process_status_t
+from cmr.news import say
 
 LONGEST_WAIT = 0.1  # s; a signal is noticed within this time
 NAP = 0.01  # s; what arrives meanwhile is taken at once, as waking up for a message costs more than taking it
@@ -49,11 +49,14 @@ class Process:
         self.stopped_by_signal = False
         self.state = process_status_t.STARTING
         self.message = ""
+        self.problem = ""  # the part of the message that the terminal shows while DEGRADED; empty: all of it
+        self.farewell = "stopped"  # what it says at its end
         self.parameters_sha256 = ""
         self.overruns = 0
         self._url = url
         self._received: list[Received] = []
         self._told = ""
+        self._was_ready = False
         self._turns = 0
         self._report = Timer(STATUS_PERIOD)
         self._status_sent = time.monotonic()
@@ -74,6 +77,8 @@ class Process:
         if error is not None:
             self.message = f"{kind.__name__ if kind else ''}: {error}"
         self.publish_status()
+        if error is None:
+            self.news(self.farewell)
         for number, handler in self._old_handlers.items():
             signal.signal(number, handler)
 
@@ -122,7 +127,7 @@ class Process:
 
     def publish_status(self) -> None:
         """Report on `PROCESS_STATUS`: `message`, and what is wrong with the bus."""
-        self._tell_problem()
+        self._tell_news()
         now = time.monotonic()
         rate = self._turns / max(now - self._status_sent, 1e-6)
         self._turns, self._status_sent = 0, now
@@ -153,11 +158,18 @@ class Process:
             sentences.append(f"Messages not sent: {', '.join(unsent)}.")
         return " ".join(sentences)
 
-    def _tell_problem(self) -> None:
-        """Say on the terminal, too, what keeps the process from full service; once for each new sentence."""
-        problem = self.message if self.state == process_status_t.DEGRADED else ""
+    def news(self, text: str) -> None:
+        """Say on the terminal what happened, with the time of day."""
+        say(self.name, text)
+
+    def _tell_news(self) -> None:
+        """Say when the process is ready, and each new sentence on what keeps it from that, or that this is over."""
+        problem = (self.problem or self.message) if self.state == process_status_t.DEGRADED else ""
         if problem and problem != self._told:
-            print(f"{self.name}: {problem}", file=sys.stderr, flush=True)
+            self.news(problem)
+        elif self.state == process_status_t.RUNNING and (self._told or not self._was_ready):
+            self.news("ready" if not self._was_ready else "problem over")
+            self._was_ready = True
         self._told = problem
 
     def _listen_until(self, due: float) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 from cmr.estimation.commanded_speeds import correlation_of_motor, in_words_of, values_in_words_of
@@ -30,7 +31,7 @@ def tells(estimate: Estimate) -> bool:
     return estimate.interval[0] > 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class CalibrationResult:
     """What was found of one robot.
 
@@ -94,6 +95,27 @@ class CalibrationResult:
         if name in told:
             return Value(value, told[name].std)
         return given if given is not None and given.value == value else Value(value)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found as plain values, for JSON: units are those of the parameter file."""
+        return {
+            "robot_id": self.robot_id,
+            "method": self.method,
+            "samples": self.samples,
+            "parameters": values_in_words_of(self.values, self.controller),
+            "std": {name: estimate.std for name, estimate in {**self.effects, **self.told}.items()},
+            "unidentified": dict(self.unidentified),
+            "effects_shown": list(self.named),
+            "path_rmse_before_m": self.path_rmse_before,
+            "path_rmse_after_m": self.path_rmse_after,
+            "notes": list(self.notes),
+        }
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of robot {self.robot_id}: path error {self.path_rmse_after:.4f} m>"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.summary())}</pre>"
 
     def summary(self) -> str:
         """Return a table for a person."""

@@ -118,6 +118,11 @@ def sweep() -> int:
     return run("cmr.commands.sweep")
 
 
+def umbrella() -> int:
+    """Start cmr, which starts any of the others."""
+    return run("cmr.commands.umbrella")
+
+
 def view() -> int:
     """Start cmr-view."""
     return run("cmr.commands.view")

@@ -2,11 +2,12 @@
 
 import argparse
 import hashlib
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process, Timer
@@ -14,7 +15,9 @@ from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
 from cmr.calibration.calibrator import HEARD, Calibrator
 from cmr.calibration.result import CalibrationResult
-from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, add_json, parse_robot_id, parser, print_json
+from cmr.configuration import parameter_file
+from cmr.configuration import robot as default_robot
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
@@ -37,13 +40,17 @@ def main(arguments: list[str]) -> int:
     return _live(options, nominal)
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-calibrate."""
     options = parser(
         "cmr-calibrate",
         "Find k2_over_k3, k1 and base_width of a real robot while it drives a figure-eight (both lobes, best at two "
-        "speeds), and write them to its parameter file, with the effects that the drive shows. With --log the same "
-        "from an LCM event log.",
-        "cmr-calibrate --robot 0 --out robot_0.yaml\n  cmr-calibrate --log run.lcm --out robot_0.yaml",
+        "speeds), and write them to its parameter file, with the effects that the drive shows. The same from "
+        "an LCM event log.",
+        "cmr-calibrate --robot 0 --out robot_0.yaml\n  cmr-calibrate run.lcm --out robot_0.yaml",
+    )
+    options.add_argument(
+        "logs", type=Path, nargs="*", metavar="RUN.lcm", help="event logs of one robot, fitted together; else live"
     )
     options.add_argument(
         "--robot",
@@ -53,8 +60,9 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         help="robot id; else 0 live, the only one of a log",
     )
     options.add_argument(
-        "--log", type=Path, nargs="+", default=None, metavar="RUN.lcm", help="event logs of one robot, fitted together"
+        "--log", type=Path, nargs="+", default=None, metavar="RUN.lcm", help="the same as RUN.lcm without --log"
     )
+    add_json(options)
     options.add_argument(
         "--parameters",
         type=Path,
@@ -84,7 +92,13 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="FILE",
         help="draw path, residuals and error surface, as .png, .svg or .pdf",
     )
-    given = options.parse_args(arguments)
+    return options
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = command_parser()
+    given = options.parse_intermixed_args(arguments)
+    given.log = [*given.logs, *(given.log or ())]
     if given.method == PAPER and given.paper_only:
         options.error(
             "--paper-only chooses among what --method average finds; --method paper knows the three parameters only"
@@ -101,38 +115,50 @@ def _nominal(path: Path | None) -> ParameterFile | None:
 
 def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     try:
-        recordings = [_gather(path, options.robot, nominal).recording() for path in options.log]
+        recordings = [_gather(path, options, nominal).recording() for path in options.log]
         result = calibrate(recordings, nominal, method=options.method, paper_only=options.paper_only)
     except (RecordingError, EstimationError) as error:
         raise CommandError(str(error)) from error
-    print(result.summary())
-    _draw(result, options.picture)
+    if options.json:
+        print_json(result.to_dict())
+    else:
+        print(result.summary())
+    _draw(result, options.picture, _notes(options))
     if options.out:
         digest = hashlib.sha256()
         for path in options.log:
             digest.update(path.read_bytes())
         source = {"log": " ".join(str(path) for path in options.log), "sha256": digest.hexdigest()}
         _save(result.parameter_file(source), options.out)
-        print(f"written to {options.out}")
+        print(f"written to {options.out}", file=_notes(options))
     return 0
 
 
-def _gather(path: Path, robot_id: int | None, nominal: ParameterFile | None) -> Calibrator:
+def _gather(path: Path, options: argparse.Namespace, nominal: ParameterFile | None) -> Calibrator:
     """Return the calibrator of a log's robot after it has seen the log."""
-    calibrator = Calibrator.of(read_messages(path, robot_id), nominal)
+    calibrator = Calibrator.of(read_messages(path, options.robot), nominal)
     if calibrator.missing:
-        print(f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.")
+        print(
+            f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.",
+            file=_notes(options),
+        )
     if calibrator.left_out > FURTHER:
         print(
             f"{path}: the first drive is used, as in a live calibration. {calibrator.left_out:.0f} s follow after it; "
-            "cmr-diagnose uses the whole log."
+            "cmr-diagnose uses the whole log.",
+            file=_notes(options),
         )
     return calibrator
 
 
+def _notes(options: argparse.Namespace) -> TextIO:
+    """Return where remarks are printed: where JSON is printed, it stands alone."""
+    return sys.stderr if options.json else sys.stdout
+
+
 def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
-    robot_id = options.robot if options.robot is not None else 0
-    path = options.out or Path(f"robot_{robot_id}.yaml")
+    robot_id = options.robot if options.robot is not None else default_robot()
+    path = options.out or parameter_file(robot_id)
     calibrator = Calibrator(robot_id, nominal, method=options.method, paper_only=options.paper_only)
     work = Work()
     calibrator.loading = True
@@ -203,14 +229,14 @@ def _publish_result(calibrator: Calibrator, path: Path, process: Process) -> Non
     process.repeat(PARAMETERS, announcement, calibrator.robot_id, period=1.0)
 
 
-def _draw(result: CalibrationResult, path: Path | None) -> None:
+def _draw(result: CalibrationResult, path: Path | None, notes: TextIO | None = None) -> None:
     if path is None:
         return
     try:
         result.plot().savefig(path)
     except (OSError, ValueError) as error:
         raise CommandError(f"{path}: cannot be drawn: {error}. Choose another place with --picture.") from error
-    print(f"drawn in {path}")
+    print(f"drawn in {path}", file=notes)
 
 
 def _save(parameters: ParameterFile, path: Path) -> None:

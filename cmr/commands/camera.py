@@ -52,10 +52,11 @@ def main(arguments: list[str]) -> int:
     commands: dict[str, Callable[[list[str]], int]] = {"calibrate": _calibrate, "board": _board, "tags": _tags}
     if arguments and arguments[0] in commands:
         return commands[arguments[0]](arguments[1:])
-    return _watch(_options(arguments))
+    return _watch(command_parser().parse_args(arguments))
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-camera."""
     options = parser(
         "cmr-camera",
         "Locate robots by AprilTags (36h11) with a camera over the floor, publish POSE_N, and show virtual robots in "
@@ -80,7 +81,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options.add_argument("--trail", type=parse_seconds, default=3.0, metavar="S", help="of virtual robots")
     options.add_argument("--plain", action="store_true", help="show the picture as it is, without virtual robots")
     options.add_argument("--record", type=Path, metavar="FILE", help="what is shown, as .mkv, .mp4 or .avi")
-    return options.parse_args(arguments)
+    return options
 
 
 def _add_source(options: argparse.ArgumentParser) -> None:

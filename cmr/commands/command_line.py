@@ -1,16 +1,26 @@
 """What all cmr-* commands share on the command line: help with an example, --version, exit codes, errors."""
 
 import argparse
+import json
 import math
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from textwrap import fill
 
+from cmr import configuration
 from cmr.bus.preflight import DEFAULT_URL, BusError
 from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.configuration import ConfigurationError
 from cmr.distribution import version
+from cmr.news import be_quiet
 
+EXIT_CODES = """\
+exit codes:
+  0    done
+  1    failed, or something was found: one line on stderr says what, and what to do
+  2    wrong usage
+  130  interrupted by Ctrl-C, SIGTERM or SIGHUP"""
 HELP_WIDTH = 79  # characters; a terminal's usual 80 leave room for no more
 
 
@@ -27,14 +37,20 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescrip
         return super()._get_help_string(action)
 
 
-USUAL_BUS = f"LCM bus; otherwise LCM_DEFAULT_URL from the environment, otherwise {DEFAULT_URL} (this host only)"
+USUAL_BUS = (
+    "LCM bus; otherwise LCM_DEFAULT_URL from the environment, otherwise lcm_url of ~/.config/cmr/config.yaml, "
+    f"otherwise {DEFAULT_URL} (this host only)"
+)
 
 
 def parser(name: str, description: str, example: str, bus: str = USUAL_BUS) -> argparse.ArgumentParser:
     """Return a parser with the options that every command has."""
     paragraphs = [fill(paragraph, HELP_WIDTH, break_on_hyphens=False) for paragraph in description.split("\n\n")]
     result = argparse.ArgumentParser(
-        prog=name, description="\n\n".join(paragraphs), epilog=f"example:\n  {example}", formatter_class=_HelpFormatter
+        prog=name,
+        description="\n\n".join(paragraphs),
+        epilog=f"example:\n  {example}\n\n{EXIT_CODES}",
+        formatter_class=_HelpFormatter,
     )
     result.add_argument(
         "--lcm-url",
@@ -42,6 +58,7 @@ def parser(name: str, description: str, example: str, bus: str = USUAL_BUS) -> a
         metavar="URL",
         help=bus,
     )
+    result.add_argument("--quiet", action=_Quiet, nargs=0, help="print errors and results only: no news, no progress")
     result.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     return result
 
@@ -52,6 +69,44 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_arguments: object) -> None:
         print(f"{parser.prog} {version()}")
         parser.exit()
+
+
+class _Quiet(argparse.Action):
+    """Ends news and progress, wherever in the program they are made."""
+
+    def __call__(self, *_arguments: object) -> None:
+        be_quiet()
+
+
+def add_robot(options: argparse.ArgumentParser) -> None:
+    """Add the option that names the robot; otherwise it is that of the environment or the configuration file."""
+    options.add_argument("--robot", type=parse_robot_id, default=configuration.robot(), metavar="N", help="robot id")
+
+
+def add_json(options: argparse.ArgumentParser) -> None:
+    """Add the option for results that programs read."""
+    options.add_argument("--json", action="store_true", help="print the result as JSON, for programs")
+
+
+def print_json(result: object) -> None:
+    """Print a result for programs; what is not finite becomes null, which JSON has no numbers for."""
+    print(json.dumps(_finite(result), indent=2, ensure_ascii=False, default=str))
+
+
+def _finite(value: object) -> object:
+    """Return the value with None in place of every number that is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _finite(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def parse_count(text: str) -> int:
+    """Parse a number of things for argparse: whole, 1 or more."""
+    if not (text.isascii() and text.isdecimal() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 or more")
+    return int(text)
 
 
 def parse_robot_id(text: str) -> int:
@@ -84,7 +139,7 @@ def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (CommandError, BusError) as error:
+    except (CommandError, BusError, ConfigurationError) as error:
         print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -1,8 +1,10 @@
 """cmr-demo: the main job without any hardware. An emulated robot is driven, calibrated and driven again."""
 
 import argparse
+import re
 import socket
 import time
+import webbrowser
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +18,7 @@ from cmr.bus.preflight import DEFAULT_URL
 from cmr.bus.process import Process
 from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parser
+from cmr.configuration import results
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, process_status_t, waypoints_t
 from cmr.parameters.file import ParameterFile, Value, load
@@ -48,7 +51,7 @@ class Interrupted(Exception):  # noqa: N818 - the user's wish, not an error
 
 def main(arguments: list[str]) -> int:
     """Run cmr-demo."""
-    options = _options(arguments)
+    options = command_parser().parse_args(arguments)
     folder: Path = options.out
     try:
         settings = load_settings(options.settings)
@@ -59,6 +62,8 @@ def main(arguments: list[str]) -> int:
     with Process("cmr-demo", options.lcm_url or _private_url()) as process, Children(folder) as children:
         demo = _Demo(process, children, read_speeds(options.speed))
         try:
+            if options.view:
+                demo.open_page([our_command("cmr-view"), "--lcm-url", process.bus.url])
             demo.run(_commands(folder, process.bus.url, options))
         except Interrupted:
             print("Stopping.", flush=True)
@@ -66,7 +71,8 @@ def main(arguments: list[str]) -> int:
     return _report(folder, settings)
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-demo."""
     options = parser(
         "cmr-demo",
         "Drive an emulated robot through figure-eights behind a virtual leader, calibrate it, and drive again: all "
@@ -76,7 +82,9 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "cmr-demo --out demo-run\n  cmr-demo --speed 0.3     # one speed, as in the paper",
         bus="LCM bus; otherwise one of its own, on a free port, that does not leave this host",
     )
-    options.add_argument("--out", type=Path, default=Path("demo-run"), metavar="DIR", help="folder for the results")
+    options.add_argument(
+        "--out", type=Path, default=results() / "demo-run", metavar="DIR", help="folder for the results"
+    )
     options.add_argument("--settings", type=Path, default=None, metavar="FILE", help="as for cmr-emulate")
     options.add_argument(
         "--speed",
@@ -86,7 +94,12 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         help="of the drive in m/s, one or several; each for the same time, together a minute",
     )
     options.add_argument("--ideal", action="store_true", help="emulate a robot that is exactly as the model says")
-    return options.parse_args(arguments)
+    options.add_argument(
+        "--view",
+        action="store_true",
+        help="open the page of cmr-view: the twin leaves its robot, and stays with it after the calibration",
+    )
+    return options
 
 
 def _speeds(text: str) -> str:
@@ -161,6 +174,18 @@ class _Demo:
         process.subscribe(WORLD_STATE)
         process.subscribe(PROCESS_STATUS, every=True)
         process.subscribe(CALIBRATION_STATUS, ROBOT)
+
+    def open_page(self, command: list[str]) -> None:
+        """Start cmr-view and show its page in the browser."""
+        self._children.start("view", command)
+        self._wait(lambda: bool(self._page()), START_UP, "the page")
+        print(f"Look at {self._page()}: blue is the twin, yellow the robot.", flush=True)
+        webbrowser.open(self._page())
+
+    def _page(self) -> str:
+        """Return the address that cmr-view prints; empty before it does."""
+        found = re.search(r"http://\S+", self._children.said("view"))
+        return found[0] if found else ""
 
     def run(self, commands: dict[str, list[str]]) -> None:
         """Start everything, drive, calibrate, drive again."""

@@ -14,8 +14,8 @@ from types import FrameType
 
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE
-from cmr.commands.command_line import CommandError, parse_robot_id, parser
-from cmr.diagnosis.job import Job, JobError, Outcome, attempt, perform
+from cmr.commands.command_line import CommandError, add_json, parse_count, parse_robot_id, parser
+from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform
 from cmr.diagnosis.many import Pool, jobs_of
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
@@ -47,10 +47,11 @@ def main(arguments: list[str]) -> int:
         jobs = jobs_of(options.logs, pattern, each=options.each)
     except RecordingError as error:
         raise CommandError(str(error)) from error
-    return _one(jobs[0], options.why) if len(jobs) == 1 else _many(jobs, options.jobs, options.why)
+    return _one(jobs[0], options.why, options.json) if len(jobs) == 1 else _many(jobs, options.jobs, options.why)
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-diagnose."""
     options = parser(
         "cmr-diagnose",
         "Show what the simulation of a robot gets wrong, name the physical cause, extend the model and measure the "
@@ -64,7 +65,13 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         bus="LCM bus of --live; otherwise LCM_DEFAULT_URL from the environment, otherwise this host only",
     )
     _add_arguments(options)
+    return options
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = command_parser()
     chosen = options.parse_intermixed_args(arguments)
+    chosen.logs += chosen.log
     wrong = _contradiction(chosen)
     if wrong:
         options.error(wrong)
@@ -73,6 +80,16 @@ def _options(arguments: list[str]) -> argparse.Namespace:
 
 def _add_arguments(options: argparse.ArgumentParser) -> None:
     options.add_argument("logs", type=Path, nargs="*", metavar="RUN.lcm", help="event logs to diagnose")
+    options.add_argument(
+        "--log",
+        type=Path,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="LOG",
+        help="the same as RUN.lcm without --log",
+    )
+    add_json(options)
     options.add_argument("--robot", type=parse_robot_id, default=None, metavar="N", help="robot id; else all there are")
     options.add_argument(
         "--parameters",
@@ -95,7 +112,7 @@ def _add_arguments(options: argparse.ArgumentParser) -> None:
     options.add_argument("--why", action="store_true", help="print each decision of the search, and its reason")
     options.add_argument("--no-report", action="store_true", help="leave out report.html")
     options.add_argument(
-        "--jobs", type=_count, default=_cores(), metavar="N", help="how many diagnoses run side by side"
+        "--jobs", type=parse_count, default=_cores(), metavar="N", help="how many diagnoses run side by side"
     )
     options.add_argument("--live", action="store_true", help="watch a drive; with --out what is found is kept there")
 
@@ -106,6 +123,8 @@ def _contradiction(chosen: argparse.Namespace) -> str:
         if chosen.logs or chosen.held_out:
             return "--live listens to the bus; it takes no logs"
         return "--why explains the search of logs; --live searches none" if chosen.why else ""
+    if chosen.json and chosen.each:
+        return "--json is for one diagnosis; with --each, diagnosis.json is in every folder"
     if not chosen.logs:
         return "name at least one event log, or --live"
     if chosen.out is None:
@@ -116,12 +135,6 @@ def _contradiction(chosen: argparse.Namespace) -> str:
         return f"{twice} is named twice"
     both = next((log for log in chosen.held_out if log.resolve() in places), None)
     return f"{both} cannot be fitted and held out at once" if both else ""
-
-
-def _count(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 or more")
-    return int(text)
 
 
 def _cores() -> int:
@@ -136,7 +149,7 @@ def _nominal(path: Path | None) -> ParameterFile | None:
         raise CommandError(str(error)) from error
 
 
-def _one(job: Job, tell_why: bool) -> int:
+def _one(job: Job, tell_why: bool, as_json: bool) -> int:
     """Do a job in this process."""
     line = ProgressLine()
     try:
@@ -145,6 +158,9 @@ def _one(job: Job, tell_why: bool) -> int:
         raise CommandError(str(error)) from error
     finally:
         line.clear()
+    if as_json:
+        print((job.folder / DOCUMENT).read_text(encoding="utf-8"), end="")
+        return 0
     from cmr.diagnosis.summary import summary
     from cmr.diagnosis.why import why
 

@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, parse_count, parse_robot_id, parser
 from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, Task, gathered, perform_all, tasks_of
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.scenario.document import ScenarioError
@@ -28,7 +28,7 @@ JOURNAL = "experiments.jsonl"  # what is done, for a study that was stopped
 
 def main(arguments: list[str]) -> int:
     """Run cmr-fidelity."""
-    options = _options(arguments)
+    options = command_parser().parse_args(arguments)
     end_on_signals("cmr-fidelity")
     scenario, study = _study(options)
     began = time.monotonic()
@@ -60,7 +60,8 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-fidelity."""
     options = parser(
         "cmr-fidelity",
         "Run a scenario many times with all robots real, and as often with one real robot and the rest virtual: not "
@@ -99,19 +100,13 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         metavar="HOW",
         help=f"some of {', '.join(PREPARATIONS)}; else all",
     )
-    add("--jobs", type=_jobs, default=len(os.sched_getaffinity(0)), metavar="N", help="processes side by side")
-    return options.parse_args(arguments)
+    add("--jobs", type=parse_count, default=len(os.sched_getaffinity(0)), metavar="N", help="processes side by side")
+    return options
 
 
 def _seeds(text: str) -> int:
     if not (text.isascii() and text.isdecimal() and FEWEST <= int(text) <= 100_000):
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of {FEWEST} or more")
-    return int(text)
-
-
-def _jobs(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 or more")
     return int(text)
 
 

@@ -5,8 +5,9 @@ from pathlib import Path
 
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
-from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, add_robot, parser
 from cmr.commands.robots import behaviour_of
+from cmr.configuration import parameter_file
 from cmr.model.command_kinds import KINDS
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
@@ -21,11 +22,11 @@ RATE = 50.0  # Hz
 
 def main(arguments: list[str]) -> int:
     """Run cmr-pilot."""
-    options = _options(arguments)
+    options = command_parser().parse_args(arguments)
     behaviour, pose = behaviour_of(options.behaviour)
     if pose:
         raise CommandError("A real robot starts where it stands: x, y and theta are for virtual robots.")
-    path = options.parameters or Path(f"robot_{options.robot}.yaml")
+    path = options.parameters or parameter_file(options.robot)
     pilot = Pilot(
         options.robot,
         behaviour,
@@ -59,7 +60,8 @@ def main(arguments: list[str]) -> int:
         return process.exit_code
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-pilot."""
     options = parser(
         "cmr-pilot",
         "Drive a real robot by a behaviour: it sees the world on WORLD_STATE and commands the motors on "
@@ -71,7 +73,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         "  cmr-pilot --robot 0 --behaviour manoeuvre,name=steps,speed=0.8\n"
         "  cmr-pilot --robot 0 --geofence=-2,-1,2,-1,2,1,-2,1 --margin 0.3\n\n" + help_text(),
     )
-    options.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="robot id")
+    add_robot(options)
     options.add_argument("--behaviour", default="follow", metavar="NAME,KEY=VALUE,...", help="see below")
     options.add_argument(
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
@@ -97,7 +99,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         action="store_false",
         help="do not stop before robots in the way, real and virtual ones",
     )
-    return options.parse_args(arguments)
+    return options
 
 
 def _geofence(text: str) -> Geofence:

@@ -9,6 +9,7 @@ from pathlib import Path
 from cmr.bus.preflight import parse_udpm
 from cmr.bus.process import Process
 from cmr.commands.command_line import CommandError, parser
+from cmr.configuration import results
 from cmr.scenario import Scenario, ScenarioError, load
 from cmr.scenario.children import Children
 from cmr.scenario.jobs import Job, jobs_of
@@ -27,7 +28,7 @@ def main(arguments: list[str]) -> int:
     if options.list:
         return _list_shipped()
     scenario = _load(options.scenario)
-    folder: Path = options.out or Path(f"{scenario.name}-{time.strftime('%Y%m%d-%H%M%S')}")
+    folder: Path = options.out or results() / f"{scenario.name}-{time.strftime('%Y%m%d-%H%M%S')}"
     if logs_in(folder):
         raise CommandError(
             f"{folder} holds a run already. Choose another with --out; without, a new one gets the date."
@@ -56,7 +57,8 @@ def main(arguments: list[str]) -> int:
         return _exit_code(outcome, folder)
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-run."""
     options = parser(
         "cmr-run",
         "Run a team experiment: start what its scenario names (drivers or emulators, cmr-sim, pilots, calibrator), "
@@ -70,6 +72,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options.add_argument("scenario", nargs="?", help="YAML file, or the name of a shipped scenario")
     options.add_argument("--list", action="store_true", help="show the shipped scenarios")
     options.add_argument("--out", type=Path, metavar="DIR", help="folder for the results; otherwise NAME-DATE-TIME")
+    return options
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = command_parser()
     result = options.parse_args(arguments)
     if result.scenario is None and not result.list:
         options.error("name a scenario; --list shows the shipped ones")

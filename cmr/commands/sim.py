@@ -21,6 +21,7 @@ from cmr.bus.streams import (
 )
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
 from cmr.commands.robots import numbered, virtual_robots
+from cmr.configuration import parameters
 from cmr.model.parameters import RobotParameters
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.file import ParameterFileError
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from cmr.world.scanning import Scanner
 
 STEP_RATE = 100.0  # Hz
+DEFAULT_PARAMETERS = Path(__file__).parents[1] / "scenario" / "shipped" / "parameters" / "robot_0.yaml"
 PACKET = 1400  # bytes; more than that is split by a real network
 
 
@@ -63,6 +65,9 @@ def main(arguments: list[str]) -> int:
             process.subscribe(stream, every=True)
         for stream in COMMANDS_OF.values():
             process.subscribe(stream)
+        for follower in world.parameters.values():
+            if follower.by_default:
+                process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
         for utime in process.loop(rate_hz=STEP_RATE):
             process.dispatch(world.handle)
             world.advance(utime)
@@ -89,11 +94,15 @@ def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loa
     drawn = _drawn(population, virtual, options.seed or 0)
     seeds = [seed for seed in (options.process_noise, cast.noise_seed if cast else None) if seed is not None]
     noise = ProcessNoise(seeds[0]) if seeds else None
+    borrowed = {robot.parameters_of for robot in virtual} - files.keys()
+    default = load_parameters(DEFAULT_PARAMETERS) if borrowed else None
     loader = Loader(robot.behaviour for robot in virtual)
     world = World(
         virtual,
         lambda robot_id: ParameterFollower(
-            robot_id, files.get(robot_id, options.parameters / f"robot_{robot_id}.yaml")
+            robot_id,
+            files.get(robot_id, options.parameters / f"robot_{robot_id}.yaml"),
+            default if robot_id in borrowed else None,
         ),
         loader.ready,
         options.real,
@@ -142,7 +151,8 @@ def _drawn(population: list[Path], virtual: list[VirtualRobot], seed: int) -> di
         raise CommandError(f"--population: {error}") from error
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-sim."""
     options = parser(
         "cmr-sim",
         "Keep the state of the whole world: estimate real robots from their sensors, simulate virtual robots and a "
@@ -161,6 +171,11 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     options.add_argument(
         "--split", action="store_true", help=f"split WORLD_STATE into messages of at most {PACKET} bytes"
     )
+    return options
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    options = command_parser()
     result = options.parse_args(arguments)
     if result.seed is not None and not result.population:
         options.error("--seed is that of --population, which is not given; process noise has its own")
@@ -181,7 +196,7 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
         "--scenario", type=Path, metavar="FILE", help="simulate the virtual robots of this cmr-run scenario, too"
     )
     options.add_argument(
-        "--parameters", type=Path, default=Path(), metavar="DIR", help="folder with the files robot_<id>.yaml"
+        "--parameters", type=Path, default=parameters(), metavar="DIR", help="folder with the files robot_<id>.yaml"
     )
     options.add_argument(
         "--parameters-of",
@@ -342,6 +357,19 @@ def _state_messages(world: World, largest: int | None) -> list[tuple[Stream, int
     return messages
 
 
+def _by_default(world: World, robot_id: int) -> str:
+    """Return that a real robot has no parameters of its own; empty if it has."""
+    follower = world.parameters[robot_id]
+    if not follower.by_default:
+        return ""
+    return f"Robot {robot_id} is simulated by shipped parameters. {_missing(follower)}"
+
+
+def _missing(follower: ParameterFollower) -> str:
+    where = follower.path.absolute() if follower.path else ""
+    return f"There is no {where}; cmr init writes one."
+
+
 def _announce(world: World, loader: Loader, process: Process, lateness: Lateness) -> None:
     """Repeat the parameters in use of all real robots, and report what keeps any from being used."""
     for robot_id in world.real_robots:
@@ -352,6 +380,7 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
     told = [*(follower.message for follower in followers), loader.message, *world.others.problems(world.utime)]
     told += [lateness.problem(world.utime, world.late_steps), world.noise_problem]
+    told += [_by_default(world, robot_id) for robot_id in world.real_robots]
     problems = [message for message in told if message]
     process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
     process.message = " ".join(problems)

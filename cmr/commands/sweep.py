@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmr.commands.command_line import CommandError, parser
+from cmr.configuration import results
 from cmr.distribution import how_to_install
 from cmr.sweep.stopping import end_on_signals
 
@@ -22,7 +23,7 @@ MOST_WORKERS = 4096
 
 def main(arguments: list[str]) -> int:
     """Run cmr-sweep."""
-    options = _options(arguments)
+    options = command_parser().parse_args(arguments)
     end_on_signals("cmr-sweep")
     settings, runs = _planned(options)
     try:
@@ -34,7 +35,7 @@ def main(arguments: list[str]) -> int:
             f"{error.name} is missing, which sweeps need. To install it: {how_to_install('sweep')}"
         ) from error
     name = Path(options.scenario).stem
-    out = options.out or Path(f"{name}_sweep")
+    out = options.out or results() / f"{name}_sweep"
     try:
         with Journal(out / "runs.jsonl") as journal:
             failed = _perform(runs, journal, options)
@@ -126,7 +127,8 @@ def _row(run: "PlannedRun", result: "Result") -> dict[str, Any]:
     return {"seed": run.seed, **run.values, **result}
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-sweep."""
     options = parser(
         "cmr-sweep",
         "Run a scenario many times without hardware, faster than real time: with every seed and every combination of "
@@ -161,13 +163,15 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         help="let the workers of this Dask scheduler do the runs, on other computers; otherwise processes here",
     )
     where.add_argument(
+        "--jobs",
         "--workers",
+        dest="workers",
         type=_number(MOST_WORKERS),
         default=None,
         metavar="N",
         help="how many processes here; otherwise one a core",
     )
-    return options.parse_args(arguments)
+    return options
 
 
 def _number(largest: int) -> Any:

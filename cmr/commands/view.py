@@ -25,7 +25,8 @@ SHORTEST_TOKEN = 8  # characters
 
 def main(arguments: list[str]) -> int:
     """Run cmr-view."""
-    options = _options(arguments)
+    options = command_parser().parse_args(arguments)
+    options.log = options.log or options.log_option
     _check(options)
     obstacles, geofence = _room(options)
     try:
@@ -56,7 +57,8 @@ def main(arguments: list[str]) -> int:
         return process.exit_code
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-view."""
     options = parser(
         "cmr-view",
         "Show the world in a web page: robots, twins, trails, what processes and bus do, calibration and diagnosis; "
@@ -77,7 +79,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     ):
         action = "store" if name == "--geofence" else "append"
         options.add_argument(name, type=_numbers, action=action, metavar=form, help=f"{what} [m] to draw")
-    return options.parse_args(arguments)
+    options.add_argument("--log", dest="log_option", type=Path, metavar="RUN.lcm", help="the same as RUN.lcm")
+    return options
 
 
 def _check(options: argparse.Namespace) -> None:

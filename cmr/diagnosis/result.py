@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from html import escape
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
@@ -136,7 +137,7 @@ class Evidence:
 NOTHING_TO_DRAW = Evidence(window=math.nan)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Diagnosis:
     """What a diagnosis found of one robot.
 
@@ -172,6 +173,15 @@ class Diagnosis:
     samples: int = 0
     decisions: tuple[Decision, ...] = ()
     lateness: Mapping[str, Lateness] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        effects = ", ".join(effect.name for effect in self.effects) or self.verdict
+        return f"<{type(self).__name__} of robot {self.robot_id}: {effects}>"
+
+    def _repr_html_(self) -> str:
+        from cmr.diagnosis.summary import summary
+
+        return f"<pre>{escape(summary(self))}</pre>"
 
     @property
     def lateness_sentences(self) -> list[str]:

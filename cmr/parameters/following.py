@@ -1,6 +1,7 @@
 """Keep a process on the newest parameters of a robot, whoever replaced them: a calibrator, a hand, another host."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,13 @@ POLL_PERIOD = 0.2  # s; a replaced file is in use within a second, with room to 
 class ParameterFollower:
     """The parameters of one robot in use by a process.
 
-    They come from the file at `path` (None: none) and from announcements on PARAMETERS_N; the newest wins.
+    They come from the file at `path` (None: none) and from announcements on PARAMETERS_N; the newest wins. Where there
+    is no file yet they are those of `default`, which are announced to nobody: `by_default` tells so.
     `sequence` is the version in use: the time (us) at which it was written. What cannot be used changes nothing:
     `message` says why, until the file is repaired or a sound announcement comes.
     """
 
-    def __init__(self, robot_id: int, path: Path | None = None) -> None:
+    def __init__(self, robot_id: int, path: Path | None = None, default: ParameterFile | None = None) -> None:
         self.robot_id = robot_id
         self.path = path
         self.parameters: ParameterFile | None = None
@@ -28,16 +30,22 @@ class ParameterFollower:
         self._file_problem = ""
         self._content_problem = ""  # of the file as last read; it may be missing or unreadable by now
         self._announcement_problem = ""
+        self.by_default = False
         self._seen: tuple[int, int, int] | None = None
         self._text = ""
         self._poll_due = 0.0
         self._started = False
         self.poll()
         self._started = True
+        self.by_default = default is not None and self.parameters is None and path is not None and not path.exists()
+        if default is not None and self.by_default:
+            self.parameters = replace(default, robot_id=robot_id)
 
     @property
     def message(self) -> str:
         """What is wrong with the file and with the announcements; empty if nothing is."""
+        if self.by_default:
+            return self._announcement_problem
         return " ".join(problem for problem in (self._file_problem, self._announcement_problem) if problem)
 
     def poll(self) -> bool:
@@ -58,7 +66,7 @@ class ParameterFollower:
         except (OSError, UnicodeDecodeError) as error:
             # A file that never was is no fault where the parameters came by announcement, from another host.
             announced = self.parameters is not None and self._seen is None and isinstance(error, FileNotFoundError)
-            self._file_problem = "" if announced else self._kept(f"{self.path}: cannot be read: {error}")
+            self._file_problem = "" if announced else self._kept(_why_unread(self.path, error))
             return False
         # A file found at the start is as old as it says; one replaced later is the newest there is.
         now = now_utime()
@@ -83,7 +91,7 @@ class ParameterFollower:
 
     def announcement(self) -> Any | None:
         """Return the parameters_t message that announces the parameters in use; None without parameters."""
-        return announcement(self.robot_id, self._text, self.sequence) if self.parameters else None
+        return announcement(self.robot_id, self._text, self.sequence) if self._text else None
 
     def _adopt(self, text: str, sha256: str, sequence: int, source: str) -> tuple[bool, str]:
         """Use a file's text if it is sound; return whether the parameters changed, and what is wrong with it."""
@@ -94,9 +102,17 @@ class ParameterFollower:
         except ParameterFileError as error:
             return False, self._kept(str(error))
         changed = sha256 != self.sha256
-        self.parameters, self.sha256, self._text = parameters, sha256, text
+        self.parameters, self.sha256, self._text, self.by_default = parameters, sha256, text, False
         self.sequence = max(self.sequence, sequence)
         return changed, ""
 
     def _kept(self, problem: str) -> str:
         return f"{problem}. Parameters in use were kept." if self.parameters else f"{problem}."
+
+
+def _why_unread(path: Path, error: Exception) -> str:
+    """Return why a parameter file cannot be read, and what to do if there is none."""
+    if isinstance(error, FileNotFoundError):
+        place = path.absolute()
+        return f"{place} cannot be read: there is no such file. To write one: cmr init --out {place.parent}"
+    return f"{path}: cannot be read: {error}"

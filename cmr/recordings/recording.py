@@ -39,7 +39,7 @@ class RecordingError(Exception):
     """The log cannot be used; the text says why and what to do."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """All that was recorded of one robot; a signal that was not recorded is empty.
 
@@ -62,6 +62,10 @@ class Recording:
     rejected: Mapping[tuple[str, str], int] = field(default_factory=dict)
     damaged_bytes: int = 0
     converted_from: str = ""
+
+    def __repr__(self) -> str:
+        samples = ", ".join(f"{name} {len(signal)}" for name, signal in self.signals.items())
+        return f"<{type(self).__name__} of robot {self.robot_id}: {samples}>"
 
     @classmethod
     def read(cls, path: Path | str, robot_id: int | None = None) -> "Recording":

@@ -31,11 +31,19 @@ TAB_NAMES = ("view", "robot", "processes", "bus", "calibration", "twins")
 class Page:
     """What one visitor sees and may do. `show_scene` is to be called at each picture, `show_panels` now and then."""
 
-    def __init__(self, client: viser.ClientHandle, token: str, wishes: Wishes, replay: ReplayPanel | None) -> None:
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        token: str,
+        wishes: Wishes,
+        replay: ReplayPanel | None,
+        stop_is_free: bool = False,
+    ) -> None:
         self.client = client
         self.permission = Permission(token)
         self._wishes = wishes
         self._replay = replay
+        self._stop_is_free = stop_is_free
         self._camera = Camera(client)
         self._mode_changed = False
         self._overview_due: float | None = time.monotonic() + SETTLED
@@ -62,7 +70,7 @@ class Page:
 
     def wish(self, what: str, value: Any = None) -> None:
         """Ask for something, if the visitor may."""
-        if self.permission.asks():
+        if (what == STOP and self._stop_is_free) or self.permission.asks():
             self._wishes.put(Wish(what, self.client.client_id, value))
         else:
             why = WRONG if self._token.value.strip() else REFUSED
@@ -117,14 +125,20 @@ class Page:
     def _add_orders(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("commands"):
             self._token = gui.add_text("token", "", hint="that cmr-view printed when it started")
-            stop = gui.add_button("EMERGENCY STOP", color="red")
-            release = gui.add_button("reset emergency stop ...", color="gray")
-            eight = gui.add_button("start figure-eight", hint="of the chosen robot") if self._replay is None else None
         self._token.on_update(self._take_token)
+        if self._replay is None:
+            self._add_live_orders(gui)
+
+    def _add_live_orders(self, gui: viser.GuiApi) -> None:
+        """Add what commands robots; a log's robots cannot be stopped, and real ones should not be by mistake."""
+        with gui.add_folder("robots"):
+            stop = gui.add_button("EMERGENCY STOP", color="red", hint="or press Esc")
+            release = gui.add_button("reset emergency stop ...", color="gray")
+            eight = gui.add_button("start figure-eight", hint="of the chosen robot")
         stop.on_click(lambda _event: self.wish(STOP))
+        gui.add_command("EMERGENCY STOP", hotkey="escape").on_trigger(lambda _event: self.wish(STOP))
         release.on_click(lambda _event: self._ask_release())
-        if eight is not None:
-            eight.on_click(lambda _event: self.wish(FIGURE_EIGHT, self.chosen))
+        eight.on_click(lambda _event: self.wish(FIGURE_EIGHT, self.chosen))
 
     def _add_tabs(self, gui: viser.GuiApi) -> None:
         self._panels: dict[str, viser.GuiHtmlHandle] = {}

@@ -21,6 +21,7 @@ from cmr.world.interaction.obstacles import Geofence, Obstacles
 
 TRAILS_EVERY = 0.5  # s
 PANELS_EVERY = 0.5  # s
+LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
 class _Server(viser.ViserServer):
@@ -50,6 +51,7 @@ class PageServer:
         self.wishes: Wishes = Wishes()
         self.pages: dict[int, Page] = {}
         self._token, self._replay = token, replay
+        self._is_local = host in LOCAL  # all visitors sit at this computer: each may stop the robots
         self._replays: dict[int, ReplayPanel] = {}
         self._solid_ids: Integers | None = None
         self._trails_due = self._panels_due = 0.0
@@ -116,7 +118,7 @@ class PageServer:
     def _welcome(self, wish: Wish) -> None:
         replay = self._replay()
         try:
-            page = Page(wish.value, self._token, self.wishes, replay)
+            page = Page(wish.value, self._token, self.wishes, replay, self._is_local)
         except RuntimeError:  # left at once
             return
         self.pages[wish.visitor] = page

@@ -2,13 +2,13 @@
 
 import signal
 import tempfile
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from cmr.bus.messages import make
 from cmr.bus.process import EXIT_INTERRUPTED, Process
 from cmr.bus.streams import ESTOP, POSE
-from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, add_robot, parser
 from cmr.model.command_kinds import DUTY, KINDS
 from cmr.msg import pose_xyt_t
 from cmr.priority import go_first
@@ -45,7 +45,8 @@ def main(arguments: list[str]) -> int:
         raise CommandError(str(error)) from error
 
 
-def _options(arguments: list[str]) -> Namespace:
+def command_parser() -> ArgumentParser:
+    """Return the command line of cmr-emulate."""
     options = parser(
         "cmr-emulate",
         "Emulate a robot: motor controller and gyro on pseudo-terminals, physics with friction, slip and noise behind "
@@ -56,7 +57,7 @@ def _options(arguments: list[str]) -> Namespace:
         "cmr-emulate --ports /tmp/robot --ideal\n  cmr-driver --port /tmp/robot/motor --gyro-port /tmp/robot/gyro\n\n"
         "  cmr-emulate --command velocity --ideal",
     )
-    options.add_argument("--robot", type=parse_robot_id, default=0, metavar="N", help="id of the robot")
+    add_robot(options)
     options.add_argument("--command", choices=KINDS, default=DUTY, help="what the robot takes: see above")
     options.add_argument("--controller", choices=sorted(CONTROLLER_DEVICES), default="roboclaw", help="on port motor")
     options.add_argument("--gyro", choices=sorted(GYRO_DEVICES), default="dsp3000", help="on port gyro")
@@ -66,6 +67,11 @@ def _options(arguments: list[str]) -> Namespace:
     options.add_argument("--ports", type=Path, metavar="DIR", help=f"folder for the ports; else {_default_folder(0)}")
     options.add_argument("--pose-rate", type=float, default=50.0, metavar="HZ", help="rate of POSE_N")
     options.add_argument("--no-pose", action="store_true", help="no external pose; no bus is needed then")
+    return options
+
+
+def _options(arguments: list[str]) -> Namespace:
+    options = command_parser()
     result = options.parse_args(arguments)
     if not 0.1 <= result.pose_rate <= 1000.0:
         options.error("--pose-rate must be 0.1 to 1000 Hz")

@@ -1,0 +1,31 @@
+"""The commands of `cmr`, each with its module and what it is for. Imports nothing, as it is read at every start."""
+
+# name: (module with `main` and `command_parser`, purpose)
+COMMANDS = {
+    "init": ("cmr.commands.init", "write what a new robot needs: parameters, udev rule, systemd units, scenario"),
+    "doctor": ("cmr.commands.doctor", "check this computer: bus, ports, clock, priority, CPU; with remedies"),
+    "demo": ("cmr.commands.demo", "drive, calibrate and drive again, without hardware"),
+    "run": ("cmr.commands.run", "run a team experiment from a scenario to its report"),
+    "driver": ("robot_driver.main", "connect a real robot to the bus"),
+    "emulate": ("robot_driver.emulator.main", "emulate a robot: devices on pseudo-terminals, physics behind them"),
+    "sim": ("cmr.commands.sim", "simulate virtual robots and twins in one world with the real ones"),
+    "pilot": ("cmr.commands.pilot", "drive a real robot by a behaviour"),
+    "camera": ("cmr.commands.camera", "measure poses of real robots with a camera"),
+    "view": ("cmr.commands.view", "show the world in a web page, live or from a log"),
+    "calibrate": ("cmr.commands.calibrate", "find the parameters of a robot, live or from a log"),
+    "diagnose": ("cmr.commands.diagnose", "name what the simulation of a robot gets wrong"),
+    "fidelity": ("cmr.commands.fidelity", "compare teams of real robots with mixed ones"),
+    "sweep": ("cmr.commands.sweep", "run a scenario many times, without hardware"),
+    "import": ("cmr.tools.import_log", "turn recordings of other robots into event logs"),
+    "log": ("cmr.tools.log_main", "check, cut, merge and convert event logs"),
+    "plot": ("cmr.tools.plot", "plot fields of an event log over time"),
+    "replay": ("cmr.tools.replay", "send the messages of an event log again"),
+    "spy": ("cmr.tools.spy", "show what is on the bus"),
+    "completion": ("cmr.commands.completion", "print the completion of bash, zsh or fish"),
+}
+UMBRELLA_ONLY = ("init", "doctor", "completion")  # of the others each is also a command by itself: cmr-sim
+
+
+def name_of(name: str) -> str:
+    """Return how a command calls itself: as it is called by itself, else under the umbrella."""
+    return f"cmr {name}" if name in UMBRELLA_ONLY else f"cmr-{name}"

@@ -1,0 +1,195 @@
+"""cmr doctor: whether this computer can run robots, and what to do where it cannot."""
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from cmr.bus.preflight import BusError, open_lcm, resolve_url, self_test, warnings
+from cmr.commands.command_line import add_json, parser, print_json
+
+GREEN, AMBER, RED = "green", "amber", "red"
+NAPS, NAP = 100, 0.005  # as cmr-driver's loop naps
+LATE = 0.020  # s; a driver's turn that is later loses readings
+SECURE_CORES = 2
+TIME_ERROR = 5  # adjtimex(2): the clock is not synchronised
+
+
+class Finding(NamedTuple):
+    """What a check found: a colour, a sentence, and what to do where it is not green."""
+
+    colour: str
+    sentence: str
+    remedy: str = ""
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr doctor; return 1 if anything is red."""
+    options = command_parser().parse_args(arguments)
+    findings = {name: check() for name, check in checks(options.lcm_url).items()}
+    if options.json:
+        print_json({name: finding._asdict() for name, finding in findings.items()})
+    else:
+        _show(findings)
+    return int(any(finding.colour == RED for finding in findings.values()))
+
+
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr doctor."""
+    options = parser(
+        "cmr doctor",
+        "Check whether this computer can run robots: the bus, serial ports and permissions, clock, real-time "
+        "priority, compiled model and CPU. What is red keeps something from working; what is amber matters for real "
+        "robots or several computers. Each comes with its remedy. The exit code is 1 if anything is red.",
+        "cmr doctor\n  cmr doctor --json",
+    )
+    add_json(options)
+    return options
+
+
+def checks(url: str | None) -> dict[str, Callable[[], Finding]]:
+    """Return all checks by name, in the order in which they are shown."""
+    return {
+        "bus": lambda: bus(resolve_url(url)),
+        "ports": ports,
+        "permissions": permissions,
+        "clock": clock,
+        "real-time priority": real_time_priority,
+        "compiled model": compiled_model,
+        "CPU": cpu,
+    }
+
+
+def bus(url: str) -> Finding:
+    """Send a message to ourselves over the bus at `url`."""
+    try:
+        opened = open_lcm(url)
+        self_test(opened, url)
+        lost = warnings(url)
+    except BusError as error:
+        sentence, _, remedy = str(error).partition(". ")
+        return Finding(RED, f"{sentence.rstrip('.')}.", remedy)
+    if lost:
+        sentence, _, remedy = lost[0].partition(": ")
+        return Finding(AMBER, f"{sentence}.", remedy)
+    return Finding(GREEN, f"A message on {url} comes back.")
+
+
+def ports() -> Finding:
+    """Look for serial ports."""
+    from robot_driver.serial_port import available_ports
+
+    found = available_ports()
+    if found:
+        return Finding(GREEN, f"Serial ports: {', '.join(found)}.")
+    return Finding(AMBER, "There are no serial ports.", "For a real robot, plug its devices in; see with: ls /dev/tty*")
+
+
+def permissions() -> Finding:
+    """Look whether this user may open the serial ports."""
+    from robot_driver.serial_port import available_ports
+
+    closed = [port for port in available_ports() if not os.access(port, os.R_OK | os.W_OK)]
+    if closed:
+        return Finding(
+            RED, f"You may not use {', '.join(closed)}.", "sudo usermod -aG dialout $USER, then log in again."
+        )
+    return Finding(GREEN, "You may use every serial port that is there.")
+
+
+def clock() -> Finding:
+    """Ask the kernel whether the time of day is synchronised."""
+    synchronised = clock_synchronised()
+    if synchronised is None:
+        return Finding(AMBER, "The kernel does not say whether the clock is synchronised.", "See: timedatectl")
+    if synchronised:
+        return Finding(GREEN, "The clock is synchronised.")
+    return Finding(
+        AMBER,
+        "The clock is not synchronised. Robots on several computers need clocks that agree within some milliseconds.",
+        "sudo apt-get install chrony, or: sudo timedatectl set-ntp true",
+    )
+
+
+def clock_synchronised() -> bool | None:
+    """Return what adjtimex(2) says; None where there is none."""
+    import ctypes
+
+    try:
+        state: int = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(512))  # all zero: only to read
+    except (OSError, AttributeError):
+        return None
+    return None if state < 0 else state != TIME_ERROR
+
+
+def real_time_priority() -> Finding:
+    """Look whether processes of this user may ask for real-time priority, as cmr-driver does."""
+    import resource
+
+    allowed, _ = resource.getrlimit(resource.RLIMIT_RTPRIO) if hasattr(resource, "RLIMIT_RTPRIO") else (0, 0)
+    if allowed != 0 or os.geteuid() == 0:
+        return Finding(GREEN, "cmr-driver can have real-time priority.")
+    return Finding(
+        AMBER,
+        "cmr-driver cannot have real-time priority; on a busy computer its commands come late.",
+        "echo '@dialout - rtprio 1' | sudo tee /etc/security/limits.d/60-cmr.conf, then log in again.",
+    )
+
+
+def compiled_model() -> Finding:
+    """Look whether a robot model has been compiled on this computer before."""
+    import cmr.model
+
+    folder = Path(cmr.model.__file__).parent
+    kept = [*folder.rglob("*.nbi"), *_numba_cache().rglob("*.nbi")]
+    if kept:
+        return Finding(GREEN, "The robot model has been compiled.")
+    return Finding(
+        AMBER,
+        "The robot model has not been compiled on this computer yet; its first use takes some 20 s longer.",
+        "cmr demo compiles it.",
+    )
+
+
+def _numba_cache() -> Path:
+    """Return where Numba keeps what it compiled when the package cannot be written."""
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(base).expanduser()
+
+
+def cpu() -> Finding:
+    """Measure how late this process wakes up from naps like cmr-driver's."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    latest = _latest_waking()
+    load = os.getloadavg()[0]
+    state = f"{cores} cores, load {load:.1f}; woke up at most {1e3 * latest:.1f} ms late."
+    if latest > LATE:
+        return Finding(RED, state, "This computer is too busy. End other programs; see which with: top")
+    if cores < SECURE_CORES or load > cores:
+        return Finding(AMBER, state, "Real robots want two cores and little else that runs; see with: top")
+    return Finding(GREEN, state)
+
+
+def _latest_waking() -> float:
+    """Return by how much [s] the latest of some naps was too long."""
+    latest = 0.0
+    for _ in range(NAPS):
+        due = time.monotonic() + NAP
+        time.sleep(NAP)
+        latest = max(latest, time.monotonic() - due)
+    return latest
+
+
+def _show(findings: dict[str, Finding]) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    colours = {GREEN: "green", AMBER: "yellow", RED: "bold red"}
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, (colour, sentence, remedy) in findings.items():
+        more = f"\n[bold]{escape(remedy)}[/]" if remedy else ""
+        table.add_row(f"[{colours[colour]}]{colour}[/]", name, f"{escape(sentence)}{more}")
+    Console(highlight=False).print(table)

@@ -1,0 +1,86 @@
+"""What a user sets once for all commands: bus, robot and folders. Command line and environment come before it.
+
+The file is `$XDG_CONFIG_HOME/cmr/config.yaml`, usually `~/.config/cmr/config.yaml`.
+"""
+
+import os
+from pathlib import Path
+from typing import Any
+
+# Each setting with the environment variable that comes before it.
+SETTINGS = {
+    "lcm_url": "LCM_DEFAULT_URL",  # LCM's own name for it
+    "robot": "CMR_ROBOT",
+    "parameters": "CMR_PARAMETERS",
+    "results": "CMR_RESULTS",
+}
+
+
+class ConfigurationError(Exception):
+    """The configuration cannot be used; the text says where, what is wrong and what is allowed."""
+
+
+def path() -> Path:
+    """Return where the configuration file is, or would be."""
+    base = os.environ.get("XDG_CONFIG_HOME") or "~/.config"
+    return Path(base).expanduser() / "cmr" / "config.yaml"
+
+
+def lcm_url() -> str | None:
+    """Return the LCM URL of the environment, otherwise of the file; None where neither has one."""
+    return _setting("lcm_url")
+
+
+def robot() -> int:
+    """Return the robot that commands are about if none is named: 0 where nothing is set.
+
+    Raises ConfigurationError for what is no robot id.
+    """
+    text = _setting("robot") or "0"
+    if not (text.isascii() and text.isdecimal()):
+        raise ConfigurationError(f"{_place('robot')}: a robot id is a whole number of 0 or more, not {text!r}.")
+    return int(text)
+
+
+def parameters() -> Path:
+    """Return the folder of the files robot_N.yaml; the current one where nothing is set."""
+    return Path(_setting("parameters") or ".").expanduser()
+
+
+def parameter_file(robot_id: int) -> Path:
+    """Return where the parameter file of a robot is, or would be."""
+    return parameters() / f"robot_{robot_id}.yaml"
+
+
+def results() -> Path:
+    """Return the folder in which results get a folder of their own; the current one where nothing is set."""
+    return Path(_setting("results") or ".").expanduser()
+
+
+def _place(name: str) -> str:
+    variable = SETTINGS[name]
+    return f"{variable} in the environment" if os.environ.get(variable) else f"{path()}: {name}"
+
+
+def _setting(name: str) -> str | None:
+    return os.environ.get(SETTINGS[name]) or _file().get(name)
+
+
+def _file() -> dict[str, str]:
+    """Return the settings of the file, as texts; none where there is no file."""
+    try:
+        text = path().read_text(encoding="utf-8")
+    except (FileNotFoundError, NotADirectoryError):
+        return {}
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path()}: cannot be read: {error}") from error
+    import yaml  # takes a while, and most have no file
+
+    try:
+        content: Any = yaml.safe_load(text) or {}
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f"{path()}: is not YAML: {' '.join(str(error).split())}") from error
+    unknown = sorted(map(str, content.keys() - SETTINGS)) if isinstance(content, dict) else ["no settings"]
+    if unknown:
+        raise ConfigurationError(f"{path()}: has {', '.join(unknown)}; allowed are {', '.join(SETTINGS)}.")
+    return {name: str(value) for name, value in content.items() if value is not None}

@@ -1,0 +1,23 @@
+"""What a process says of itself on the terminal: with the time of day, and not at all after --quiet."""
+
+import sys
+import time
+
+_quiet = False
+
+
+def be_quiet(wanted: bool = True) -> None:
+    """Say no news and show no progress from now on; errors and results are still printed."""
+    global _quiet
+    _quiet = wanted
+
+
+def is_quiet() -> bool:
+    """Return whether --quiet was given."""
+    return _quiet
+
+
+def say(process: str, news: str) -> None:
+    """Print what happened to a process on stderr: `cmr-driver: 14:03:12 ready`."""
+    if not _quiet:
+        print(f"{process}: {time.strftime('%H:%M:%S')} {news}", file=sys.stderr, flush=True)

@@ -1,0 +1,92 @@
+"""The library's first step: `cmr.read("run.lcm").calibrate().plot()`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cmr.distribution import how_to_install
+from cmr.parameters.file import ParameterFile
+from cmr.progress import Progress
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped, unused-ignore]
+
+    from cmr.calibration.result import CalibrationResult
+    from cmr.diagnosis.result import Diagnosis
+
+
+def read(path: Path | str, robot: int | None = None) -> "RobotLog":
+    """Read what an LCM event log holds of a robot; `robot` is its id, needed only where there are several.
+
+    Raises RecordingError when the log cannot be opened, holds no robot or several to choose from.
+    """
+    return RobotLog(Path(path), Recording.read(path, robot))
+
+
+@dataclass(frozen=True, repr=False)
+class RobotLog:
+    """An event log, and the recording of one robot in it."""
+
+    path: Path
+    recording: Recording
+
+    @property
+    def robot(self) -> int:
+        """The robot's id."""
+        return self.recording.robot_id
+
+    @property
+    def seconds(self) -> float:
+        """The time from the first sample of any signal to the last [s]."""
+        times = [signal.utime for signal in self.recording.signals.values() if len(signal)]
+        return SECONDS * float(max(one[-1] for one in times) - min(one[0] for one in times)) if times else 0.0
+
+    def calibrate(self, nominal: ParameterFile | None = None) -> "CalibrationResult":
+        """Return the robot's parameters. `nominal` has at least wheel_radius; else it is what the log announces.
+
+        Raises EstimationError when the drive does not determine them.
+        """
+        from cmr.calibration.calibrate import calibrate
+
+        with Progress() as progress:
+            progress.show(f"Calibrating robot {self.robot}.")
+            return calibrate([self.recording], nominal)
+
+    def diagnose(self, nominal: ParameterFile | None = None) -> "Diagnosis":
+        """Return what the simulation of this robot gets wrong, and its causes. `nominal` is as for `calibrate`.
+
+        Raises EstimationError when the model cannot be fitted to the log.
+        """
+        from cmr.diagnosis.diagnose import diagnose
+
+        with Progress() as progress:
+            return diagnose(self.recording, nominal, sources=[str(self.path)], progress=progress.show)
+
+    def to_pandas(self) -> "dict[str, pandas.DataFrame]":
+        """Return each signal as a table by its name: a column for each field, the time of day (UTC) as index.
+
+        Raises ImportError where pandas is not installed.
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError as error:
+            raise ImportError(f"to_pandas needs pandas. To install it: {how_to_install('pandas')}") from error
+        return {
+            name: pandas.DataFrame(signal.fields, index=pandas.to_datetime(signal.utime, unit="us", utc=True))
+            for name, signal in self.recording.signals.items()
+        }
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.path}: robot {self.robot}, {self.seconds:.1f} s>"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        rows = "".join(
+            f"<tr><td>{name}</td><td>{len(signal)}</td><td>{', '.join(signal.fields)}</td></tr>"
+            for name, signal in self.recording.signals.items()
+        )
+        head = f"{escape(str(self.path))}: robot {self.robot}, {self.seconds:.1f} s"
+        return f"<table><caption>{head}</caption><tr><th>signal</th><th>samples</th><th>fields</th></tr>{rows}</table>"
