@@ -50,7 +50,7 @@ ONLY_PARSED = {
 }
 ALONE = ("cmr-calibrate", "cmr-sim")  # without any option they listen until they are stopped
 # Programs of others, which need root, the network, ROS or a bus; and the shell's own words.
-NOT_OURS = {"sudo", "pip", ".venv/bin/pip", "python3", "lcm-logger", "ros2", "dask", "export", "kill", ".", "cd"}
+NOT_OURS = {"sudo", "pip", ".venv/bin/pip", ".venv/bin/pytest", "python3", "lcm-logger", "ros2", "dask", "export", "kill", ".", "cd"}
 # Python that is no program by itself, and the test that has it.
 EXCERPTS = {
     "docs/effects.md": "the equations of the catalogue: tests/test_effects_document.py",
