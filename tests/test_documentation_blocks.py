@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ from tests.emulated_drive import IDEAL, messages, write_log
 from tests.turtlebot_bag import write_turtlebot_bag
 
 sys.path.insert(0, str(PROJECT / "scripts"))
-from documentation.commands import main_of, modules, parse  # noqa: E402
+from documentation.commands import main_of, modules, parse
 
 LANGUAGES = {"sh", "python", "yaml", "toml", "text"}
 # Command lines of CMR that are parsed and not run here, by how they begin, and why.
@@ -50,7 +51,20 @@ ONLY_PARSED = {
 }
 ALONE = ("cmr-calibrate", "cmr-sim")  # without any option they listen until they are stopped
 # Programs of others, which need root, the network, ROS or a bus; and the shell's own words.
-NOT_OURS = {"sudo", "pip", ".venv/bin/pip", ".venv/bin/pytest", "python3", "lcm-logger", "ros2", "dask", "export", "kill", ".", "cd"}
+NOT_OURS = {
+    "sudo",
+    "pip",
+    ".venv/bin/pip",
+    ".venv/bin/pytest",
+    "python3",
+    "lcm-logger",
+    "ros2",
+    "dask",
+    "export",
+    "kill",
+    ".",
+    "cd",
+}
 # Python that is no program by itself, and the test that has it.
 EXCERPTS = {
     "docs/effects.md": "the equations of the catalogue: tests/test_effects_document.py",
@@ -78,16 +92,21 @@ def only_parsed(line: Line) -> bool:
     return line.text in ALONE or line.text.startswith(tuple(ONLY_PARSED))
 
 
+def exit_code(main: Callable[[list[str]], object], arguments: list[str]) -> object:
+    """Return what `main` returns, or that with which it ends the process, as --version does."""
+    try:
+        return main(arguments)
+    except SystemExit as end:
+        return end.code
+
+
 OURS = [line for line in command_lines() if line.words[0] in modules()]
 RUN = [line for line in OURS if not only_parsed(line)]
 
 
 def test_every_command_line_is_understood_by_the_command() -> None:
     for line in OURS:
-        try:
-            parse(line.words[0], line.words[1:])
-        except SystemExit as end:
-            assert end.code == 0, str(line)  # --version ends like this, too
+        assert exit_code(partial(parse, line.words[0]), line.words[1:]) in (None, 0), str(line)
 
 
 @pytest.mark.parametrize("page", sorted({line.block.page for line in RUN}))
@@ -98,12 +117,8 @@ def test_every_command_of_a_page_that_needs_no_hardware_does_its_work(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LCM_DEFAULT_URL", url)
     for line in RUN:
-        if line.block.page != page:
-            continue
-        try:
-            assert main_of(line.words[0])(line.words[1:]) == 0, str(line)
-        except SystemExit as end:
-            assert end.code == 0, str(line)
+        if line.block.page == page:
+            assert exit_code(main_of(line.words[0]), line.words[1:]) == 0, str(line)
 
 
 def test_the_list_of_what_is_only_parsed_names_nothing_else() -> None:

@@ -12,9 +12,9 @@ import pytest
 from tests.documentation_blocks import DOCS, PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))
-from documentation.commands import modules  # noqa: E402
-from documentation.message_page import read  # noqa: E402
-from documentation.notebook_pages import pages as notebook_pages  # noqa: E402
+from documentation.commands import modules
+from documentation.message_page import read
+from documentation.notebook_pages import pages as notebook_pages
 
 
 class Page(HTMLParser):

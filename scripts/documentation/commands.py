@@ -16,7 +16,7 @@ CATALOGUE = "cmr.commands.catalogue"  # of the umbrella command, cmr
 BY_HAND = {"cmr-camera": ("calibrate", "board", "tags")}  # subcommands that have parsers of their own
 
 
-class _Captured(Exception):  # noqa: N818: it is no error
+class _Captured(Exception):  # noqa: N818 - it is no error
     """A command came to where it parses its arguments; the first argument is its parser."""
 
 

@@ -1,4 +1,4 @@
-"""Pages for the notebooks in docs/notebooks, in MyST Markdown: their cells, with the text and the pictures they gave."""
+"""Pages for the notebooks in docs/notebooks, in MyST Markdown: their cells, with text and pictures that they gave."""
 
 import base64
 import json
