@@ -26,6 +26,8 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_class_signature = "mixed"
 
+linkcheck_ignore = [r"http://127\.0\.0\.1"]  # the page that cmr-view serves
+
 html_theme = "pydata_sphinx_theme"
 html_title = "CMR: Calibrated Mixed Reality"
 html_static_path = ["_static"]

@@ -33,7 +33,7 @@ def read(text: str) -> Message:
         fresh = True
         if struct := STRUCT.match(line):
             message.name, message.about = struct[1], comment
-        elif member := MEMBER.fullmatch(line):
+        elif message.name and (member := MEMBER.fullmatch(line)):
             members = message.constants if member[1] else message.fields
             members.append((member[3], member[2], comment))
     return message

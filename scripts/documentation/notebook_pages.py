@@ -20,7 +20,7 @@ def pages(notebooks: Iterable[Path]) -> dict[str, bytes]:
     for path in notebooks:
         name = f"notebooks/{path.stem}"
         names.append(name)
-        lines = []
+        lines: list[str] = []
         for number, cell in enumerate(json.loads(path.read_text("utf-8"))["cells"]):
             lines += _source(cell)
             for kind, data in _outputs(cell):

@@ -174,7 +174,8 @@ class MBot(Controller):
         if len(self._untold) >= UNTOLD and self._watchdog is not None:
             self.objection = (
                 "Not driving: the board drives with other duties than it is told, so its firmware takes them for "
-                "velocities or numbers its topics otherwise. Install the firmware that README names, then restart."
+                "velocities or numbers its topics otherwise. Install the firmware that "
+                "docs/how_to/set_up_a_robot.md names, then restart."
             )
 
     def _foreign(self) -> str:
@@ -182,7 +183,10 @@ class MBot(Controller):
         topics = ", ".join(map(str, sorted(self._reader.foreign)))
         if self._latest or not topics:
             return ""
-        return f" It says only topics {topics}, so its firmware is another: install the one that README names."
+        return (
+            f" It says only topics {topics}, so its firmware is another: install the one that "
+            "docs/how_to/set_up_a_robot.md names."
+        )
 
     def _has_talked(self, since: int) -> bool:
         """Tell whether the board has said anything since a moment (us, our monotonic clock)."""
