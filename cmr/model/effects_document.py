@@ -25,7 +25,7 @@ switches the effect off: the robot then moves bit for bit as if the effect did n
 Sizes are typical of a robot with wheels of 4 cm radius, K2/K3 = 118 rad/s^2, K1 = 0.054 s/rad, a base width of 0.16 m
 and a top speed of 18 rad/s. Pictures show one lap of {LAP:g} s on a figure-eight, driven with the same commands without
 the effect (blue, as the paper's model simulates it) and with it (yellow, as the real robot would drive). The dot is the
-start. Pictures of sensors show the truth in blue and the reading in yellow. On the right is the signal that
+start. Pictures of sensors show the truth in blue and what the sensor says in yellow. On the right is the signal that
 changes, with the effect minus without it, or measured minus true. Where the effect is too small to see, it is drawn
 larger, and the caption says by how much.
 
@@ -74,8 +74,8 @@ def _entry(effect: Effect, shown: Showcase) -> str:
         said = effect.sentence_of_speed(typical(effect), 1.0 / TYPICAL_K1, TYPICAL_GAIN)
         lines.append(f"Of a robot with a [velocity controller](#velocity-controllers): *{said}*\n")
     if effect.confused_with:
-        distinguished = [f"[{other}](#{other}): {manoeuvre}" for other, manoeuvre in effect.confused_with.items()]
-        lines.append(f"Confused with, and distinguished by: {'; '.join(distinguished)}.\n")
+        told_apart = [f"[{other}](#{other}): {manoeuvre}" for other, manoeuvre in effect.confused_with.items()]
+        lines.append(f"Confused with, and distinguished by: {'; '.join(told_apart)}.\n")
     return "\n".join(lines)
 
 
@@ -123,8 +123,8 @@ def _velocity_controllers() -> str:
     return "\n".join(
         [
             "## Velocity controllers\n",
-            "Most robots that can be bought take speeds, (v, omega) or those of their wheels, and control them",
-            "by themselves. Their parameter files have these in place of `k2_over_k3` and `k1`:\n",
+            "Most robots that can be bought take speeds as commands, (v, omega) or wheel speeds, and hold a commanded",
+            "speed by themselves. Their parameter files have these in place of `k2_over_k3` and `k1`:\n",
             "| parameter | unit | meaning | from | to |",
             "|---|---|---|---|---|",
             *rows,
@@ -139,7 +139,7 @@ def _velocity_controllers() -> str:
             "it one of second order. [saturation](#saturation), [turn_rate_limit](#turn_rate_limit),",
             "[slew_limit](#slew_limit) and [current_limit](#current_limit) limit speed, turn rate and acceleration;",
             "their duties are shares of `top_wheel_speed`.\n",
-            "The controller compensates for a weak motor, and follows its own encoders. Effects that are not",
+            "The controller makes up for what weakens a motor, and follows its own encoders. Effects that are not",
             f"looked for there: {left_out}.",
             "",
         ]

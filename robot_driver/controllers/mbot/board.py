@@ -41,7 +41,7 @@ class MBot(Controller):
     """An MBot of the classic kind; the left motor is first, the right one second, both positive forward."""
 
     default_baud_rate = 115200  # has no meaning on USB
-    link = "firmware that talks to LCM and confirms the duties it is told, on the second of its two ports,"
+    link = "firmware that talks to LCM and confirms the duties that it is sent, on the second of its two ports,"
     watchdog_seconds = WATCHDOG
     streams = True
     gyro = MBotGyro
@@ -88,7 +88,7 @@ class MBot(Controller):
         def parse(_reply: bytes) -> float:
             seconds = round(talked(), 1)
             if seconds < WATCHDOG:
-                raise BadReply(f"The board fell silent {seconds:g} s after it was told the time.")
+                raise BadReply(f"The board fell silent {seconds:g} s after the time was sent to it.")
             self._watchdog = seconds
             return seconds
 
@@ -173,9 +173,8 @@ class MBot(Controller):
             self._untold.add(self._told_duties)
         if len(self._untold) >= UNTOLD and self._watchdog is not None:
             self.objection = (
-                "Not driving: the board drives with other duties than it is told, so its firmware takes them for "
-                "velocities or numbers its topics otherwise. Install the firmware that "
-                "docs/how_to/set_up_a_robot.md names, then restart."
+                "Not driving: the board reports duties other than those sent, so its firmware takes them for "
+                "velocities or numbers its topics otherwise. Install the firmware that README names, then restart."
             )
 
     def _foreign(self) -> str:
