@@ -230,7 +230,8 @@ def numbering_warning(path: str) -> str:
     if not NUMBERED.fullmatch(path):
         return ""
     stable = stable_name(path)
-    advice = f"Use {stable}." if stable else "Give it a name of its own by a udev rule; README shows one."
+    rule = "Give it a name of its own by a udev rule; docs/how_to/set_up_a_robot.md shows one."
+    advice = f"Use {stable}." if stable else rule
     return f"{path} belongs to another device when ports are plugged in in another order. {advice}"
 
 

@@ -1,6 +1,6 @@
-"""Diagnose the recordings of real robots that nobody of this project made; print the README's table.
+"""Diagnose recordings of real robots that other people made; print the table of docs/measurements/real_recordings.md.
 
-Usage: .venv/bin/python -m scripts.diagnose_real_data [--data ../shared/data] [--picture docs/real_robots.png]
+Usage: .venv/bin/python -m scripts.diagnose_real_data [--data ../shared/data] [--picture docs/pictures/real_robots.png]
 
 It takes about five minutes. What is named is found on one part of each recording; errors are those on the other part,
 with the paper's model and with the effects named, both fitted on the first. The parts and scores are those of

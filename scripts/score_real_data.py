@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Score the calibration on recordings of real robots that nobody of this project made; print the README's table.
+"""Score the calibration on other people's recordings; print the table of docs/measurements/real_recordings.md.
 
 Usage: .venv/bin/python scripts/score_real_data.py [--data ../shared/data]
 

@@ -25,6 +25,7 @@ from cmr.model.motion import RobotState, Trajectory, drive
 from cmr.model.parameters import ParameterDefinition, RobotParameters
 from cmr.model.sensitivity import sensitivities
 from cmr.model.sensors import read_sensors
+from tests.documentation_blocks import DOCS, blocks_of
 
 PROJECT = Path(__file__).resolve().parent.parent
 OWN_EFFECT = PROJECT / "docs" / "effect_of_your_own.py"
@@ -300,8 +301,9 @@ def test_an_effect_of_your_own_lands_in_the_model_from_a_package_with_an_entry_p
         "XDG_CACHE_HOME": str(tmp_path),
         "PYTHONWARNINGS": "ignore",
     }
+    *_, shown = [block.text for block in blocks_of(DOCS / "how_to" / "add_an_effect.md") if block.language == "python"]
     done = subprocess.run(
-        [sys.executable, "-c", OWN_EFFECT_IN_USE], env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", OWN_EFFECT_IN_USE + shown], env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     expected = "The brush pushes the robot to the right with 0.020 m/s and slows the wheels by 2.0 rad/s^2.\n"

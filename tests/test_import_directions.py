@@ -1,4 +1,4 @@
-"""Imports run one way, as README's map of the folders says: who is below does not know who is above."""
+"""Imports run one way, as docs/explanation/architecture.md says: who is below does not know who is above."""
 
 import ast
 from collections.abc import Iterator

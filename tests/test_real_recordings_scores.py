@@ -1,4 +1,4 @@
-"""What the README's table says of real robots' recordings (../shared/data; skipped where absent).
+"""What docs/measurements/real_recordings.md says (../shared/data; skipped where absent).
 
 The figures are those of `scripts/score_real_data.py`, which also scores what takes too long for a test: OptiOdom with
 all its sessions, and the Husky's commands on tile.

@@ -98,7 +98,7 @@ def test_a_package_brings_a_behaviour_by_its_entry_point(tmp_path: Path, monkeyp
 
 def test_the_page_shows_the_example_that_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     example = (DOCS / "a_behaviour_of_your_own.py").read_text()
-    assert f"```python\n{example}```" in (DOCS / "write_a_behaviour.md").read_text()
+    assert f"```python\n{example}```" in (DOCS / "how_to" / "write_a_behaviour.md").read_text()
     monkeypatch.syspath_prepend(str(DOCS))
     company = make_behaviour("a_behaviour_of_your_own:Company", {})
     assert isinstance(company, TeamBehaviour)

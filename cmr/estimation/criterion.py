@@ -15,7 +15,8 @@ from cmr.model.parameters import DEFINITIONS as PAPER
 
 ASTRAY = 2.5  # factor by which the paper's parameters may differ from those of free runs, where ticks are coarse
 # Share of the usual speed by which wheels may stray: models without the physics of tests/hidden_effects stray by 9 % at
-# most; of the robots of README's table the Husky on grass, for which moments tell nothing, by 13 %, the MBot by 90 %.
+# most; of the robots of docs/measurements/real_recordings.md the Husky on grass, for which moments tell nothing, by
+# 13 %, the MBot by 90 %.
 STRAYING = 0.11
 
 

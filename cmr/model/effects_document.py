@@ -129,7 +129,7 @@ def _velocity_controllers() -> str:
             "|---|---|---|---|---|",
             *rows,
             "",
-            "```",
+            "```text",
             "wanted_left, wanted_right = (v -+ omega command_base_width / 2) / wheel_radius    within top_wheel_speed",
             "domega = (speed_scale wanted - psi) / response_time",
             "```\n",

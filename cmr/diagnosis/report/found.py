@@ -41,8 +41,8 @@ EVIDENCE = (
     "log-likelihood that the effect adds on data left out of the fit. Values are given \u00b1 one standard deviation."
 )
 RECOGNISE = (
-    "If you recognise the physics in the plots of the unexplained residuals, add it as an effect of your own: see the "
-    "README."
+    "If you recognise the physics in the plots of the unexplained residuals, add it as an effect of your own: see "
+    "docs/how_to/add_an_effect.md."
 )
 # A command in a sentence, and the full stop behind it: between backquotes, or with options of one value at most.
 COMMAND = re.compile(r"(?:`(cmr-[^`]+)`|(cmr-[a-z]+(?: --[a-z][a-z-]*(?:[ =](?!-)[^\s;`]*[^\s;`.,:)])?)+))\.?")

@@ -26,7 +26,7 @@ behaviours, each with its settings (and clearance, in m between bodies):
   commanded                                 do what MOTOR_COMMAND_N says
   manoeuvre (name, speed, repeats, start, space)
                                             drive a manoeuvre, then stop
-  module:Class, or a name that a package brings: docs/write_a_behaviour.md
+  module:Class, or a name that a package brings: docs/how_to/write_a_behaviour.md
 
 manoeuvres, several in turn as name=steps+circles; time and space (how far the
 robot's centre may get from its start) for a top speed of 0.74 m/s and a base

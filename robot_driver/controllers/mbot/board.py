@@ -182,7 +182,10 @@ class MBot(Controller):
         topics = ", ".join(map(str, sorted(self._reader.foreign)))
         if self._latest or not topics:
             return ""
-        return f" It says only topics {topics}, so its firmware is another: install the one that README names."
+        return (
+            f" It says only topics {topics}, so its firmware is another: install the one that "
+            "docs/how_to/set_up_a_robot.md names."
+        )
 
     def _has_talked(self, since: int) -> bool:
         """Tell whether the board has said anything since a moment (us, our monotonic clock)."""

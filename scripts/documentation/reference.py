@@ -1,0 +1,50 @@
+"""Writes the pages of reference that come from the code, into a folder that is not in git."""
+
+from pathlib import Path
+
+from documentation import command_pages, message_page, notebook_pages
+from documentation.commands import PROJECT, modules, parsers_of
+
+INTRODUCTION = """\
+# Commands
+
+Every command explains itself with `--help`. These pages come from the same parsers.
+
+| command | purpose |
+|---|---|"""
+EXIT_CODES = """\
+Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
+"""
+
+
+def write_reference(folder: Path) -> None:
+    """Write a page for each command and notebook, commands.md and notebooks.md, which list them, and messages.md."""
+    pages = _command_pages()
+    pages["messages.md"] = message_page.page(sorted((PROJECT / "lcmtypes").glob("*.lcm")))
+    files = {name: text.encode() for name, text in pages.items()}
+    files |= notebook_pages.pages(sorted((PROJECT / "docs" / "notebooks").glob("*.ipynb")))
+    for name, data in files.items():
+        _write(folder / name, data)
+    for path in folder.rglob("*.*"):
+        if path.relative_to(folder).as_posix() not in files:
+            path.unlink()  # of a command or a notebook that is no more
+
+
+def _command_pages() -> dict[str, str]:
+    pages, rows = {}, []
+    for command in modules():
+        if parsers := parsers_of(command):
+            name = f"commands/{command.replace(' ', '-')}"
+            pages[f"{name}.md"] = command_pages.page(parsers)
+            rows.append(f"| [`{command}`]({name}.md) | {command_pages.escaped(command_pages.summary(parsers[0]))} |")
+    hidden = [f"```{{toctree}}\n:hidden:\n:maxdepth: 1\n\n{chr(10).join(name[:-3] for name in pages)}\n```"]
+    pages["commands.md"] = "\n".join([INTRODUCTION, *rows, "", EXIT_CODES, *hidden, ""])
+    return pages
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write a page, unless it says that already: Sphinx reads again what is newer."""
+    if path.is_file() and path.read_bytes() == data:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
