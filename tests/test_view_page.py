@@ -1,4 +1,4 @@
-"""cmr-view in a real browser: robots, cameras and logs are seen, it goes on after a restart, refuses without token."""
+"""cmr-view in a real browser: robots, cameras and logs are seen, it survives a restart and stops without token."""
 
 import shutil
 import socket
@@ -145,7 +145,7 @@ def log_of_two_cameras(path: Path) -> Path:
     return path
 
 
-def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_nobody_without_the_token(
+def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_without_the_token(
     url: str, tmp_path: Path
 ) -> None:
     with socket.socket() as probe:
@@ -155,9 +155,11 @@ def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_nobo
         with serving(url, port):
             page.goto(f"http://127.0.0.1:{port}")
             wait_for_motion(page)
-            page.get_by_role("button", name=STOP, exact=True).click()
+            page.get_by_role("button", name="start figure-eight").click()
             page.get_by_text("Refused").first.wait_for()
             assert world.stops == 0
+            page.get_by_role("button", name=STOP, exact=True).click()
+            until(lambda: world.stops > 0, page)
             until(lambda: page.evaluate(CAMERA_SIZE) == [64, 36], page)
             page.get_by_text("ceiling, 64 x 36").wait_for()
         with serving(url, port):
@@ -167,8 +169,8 @@ def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_nobo
             page.get_by_text("token taken").wait_for()
             assert TOKEN not in page.content()
             page.get_by_role("button", name=STOP, exact=True).click()
-            until(lambda: world.stops > 0, page)
             page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
         with serving(url, port, str(log_of_two_cameras(tmp_path / "run.lcm"))):
             page.get_by_text("door, 40 x 30").wait_for()
+            assert page.get_by_role("button", name=STOP).count() == 0, "a log has nobody to stop"
             until(lambda: page.evaluate(CAMERA_SIZE) == [40, 30], page)

@@ -22,17 +22,19 @@ from cmr.view.words import ESTIMATES
 
 SETTLED = 1.0  # s after which a new page takes to where its camera is put
 RAY_WIDTH, RING_WIDTH = 0.006, 0.015  # m
-REFUSED = "Not done: type the token first that cmr-view printed when it started."
-WRONG = "Not done: the token is not the one that cmr-view printed when it started."
+REFUSED = "Nothing was sent. Enter the token from the terminal running cmr-view, then try again."
+WRONG = "Nothing was sent. This is not the token in the terminal running cmr-view."
 TAB_NAMES = ("view", "robot", "processes", "bus", "calibration", "twins")
 
 
 class Page:
     """What one visitor sees and may do. `show_scene` is to be called at each picture, `show_panels` now and then."""
 
-    def __init__(self, client: viser.ClientHandle, token: str, wishes: Wishes, replay: ReplayPanel | None) -> None:
+    def __init__(
+        self, client: viser.ClientHandle, permission: Permission, wishes: Wishes, replay: ReplayPanel | None
+    ) -> None:
         self.client = client
-        self.permission = Permission(token)
+        self.permission = permission
         self._wishes = wishes
         self._replay = replay
         self._camera = Camera(client)
@@ -60,7 +62,7 @@ class Page:
 
     def wish(self, what: str, value: Any = None) -> None:
         """Ask for something, if the visitor may."""
-        if self.permission.asks():
+        if self.permission.asks(what):
             self._wishes.put(Wish(what, self.client.client_id, value))
         else:
             why = WRONG if self._token.value.strip() else REFUSED
@@ -115,14 +117,17 @@ class Page:
     def _add_orders(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("commands"):
             self._token = gui.add_text("token", "", hint="that cmr-view printed when it started")
-            stop = gui.add_button("EMERGENCY STOP", color="red")
-            release = gui.add_button("reset emergency stop ...", color="gray")
-            eight = gui.add_button("start figure-eight", hint="of the chosen robot") if self._replay is None else None
+            if self._replay is None:  # a log has no robots to command
+                self._add_robot_orders(gui)
         self._token.on_update(self._take_token)
+
+    def _add_robot_orders(self, gui: viser.GuiApi) -> None:
+        stop = gui.add_button("EMERGENCY STOP", color="red")
+        release = gui.add_button("reset emergency stop ...", color="gray")
+        eight = gui.add_button("start figure-eight", hint="of the chosen robot")
         stop.on_click(lambda _event: self.wish(STOP))
         release.on_click(lambda _event: self._ask_release())
-        if eight is not None:
-            eight.on_click(lambda _event: self.wish(FIGURE_EIGHT, self.chosen))
+        eight.on_click(lambda _event: self.wish(FIGURE_EIGHT, self.chosen))
 
     def _add_tabs(self, gui: viser.GuiApi) -> None:
         self._panels: dict[str, viser.GuiHtmlHandle] = {}
