@@ -17,8 +17,6 @@ from cmr.bus.streams import (
     WORLD_STATE,
 )
 from cmr.bus.world_state import WorldState
-from cmr.commands.command_line import CommandError
-from cmr.commands.view import main
 from cmr.msg import (
     gyro_t,
     motor_feedback_t,
@@ -391,19 +389,3 @@ def test_numbers_beside_a_chart_can_be_told_apart(low: float, high: float, texts
     numbers, written = ticks(low, high)
     assert written == texts
     assert numbers == pytest.approx([float(text) for text in texts])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--host", "0.0.0.0"], "--token"),
-        (["--token", "short"], "8 characters"),
-        (["--geofence=0,0,1,1"], "3 corners"),
-        (["--geofence=0,0,1"], "3 numbers are no points of x and y"),
-        (["--obstacle", "1,2"], "--obstacle"),
-        (["--scenario", "/nowhere.yaml"], "nowhere"),
-    ],
-)
-def test_what_cannot_be_is_said_in_a_sentence(arguments: list[str], says: str) -> None:
-    with pytest.raises(CommandError, match=says):
-        main(arguments)

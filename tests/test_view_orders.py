@@ -10,7 +10,7 @@ from cmr.msg import (
     estop_t,
 )
 from cmr.view.orders import RELEASES, Orders
-from cmr.view.wishes import Permission
+from cmr.view.wishes import RELEASE, STOP, Permission
 
 NOW = 1_700_000_000_000_000  # us
 
@@ -64,9 +64,16 @@ def test_a_figure_eight_begins_and_ends_where_the_robot_is() -> None:
 
 def test_nothing_is_done_without_the_token() -> None:
     permission = Permission("secret of ours")
-    assert not permission.asks()
+    assert not permission.asks(RELEASE)
     assert not permission.try_token("secret")
-    assert not permission.asks()
+    assert not permission.asks(RELEASE)
     assert permission.try_token(" secret of ours\n")
-    assert permission.asks()
+    assert permission.asks(RELEASE)
     assert permission.refused == 2
+
+
+def test_on_this_computer_everybody_may_stop_but_only_the_token_releases() -> None:
+    permission = Permission("secret of ours", on_this_computer=True)
+    assert permission.asks(STOP)
+    assert not permission.asks(RELEASE)
+    assert not Permission("secret of ours").asks(STOP), "who sees the page from elsewhere needs the token"

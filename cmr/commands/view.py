@@ -63,7 +63,8 @@ def command_parser() -> argparse.ArgumentParser:
         "cmr-view",
         "Show the world in a web page: robots, twins, trails, what processes and bus do, calibration and diagnosis; "
         "live from the bus, or from a log with a time slider.\n\n"
-        "Buttons act only for those who type the token that is printed at the start; without it the page only shows. "
+        "The buttons work after you enter the token that is printed at the start. The emergency stop needs no token "
+        "while the page is served to this computer alone; its release always does. "
         "The page is served to this computer alone, unless --host and --token are given.",
         "cmr-view run.lcm\n  cmr-view\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm",
     )

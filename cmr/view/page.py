@@ -23,8 +23,8 @@ from cmr.view.words import ESTIMATES
 
 SETTLED = 1.0  # s after which a new page takes to where its camera is put
 RAY_WIDTH, RING_WIDTH = 0.006, 0.015  # m
-REFUSED = "Not done: type the token first that cmr-view printed when it started."
-WRONG = "Not done: the token is not the one that cmr-view printed when it started."
+REFUSED = "Nothing was sent. Enter the token from the terminal running cmr-view, then try again."
+WRONG = "Nothing was sent. This is not the token in the terminal running cmr-view."
 TAB_NAMES = ("view", "robot", "processes", "bus", "calibration", "twins")
 
 
@@ -32,18 +32,12 @@ class Page:
     """What one visitor sees and may do. `show_scene` is to be called at each picture, `show_panels` now and then."""
 
     def __init__(
-        self,
-        client: viser.ClientHandle,
-        token: str,
-        wishes: Wishes,
-        replay: ReplayPanel | None,
-        stop_is_free: bool = False,
+        self, client: viser.ClientHandle, permission: Permission, wishes: Wishes, replay: ReplayPanel | None
     ) -> None:
         self.client = client
-        self.permission = Permission(token)
+        self.permission = permission
         self._wishes = wishes
         self._replay = replay
-        self._stop_is_free = stop_is_free
         self._camera = Camera(client)
         self._mode_changed = False
         self._overview_due: float | None = time.monotonic() + SETTLED
@@ -70,7 +64,7 @@ class Page:
 
     def wish(self, what: str, value: Any = None) -> None:
         """Ask for something, if the visitor may."""
-        if (what == STOP and self._stop_is_free) or self.permission.asks():
+        if self.permission.asks(what):
             self._wishes.put(Wish(what, self.client.client_id, value))
         else:
             why = WRONG if self._token.value.strip() else REFUSED
@@ -123,18 +117,17 @@ class Page:
         self._divergence.show(distances(history, state.now) if history else np.empty((2, 0)))
 
     def _add_orders(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("commands"):
+        plays_freely = self._replay is not None and self.permission.on_this_computer
+        with gui.add_folder("commands", visible=not plays_freely):
             self._token = gui.add_text("token", "", hint="that cmr-view printed when it started")
+            if self._replay is None:  # a log has no robots to command
+                self._add_robot_orders(gui)
         self._token.on_update(self._take_token)
-        if self._replay is None:
-            self._add_live_orders(gui)
 
-    def _add_live_orders(self, gui: viser.GuiApi) -> None:
-        """Add what commands robots; a log's robots cannot be stopped, and real ones should not be by mistake."""
-        with gui.add_folder("robots"):
-            stop = gui.add_button("EMERGENCY STOP", color="red", hint="or press Esc")
-            release = gui.add_button("reset emergency stop ...", color="gray")
-            eight = gui.add_button("start figure-eight", hint="of the chosen robot")
+    def _add_robot_orders(self, gui: viser.GuiApi) -> None:
+        stop = gui.add_button("EMERGENCY STOP", color="red", hint="or press Esc")
+        release = gui.add_button("reset emergency stop ...", color="gray")
+        eight = gui.add_button("start figure-eight", hint="of the chosen robot")
         stop.on_click(lambda _event: self.wish(STOP))
         gui.add_command("EMERGENCY STOP", hotkey="escape").on_trigger(lambda _event: self.wish(STOP))
         release.on_click(lambda _event: self._ask_release())

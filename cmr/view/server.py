@@ -16,12 +16,12 @@ from cmr.view.replay_panel import ReplayPanel
 from cmr.view.robots import Integers
 from cmr.view.stage import Stage
 from cmr.view.state import ViewState
-from cmr.view.wishes import CLICK, COME, LEAVE, Wish, Wishes
+from cmr.view.wishes import CLICK, COME, LEAVE, Permission, Wish, Wishes
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 
 TRAILS_EVERY = 0.5  # s
 PANELS_EVERY = 0.5  # s
-LOCAL = ("127.0.0.1", "localhost", "::1")
+THIS_COMPUTER = ("127.0.0.1", "localhost")
 
 
 class _Server(viser.ViserServer):
@@ -51,7 +51,7 @@ class PageServer:
         self.wishes: Wishes = Wishes()
         self.pages: dict[int, Page] = {}
         self._token, self._replay = token, replay
-        self._is_local = host in LOCAL  # all visitors sit at this computer: each may stop the robots
+        self._on_this_computer = host in THIS_COMPUTER
         self._replays: dict[int, ReplayPanel] = {}
         self._solid_ids: Integers | None = None
         self._trails_due = self._panels_due = 0.0
@@ -118,7 +118,8 @@ class PageServer:
     def _welcome(self, wish: Wish) -> None:
         replay = self._replay()
         try:
-            page = Page(wish.value, self._token, self.wishes, replay, self._is_local)
+            permission = Permission(self._token, self._on_this_computer)
+            page = Page(wish.value, permission, self.wishes, replay)
         except RuntimeError:  # left at once
             return
         self.pages[wish.visitor] = page

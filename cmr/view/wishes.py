@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 COME, LEAVE, CLICK = "come", "leave", "click"  # of a visitor: what needs no token
 STOP, RELEASE, FIGURE_EIGHT = "stop", "release", "figure-eight"
 PAUSE, SPEED, JUMP = "pause", "speed", "jump"
+HARMLESS = (STOP, PAUSE, SPEED, JUMP)  # needs no token on the computer that serves the page
 
 
 class Wish(NamedTuple):
@@ -21,12 +22,14 @@ Wishes = SimpleQueue[Wish]
 
 
 class Permission:
-    """Whether one visitor has told the token, without which nothing that he wishes is done.
+    """Whether one visitor has entered the token, without which nothing that he wishes is done.
 
-    `refused` counts what was wished without it.
+    With `on_this_computer` the page is served to this computer alone: then everybody may stop the robots and play a
+    log without the token. `refused` counts what was wished without permission.
     """
 
-    def __init__(self, token: str) -> None:
+    def __init__(self, token: str, on_this_computer: bool = False) -> None:
+        self.on_this_computer = on_this_computer
         self.granted = False
         self.refused = 0
         self._token = token.encode()
@@ -36,7 +39,8 @@ class Permission:
         self.granted = self.granted or hmac.compare_digest(text.strip().encode(), self._token)
         return self.granted
 
-    def asks(self) -> bool:
-        """Tell whether the visitor may have what he wishes now."""
-        self.refused += not self.granted
-        return self.granted
+    def asks(self, what: str) -> bool:
+        """Return whether the visitor may have `what` he wishes now."""
+        allowed = self.granted or (what in HARMLESS and self.on_this_computer)
+        self.refused += not allowed
+        return allowed

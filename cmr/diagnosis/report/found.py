@@ -120,7 +120,7 @@ def _parameter(name: str, estimate: Estimate) -> Html:
 
 
 def evidence(tested: NamedEffect | Candidate) -> Html:
-    """Return the numbers that speak for an effect."""
+    """Return the numbers that support an effect."""
     lines = [f"LR {likelihood(tested.statistic)}", f"p {chance(tested.p_value)}"]
     if math.isfinite(tested.held_out):
         lines.append(f"left out {likelihood(tested.held_out)}")
