@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, sync_playwright
 
 from cmr.bus.bus import Bus
@@ -21,6 +22,7 @@ from cmr.bus.streams import CAMERA_IMAGE, ESTOP, WORLD_STATE
 from cmr.bus.world_state import WorldState
 from cmr.msg import camera_image_t
 from cmr.recordings.events import Event, event_bytes
+from cmr.view.look import TITLE
 from tests.bus_bench import our_command
 
 CHROMIUM = shutil.which("chromium")
@@ -103,7 +105,8 @@ def serving(url: str, port: int, *log: str) -> Iterator[None]:
     finally:
         process.terminate()
         _, said = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, said) == (130, "")
+    assert process.returncode == 130
+    assert [line.split()[-1] for line in said.splitlines()] == ["ready", "stopped"]
 
 
 @contextmanager
@@ -174,5 +177,8 @@ def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_them
             page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
         with serving(url, port, str(log_of_two_cameras(tmp_path / "run.lcm"))):
             page.get_by_text("door, 40 x 30").wait_for()
+            assert page.title() == TITLE
+            found = Axe().run(page).response["violations"]
+            assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
             assert page.get_by_role("button", name=STOP).count() == 0, "a log has nobody to stop"
             until(lambda: page.evaluate(CAMERA_SIZE) == [40, 30], page)

@@ -32,6 +32,7 @@ STYLE = f"""
 .mantine-Button-root[style*="red"] {{ background: #c92a2a !important; }}
 .mantine-Button-root[style*="gray"] {{ background: #5c636a !important; }}
 .mantine-Button-root:not([style*="red"]):not([style*="gray"]) {{ background: #1864ab !important; }}
+.cmr-name {{ position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }}
 .cmr-legend, .cmr-time {{ position: fixed; left: 0; z-index: 5; font: 13px/1.4 sans-serif; color: #222; }}
 .cmr-legend {{ bottom: 34px; left: 8px; padding: 6px 10px; border-radius: 4px; pointer-events: none; }}
 .cmr-legend, .cmr-time {{ background: #ffffffd9; }}
@@ -57,8 +58,16 @@ const nameInputs = () => document.querySelectorAll('.mantine-Flex-root').forEach
   const name = row.querySelector('label')?.innerText.trim();
   if (name) row.querySelectorAll('input, [role=slider]').forEach((one) => one.setAttribute('aria-label', name));
 }});
-new MutationObserver(nameInputs).observe(document.body, {{childList: true, subtree: true}});
-nameInputs();
+const nameAll = () => {{
+  nameInputs();
+  const name = (what, attribute, text) =>
+    document.querySelectorAll(what).forEach((one) => one.setAttribute(attribute, text));
+  name('.mantine-Notification-closeButton', 'aria-label', 'close');
+  name('img:not([alt])', 'alt', 'picture of a camera');
+}};
+document.getElementById('root').setAttribute('role', 'main');
+new MutationObserver(nameAll).observe(document.body, {{childList: true, subtree: true}});
+nameAll();
 window.cmrJump = (event) => {{
   const bar = event.currentTarget, left = bar.getBoundingClientRect().left;
   const input = document.querySelector('input[aria-label="{GO_TO}"]');
@@ -73,7 +82,9 @@ def page_look() -> str:
     """Return what gives the page its title, style and legend."""
     entries = "".join(f'<div><i style="background:{_css(colour)}"></i>{name}</div>' for colour, name in LEGEND)
     script = f'<img hidden alt="" src="data:," data-icon="{ICON}" onerror="{escape(SCRIPT)}">'
-    return f'<style>{STYLE}</style>{script}<div class="cmr-legend" role="note" aria-label="legend">{entries}</div>'
+    heading = f'<h1 class="cmr-name">{TITLE}</h1>'  # for screen readers
+    legend = f'<div class="cmr-legend" role="note" aria-label="legend">{entries}</div>'
+    return f"<style>{STYLE}</style>{script}{heading}{legend}"
 
 
 def time_bar(now: float, end: float, marks: Sequence[tuple[float, Mark]]) -> str:
