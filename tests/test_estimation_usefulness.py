@@ -37,13 +37,13 @@ def test_what_a_sensor_does_is_judged_on_readings_that_were_left_out_of_the_fit(
     whole, effect, without_it = whole_with(3.0, 0.0)
     # On the fitted readings the bias reduces the errors, but neither of the two readings predicts the other.
     assert np.linalg.norm(without_it.rest) > OF_USE * np.linalg.norm(whole.final.rest)
-    (ratio,) = _of_readings(whole, effect, without_it).values()
+    (ratio,) = _of_readings(whole, effect, without_it, whole.final).values()
     assert ratio < 1.0
 
 
 def test_what_a_sensor_does_in_all_folds_is_of_use() -> None:
     whole, effect, without_it = whole_with(3.0, 2.9)
-    ((words, ratio),) = _of_readings(whole, effect, without_it).items()
+    ((words, ratio),) = _of_readings(whole, effect, without_it, whole.final).items()
     assert ratio > 5.0
     assert words == "the one-step prediction of the yaw rate"
 

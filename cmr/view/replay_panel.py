@@ -60,8 +60,9 @@ class ReplayPanel:
     def _add_keys(self, gui: viser.GuiApi) -> None:
         """Let the space bar pause and play, and arrows jump by STEP_BY_KEY."""
         gui.add_command("pause or play", hotkey="space").on_trigger(lambda _event: self._ask(PAUSE))
-        for name, key, seconds in (("back", "arrowleft", -STEP_BY_KEY), ("on", "arrowright", STEP_BY_KEY)):
-            gui.add_command(f"{name} {STEP_BY_KEY:g} s", hotkey=key).on_trigger(self._stepping(seconds))
+        step = f"{STEP_BY_KEY:g} s"
+        gui.add_command(f"back {step}", hotkey="arrowleft").on_trigger(self._stepping(-STEP_BY_KEY))
+        gui.add_command(f"on {step}", hotkey="arrowright").on_trigger(self._stepping(STEP_BY_KEY))
 
     def _stepping(self, seconds: float) -> Callable[[Any], None]:
         return lambda _event: self._ask(JUMP, self._playback.position + int(seconds * 1e6))
