@@ -6,9 +6,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cmr.calibration.calibrator import Calibrator
+from cmr.bus.messages import make
+from cmr.calibration.calibrator import HEARD, Calibrator
 from cmr.calibration.coverage import Coverage
-from cmr.msg import calibration_status_t
+from cmr.msg import calibration_status_t, motor_duty_t
+from cmr.recordings.arrivals import KEPT
 from tests.emulated_drive import DEFAULT, EPOCH, IDEAL, TRUTH, Message, messages, straight
 
 REST = 6.0  # s; a drive at one speed ends after 3, and its messages are awaited for longer
@@ -91,6 +93,18 @@ def test_during_the_drive_the_estimates_are_told_and_their_intervals_shrink() ->
     offline = fed(messages(IDEAL, rest=REST)).fit()
     assert offline is not None
     assert calibrator.result.estimates == offline.estimates
+
+
+def test_duties_whose_answers_were_lost_are_heard_during_the_drive_as_in_a_log_of_it(drive: list[Message]) -> None:
+    """On a busy computer some are; a calibration that misses them differs from that of the log."""
+    calibrator = Calibrator(0)
+    for number, (channel, message) in enumerate(drive):
+        calibrator.handle(message.utime, channel, message)
+        if channel.startswith("POSE") and number % 100 == 0:
+            sent = make(motor_duty_t, utime=message.utime, robot_id=0, sent_left=0.1, sent_right=0.1)
+            calibrator.handle(sent.utime, "MOTOR_DUTY_0", sent)
+    assert len(calibrator.recording().duties) > 0
+    assert {kept.stream for kept in KEPT.values()} <= {*HEARD}
 
 
 def test_a_drive_covered_at_one_speed_is_told_the_other_and_how_to_finish() -> None:

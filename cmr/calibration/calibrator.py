@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, VELOCITY_COMMAND, Stream, identify
+from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, VELOCITY_COMMAND, Stream, identify
 from cmr.calibration.calibrate import AVERAGE, PAPER, calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
@@ -32,7 +32,7 @@ REST = 1_000_000  # us at rest that end the manoeuvre;
 LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
 FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
-HEARD = (*TAKEN, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
+HEARD = (*dict.fromkeys(kept.stream for kept in KEPT.values()), PARAMETERS)  # all that a recording has
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
