@@ -164,7 +164,8 @@ class Process:
 
     def _tell_news(self) -> None:
         """Say when the process is ready, and each new sentence on what keeps it from that, or that this is over."""
-        problem = (self.problem or self.message) if self.state == process_status_t.DEGRADED else ""
+        troubled = self.state in (process_status_t.DEGRADED, process_status_t.STARTING)
+        problem = (self.problem or self.message) if troubled else ""
         if problem and problem != self._told:
             self.news(problem)
         elif self.state == process_status_t.RUNNING and (self._told or not self._was_ready):

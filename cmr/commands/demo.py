@@ -6,7 +6,7 @@ import socket
 import time
 import webbrowser
 from collections.abc import Callable, Sequence
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +77,8 @@ def command_parser() -> argparse.ArgumentParser:
         "cmr-demo",
         "Drive an emulated robot through figure-eights behind a virtual leader, calibrate it, and drive again: all "
         "processes that a real robot needs, on an LCM bus of their own, with a pseudo-terminal for the serial line. "
-        "Each drive takes a minute, half of it slow and half of it fast: at one speed some parameters cannot be told "
-        "from what the model leaves out. Takes about two and a half minutes.",
+        "Each drive takes a minute, half of it slow and half of it fast: at one speed some parameters cannot be "
+        "distinguished from what the model leaves out. Takes about two and a half minutes.",
         "cmr-demo --out demo-run\n  cmr-demo --speed 0.3     # one speed, as in the paper",
         bus="LCM bus; otherwise one of its own, on a free port, that does not leave this host",
     )
@@ -121,12 +121,23 @@ def _private_url() -> str:
 
 def _prepare(folder: Path) -> None:
     try:
+        if earlier := set_aside(folder):
+            print(f"The earlier run in {folder} is now in {earlier}.")
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "run.lcm").unlink(missing_ok=True)
         nominal = ParameterFile(ROBOT, {name: Value(value) for name, value in NOMINAL.items()})
         nominal.save(folder / f"robot_{ROBOT}.yaml")
     except OSError as error:
         raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
+
+
+def set_aside(folder: Path) -> Path | None:
+    """Rename a folder that holds a run; return its new path, None where there is no run."""
+    if not (folder / "run.lcm").exists():
+        return None
+    paths = (folder.with_name(f"{folder.name}-{number}") for number in count(1))
+    free = next(path for path in paths if not path.exists())
+    folder.rename(free)
+    return free
 
 
 def _commands(folder: Path, url: str, options: argparse.Namespace) -> dict[str, list[str]]:
@@ -211,7 +222,7 @@ class _Demo:
     def _drive(self, title: str) -> None:
         """Let the leader drive figure-eights from where it is, and wait until everybody rests again."""
         leader = self._world.robot(LEADER)
-        assert leader is not None, "the leader is in service"
+        assert leader is not None, "the leader is there"
         state = leader.state
         laps = laps_within(DRIVE, SIZE, self._speeds)
         x, y = figure_eight(state.x, state.y, state.theta, SIZE, laps)

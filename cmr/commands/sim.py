@@ -379,8 +379,11 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
     followers = [world.parameters[robot_id] for robot_id in sorted(world.parameters)]
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
     told = [*(follower.message for follower in followers), loader.message, *world.others.problems(world.utime)]
-    told += [lateness.problem(world.utime, world.late_steps), world.noise_problem]
+    late = lateness.problem(world.utime, world.late_steps)
+    told += ["" if loader.starting else late, world.noise_problem]  # to compile makes steps late
     told += [_by_default(world, robot_id) for robot_id in world.real_robots]
     problems = [message for message in told if message]
     process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
+    if loader.starting:
+        process.state = process_status_t.STARTING
     process.message = " ".join(problems)

@@ -102,7 +102,7 @@ class LiveRun:
             patience = START_UP_BY_HAND if self._elsewhere.is_needed else START_UP
             if time.monotonic() - self._created > patience:
                 return Outcome(f"waited {patience:.0f} s in vain for {lacking.rstrip('.')}", 0.0, failed=True)
-        return Outcome("somebody ended it before all were in service", 0.0, interrupted=True)
+        return Outcome("somebody ended it before all were ready", 0.0, interrupted=True)
 
     def say(self, words: str) -> None:
         """Tell and keep what happened."""
@@ -124,7 +124,7 @@ class LiveRun:
     def _drive(self, doubt: str) -> Outcome:
         """Let the team drive until the run is over; `doubt` is what a process complains of."""
         count = len(self.scenario.robots)
-        self.say(f"{f'All {count} robots are' if count > 1 else 'The robot is'} in service.")
+        self.say(f"{f'All {count} robots are' if count > 1 else 'The robot is'} ready.")
         if doubt:
             self.say(f"In doubt, {doubt}")
         began = time.monotonic()
@@ -225,7 +225,7 @@ class LiveRun:
             f"{max(self.scenario.duration - self._seconds, 0.0):.0f} s left",
             f"{there if there == count else f'{there}/{count}'} robot{'s' if count > 1 else ''}",
             f"{watch.rate():.0f} Hz",
-            f"{watch.overruns} late turns",
+            f"{watch.overruns} late cycles",
             f"{restarts} restart{'s' if restarts > 1 else ''}" if restarts else "",
             f"{watch.measure('distance_driven'):.1f} m {'each' if count > 1 else 'driven'}",
             f"nearest {watch.nearest.distance:.2f} m" if watch.nearest.utime else "",

@@ -48,7 +48,7 @@ def _header(document: Document) -> Html:
             for name, value in document["metrics"].items()
         ),
         ("world", f"{number(document['world_rate_hz'], 3)} Hz"),
-        ("late turns of loops", f"{document['overruns']}"),
+        ("late cycles", f"{document['overruns']}"),
         ("restarts", f"{document['restarts']}"),
     )
     return joined(head, tag("dl", *(tag("div", tag("dt", a), tag("dd", b)) for a, b in values), class_="key"))
@@ -133,7 +133,7 @@ def _robots(document: Document) -> Html:
     robots = document["robots"]
     headings = ["robot", "kind", "behaviour", "driven [m]"]
     if any(robot["waypoints"] for robot in robots):
-        headings += ["waypoints", "last one after [s] in service"]
+        headings += ["waypoints", "last one after [s]"]
     rows = [_row(robot)[: len(headings)] for robot in robots[:MOST_ROWS]]
     more = f"The first {MOST_ROWS} of {len(robots)}; all are in report.json." if len(robots) > MOST_ROWS else ""
     near = document["nearest_robots"]
@@ -141,7 +141,7 @@ def _robots(document: Document) -> Html:
         paragraph(
             f"Robots {near[0]} and {near[1]} came nearest to one another: "
             f"{number(document['minimum_separation_m'], 3)} m from centre to centre, "
-            f"{number(document['nearest_at_s'], 3)} s after all were in service."
+            f"{number(document['nearest_at_s'], 3)} s after all were ready."
         )
         if near
         else Html("")
@@ -171,7 +171,7 @@ def _processes(document: Document) -> Html:
         ]
         for process in document["processes"]
     ]
-    headings = ("process", "starts", "ended", "loop [Hz]", "late turns", "what it said at last, and its last status")
+    headings = ("process", "starts", "ended", "loop [Hz]", "late cycles", "what it said at last, and its last status")
     return section("Processes", table(headings, rows, numbers=(1, 3, 4)))
 
 

@@ -42,8 +42,16 @@ class Loader:
         """What keeps robots from being simulated by the newest parameters, empty if nothing does for long."""
         loading = any(thread.is_alive() for thread in self._threads.values())
         if loading and time.monotonic() - self._since > LONG:
-            return "The robot model is still being loaded; the first time on a computer, it has to be compiled."
+            return (
+                "The robot model is being loaded; the first time on a computer it is compiled, which takes about 20 s. "
+                "Until then no robot moves."
+            )
         return self._failure
+
+    @property
+    def starting(self) -> bool:
+        """Whether no robot can be simulated yet, but one will be."""
+        return not self._ready and any(thread.is_alive() for thread in self._threads.values())
 
     def _load(self, key: Key, parameters: RobotParameters) -> None:
         """Simulate one robot by these parameters, and prepare behaviours, which loads all that it takes."""
