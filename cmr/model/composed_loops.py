@@ -11,6 +11,7 @@ import numpy as np
 
 from cmr.model.compiled import compiled, inlined
 from cmr.model.elementary import cos, exp, expm1, sin, sincos
+from cmr.model.selecting import select
 from cmr.model.step_helpers import after, random_number, share, sign
 
 FIRST, SECOND = 0.21132486540518713, 0.7886751345948129  # Gauss-Legendre points, as shares of a step

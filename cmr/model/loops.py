@@ -2,9 +2,13 @@
 
 A step is a chain of a thousand instructions, each waiting for the one before. In short loops the processor works on
 the next robots meanwhile, which halves the time. What a later part reads of an earlier one is kept in rows.
+
+Each assignment gets a name of its own, and choices become calls of `select`: else Numba would divide the step into
+hundreds of blocks and rename the variables itself, for which it takes twice as long.
 """
 
 import ast
+from collections import Counter
 from collections.abc import Collection, Sequence
 
 
@@ -26,8 +30,41 @@ def loops(parts: Sequence[Sequence[str]], rows: Collection[str], kept: Collectio
             *part,
             *(f"work[{name.upper()} + i] = {name}" for name in stored),
         ]
-        lines += ["for i in range(lanes):", *("    " + line for line in body)]
+        lines += ["for i in range(lanes):", *("    " + line for line in _straight(body, k))]
     return lines, extra
+
+
+def _straight(body: Sequence[str], part: int) -> list[str]:
+    """Return statements that do the same without choices, and without assigning a name twice in all parts."""
+    straight = _Straight(part)
+    return [ast.unparse(straight.visit(statement)) for statement in ast.parse("\n".join(body)).body]
+
+
+class _Straight(ast.NodeTransformer):
+    """Visits the statements of one part in their order."""
+
+    def __init__(self, part: int) -> None:
+        self._part = part
+        self._newest: dict[str, str] = {}
+        self._assigned: Counter[str] = Counter()
+
+    def visit_Assign(self, node: ast.Assign) -> ast.Assign:
+        """Visit what is read before what is written."""
+        node.value = self.visit(node.value)
+        node.targets = [self.visit(target) for target in node.targets]
+        return node
+
+    def visit_Name(self, node: ast.Name) -> ast.Name:
+        """Give what is assigned a new name, and what is read the newest."""
+        if isinstance(node.ctx, ast.Store):
+            self._newest[node.id] = f"{node.id}__{self._part}_{self._assigned[node.id]}"
+            self._assigned[node.id] += 1
+        return ast.Name(self._newest.get(node.id, node.id), node.ctx)
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.Call:
+        """Return a call that chooses."""
+        self.generic_visit(node)
+        return ast.Call(ast.Name("select", ast.Load()), [node.test, node.body, node.orelse], [])
 
 
 def _names(code: str) -> tuple[list[str], list[str]]:
