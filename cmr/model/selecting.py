@@ -14,13 +14,15 @@ def select(condition: bool, one: float, other: float) -> float:
     return one if condition else other
 
 
-@typed(select)
 def _type(context: Any) -> Any:
     return lambda _condition, one, other: context.unify_types(one, other)
 
 
-@lowered(select, types.Any, types.Any, types.Any)
 def _lower(context: Any, builder: Any, signature: Any, values: Any) -> Any:
     wanted = (types.boolean, signature.return_type, signature.return_type)
     cast = (context.cast(builder, *each) for each in zip(values, signature.args, wanted, strict=True))
     return builder.select(*cast)
+
+
+typed(select)(_type)
+lowered(select, types.Any, types.Any, types.Any)(_lower)
