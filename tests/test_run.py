@@ -96,7 +96,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     said = ""
     for line in process.stdout:
         said += line
-        if "in service" in line:
+        if "ready" in line:
             time.sleep(1.0)
             os.kill(pid_of(folder, "cmr-sim"), signal.SIGKILL)
             stop_and_release(url)

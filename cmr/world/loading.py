@@ -38,11 +38,22 @@ class Loader:
         return key in self._ready
 
     @property
+    def is_starting(self) -> bool:
+        """Whether no robot can be simulated yet, but will be: this simulator is not ready."""
+        return not self._ready and self._is_loading
+
+    @property
+    def _is_loading(self) -> bool:
+        return any(thread.is_alive() for thread in self._threads.values())
+
+    @property
     def message(self) -> str:
         """What keeps robots from being simulated by the newest parameters, empty if nothing does for long."""
-        loading = any(thread.is_alive() for thread in self._threads.values())
-        if loading and time.monotonic() - self._since > LONG:
-            return "The robot model is still being loaded; the first time on a computer, it has to be compiled."
+        if self._is_loading and time.monotonic() - self._since > LONG:
+            return (
+                "The robot model is still being compiled (first use on this computer, about 20 s). "
+                "Virtual robots do not move yet."
+            )
         return self._failure
 
     def _load(self, key: Key, parameters: RobotParameters) -> None:
