@@ -20,7 +20,7 @@ import pytest
 
 from cmr.calibration.calibrate import AVERAGE
 from cmr.calibration.calibrator import Calibrator
-from cmr.commands.demo import before_and_after, set_aside
+from cmr.commands.demo import before_and_after
 from cmr.commands.demo import main as demo
 from cmr.parameters.file import ParameterFile, load, parse
 from cmr.recordings import Recording
@@ -191,17 +191,6 @@ def test_ctrl_c_at_any_moment_stops_everything(seconds: float, tmp_path: Path) -
         time.sleep(0.1)
     assert processes_naming(tmp_path) == []
     assert not (tmp_path / "demo" / "ports" / "motor").is_symlink()
-
-
-def test_a_folder_that_holds_a_run_is_renamed_not_overwritten(tmp_path: Path) -> None:
-    folder = tmp_path / "demo-run"
-    assert set_aside(folder) is None
-    for number in (1, 2):
-        folder.mkdir()
-        (folder / "run.lcm").write_text(str(number))
-        assert set_aside(folder) == tmp_path / f"demo-run-{number}"
-    assert (tmp_path / "demo-run-1" / "run.lcm").read_text() == "1"
-    assert not folder.exists()
 
 
 def test_a_demo_that_is_killed_leaves_nothing_either(tmp_path: Path) -> None:

@@ -154,11 +154,7 @@ def test_robots_go_on_as_before_until_a_new_model_is_ready() -> None:
 
 def test_what_takes_long_to_load_is_ready_in_the_end() -> None:
     loader = Loader()
-    assert not loader.starting
-    if not loader.ready(RobotParameters.of({**PAPER, **EFFECTS})):
-        assert loader.starting, "cmr-run counts no time until robots can move"
     wait_until(lambda: loader.ready(RobotParameters.of({**PAPER, **EFFECTS})))
-    assert not loader.starting
     assert loader.ready(RobotParameters.of({**EFFECTS, **PAPER}))
     wait_until(lambda: not loader.message)
 

@@ -107,11 +107,16 @@ def test_a_doubt_that_is_told_a_moment_after_the_first_word_keeps_the_run_waitin
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cmr.scenario.live_run.GRACE", 2.0)
-    doubt = status("cmr-sim", 100, process_status_t.DEGRADED, "The robot model is still being loaded.")
+    doubt = status("cmr-sim", 100, process_status_t.DEGRADED, "The robot model is still being compiled.")
     run, outcome, _ = live_run(tmp_path, all_statuses(), [*all_statuses(), doubt])
     assert outcome.ended_by == "its time is over"
-    (in_doubt,) = [at for at, words in run.events if words.startswith("In doubt, cmr-sim on robot-pi: The robot model")]
-    assert in_doubt > 2.0
+    assert not any("ready" in words for _, words in run.events)
+    (doubted,) = [
+        at
+        for at, words in run.events
+        if words.endswith("cmr-sim on robot-pi: The robot model is still being compiled.")
+    ]
+    assert doubted > 2.0
 
 
 def test_robots_that_somebody_else_moves_on_this_bus_are_left_to_them(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
 from cmr.calibration.calibrator import HEARD, Calibrator
 from cmr.calibration.result import CalibrationResult
 from cmr.commands.command_line import CommandError, add_json, parse_robot_id, parser, print_json
+from cmr.commands.first_use import ESTIMATOR, compile_first
 from cmr.configuration import parameter_file
 from cmr.configuration import robot as default_robot
 from cmr.estimation.estimates import Estimate, EstimationError
@@ -35,6 +36,7 @@ def main(arguments: list[str]) -> int:
     """Run cmr-calibrate."""
     options = _options(arguments)
     nominal = _nominal(options.parameters)
+    compile_first([ESTIMATOR])
     if options.log:
         return _from_logs(options, nominal)
     return _live(options, nominal)

@@ -6,7 +6,7 @@ import socket
 import time
 import webbrowser
 from collections.abc import Callable, Sequence
-from itertools import count, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from cmr.bus.preflight import DEFAULT_URL
 from cmr.bus.process import Process
 from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parser
+from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
 from cmr.configuration import results
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, process_status_t, waypoints_t
@@ -32,6 +33,7 @@ from robot_driver.emulator.settings import Settings, SettingsError, load_setting
 ROBOT = 0
 LEADER = 10
 FOLLOWER = 11  # virtual, behind the real robot
+USUAL_FOLDER = "demo-run"
 GAP = 0.5  # m between one robot and the next
 # m, of the figure-eight: leader, robot and follower are 1.7 m long at 0.5 m/s, and must not meet at its crossing
 SIZE = 1.15
@@ -52,14 +54,15 @@ class Interrupted(Exception):  # noqa: N818 - the user's wish, not an error
 def main(arguments: list[str]) -> int:
     """Run cmr-demo."""
     options = command_parser().parse_args(arguments)
-    folder: Path = options.out
     try:
         settings = load_settings(options.settings)
     except SettingsError as error:
         raise CommandError(str(error)) from error
     settings = settings.ideal() if options.ideal else settings
-    _prepare(folder)
+    folder = free_folder(options.out)
+    compile_first([MODEL, WORLD, EMULATOR, ESTIMATOR])
     with Process("cmr-demo", options.lcm_url or _private_url()) as process, Children(folder) as children:
+        _prepare(folder)
         demo = _Demo(process, children, read_speeds(options.speed))
         try:
             if options.view:
@@ -83,7 +86,11 @@ def command_parser() -> argparse.ArgumentParser:
         bus="LCM bus; otherwise one of its own, on a free port, that does not leave this host",
     )
     options.add_argument(
-        "--out", type=Path, default=results() / "demo-run", metavar="DIR", help="folder for the results"
+        "--out",
+        type=Path,
+        default=None,
+        metavar="DIR",
+        help=f"folder for the results; otherwise {results() / USUAL_FOLDER}, and an earlier run there is renamed",
     )
     options.add_argument("--settings", type=Path, default=None, metavar="FILE", help="as for cmr-emulate")
     options.add_argument(
@@ -119,25 +126,30 @@ def _private_url() -> str:
         return DEFAULT_URL.replace(":7667", f":{probe.getsockname()[1]}")
 
 
+def free_folder(wanted: Path | None) -> Path:
+    """Return the folder for the results, which holds no run: an earlier one in the usual folder is renamed.
+
+    Raises CommandError where a run is in the folder that the user named.
+    """
+    folder = wanted or results() / USUAL_FOLDER
+    log = folder / "run.lcm"
+    if not log.exists():
+        return folder
+    if wanted:
+        raise CommandError(f"{folder} holds a run already. Choose another folder with --out.")
+    earlier = folder.with_name(f"{folder.name}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(log.stat().st_mtime))}")
+    folder.rename(earlier)
+    print(f"The earlier run is now in {earlier}.", flush=True)
+    return folder
+
+
 def _prepare(folder: Path) -> None:
     try:
-        if earlier := set_aside(folder):
-            print(f"The earlier run in {folder} is now in {earlier}.")
         folder.mkdir(parents=True, exist_ok=True)
         nominal = ParameterFile(ROBOT, {name: Value(value) for name, value in NOMINAL.items()})
         nominal.save(folder / f"robot_{ROBOT}.yaml")
     except OSError as error:
         raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
-
-
-def set_aside(folder: Path) -> Path | None:
-    """Rename a folder that holds a run; return its new path, None where there is no run."""
-    if not (folder / "run.lcm").exists():
-        return None
-    paths = (folder.with_name(f"{folder.name}-{number}") for number in count(1))
-    free = next(path for path in paths if not path.exists())
-    folder.rename(free)
-    return free
 
 
 def _commands(folder: Path, url: str, options: argparse.Namespace) -> dict[str, list[str]]:

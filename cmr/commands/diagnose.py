@@ -15,6 +15,7 @@ from types import FrameType
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE
 from cmr.commands.command_line import CommandError, add_json, parse_count, parse_robot_id, parser
+from cmr.commands.first_use import ESTIMATOR, announce_compiling, compile_first
 from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform
 from cmr.diagnosis.many import Pool, jobs_of
 from cmr.msg import process_status_t
@@ -34,6 +35,7 @@ def main(arguments: list[str]) -> int:
     options = _options(arguments)
     nominal = _nominal(options.parameters)
     if options.live:
+        compile_first([ESTIMATOR])
         return _live(options, nominal)
     pattern = Job(
         logs=(),
@@ -47,6 +49,8 @@ def main(arguments: list[str]) -> int:
         jobs = jobs_of(options.logs, pattern, each=options.each)
     except RecordingError as error:
         raise CommandError(str(error)) from error
+    compile_first([ESTIMATOR])
+    announce_compiling()
     return _one(jobs[0], options.why, options.json) if len(jobs) == 1 else _many(jobs, options.jobs, options.why)
 
 

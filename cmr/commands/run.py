@@ -8,11 +8,12 @@ from pathlib import Path
 
 from cmr.bus.preflight import parse_udpm
 from cmr.bus.process import Process
+from cmr.commands import first_use
 from cmr.commands.command_line import CommandError, parser
 from cmr.configuration import results
 from cmr.scenario import Scenario, ScenarioError, load
 from cmr.scenario.children import Children
-from cmr.scenario.jobs import Job, jobs_of
+from cmr.scenario.jobs import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, Job, jobs_of
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.preparing import prepare
 from cmr.scenario.recorder import logs_in
@@ -20,6 +21,15 @@ from cmr.scenario.report import metrics_in_words, write_report
 from cmr.scenario.shipping import SHIPPED, path_of, shipped
 from cmr.scenario.terminal import Terminal
 from cmr.team.metrics import UNITS
+
+# What processes have to be compiled for, by their role.
+TAKES = {
+    SIM: (first_use.MODEL, first_use.WORLD),
+    PILOT: (first_use.WORLD,),
+    EMULATOR: (first_use.EMULATOR,),
+    CALIBRATOR: (first_use.ESTIMATOR,),
+    DIAGNOSER: (first_use.ESTIMATOR,),
+}
 
 
 def main(arguments: list[str]) -> int:
@@ -33,6 +43,7 @@ def main(arguments: list[str]) -> int:
         raise CommandError(
             f"{folder} holds a run already. Choose another with --out; without, a new one gets the date."
         )
+    first_use.compile_first(parts_to_compile(scenario, folder))
     with Process("cmr-run", options.lcm_url or scenario.lcm_url) as process:
         url = process.bus.url
         try:
@@ -103,6 +114,12 @@ def _load(name: str) -> Scenario:
         return load(path_of(name))
     except ScenarioError as error:
         raise CommandError(str(error)) from error
+
+
+def parts_to_compile(scenario: Scenario, folder: Path) -> set[str]:
+    """Return the parts of `first_use` that the processes take which are started here."""
+    ours, _ = _by_host(jobs_of(scenario, folder, ""))
+    return {part for job in ours for part in TAKES.get(job.role, ())}
 
 
 def _by_host(jobs: list[Job]) -> tuple[list[Job], list[Job]]:

@@ -20,6 +20,7 @@ from cmr.bus.streams import (
     Stream,
 )
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.commands.first_use import MODEL, WORLD, compile_first
 from cmr.commands.robots import numbered, virtual_robots
 from cmr.configuration import parameters
 from cmr.model.parameters import RobotParameters
@@ -54,6 +55,7 @@ def main(arguments: list[str]) -> int:
             f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
         )
     cast = _cast(options.scenario) if options.scenario else None
+    compile_first([MODEL, WORLD])
     world, loader = _world(options, cast)
     scanner = _scanner(options, cast)
     publish = Timer(1.0 / options.rate)
@@ -380,10 +382,11 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
     told = [*(follower.message for follower in followers), loader.message, *world.others.problems(world.utime)]
     late = lateness.problem(world.utime, world.late_steps)
-    told += ["" if loader.starting else late, world.noise_problem]  # to compile makes steps late
+    told += ["" if loader.is_starting else late, world.noise_problem]  # to compile makes steps late
     told += [_by_default(world, robot_id) for robot_id in world.real_robots]
     problems = [message for message in told if message]
-    process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
-    if loader.starting:
+    if loader.is_starting:
         process.state = process_status_t.STARTING
+    else:
+        process.state = process_status_t.DEGRADED if problems else process_status_t.RUNNING
     process.message = " ".join(problems)

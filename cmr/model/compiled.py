@@ -6,9 +6,7 @@ Nothing that is compiled is imported until it is needed, because Numba itself ta
 
 import fcntl
 import hashlib
-import os
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -18,6 +16,8 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 from numba.core import sigutils
+
+from cmr.model.cache import cache_folder
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -82,19 +82,6 @@ class _Compiled:
         if getattr(module, self._name, None) is self:
             setattr(module, self._name, self._dispatcher)
         return self._call(*arguments)
-
-
-@cache
-def cache_folder() -> Path:
-    """Return the user's cache folder for compiled code, or a temporary one where that cannot be written."""
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cmr"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    except OSError:
-        pass
-    return Path(tempfile.mkdtemp(prefix="cmr-"))
 
 
 @cache

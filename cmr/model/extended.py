@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model import composed_loops, elementary, step_helpers
+from cmr.model.cache import cache_folder
 from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, MODELLED
-from cmr.model.compiled import cache_folder
 from cmr.model.compose import LANES, compose, late, rows_of
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER

@@ -23,7 +23,7 @@ from cmr.scenario.watch import TeamWatch
 from cmr.world.others import named
 
 RATE = 20.0  # Hz
-START_UP = 120.0  # s for all robots and processes to be in service, on a slow machine
+START_UP = 240.0  # s for all robots and processes to be ready, on a slow computer that compiles the robot model
 START_UP_BY_HAND = 1800.0  # s, where somebody has to start processes on other machines
 GRACE = 30.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
 ANOTHER_WORD = 1.2  # s; by then each has told again how it is, as what it says first, it says before it knows
@@ -71,7 +71,8 @@ class LiveRun:
         self._emergency_stop = EmergencyStop()
         self._terminal = terminal
         self._created = time.monotonic()
-        self._seconds = 0.0  # in service
+        self._is_ready = False
+        self._seconds = 0.0  # since all were ready
         self._there_since: float | None = None  # when all robots were in the world
         self._over_since: float | None = None
         self._moved = 0.0  # when a robot last moved, in seconds in service
@@ -115,6 +116,7 @@ class LiveRun:
             return ""
         until = time.monotonic() + LISTENING
         for _utime in self._process.loop(RATE):
+            self._process.state = process_status_t.STARTING
             self._process.dispatch(self.watch.handle)
             if time.monotonic() > until:
                 break
@@ -124,9 +126,11 @@ class LiveRun:
     def _drive(self, doubt: str) -> Outcome:
         """Let the team drive until the run is over; `doubt` is what a process complains of."""
         count = len(self.scenario.robots)
-        self.say(f"{f'All {count} robots are' if count > 1 else 'The robot is'} ready.")
         if doubt:
-            self.say(f"In doubt, {doubt}")
+            self.say(f"Starting after {GRACE:.0f} s, although one process has a problem: {doubt}")
+        else:
+            self.say(f"{f'All {count} robots are' if count > 1 else 'The robot is'} ready.")
+        self._is_ready = True
         began = time.monotonic()
         self.watch.begin()
         for _utime in self._process.loop(RATE):
@@ -150,7 +154,8 @@ class LiveRun:
         for sentence in self.supervisor.poll(time.monotonic()):
             self.say(sentence)
         down = self.supervisor.down()
-        self._process.state = process_status_t.DEGRADED if down else process_status_t.RUNNING
+        ready = process_status_t.RUNNING if self._is_ready else process_status_t.STARTING
+        self._process.state = process_status_t.DEGRADED if down else ready
         self._process.message = f"Not running: {', '.join(down)}." if down else ""
 
     def _hear(self, utime: int, channel: str, message: Any) -> None:

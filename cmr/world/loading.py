@@ -38,20 +38,23 @@ class Loader:
         return key in self._ready
 
     @property
+    def is_starting(self) -> bool:
+        """Whether no robot can be simulated yet, but will be: this simulator is not ready."""
+        return not self._ready and self._is_loading
+
+    @property
+    def _is_loading(self) -> bool:
+        return any(thread.is_alive() for thread in self._threads.values())
+
+    @property
     def message(self) -> str:
         """What keeps robots from being simulated by the newest parameters, empty if nothing does for long."""
-        loading = any(thread.is_alive() for thread in self._threads.values())
-        if loading and time.monotonic() - self._since > LONG:
+        if self._is_loading and time.monotonic() - self._since > LONG:
             return (
-                "The robot model is being loaded; the first time on a computer it is compiled, which takes about 20 s. "
+                "The robot model is being loaded, or compiled, which takes about 20 s on the first use of a computer. "
                 "Until then no robot moves."
             )
         return self._failure
-
-    @property
-    def starting(self) -> bool:
-        """Whether no robot can be simulated yet, but one will be."""
-        return not self._ready and any(thread.is_alive() for thread in self._threads.values())
 
     def _load(self, key: Key, parameters: RobotParameters) -> None:
         """Simulate one robot by these parameters, and prepare behaviours, which loads all that it takes."""

@@ -1,0 +1,189 @@
+"""What CMR compiles the first time on a computer: done before anything drives, and announced.
+
+A command calls `compile_first` before it starts what must keep time. Each part is compiled by a process of its own, as
+many at once as there are cores; what was compiled is marked by a file beside it, so that later starts take no time.
+"""
+
+import hashlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+from cmr.model.cache import lasting_folder
+
+MODEL, WORLD, EMULATOR, ESTIMATOR = "model", "world", "emulator", "estimator"
+HERE = Path(__file__).resolve().parents[1]
+COMPILED = ("model", "world", "plant", "estimation", "calibration")  # packages with compiled functions
+NOT_TO_BE_COMPILED = "NUMBA_DISABLE_JIT"  # of the environment: to step through the code
+
+
+class Part(NamedTuple):
+    """Something to compile: what it is in words, how long it takes on one core [s], and what loads it."""
+
+    words: str
+    seconds: int
+    load: Callable[[], None]
+
+
+def compile_first(names: Iterable[str], say: Callable[[str], None] | None = None) -> None:
+    """Compile those of PARTS that this computer has not compiled yet; `say` gets a line before and one after."""
+    names = [name for name in PARTS if name in set(names)]  # those that take longest first
+    if os.environ.get(NOT_TO_BE_COMPILED, "0") != "0":
+        return
+    missing = {name: mark for name in names if (mark := _mark(name)) is not None and not mark.exists()}
+    if not missing:
+        return
+    say = say or _print
+    say(f"Compiling {_in_words(missing)} (first use on this computer, about {_seconds(missing)} s) ...")
+    began = time.monotonic()
+    with ThreadPoolExecutor(_cores()) as pool:
+        failures = [failure for failure in pool.map(_compile, missing, missing.values()) if failure]
+    if failures:
+        say(f"Not compiled: {failures[0]}")  # whoever needs it compiles it, or says more clearly what is wrong
+    else:
+        say(f"Compiled in {time.monotonic() - began:.0f} s.")
+
+
+def announce_compiling() -> None:
+    """Say so once if anything has to be compiled in this process from now on."""
+    from numba.core import event
+
+    class _FirstTime(event.Listener):  # type: ignore[misc]  # Numba has no annotations
+        def on_start(self, _event: object) -> None:
+            event.unregister("numba:compile", self)
+            _print("Compiling the robot model (first use on this computer, about a minute) ...")
+
+        def on_end(self, _event: object) -> None:
+            pass
+
+    event.register("numba:compile", _FirstTime())
+
+
+def _print(text: str) -> None:
+    from cmr.news import is_quiet
+
+    if not is_quiet():
+        print(text, file=sys.stderr, flush=True)
+
+
+def _in_words(names: Iterable[str]) -> str:
+    *others, last = (PARTS[name].words for name in names)
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def _seconds(names: Iterable[str]) -> int:
+    """Return how long it will take these to compile side by side [s]."""
+    each = [PARTS[name].seconds for name in names]
+    return max(max(each), sum(each) // _cores())
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _compile(name: str, mark: Path) -> str:
+    """Compile a part in a process of its own; return what went wrong, empty if nothing did."""
+    command = [sys.executable, "-m", "cmr.commands.first_use", name]
+    result = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    if result.returncode:
+        return (result.stderr.strip().splitlines() or ["nothing was said"])[-1]
+    mark.touch()
+    return ""
+
+
+def _mark(name: str) -> Path | None:
+    """Return the file that marks that a part was compiled; None where nothing can be kept."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(chosen) if chosen else lasting_folder()
+    return folder / f"compiled-{name}-{_state()}" if folder is not None and folder.is_dir() else None
+
+
+def _state() -> str:
+    """Return a name for what compiled code depends on: sources, Python, Numba and the processor."""
+    sources = [path for package in COMPILED for path in sorted((HERE / package).rglob("*.py"))]
+    compilers = [Path(found.origin) for name in ("numba", "llvmlite") if (found := find_spec(name)) and found.origin]
+    files = [f"{path} {(found := path.stat()).st_size} {found.st_mtime_ns}" for path in (*sources, *compilers)]
+    return hashlib.sha256("\n".join([*files, sys.version, _processor()]).encode()).hexdigest()[:16]
+
+
+def _processor() -> str:
+    """Return the name and the abilities of the processor, as Linux tells them; elsewhere nothing."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").partition("\n\n")[0].splitlines()
+    except OSError:
+        return ""
+    return "\n".join(line for line in lines if line.startswith(("model name", "flags", "Features")))
+
+
+def _load_model() -> None:
+    """Move a robot by the paper's model, and one with an effect and late commands by the composed one."""
+    import numpy as np
+
+    from cmr.manoeuvres import TYPICAL
+    from cmr.model.fleet import Fleet
+    from cmr.model.motion import RobotState
+    from cmr.model.parameters import RobotParameters
+
+    fleet = Fleet(0.01)
+    for effects in ({}, {"coulomb_friction": 0.1, "command_delay": 0.02}):
+        fleet.add(RobotState.at_rest(np.zeros(1)), RobotParameters.of({**TYPICAL.values, **effects}))
+    fleet.command(slice(0, 2), np.zeros(2), np.zeros(2))
+    fleet.advance()
+    fleet.bodies()
+    fleet.states()
+
+
+def _load_world() -> None:
+    """Let two robots and an obstacle touch, and keep a robot clear of others."""
+    import numpy as np
+
+    from cmr.world.bounding import bounded
+    from cmr.world.guarding import load
+    from cmr.world.interaction.contacts import Contacts
+    from cmr.world.interaction.obstacles import Obstacles
+
+    contacts = Contacts(Obstacles([(0.1, 0.0, 0.2)], []))
+    contacts.resolve(np.zeros((5, 2)), np.full(2, 0.1), np.full(2, 0.04), np.zeros((3, 0)))
+    bounded(np.zeros((1, 2)))
+    load()
+
+
+def _load_emulator() -> None:
+    """Switch an emulated robot on."""
+    from robot_driver.emulator.plant import Plant
+    from robot_driver.emulator.settings import load_settings
+
+    Plant(load_settings(None))
+
+
+def _load_estimator() -> None:
+    """Fit a short drive that was made up."""
+    from cmr.calibration.calibrator import Calibrator
+
+    _load_model()  # else what this compiles beside the part MODEL would be compiled twice
+    Calibrator(0).load()
+
+
+PARTS = {
+    ESTIMATOR: Part("the estimator", 35, _load_estimator),
+    MODEL: Part("the robot model", 7, _load_model),
+    WORLD: Part("the world", 6, _load_world),
+    EMULATOR: Part("the emulated robot", 5, _load_emulator),
+}
+
+
+def main(arguments: list[str]) -> int:
+    """Compile the parts that are named."""
+    for name in arguments:
+        PARTS[name].load()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
