@@ -1,9 +1,9 @@
-"""Whether the computer kept up with a run: where it did not, what was measured says more of the computer than of robots."""
+"""Whether the computer kept up with a run: where it did not, what was measured is not that of the robots."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
 
-TOO_LATE = 0.05  # of a process's cycles, each late by a whole period
+TOO_LATE = 0.1  # of a process's cycles, each late by a whole period; as in cmr.world.lateness
 TOO_SLOW = 0.9  # of the rate at which the world should be published
 SHORTEST = 1.0  # s; less says nothing about how a computer keeps up
 ADVICE = (

@@ -131,8 +131,8 @@ def _paces(run: LiveRun) -> list[Pace]:
 
 
 def _pace(run: LiveRun, state: State) -> Pace | None:
-    status, late = run.watch.statuses.get(state.pid), run.watch.late_turns(state.pid)
-    return None if status is None or late is None else Pace(state.job.name, status.loop_rate_hz, late)
+    late = run.watch.late_turns(state.pid)
+    return None if late is None else Pace(state.job.name, run.watch.loop_rate(state.pid), late)
 
 
 def _processes(run: LiveRun, seconds: float) -> list[dict[str, Any]]:
