@@ -145,5 +145,6 @@ def test_what_came_late_while_processes_started_up_does_not_count() -> None:
     watched.handle(EPOCH, PROCESS_STATUS.name, status(8, process_status_t.RUNNING, 2.0))
     see(watched, 1, (0, VIRTUAL, 0.0, 0.0), (1, VIRTUAL, 0.0, 1.0))
     assert [watched.late_turns(pid) for pid in (7, 8, 9)] == [3, 2, None]
+    assert [watched.loop_rate(pid) for pid in (7, 9)] == [200.0, 0.0]
     assert watched.overruns == 5
     assert watched.worlds == 1

@@ -14,7 +14,7 @@ import lcm
 import numpy as np
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.preflight import DEFAULT_URL
+from cmr.bus.preflight import DEFAULT_URL, open_lcm
 from cmr.bus.process import Process
 from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parser
@@ -60,8 +60,10 @@ def main(arguments: list[str]) -> int:
         raise CommandError(str(error)) from error
     settings = settings.ideal() if options.ideal else settings
     folder = free_folder(options.out)
+    url = options.lcm_url or _private_url()
+    open_lcm(url)  # what is wrong with the bus is said before anything takes time
     compile_first([MODEL, WORLD, EMULATOR, ESTIMATOR])
-    with Process("cmr-demo", options.lcm_url or _private_url()) as process, Children(folder) as children:
+    with Process("cmr-demo", url) as process, Children(folder) as children:
         _prepare(folder)
         demo = _Demo(process, children, read_speeds(options.speed))
         try:

@@ -12,6 +12,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from types import FrameType
 
+from cmr.bus.preflight import open_lcm, resolve_url
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE
 from cmr.commands.command_line import CommandError, add_json, parse_count, parse_robot_id, parser
@@ -35,6 +36,7 @@ def main(arguments: list[str]) -> int:
     options = _options(arguments)
     nominal = _nominal(options.parameters)
     if options.live:
+        open_lcm(resolve_url(options.lcm_url))  # what is wrong with the bus is said before anything takes time
         compile_first([ESTIMATOR])
         return _live(options, nominal)
     pattern = Job(

@@ -61,6 +61,8 @@ def main(arguments: list[str]) -> int:
         document = write_report(run, outcome, began, folder)
         if document["metrics"]:
             print(f"Measured: {metrics_in_words(document)}.")
+        if document["unreliable"]:
+            Terminal().warn(document["unreliable"])
         if others:
             print(f"What was started on {_hosts(others)} is to be ended there.")
         logs = where_logs_are(logs_in(folder))

@@ -13,6 +13,7 @@ from cmr.msg import process_status_t
 from cmr.scenario.children import Children
 from cmr.scenario.elsewhere import Elsewhere
 from cmr.scenario.jobs import EMULATOR, PILOT, SIM, Job
+from cmr.scenario.keeping_up import TOO_SLOW
 from cmr.scenario.measuring import EndingMetric
 from cmr.scenario.preparing import write_emulators, write_sim_scenario
 from cmr.scenario.scenario import Scenario
@@ -229,13 +230,18 @@ class LiveRun:
             "ESTOP" if self._emergency_stop.engaged else "",
             f"{max(self.scenario.duration - self._seconds, 0.0):.0f} s left",
             f"{there if there == count else f'{there}/{count}'} robot{'s' if count > 1 else ''}",
-            f"{watch.rate():.0f} Hz",
+            self._pace(),
             f"{watch.overruns} late cycles",
             f"{restarts} restart{'s' if restarts > 1 else ''}" if restarts else "",
             f"{watch.measure('distance_driven'):.1f} m {'each' if count > 1 else 'driven'}",
             f"nearest {watch.nearest.distance:.2f} m" if watch.nearest.utime else "",
         ]
         return ", ".join(part for part in parts if part)
+
+    def _pace(self) -> str:
+        """Return how often the world is published, and whether that is too slow."""
+        rate, wanted = self.watch.rate(), self.scenario.rate
+        return f"{rate:.0f} of {wanted:.0f} Hz{' (computer too busy)' if rate < TOO_SLOW * wanted else ''}"
 
     def _why_over(self) -> str:
         """Return why the run is over; empty while it is not."""

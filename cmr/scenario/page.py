@@ -22,6 +22,8 @@ MOST_ROWS = 40  # robots in the table
 WALL, GROUND = "#4a4e57", "#8a8f9a"
 CORNERS = np.linspace(0.0, 2.0 * np.pi, 25)  # of a disc as it is drawn
 
+UNRELIABLE = tag("span", "unreliable", class_="unreliable")
+
 METRICS = {name: name.replace("_", " ") for name in UNITS} | {"distance_driven": "driven on average"}
 
 Document = dict[str, Any]
@@ -42,16 +44,26 @@ def _header(document: Document) -> Html:
     said = f" Began {document['began']}, seed {document['seed']}. {document['about']}"
     head = tag("header", tag("h1", words), tag("p", badge, said), class_=verdict)
     values = (
-        ("robots", f"{len(document['robots'])}"),
         *(
             (METRICS[name], f"{more_than(name, document)}{number(value, 3)} {UNITS[name]}")
             for name, value in document["metrics"].items()
         ),
         ("world", f"{number(document['world_rate_hz'], 3)} Hz"),
         ("late cycles", f"{document['overruns']}"),
-        ("restarts", f"{document['restarts']}"),
     )
-    return joined(head, tag("dl", *(tag("div", tag("dt", a), tag("dd", b)) for a, b in values), class_="key"))
+    doubtful = document["unreliable"]
+    key = [
+        _key("robots", f"{len(document['robots'])}"),
+        *(_key(name, value, unreliable=bool(doubtful)) for name, value in values),
+        _key("restarts", f"{document['restarts']}"),
+    ]
+    note = tag("p", doubtful, class_="unreliable") if doubtful else Html("")
+    return joined(head, tag("dl", *key, class_="key"), note)
+
+
+def _key(name: str, value: str, *, unreliable: bool = False) -> Html:
+    """Return one of the numbers that a hurried reader wants, marked where it is not to be relied on."""
+    return tag("div", tag("dt", name), tag("dd", value, *([" ", UNRELIABLE] if unreliable else [])))
 
 
 def more_than(metric: str, document: Document) -> str:
@@ -133,7 +145,7 @@ def _robots(document: Document) -> Html:
     robots = document["robots"]
     headings = ["robot", "kind", "behaviour", "driven [m]"]
     if any(robot["waypoints"] for robot in robots):
-        headings += ["waypoints", "last one after [s]"]
+        headings += ["waypoints", "last one reached after [s]"]
     rows = [_row(robot)[: len(headings)] for robot in robots[:MOST_ROWS]]
     more = f"The first {MOST_ROWS} of {len(robots)}; all are in report.json." if len(robots) > MOST_ROWS else ""
     near = document["nearest_robots"]
@@ -141,7 +153,8 @@ def _robots(document: Document) -> Html:
         paragraph(
             f"Robots {near[0]} and {near[1]} came nearest to one another: "
             f"{number(document['minimum_separation_m'], 3)} m from centre to centre, "
-            f"{number(document['nearest_at_s'], 3)} s after all were ready."
+            f"{number(document['nearest_at_s'], 3)} s after all were ready.",
+            *([" ", UNRELIABLE] if document["unreliable"] else []),
         )
         if near
         else Html("")
@@ -166,13 +179,19 @@ def _processes(document: Document) -> Html:
             str(process["starts"]),
             "; ".join(process["ends"]),
             number(process["loop_rate_hz"], 3),
-            "" if process["overruns"] is None else str(process["overruns"]),
+            _late_cycles(process),
             joined(*([code(process["last_words"]), " "] if process["last_words"] else []), process["message"]),
         ]
         for process in document["processes"]
     ]
-    headings = ("process", "starts", "ended", "loop [Hz]", "late cycles", "what it said at last, and its last status")
+    headings = ("process", "starts", "ended", "loop [Hz]", "late cycles", "last line of output, and last status")
     return section("Processes", table(headings, rows, numbers=(1, 3, 4)))
+
+
+def _late_cycles(process: Document) -> Html | str:
+    if process["overruns"] is None:
+        return ""
+    return joined(f"{process['overruns']}", *([" ", UNRELIABLE] if process["unreliable"] else []))
 
 
 def _events(document: Document) -> Html:

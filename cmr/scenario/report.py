@@ -9,15 +9,19 @@ from typing import Any
 import numpy as np
 
 from cmr.files import write_atomically
+from cmr.scenario.jobs import DRIVER, EMULATOR, PILOT, SIM
+from cmr.scenario.keeping_up import Pace, in_words, is_too_late, what_was_too_slow
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.measuring import measure
 from cmr.scenario.page import more_than, page_of
+from cmr.scenario.supervisor import State
 from cmr.scenario.watch import Floats, TeamWatch
 from cmr.team.metrics import UNITS
 
 SCHEMA = 1
 MOST_POINTS = 200_000  # of all paths together
 FEWEST_POINTS = 20  # of a path
+MOVES_ROBOTS = (SIM, DRIVER, PILOT, EMULATOR)  # roles of processes that have to keep time
 
 
 def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> dict[str, Any]:
@@ -34,7 +38,7 @@ def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> 
 
 
 def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
-    """Return what was measured: lengths in m, times in s since all robots were in service."""
+    """Return what was measured: lengths in m, times in s since all robots were ready."""
     watch, scenario = run.watch, run.scenario
     first = watch.first_utime or (watch.sample_utime[0] if watch.sample_utime else 0)
     near = watch.nearest
@@ -55,12 +59,13 @@ def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
         "waypoints_reached": watch.waypoints_reached,
         "worlds": watch.worlds,
         "world_rate_hz": _number(mean_rate(watch)),
+        "unreliable": in_words(what_was_too_slow(_paces(run), outcome.seconds, mean_rate(watch), scenario.rate)),
         "overruns": watch.overruns,
         "restarts": run.supervisor.restarts,
         "obstacles": {"discs": scenario.discs, "walls": scenario.walls},
         "geofence": scenario.geofence,
         "robots": _robots(run, first),
-        "processes": _processes(run),
+        "processes": _processes(run, outcome.seconds),
         "events": [{"at_s": round(at, 2), "words": words} for at, words in run.events],
     }
 
@@ -76,6 +81,7 @@ def metrics_in_words(document: dict[str, Any]) -> str:
     """Return the metrics of a run as a person reads them; a goal that was not reached took more than the run."""
     return ", ".join(
         f"{name.replace('_', ' ')} {more_than(name, document)}{value:.3g} {UNITS[name]}"
+        f"{' (unreliable)' if document['unreliable'] else ''}"
         for name, value in document["metrics"].items()
     )
 
@@ -118,10 +124,21 @@ def _path(seconds: Floats, places: Floats) -> dict[str, list[float]]:
     return {name: values.tolist() for name, values in columns.items()}
 
 
-def _processes(run: LiveRun) -> list[dict[str, Any]]:
+def _paces(run: LiveRun) -> list[Pace]:
+    """Return how the processes kept time that move robots, as far as they were heard."""
+    states = (state for state in run.supervisor.states.values() if state.job.role in MOVES_ROBOTS)
+    return [pace for state in states if (pace := _pace(run, state)) is not None]
+
+
+def _pace(run: LiveRun, state: State) -> Pace | None:
+    late = run.watch.late_turns(state.pid)
+    return None if late is None else Pace(state.job.name, run.watch.loop_rate(state.pid), late)
+
+
+def _processes(run: LiveRun, seconds: float) -> list[dict[str, Any]]:
     rows = []
     for name, state in run.supervisor.states.items():
-        status = run.watch.statuses.get(state.pid)
+        status, pace = run.watch.statuses.get(state.pid), _pace(run, state)
         rows.append(
             {
                 "name": name,
@@ -131,6 +148,7 @@ def _processes(run: LiveRun) -> list[dict[str, Any]]:
                 "last_words": run.supervisor.last_words(name),
                 "loop_rate_hz": _number(status.loop_rate_hz) if status else None,
                 "overruns": run.watch.late_turns(state.pid),
+                "unreliable": pace is not None and state.job.role in MOVES_ROBOTS and is_too_late(pace, seconds),
                 "message": status.message if status else "",
             }
         )

@@ -5,6 +5,7 @@ import sys
 import time
 from typing import TextIO
 
+AMBER, PLAIN = "\x1b[33m", "\x1b[0m"
 CLEAR = "\r\x1b[2K"
 WITHOUT_TERMINAL = 10.0  # s between lines
 WITH_TERMINAL = 0.2  # s between rewritings
@@ -36,6 +37,10 @@ class Terminal:
         self._write(f"{CLEAR if self._is_terminal else ''}{text}\n")
         if self._is_terminal:
             self._due = 0.0
+
+    def warn(self, text: str) -> None:
+        """Write a line that stays, in amber on a terminal."""
+        self.say(f"{AMBER}{text}{PLAIN}" if self._is_terminal else text)
 
     def end(self) -> None:
         """Take the progress away."""

@@ -53,6 +53,7 @@ class TeamWatch:
         self.first_utime = 0  # when all were in service; 0: not yet
         self.worlds = 0  # how many states of the world were received, since all were in service if they are
         self._late_before: dict[int, int] = {}  # late turns of each process until then, by pid
+        self._fastest: dict[int, float] = {}  # rate of each process's loop [Hz], by pid, when it kept up best
         self._world_utimes: deque[int] = deque(maxlen=100)
         self._looked = 0  # us; when it looked last at where robots are
         self._period = LOOK_PERIOD
@@ -72,7 +73,7 @@ class TeamWatch:
             self._take_world(utime, message)
         elif channel == PROCESS_STATUS.name:
             if message.host == self._host:
-                self.statuses[message.pid] = message
+                self._take_status(message)
             else:
                 self.statuses_elsewhere[message.host, message.pid] = message
 
@@ -132,6 +133,10 @@ class TeamWatch:
         status = self.statuses.get(pid)
         return None if status is None else int(status.loop_overruns) - self._late_before.get(pid, 0)
 
+    def loop_rate(self, pid: int) -> float:
+        """Return at which rate [Hz] a process's loop went when it kept up best; 0 if it was never heard."""
+        return self._fastest.get(pid, 0.0)
+
     @property
     def overruns(self) -> int:
         """How many turns of their loops all processes were late for."""
@@ -141,6 +146,11 @@ class TeamWatch:
         """Tell whether a process was in doubt when it was last heard."""
         status = self.statuses.get(pid)
         return status is not None and status.state == process_status_t.DEGRADED
+
+    def _take_status(self, status: Any) -> None:
+        self.statuses[status.pid] = status
+        if status.state != process_status_t.STOPPING:  # the last rate is that of a moment
+            self._fastest[status.pid] = max(self.loop_rate(status.pid), float(status.loop_rate_hz))
 
     def _take_world(self, utime: int, message: Any) -> None:
         ids = np.asarray(message.robot_id, dtype=np.int64)

@@ -37,6 +37,7 @@ tbody th { font-weight: 600; }
 td.number { font-variant-numeric: tabular-nums; white-space: nowrap; }
 td p { margin: 0 0 .25rem; white-space: nowrap; }
 .quiet { color: #4a4e57; font-size: .9rem; }
+.unreliable { color: #6b4200; background: #ffe6b3; border-radius: 3px; padding: .1rem .4rem; font-size: .875rem; }
 figure { margin: 1rem 0 1.5rem; }
 figcaption { font-size: .9rem; color: #33363d; max-width: 48rem; margin-top: .4rem; }
 figcaption::before { counter-increment: figure; content: "Figure " counter(figure) ". "; font-weight: 600; }
