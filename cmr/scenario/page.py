@@ -43,25 +43,22 @@ def _header(document: Document) -> Html:
     badge = tag("span", "failed" if document["failed"] else "done", class_="badge")
     said = f" Began {document['began']}, seed {document['seed']}. {document['about']}"
     head = tag("header", tag("h1", words), tag("p", badge, said), class_=verdict)
-    values = (
-        *(
-            (METRICS[name], f"{more_than(name, document)}{number(value, 3)} {UNITS[name]}")
-            for name, value in document["metrics"].items()
-        ),
-        ("world", f"{number(document['world_rate_hz'], 3)} Hz"),
-        ("late cycles", f"{document['overruns']}"),
-    )
     doubtful = document["unreliable"]
     key = [
         _key("robots", f"{len(document['robots'])}"),
-        *(_key(name, value, unreliable=bool(doubtful)) for name, value in values),
+        *(
+            _key(METRICS[name], f"{more_than(name, document)}{number(value, 3)} {UNITS[name]}", unreliable=doubtful)
+            for name, value in document["metrics"].items()
+        ),
+        _key("world", f"{number(document['world_rate_hz'], 3)} Hz"),
+        _key("late cycles", f"{document['overruns']}"),
         _key("restarts", f"{document['restarts']}"),
     ]
     note = tag("p", doubtful, class_="unreliable") if doubtful else Html("")
     return joined(head, tag("dl", *key, class_="key"), note)
 
 
-def _key(name: str, value: str, *, unreliable: bool = False) -> Html:
+def _key(name: str, value: str, unreliable: str = "") -> Html:
     """Return one of the numbers that a hurried reader wants, marked where it is not to be relied on."""
     return tag("div", tag("dt", name), tag("dd", value, *([" ", UNRELIABLE] if unreliable else [])))
 
