@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cmr.model.cache import lasting_folder
 
@@ -52,9 +52,11 @@ def compile_first(names: Iterable[str], say: Callable[[str], None] | None = None
 
 def announce_compiling() -> None:
     """Say so once if anything has to be compiled in this process from now on."""
-    from numba.core import event
+    from numba.core import event as untyped
 
-    class _FirstTime(event.Listener):  # type: ignore[misc]  # Numba has no annotations
+    event: Any = untyped  # Numba has no annotations
+
+    class _FirstTime(untyped.Listener):
         def on_start(self, _event: object) -> None:
             event.unregister("numba:compile", self)
             _print("Compiling the robot model (first use on this computer, about a minute) ...")
@@ -108,7 +110,7 @@ def _state() -> str:
     """Return a name for what compiled code depends on: sources, Python, Numba and the processor."""
     sources = [path for package in COMPILED for path in sorted((HERE / package).rglob("*.py"))]
     compilers = [Path(found.origin) for name in ("numba", "llvmlite") if (found := find_spec(name)) and found.origin]
-    files = [f"{path} {(found := path.stat()).st_size} {found.st_mtime_ns}" for path in (*sources, *compilers)]
+    files = [f"{path} {(status := path.stat()).st_size} {status.st_mtime_ns}" for path in (*sources, *compilers)]
     return hashlib.sha256("\n".join([*files, sys.version, _processor()]).encode()).hexdigest()[:16]
 
 
