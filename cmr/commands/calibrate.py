@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from cmr.bus.messages import now_utime
-from cmr.bus.preflight import open_lcm, resolve_url
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
@@ -37,10 +36,8 @@ def main(arguments: list[str]) -> int:
     """Run cmr-calibrate."""
     options = _options(arguments)
     nominal = _nominal(options.parameters)
-    if not options.log:
-        open_lcm(resolve_url(options.lcm_url))  # what is wrong with the bus is said before anything takes time
-    compile_first([ESTIMATOR])
-    if options.log:
+    if options.log:  # live, it listens while it compiles
+        compile_first([ESTIMATOR])
         return _from_logs(options, nominal)
     return _live(options, nominal)
 
