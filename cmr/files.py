@@ -1,8 +1,26 @@
-"""Files that are never half there."""
+"""Files that are never half there, and folders that are not left empty."""
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+
+@contextmanager
+def folder_for_results(folder: Path) -> Iterator[None]:
+    """Make a folder, and take it away again if nothing was written into it; so are those that were made for it.
+
+    Raises OSError when it cannot be made.
+    """
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    finally:
+        for one in made:
+            with suppress(OSError):  # it is not empty, or was not made
+                one.rmdir()
 
 
 def write_atomically(text: str, path: Path) -> None:

@@ -34,7 +34,7 @@ KNOWN: dict[str, set[str]] = {
     "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
     "team": {*RECORDED, "plant", "world"},
     "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
-    "sweep": {*RECORDED, "distribution", "colours", "scenario", "team", "world"},
+    "sweep": {*RECORDED, "files", "distribution", "colours", "scenario", "team", "world"},
     "view": {*RECORDED, "colours", "world"},
     "commands": {
         *{
@@ -53,7 +53,7 @@ KNOWN: dict[str, set[str]] = {
     },
     "robot_log": {*RECORDED, "calibration", "diagnosis", "distribution", "progress"},
     "__main__": {"commands"},
-    "tools": {*RECORDED, "colours", "commands", "distribution", "progress"},
+    "tools": {*RECORDED, "files", "colours", "commands", "distribution", "progress"},
 }
 DRIVER = {
     *BUS,

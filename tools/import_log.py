@@ -6,11 +6,13 @@ Usage: cmr-import MAPPING INPUT [INPUT ...] --out RUN.lcm or FOLDER, or cmr-impo
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from glob import has_magic
 from pathlib import Path
 
 from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.files import folder_for_results
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.file import load as load_parameters
@@ -136,22 +138,25 @@ def _import_all(mapping: Mapping, paths: Sequence[Path], folder: Path, robot_id:
     total = failed + len(recordings)
     logs = logs_of(list(recordings.values()), folder)
     for recording, log in zip(recordings.values(), logs, strict=True):
-        _make(log.parent)
-        try:
-            imported = _import(mapping, recording, log, robot_id)
-            print("\n".join([imported.headline(), *imported.remarks()]), flush=True)
-        except CommandError as error:
-            failed += _said(error)
+        with _made(log.parent):
+            try:
+                imported = _import(mapping, recording, log, robot_id)
+                print("\n".join([imported.headline(), *imported.remarks()]), flush=True)
+            except CommandError as error:
+                failed += _said(error)
     if failed:
         raise CommandError(f"{failed} of {total} recordings could not be imported; why is said above")
     print(_next_of_all(logs, robot_id))
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CommandError(f"{folder}: {error.strerror}; for several recordings --out must be a folder") from error
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    with ExitStack() as made:
+        try:
+            made.enter_context(folder_for_results(folder))
+        except OSError as error:
+            raise CommandError(f"{folder}: {error.strerror}; for several recordings --out must be a folder") from error
+        yield
 
 
 def _said(error: CommandError) -> int:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import lcm
 
+from cmr.files import folder_for_results
 from cmr.tools.converting import Event
 
 
@@ -53,12 +54,14 @@ def complete_files_or_none(folder: Path) -> Iterator[Path]:
 
     Raises OSError when the folder cannot be made or written, KeyboardInterrupt on SIGINT or SIGTERM.
     """
-    with _signals_raise():
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".partial.", dir=folder) as name:
-            yield Path(name)
-            for path in sorted(Path(name).iterdir()):
-                path.replace(folder / path.name)
+    with (
+        _signals_raise(),
+        folder_for_results(folder),
+        tempfile.TemporaryDirectory(prefix=".partial.", dir=folder) as name,
+    ):
+        yield Path(name)
+        for path in sorted(Path(name).iterdir()):
+            path.replace(folder / path.name)
 
 
 @contextmanager

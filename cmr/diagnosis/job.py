@@ -3,7 +3,7 @@
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from cmr.bus.streams import identify
 from cmr.diagnosis.result import Diagnosis
 from cmr.estimation.estimates import EstimationError
 from cmr.estimation.search.trace import Decision
+from cmr.files import folder_for_results
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.recordings.arrivals import KEPT
 from cmr.recordings.events import EventReader
@@ -83,12 +84,17 @@ def perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
 
     Raises JobError.
     """
+    with ExitStack() as made:
+        with _writing(job.folder):  # before the work, not after it
+            made.enter_context(folder_for_results(job.folder))
+        return _perform(job, tell)
+
+
+def _perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
     # The engine takes a while to load; a command line that is wrong should not have to wait for it.
     from cmr.diagnosis.diagnose import diagnose
 
     try:
-        with _writing(job.folder):  # before the work, not after it
-            job.folder.mkdir(parents=True, exist_ok=True)
         tell(f"Reading {_names(job.logs)}.")
         for log in (*job.logs, *job.held_out):
             _filled(log)

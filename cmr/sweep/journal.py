@@ -4,9 +4,12 @@ import fcntl
 import json
 import os
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeAlias
+
+from cmr.files import folder_for_results
 
 Result: TypeAlias = dict[str, Any]  # numbers and texts by name
 
@@ -25,27 +28,34 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.results: dict[str, Result] = {}
+        self._made = ExitStack()
 
     def __enter__(self) -> "Journal":
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._made.enter_context(folder_for_results(self.path.parent))
         self._stream = self.path.open("a+b")
         try:
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._read()
         except BlockingIOError as error:
-            self._stream.close()
+            self._close()
             raise JournalError(
                 f"{self.path} is in use by another cmr-sweep. Wait for it, or choose another --out."
             ) from error
         except BaseException:
-            self._stream.close()
+            self._close()
             raise
         return self
 
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
+        if self._stream.tell() == 0:
+            self.path.unlink(missing_ok=True)  # nothing was done; still ours alone
+        self._close()
+
+    def _close(self) -> None:
         self._stream.close()
+        self._made.close()
 
     def add(self, key: str, result: Mapping[str, Any]) -> None:
         """Keep the result of a run; one that is there already stays as it is."""
