@@ -154,6 +154,12 @@ class FakeGui:
 
     add_slider = add_text = add_button = add_dropdown = _add
 
+    def add_html(self, content: str) -> SimpleNamespace:
+        return SimpleNamespace(content=content)
+
+    def add_command(self, _label: str, **_keys: Any) -> SimpleNamespace:
+        return SimpleNamespace(on_trigger=lambda call: call)
+
 
 @pytest.mark.parametrize(
     ("text", "seconds"), [("90", 90.0), (" 1:30.5 ", 90.5), ("1:00:02", 3602.0), ("", None), ("1:", None), ("-3", None)]
