@@ -128,7 +128,7 @@ def _start_simulator(parameters: Path, cache: Path) -> tuple[Times, Times]:
     with subprocess.Popen(
         [
             *_program("cmr-sim"),
-            *("--virtual", "10=figure_eight", "--parameters", str(parameters), "--lcm-url", url),
+            *("--virtual", "10=figure_eight,start=0", "--parameters", str(parameters), "--lcm-url", url),
         ],
         env=_environment(cache),
         stderr=subprocess.DEVNULL,
