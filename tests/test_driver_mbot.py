@@ -168,7 +168,7 @@ def test_a_board_that_takes_duties_for_velocities_is_refused_at_the_first_of_the
         client.until(lambda: "takes them for velocities" in driver.problems())
         count = len(device.drives)
         client.more(50)
-        assert driver.problems().startswith("Not driving: the board drives with other duties")
+        assert driver.problems().startswith("Not driving: the board reports duties other than those sent")
     assert max(abs(duty) for _, duties in device.drives for duty in duties) < 0.02
     assert {duty for _, duty in device.drives[count + 50 :]} == {(0.0, 0.0)}
     assert client.feedback[-1].status & motor_feedback_t.STATUS_NOT_ARMED
@@ -194,7 +194,7 @@ def test_a_board_that_was_refused_stays_so_when_it_is_connected_anew(tmp_path: P
         faults.lose = 0.0
         count = len(device.drives)
         client.more(50)
-        assert driver.problems().startswith("Not driving: the board drives with other duties")
+        assert driver.problems().startswith("Not driving: the board reports duties other than those sent")
     assert {duty for _, duty in device.drives[count:]} == {(0.0, 0.0)}
 
 

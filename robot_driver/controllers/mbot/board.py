@@ -174,7 +174,8 @@ class MBot(Controller):
         if len(self._untold) >= UNTOLD and self._watchdog is not None:
             self.objection = (
                 "Not driving: the board reports duties other than those sent, so its firmware takes them for "
-                "velocities or numbers its topics otherwise. Install the firmware that README names, then restart."
+                "velocities or numbers its topics otherwise. Install the firmware that docs/how_to/set_up_a_robot.md "
+                "names, then restart."
             )
 
     def _foreign(self) -> str:
