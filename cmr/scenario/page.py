@@ -43,7 +43,7 @@ def _header(document: Document) -> Html:
     badge = tag("span", "failed" if document["failed"] else "done", class_="badge")
     said = f" Began {document['began']}, seed {document['seed']}. {document['about']}"
     head = tag("header", tag("h1", words), tag("p", badge, said), class_=verdict)
-    doubtful = document.get("unreliable")
+    doubtful = document.get("unreliable", "")
     key = [
         _key("robots", f"{len(document['robots'])}"),
         *(
@@ -151,7 +151,7 @@ def _robots(document: Document) -> Html:
             f"Robots {near[0]} and {near[1]} came nearest to one another: "
             f"{number(document['minimum_separation_m'], 3)} m from centre to centre, "
             f"{number(document['nearest_at_s'], 3)} s after all were ready.",
-            *([" ", UNRELIABLE] if document.get("unreliable") else []),
+            *([" ", UNRELIABLE] if document.get("unreliable", "") else []),
         )
         if near
         else Html("")

@@ -81,7 +81,7 @@ def metrics_in_words(document: dict[str, Any]) -> str:
     """Return the metrics of a run as a person reads them; a goal that was not reached took more than the run."""
     return ", ".join(
         f"{name.replace('_', ' ')} {more_than(name, document)}{value:.3g} {UNITS[name]}"
-        f"{' (unreliable)' if document.get('unreliable') else ''}"
+        f"{' (unreliable)' if document.get('unreliable', '') else ''}"
         for name, value in document["metrics"].items()
     )
 
