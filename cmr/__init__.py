@@ -1,6 +1,6 @@
 """Calibrated Mixed Reality: real and virtual robots in one world.
 
-Rooms: `bus` (channels, messages, processes on LCM), `recordings` (event logs as arrays), `parameters`
+Packages: `bus` (channels, messages, processes on LCM), `recordings` (event logs as arrays), `parameters`
 (the parameter file), `model` (how a robot moves), `calibration`, `world` (all robots, real and virtual),
 `diagnosis`, `tools` (log tools), `commands` (the cmr-* processes). Imports run towards `model`, which knows nobody.
 

@@ -31,7 +31,7 @@ X, Y = MOTION.index("x"), MOTION.index("y")
 LARGEST_DOUBT = 0.05
 NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
 HARDLY_TURNED = "The robot hardly turned: its turns determine the base width to {doubt:.0f} % only."
-TURNS = "A drive with turns would: figure-eights, or circles both ways."
+TURNS = "Record a drive with turns: figure-eights, or circles in both directions."
 WITHOUT_WIDTH = "No wheels were recorded (MOTOR_FEEDBACK_N): give base_width, nearly, by --parameters."
 WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing shows how the motors follow them: "
 
@@ -155,7 +155,7 @@ def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
         if any(len(predictor.segment.observations.pose) for predictor in ready):
             start.names = ("wheel_radius", *start.names)
     if not start.names:
-        start.refused = f"Neither commands nor turns nor poses were recorded of this robot. {TURNS}"
+        start.refused = f"Neither commands, turns nor poses determine any parameter of this robot. {TURNS}"
     return start
 
 
