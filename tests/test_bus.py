@@ -195,7 +195,8 @@ def test_a_signal_ends_a_process_within_a_second_with_exit_code_130(
         _, said = process.communicate(timeout=PATIENCE)
         assert time.monotonic() - began < 1.0
         assert process.returncode == 130
-        assert {line.split()[-1] for line in said.splitlines()} <= {"ready", "stopped"}, said
+        news = [line for line in said.splitlines() if "ompil" not in line]  # which may come first, on a new computer
+        assert {line.split()[-1] for line in news} <= {"ready", "stopped"}, said
     receive_until(listener, lambda all_: any(one.message.state == STOPPING for one in all_))
 
 

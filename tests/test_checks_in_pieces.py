@@ -16,8 +16,8 @@ from tests.faulty_drive import later, moved, placed
 
 # In each of these a check fired once. They have poses that are rounded (16, 149), wheel speeds of the moment at 10 Hz
 # (24, 125, 144), commands recorded at 5 Hz (39, 498), controllers slower than motors (54, 88), a speed that
-# hardly changes (432, 7080), or a lag of the poses that is unknown (3074).
-ONCE_FOUND_FAULT_WITH = (16, 24, 39, 54, 88, 125, 144, 149, 432, 498, 3074, 7080)
+# hardly changes (432, 7080), a lag of the poses that is unknown (3074), or rounded poses of 200 Hz (383, 5061).
+ONCE_FOUND_FAULT_WITH = (16, 24, 39, 54, 88, 125, 144, 149, 383, 432, 498, 3074, 5061, 7080)
 # Recordings in pieces with all sensors: random turns, a controller, a rich drive, circles. In the last two each piece
 # has a frame of its own.
 IN_PIECES = (5, 47, 38, 97, 8)

@@ -1,6 +1,7 @@
 """A measured path freed of the motion that wheels and gyro tell: what is left is slow, unless poses are wrong."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,13 @@ from cmr.recordings.travel import Travel, travel_of
 
 HALF = 5  # neighbours on either side; a burst of that many outliers is seen through
 SHORTEST_STEP = 1e-6  # s; time stamps are no finer
+SAME_RATE = 0.02  # share by which usual times between poses may differ from round ones
 HARDEST, HARDEST_TURN = 10.0, 200.0  # m/s^2, rad/s^2; no robot on wheels brakes or sets off harder
 COMPARED = 0.5  # s over which two sensors' motions are compared
 LONGEST_GAP = 0.3  # s; over a longer one a sensor does not tell the motion
 EXPLAINED = 0.5  # a sensor is used where what it leaves of the motion is less than this share
 USUAL = 0.3  # s before and after, whose median rate is that of a path of which no sensor tells
+USUAL_STEP = 0.02  # s at least over which a rate is taken: poses of 200 Hz rounded to 1 mm move by 0 or 0.2 m/s
 USUAL_DOUBT = 1.5  # of how much that rate changes between neighbours
 JITTER, JITTER_SHARE = 0.045, 0.75  # s and share of the time to the next by which a pose's time stamp may be wrong
 # Of the motion that a sensor tells, the share by which the true one may be less: wheels may spin, a gyro cannot.
@@ -89,12 +92,24 @@ class Steps:
         place = np.arange(len(first))
         return np.asarray(np.minimum(place - first, np.maximum(last - ~self.within[last] - place, 0)), np.int64)
 
+    @cached_property
+    def groups(self) -> NDArray[np.int64]:
+        """Where each group of neighbouring steps begins that last USUAL_STEP together, shape (g,); runs share none."""
+        first, _ = run_ends(self.run)
+        samples = max(int(np.ceil(USUAL_STEP / self.usual * (1.0 - SAME_RATE))), 1)
+        return np.flatnonzero((np.arange(len(first)) - first) % samples == 0)
+
     def rates(self, steps: Floats) -> Floats:
-        """Return steps per time; that from run to run is given the rate of the one before."""
-        rates = steps / self.dt
-        begins = np.flatnonzero(~self.within)
-        rates[begins] = np.where(self.within[begins - 1] & (begins > 0), rates[begins - 1], 0.0)
+        """Return the rate of each group, shape (g,); one that only leads from run to run is given that before it."""
+        told, time = (np.add.reduceat(np.where(self.within, of, 0.0), self.groups) for of in (steps, self.dt))
+        rates = told / np.maximum(time, SHORTEST_STEP)
+        empty = np.flatnonzero(time == 0.0)
+        rates[empty] = np.where(empty > 0, rates[empty - 1], 0.0)
         return rates
+
+    def each(self, of_groups: Floats) -> Floats:
+        """Return what is true of groups for each step of them."""
+        return np.repeat(of_groups, np.diff(np.append(self.groups, len(self.dt))))
 
     def over(self, steps: NDArray[Any]) -> NDArray[Any]:
         """Return the sums of as many successive steps as motions are compared over, within runs."""
@@ -222,15 +237,19 @@ def _usual(measured: NDArray[Any], steps: Steps, hardest: float) -> Motion:
 
     The rate changes by no more than `hardest` [m/s^2 or rad/s^2].
     """
-    half = int(np.clip(round(USUAL / steps.usual), 2, HALF))
+    samples = np.add.reduceat(np.ones(len(steps.dt)), steps.groups)
+    together, run = steps.usual * float(samples.max()), steps.run[steps.groups]
+    half = int(np.clip(round(USUAL / together), 2, max(np.ceil(HALF / samples.max()), 3)))
     parts = [measured.real, measured.imag] if np.iscomplexobj(measured) else [measured]
-    rates = [running_median(steps.rates(part), half, steps.run) for part in parts]
-    ranges = np.sum([running_range(rate, 1, steps.run) for rate in rates], axis=0)
+    of_groups = [running_median(steps.rates(part), half, run) for part in parts]
+    # Within a group, and to the middle of its neighbours, a rate that changes leads astray.
+    ranges = steps.each(np.sum([running_range(rate, 1, run) for rate in of_groups], axis=0) * 0.5 * (samples + 1.0))
+    rates = [steps.each(rate) for rate in of_groups]
     usual = np.where(steps.within, rates[0] if len(rates) == 1 else rates[0] + 1j * rates[1], 0.0) * steps.dt
     bend = np.sum([running_range(rate, HALF, steps.run) for rate in rates], axis=0) * steps.reach
     bend = np.maximum(bend - np.median(bend), 0.0)  # what it is throughout is noise
     # What the robot did in the very first steps, or the last, no median tells: it may have gone as fast as ever.
-    time = np.maximum((half + 1) // 2 + 1 - steps.from_end, 0) * steps.dt
+    time = np.maximum(((half + 1) // 2 + 1) * samples.max() - steps.from_end, 0) * steps.dt
     unseen = np.minimum(np.max(np.abs(usual) / steps.dt, initial=0.0) * time, 0.5 * hardest * time**2)
     return Motion(usual, USUAL_DOUBT * ranges * steps.dt, USUAL_SLIP * np.abs(usual), USUAL_SLIP * bend, unseen)
 
