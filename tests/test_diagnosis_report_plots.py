@@ -11,7 +11,6 @@ from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.diagnosis.report import report_of
 from cmr.diagnosis.report.binned import binned
 from cmr.diagnosis.report.pairs import pairs_of, pairs_without
-from cmr.diagnosis.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
 from cmr.diagnosis.report.tell_tale import REGRESSOR_WORDS, SIGNAL_WORDS, tell_tale
 from cmr.diagnosis.report.terms import SYMBOLS, UNITS, as_shown, regressor, signal_words
 from cmr.diagnosis.result import Diagnosis
@@ -20,6 +19,7 @@ from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.estimation.unexplained.result import GenericTerm
 from cmr.model.catalogue import CATALOGUE
+from cmr.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
 from tests.diagnosis_example import (
     EFFECTS,
     FOUND,
