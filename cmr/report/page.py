@@ -12,8 +12,8 @@ from cmr.report.style import style_sheet
 MOST_WITHOUT_CONTENTS = 3  # sections; of so few, the headings are on the first screen
 
 
-def page_of(title: str, header: Html, sections: Iterable[Section]) -> str:
-    """Return a page that needs no network and no other file; empty sections are left out.
+def page_of(title: str, header: Html, lead: Html, sections: Iterable[Section]) -> str:
+    """Return a page that needs no network and no other file: header, lead, contents and sections that are not empty.
 
     Its policy lets the browser run the one script that it holds, whatever a name in the data says.
     """
@@ -29,8 +29,8 @@ def page_of(title: str, header: Html, sections: Iterable[Section]) -> str:
         tag("title", title),
         tag("style", Html(style_sheet())),
     )
-    content = tag("main", *(one.html for one in shown))
-    body = tag("body", header, _contents(shown), content, tag("script", Html(script)))
+    content = tag("main", lead, _contents(shown), *(one.html for one in shown))
+    body = tag("body", header, content, tag("script", Html(script)))
     return f"<!DOCTYPE html>\n{tag('html', head, body, lang='en')}\n"
 
 

@@ -15,13 +15,13 @@
   const extent = (values) => Math.max(...values) - Math.min(...values);
   // As many digits as a drawing resolves.
   const written = (value, range) =>
-    value.toFixed(Math.min(Math.max(Math.ceil(-Math.log10(range / 2000)), 0), 6)).replace("-", "\u2212");
+    value.toFixed(Math.min(Math.max(Math.ceil(-Math.log10(range / 1000)), 0), 6)).replace("-", "\u2212");
 
   const box = document.createElement("div");
   box.className = "reading";
   box.setAttribute("role", "status");
   box.hidden = true;
-  document.body.append(box);
+  document.querySelector("main").append(box);
 
   class Plot {
     constructor(svg) {

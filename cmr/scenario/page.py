@@ -37,15 +37,19 @@ def run_page(document: Document) -> str:
     """Return the page as HTML that needs nothing beside it."""
     content = (_paths(document), _robots(document), _processes(document), _events(document))
     title = f"Run of {document['scenario']}"
-    return page_of(title, _header(document), content)
+    return page_of(title, _header(document), _key_numbers(document), content)
 
 
 def _header(document: Document) -> Html:
-    """Return how it ended, and the numbers that a hurried reader wants."""
+    """Return how it ended."""
     words = f"{document['scenario']}: {document['seconds']:.0f} s, then {document['ended_by']}"
     badge = tag("span", "failed" if document["failed"] else "done", class_="badge")
     said = f" Began {document['began']}, seed {document['seed']}. {document['about']}"
-    head = tag("header", tag("h1", words), tag("p", badge, said), class_="bad" if document["failed"] else "plain")
+    return tag("header", tag("h1", words), tag("p", badge, said), class_="bad" if document["failed"] else "plain")
+
+
+def _key_numbers(document: Document) -> Html:
+    """Return the numbers that a hurried reader wants, and whether they can be relied on."""
     doubtful = document.get("unreliable", "")
     key = [
         _key("robots", f"{len(document['robots'])}"),
@@ -58,7 +62,7 @@ def _header(document: Document) -> Html:
         _key("restarts", f"{document['restarts']}"),
     ]
     note = tag("p", doubtful, class_="unreliable") if doubtful else Html("")
-    return joined(head, tag("dl", *key, class_="key"), note)
+    return joined(tag("dl", *key, class_="key"), note)
 
 
 def _key(name: str, value: str, unreliable: str = "") -> Html:

@@ -51,13 +51,17 @@ COMMAND = re.compile(r"(?:`(cmr-[^`]+)`|(cmr-[a-z]+(?: --[a-z][a-z-]*(?:[ =](?!-
 
 
 def header(diagnosis: Diagnosis) -> Html:
-    """Return the verdict in a sentence, and the numbers that a hurried reader wants."""
+    """Return the verdict in a sentence."""
     robot = f" Robot {diagnosis.robot_id}. Diagnosis by CMR."
     tone = TONES.get(diagnosis.verdict)
     badge = tag("span", BADGES.get(diagnosis.verdict, diagnosis.verdict), class_="badge")
-    head = tag("header", tag("h1", typeset(diagnosis.sentence)), tag("p", badge, robot), class_=tone)
+    return tag("header", tag("h1", typeset(diagnosis.sentence)), tag("p", badge, robot), class_=tone)
+
+
+def key_numbers(diagnosis: Diagnosis) -> Html:
+    """Return the numbers that a hurried reader wants."""
     numbers = [tag("div", tag("dt", words), tag("dd", value)) for words, value in _key_numbers(diagnosis)]
-    return joined(head, tag("dl", *numbers, class_="key") if numbers else Html(""))
+    return tag("dl", *numbers, class_="key") if numbers else Html("")
 
 
 def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:

@@ -14,7 +14,7 @@ from cmr.report.section import Section
 def report_of(diagnosis: Diagnosis) -> str:
     """Return the report as HTML that needs no network and no other file."""
     title = f"Diagnosis of robot {diagnosis.robot_id}: {found.BADGES.get(diagnosis.verdict, diagnosis.verdict)}"
-    return page_of(title, found.header(diagnosis), _sections(diagnosis))
+    return page_of(title, found.header(diagnosis), found.key_numbers(diagnosis), _sections(diagnosis))
 
 
 def write_report(diagnosis: Diagnosis, path: Path) -> None:

@@ -101,7 +101,7 @@ def _parting_words(track: Track, causes: Sequence[str]) -> Html:
         f"pose, the paper's model ends {before} m from the real robot, and the extended model {after} m."
     )
     named = [part for cause in causes for part in (", ", cause)][1:]
-    return joined(words, *([" The difference is the work of ", *named, "."] if named else []))
+    return joined(words, *([" The difference comes from ", *named, "."] if named else []))
 
 
 def _real_line(frame: Frame, track: Track) -> Html:
