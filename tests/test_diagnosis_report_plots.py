@@ -75,27 +75,33 @@ def test_a_path_with_gaps_or_astray_is_drawn_around_the_real_one() -> None:
     assert np.ptp(places, axis=0).max() > 100.0  # of some 230 units
 
 
-def arcs(radius: float, count: int = 601) -> Path:
-    """A real robot that drives straight on until 40 s and then turns left; before, the model turns less tightly."""
-    time = np.linspace(0.0, 60.0, count)
-    real, before = (_arc(time, turning) for turning in (1.0 / radius, 0.5 / radius))
-    fields = {
-        f"{stage}{name}": v
-        for stage, poses in (("", real), ("before_", before), ("after_", real))
-        for name, v in poses.items()
-    }
-    return Path(label="arcs.lcm", time=time, **fields)
+def arcs() -> Path:
+    """A robot at 1 m/s that drives straight on for 40 s and then a circle of 2 m; before, the model drives one of 4 m."""
+    time = np.linspace(0.0, 60.0, 601)
+    (x, y, theta), (before_x, before_y, before_theta) = (_arc(time, rate) for rate in (0.5, 0.25))
+    return Path(
+        label="arcs.lcm",
+        time=time,
+        x=x,
+        y=y,
+        theta=theta,
+        before_x=before_x,
+        before_y=before_y,
+        before_theta=before_theta,
+        after_x=x,
+        after_y=y,
+        after_theta=theta,
+    )
 
 
-def _arc(time: Floats, turning: float) -> dict[str, Floats]:
-    """Poses of a robot at 1 m/s with this rate of turning [rad/s] from 40 s on."""
-    theta = turning * np.maximum(time - 40.0, 0.0)
-    x = np.minimum(time, 40.0) + np.sin(theta) / turning
-    return {"x": x, "y": (1.0 - np.cos(theta)) / turning, "theta": theta}
+def _arc(time: Floats, rate: float) -> tuple[Floats, Floats, Floats]:
+    """Poses of a robot at 1 m/s that turns at this rate [rad/s] from 40 s on."""
+    theta = rate * np.maximum(time - 40.0, 0.0)
+    return np.minimum(time, 40.0) + np.sin(theta) / rate, (1.0 - np.cos(theta)) / rate, theta
 
 
 def test_the_interval_in_which_the_models_differ_most_is_where_the_effect_acts() -> None:
-    track = track_of(arcs(2.0))
+    track = track_of(arcs())
     part = parting(track, 3.0)
     assert part
     there = track.begun_together(part)
@@ -103,17 +109,15 @@ def test_the_interval_in_which_the_models_differ_most_is_where_the_effect_acts()
     assert there.time[-1] - there.time[0] == pytest.approx(3.0)
     for poses in (there.before, there.after):
         assert [values[0] for values in poses] == pytest.approx([values[0] for values in there.real])
-    turned = np.array(
-        [1.5, 0.75]
-    )  # rad in 3 s; an arc of radius r ends r sin(turned) ahead and r (1 - cos(turned)) left
-    ahead, left = np.array([2.0, 4.0]) * np.sin(turned), np.array([2.0, 4.0]) * (1.0 - np.cos(turned))
+    radius, turned = np.array([2.0, 4.0]), np.array([1.5, 0.75])  # m; rad in 3 s
+    ahead, left = radius * np.sin(turned), radius * (1.0 - np.cos(turned))  # where an arc ends
     apart = math.hypot(ahead[0] - ahead[1], left[0] - left[1])
     assert float(there.before.distance(there.real)[-1]) == pytest.approx(apart, rel=1e-6)
     assert float(there.after.distance(there.real)[-1]) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_free_run_that_begins_anew_is_no_difference_of_the_models() -> None:
-    whole = arcs(2.0)
+    whole = arcs()
     anew = int(np.searchsorted(whole.time, 50.0))
     sent_back = replace(whole, before_x=whole.before_x.copy(), before_y=whole.before_y.copy())
     for name in ("x", "y"):
@@ -125,13 +129,13 @@ def test_a_free_run_that_begins_anew_is_no_difference_of_the_models() -> None:
 
 
 def test_models_that_are_alike_have_no_such_interval() -> None:
-    real = arcs(2.0)
+    real = arcs()
     alike = replace(real, before_x=real.x, before_y=real.y, before_theta=real.theta)
     assert parting(track_of(alike), 3.0) is None
 
 
 def test_the_caption_says_where_the_models_differ_and_what_makes_the_difference() -> None:
-    page = Page(report_of(replace(FOUND, evidence=replace(FOUND.evidence, paths=(arcs(2.0),), window=3.0))))
+    page = Page(report_of(replace(FOUND, evidence=replace(FOUND.evidence, paths=(arcs(),), window=3.0))))
     [words] = [text for text in page.texts if "in which the two models differ most" in text]
     assert "Marked are the 3.0 s" in words
     assert "the robot drives 3.00 m and turns through 86\u00b0." in words

@@ -1,7 +1,7 @@
 """Reports in a real browser, light, dark, and on a phone: accessible, within the screen, values at the pointer."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -19,7 +19,7 @@ pytestmark = [
     pytest.mark.waits,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium; apt-get install chromium"),
 ]
-REPORTS = {
+REPORTS: dict[str, Callable[[], str]] = {
     "effects": lambda: report_of(FOUND),
     "unexplained": lambda: report_of(STRANGE),
     "bad data": lambda: report_of(SPOILT),
