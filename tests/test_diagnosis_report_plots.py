@@ -76,7 +76,7 @@ def test_a_path_with_gaps_or_astray_is_drawn_around_the_real_one() -> None:
 
 
 def arcs() -> Path:
-    """A robot at 1 m/s that drives straight on for 40 s and then a circle of 2 m; before, the model drives one of 4 m."""
+    """A robot at 1 m/s that drives straight on for 40 s, then a circle of 2 m; before, the model drives one of 4 m."""
     time = np.linspace(0.0, 60.0, 601)
     (x, y, theta), (before_x, before_y, before_theta) = (_arc(time, rate) for rate in (0.5, 0.25))
     return Path(

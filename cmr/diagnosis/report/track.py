@@ -69,11 +69,11 @@ class Track(NamedTuple):
 
 def track_of(path: Path) -> Track:
     """Return the points to draw, evenly spread: more would cover one another. Gaps and new beginnings are kept."""
+    real = Poses(path.x, path.y, path.theta)
     before = Poses(path.before_x, path.before_y, path.before_theta)
     after = Poses(path.after_x, path.after_y, path.after_theta)
-    kept = np.flatnonzero(~np.isfinite(path.x) | (before.distance(after) == 0.0))
-    shown = np.union1d(thinned(len(path.x), MOST_POINTS), kept[:MOST_POINTS])
-    real = Poses(path.x, path.y, path.theta)
+    kept = np.flatnonzero(~np.isfinite(path.x) | _begun_anew(before, after))
+    shown = np.union1d(thinned(len(path.x), MOST_POINTS), kept)
     return Track(path.time[shown] - path.time[:1], *(Poses(*(v[shown] for v in one)) for one in (real, before, after)))
 
 
@@ -96,8 +96,12 @@ def parting(track: Track, seconds: float) -> slice | None:
 def _unbroken(track: Track, last: Indices) -> Mask:
     """Return from which points to their `last` ones all poses are known and no free run begins anew, shape (n,)."""
     known = np.all([np.isfinite(values) for poses in track[1:] for values in poses], axis=0)
-    begins = track.before.distance(track.after) == 0.0
-    broken = np.concatenate([[0], np.cumsum(~known), [0]])[:-1]
-    begun = np.cumsum(begins)
-    through = np.arange(len(last))
-    return np.asarray((broken[last + 1] == broken[through]) & (begun[last] == begun[through]))
+    unknown = np.concatenate([[0], np.cumsum(~known)])  # before each point
+    begun = np.cumsum(_begun_anew(track.before, track.after))
+    return np.asarray((unknown[last + 1] == unknown[:-1]) & (begun[last] == begun))
+
+
+def _begun_anew(before: Poses, after: Poses) -> Mask:
+    """Return where free runs that were apart are together again, shape (n,): both begin anew at the real pose there."""
+    apart = before.distance(after)
+    return np.asarray((apart == 0.0) & (np.concatenate([apart[:1], apart[:-1]]) > 0.0))
