@@ -12,13 +12,13 @@ from cmr.report.svg import Floats, Frame
 
 # More lines than these hide one another on a map of this size, and each takes some 10 kB.
 MOST_LINES = 40
-# Length of a cell in units of the plot, of which a map has about 700 across. A map as high as it may be then has 55,000
-# cells and takes 500 kB at most, whatever the number of robots is; a thousand lines would take 2 MB and more.
+# Length of a cell in units of the plot, of which a map has some 500 across. A map as high as it may be then has 35,000
+# cells and takes 350 kB at most, whatever the number of robots is; a thousand lines would take 2 MB and more.
 CELL = 3.0
 
 
 def density(frame: Frame, paths: Iterable[tuple[Floats, Floats]]) -> Html:
-    """Return the cells that paths of x and y [in the frame's units], each of shape (n,), pass, coloured by how many do.
+    """Return the cells that paths pass, given as x and y of shape (n,), coloured by how many do.
 
     Each colour is one element, whose title says the number: a browser shows it at the pointer.
     """

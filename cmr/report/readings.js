@@ -22,6 +22,7 @@
   box.setAttribute("role", "status");
   box.hidden = true;
   document.querySelector("main").append(box);
+  let owner = null; // the plot whose values the box shows
 
   class Plot {
     constructor(svg) {
@@ -106,15 +107,20 @@
     // Put the box beside a place of the plot, where the window has room.
     put(x, y) {
       const place = new DOMPoint(x + this.left, y + this.top).matrixTransform(this.svg.getScreenCTM());
+      if (owner !== this) owner?.hide();
+      owner = this;
       box.hidden = false;
       const [width, height] = [box.offsetWidth, box.offsetHeight];
       const right = place.x + 16 + width < innerWidth ? place.x + 16 : Math.max(place.x - 16 - width, 4);
-      box.style.left = `${Math.min(right, innerWidth - width - 4)}px`;
-      box.style.top = `${Math.min(Math.max(place.y + 16, 4), innerHeight - height - 4)}px`;
+      const below = Math.min(Math.max(place.y + 16, 4), innerHeight - height - 4);
+      box.style.left = `${scrollX + Math.min(right, innerWidth - width - 4)}px`;
+      box.style.top = `${scrollY + below}px`;
     }
 
     hide() {
       this.marks.replaceChildren();
+      if (owner !== this) return;
+      owner = null;
       box.hidden = true;
     }
   }
@@ -126,15 +132,18 @@
     const show = () => plot.show(curve, k);
     const point = (event) => {
       const found = ready().at(event.clientX, event.clientY);
-      if (found) [curve, k] = [found.curve, found.k], show();
+      if (!found) return;
+      [curve, k] = [found.curve, found.k];
+      show();
     };
     svg.tabIndex = 0;
     svg.addEventListener("pointermove", point);
     svg.addEventListener("pointerdown", point);
-    svg.addEventListener("pointerleave", () => ready().hide());
-    svg.addEventListener("blur", () => ready().hide());
+    // A finger that is lifted leaves the value there, to be read.
+    svg.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && plot?.hide());
+    svg.addEventListener("blur", () => plot?.hide());
     svg.addEventListener("keydown", (event) => {
-      if (event.key === "Escape") return ready().hide();
+      if (event.key === "Escape") return plot?.hide();
       const [along, across] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key] || [];
       if (along === undefined || !ready().curves.length) return;
       event.preventDefault();
@@ -148,5 +157,5 @@
     });
   }
 
-  document.querySelectorAll("svg[data-x]").forEach(listen);
+  document.querySelectorAll("svg[data-x]:has(path[data-name])").forEach(listen);
 })();

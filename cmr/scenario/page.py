@@ -17,8 +17,8 @@ from cmr.report.table import table
 from cmr.scenario.plan import Disc
 from cmr.team.metrics import UNITS
 
-WIDTH = 720.0
-LABELS_X, LABELS_Y = 65.0, 57.0  # what a frame's labels take of its width and height
+WIDTH, TEXT = 600.0, 14.0  # so that letters are neither small on a phone nor large on a screen
+LABELS_X, LABELS_Y = 76.0, 66.0  # what a frame's labels take of its width and height
 ROOM = 0.3  # m, left free around everything
 LEAST, MOST = 0.35, 1.1  # height of the map over its width
 MOST_ROWS = 40  # robots in the table
@@ -104,7 +104,7 @@ def _paths(document: Document) -> Section:
     words += "the dashed line is the geofence."
     if others:
         words += f" {len(others)} robots are drawn as a density: the colour says how many of them passed a place."
-    return section("Paths", tag("figure", key, picture, tag("figcaption", words)))
+    return section("Paths", tag("figure", key, tag("div", picture, class_="map"), tag("figcaption", words)))
 
 
 def _lines_and_others(robots: list[Document]) -> tuple[list[Document], list[Document]]:
@@ -129,7 +129,7 @@ def _frame(document: Document, robots: list[Document]) -> Frame:
     about = (sum(x) / 2.0, sum(y) / 2.0)
     half = (metres * inner / 2.0, metres * shape * inner / 2.0)
     ranges = [(middle - size, middle + size) for middle, size in zip(about, half, strict=True)]
-    return Frame(x=ranges[0], y=ranges[1], width=WIDTH, height=shape * inner + LABELS_Y)
+    return Frame(x=ranges[0], y=ranges[1], width=WIDTH, height=shape * inner + LABELS_Y, text=TEXT)
 
 
 def _room(frame: Frame, document: Document) -> list[Html]:
