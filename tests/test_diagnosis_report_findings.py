@@ -7,10 +7,11 @@ from dataclasses import replace
 import pytest
 
 from cmr.diagnosis.report import report_of
+from cmr.diagnosis.report.estimate_text import estimate_text, interval_text
 from cmr.diagnosis.report.found import with_commands
-from cmr.diagnosis.report.numbers import chance, estimate_text, interval_text, number
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.report.numbers import chance, number
 from tests.diagnosis_example import CANDIDATES, CHECKS, EFFECTS, FOUND, SPOILT, STRANGE
 from tests.html_page import Page
 from tests.made_up_diagnosis import DIAGNOSIS

@@ -19,6 +19,7 @@ KNOWN: dict[str, set[str]] = {
     "progress": {"news"},
     "threads": set(),
     "priority": set(),
+    "report": {"colours"},
     "msg": set(),
     "model": set(),
     "plant": set(),  # the judge of the model, with which it shares no code
@@ -30,8 +31,8 @@ KNOWN: dict[str, set[str]] = {
     "estimation": {*RECORDED, "manoeuvres"},
     "calibration": {*RECORDED, "colours", "manoeuvres", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
-    "diagnosis": {*RECORDED, "distribution", "colours", "files", "threads", "manoeuvres", "estimation"},
-    "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
+    "diagnosis": {*RECORDED, "report", "distribution", "colours", "files", "threads", "manoeuvres", "estimation"},
+    "scenario": {*RECORDED, "files", "report", "world", "team"},
     "team": {*RECORDED, "plant", "world"},
     "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
     "sweep": {*RECORDED, "files", "distribution", "colours", "scenario", "team", "world"},

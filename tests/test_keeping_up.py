@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cmr.scenario.keeping_up import Pace, in_words, is_too_late, what_was_too_slow
-from cmr.scenario.page import page_of
+from cmr.scenario.page import run_page
 from cmr.scenario.report import document_of, metrics_in_words
 from tests.test_run_elsewhere import all_statuses, live_run
 
@@ -46,8 +46,8 @@ def test_each_figure_that_is_spoilt_is_marked_and_the_computer_blamed(
     document = document_of(run, outcome, 0.0)
     document["metrics"] = {"formation_error": 0.2, "distance_driven": 5.0}
     assert metrics_in_words(document).count(" (unreliable)") == 2
-    page = page_of(document)
+    page = run_page(document)
     assert f"{late}. The computer was too busy; robots and cables are not the cause." in page
     assert page.count(">unreliable</span>") == 3  # two metrics, and how near robots came
     document["unreliable"] = ""
-    assert "nreliable</" not in page_of(document)
+    assert "nreliable</" not in run_page(document)

@@ -66,7 +66,8 @@ def _pieces(observations: Observations, before: Values, after: Values, label: st
     simulated = measured[:, :, None] - free_run(observations, begins, smooth, stacked((before, after))).pose
     simulated[begins] = smooth[begins, :, None]
     for first, end in pairwise(borders):
-        shown = np.linspace(first, end - 1, min(end - first, MOST_POINTS)).round().astype(np.int64)
+        spread = np.linspace(first, end - 1, min(end - first, MOST_POINTS)).round().astype(np.int64)
+        shown = np.union1d(spread, begins[(begins >= first) & (begins < end)])  # a report must know of new beginnings
         yield _path(label, observations.pose_time[shown] + observations.time, measured[shown], simulated[shown])
 
 

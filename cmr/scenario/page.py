@@ -4,22 +4,26 @@ from typing import Any
 
 import numpy as np
 
-from cmr.diagnosis.report.markup import Html, joined, tag
-from cmr.diagnosis.report.numbers import number
-from cmr.diagnosis.report.section import code, paragraph, quiet, section
-from cmr.diagnosis.report.style import AFTER, GRID, INK, REAL, REAL_OUTLINE
-from cmr.diagnosis.report.svg import Frame, dots, line, plot
-from cmr.diagnosis.report.table import table
-from cmr.diagnosis.report.whole import whole_page
+from cmr.report import density as swarm
+from cmr.report.density import MOST_LINES
+from cmr.report.keys import keys, real_key, simulated_key
+from cmr.report.markup import Html, joined, tag
+from cmr.report.numbers import number
+from cmr.report.page import page_of
+from cmr.report.section import Section, code, paragraph, quiet, section
+from cmr.report.style import AFTER, INK, PAPER, REAL, REAL_OUTLINE
+from cmr.report.svg import Curve, Floats, Frame, dots, line, plot
+from cmr.report.table import table
 from cmr.scenario.plan import Disc
 from cmr.team.metrics import UNITS
 
-WIDTH = 720.0
-LABELS_X, LABELS_Y = 65.0, 57.0  # what a frame's labels take of its width and height
+WIDTH, TEXT = 600.0, 14.0  # so that letters are neither small on a phone nor large on a screen
+LABELS_X, LABELS_Y = 76.0, 66.0  # what a frame's labels take of its width and height
 ROOM = 0.3  # m, left free around everything
 LEAST, MOST = 0.35, 1.1  # height of the map over its width
 MOST_ROWS = 40  # robots in the table
-WALL, GROUND = "#4a4e57", "#8a8f9a"
+MOST_POINTS = 900  # of a drawn line
+REAL_ROBOTS, VIRTUAL_ROBOTS = "real or emulated robot", "virtual robot"
 CORNERS = np.linspace(0.0, 2.0 * np.pi, 25)  # of a disc as it is drawn
 
 UNRELIABLE = tag("span", "unreliable", class_="unreliable")
@@ -29,20 +33,23 @@ METRICS = {name: name.replace("_", " ") for name in UNITS} | {"distance_driven":
 Document = dict[str, Any]
 
 
-def page_of(document: Document) -> str:
+def run_page(document: Document) -> str:
     """Return the page as HTML that needs nothing beside it."""
     content = (_paths(document), _robots(document), _processes(document), _events(document))
     title = f"Run of {document['scenario']}"
-    return whole_page(title, _header(document), tag("main", *content))
+    return page_of(title, _header(document), _key_numbers(document), content)
 
 
 def _header(document: Document) -> Html:
-    """Return how it ended, and the numbers that a hurried reader wants."""
+    """Return how it ended."""
     words = f"{document['scenario']}: {document['seconds']:.0f} s, then {document['ended_by']}"
-    verdict = "bad_data" if document["failed"] else "effects_found"  # the colours of the style sheet
     badge = tag("span", "failed" if document["failed"] else "done", class_="badge")
     said = f" Began {document['began']}, seed {document['seed']}. {document['about']}"
-    head = tag("header", tag("h1", words), tag("p", badge, said), class_=verdict)
+    return tag("header", tag("h1", words), tag("p", badge, said), class_="bad" if document["failed"] else "plain")
+
+
+def _key_numbers(document: Document) -> Html:
+    """Return the numbers that a hurried reader wants, and whether they can be relied on."""
     doubtful = document.get("unreliable", "")
     key = [
         _key("robots", f"{len(document['robots'])}"),
@@ -55,7 +62,7 @@ def _header(document: Document) -> Html:
         _key("restarts", f"{document['restarts']}"),
     ]
     note = tag("p", doubtful, class_="unreliable") if doubtful else Html("")
-    return joined(head, tag("dl", *key, class_="key"), note)
+    return joined(tag("dl", *key, class_="key"), note)
 
 
 def _key(name: str, value: str, unreliable: str = "") -> Html:
@@ -68,20 +75,44 @@ def more_than(metric: str, document: Document) -> str:
     return "over " if metric == "time_to_goal" and not document["waypoints_reached"] else ""
 
 
-def _paths(document: Document) -> Html:
+def _paths(document: Document) -> Section:
     """Return the map: all paths, obstacles and the geofence."""
     robots = [robot for robot in document["robots"] if robot["path"]["x"]]
     if not robots:
         return section("Paths", paragraph("No robot was seen."))
     frame = _frame(document, robots)
-    drawn = [*_room(frame, document)]
-    many = len(robots) > MOST_ROWS
-    for robot in sorted(robots, key=lambda robot: robot["kind"] != "virtual"):
-        drawn += _path(frame, robot, thin=many)
-    picture = plot(frame, *drawn, x_label="x [m]", y_label="y [m]", alt=f"Paths of {len(robots)} robots from above.")
-    words = "Paths of all robots from above: real and emulated ones yellow, virtual ones blue. "
-    words += "A ring is the start, a dot the end, a cross a waypoint; the dashed line is the geofence."
-    return section("Paths", tag("figure", picture, tag("figcaption", words)))
+    robots.sort(key=lambda robot: robot["kind"] == "virtual")
+    lines, others = _lines_and_others(robots)
+    drawn = [swarm.density(frame, [_places(robot) for robot in others])] if others else []
+    drawn += _room(frame, document)
+    drawn += [part for robot in reversed(lines) for part in _path(frame, robot)]
+    picture = plot(
+        frame,
+        *drawn,
+        x_label="x [m]",
+        y_label="y [m]",
+        along="time [s]",
+        alt=f"Paths of {len(robots)} robots from above.",
+    )
+    entries = {robot["kind"] == "virtual" for robot in lines}
+    key = keys(
+        *([real_key(REAL_ROBOTS)] if False in entries else []),
+        *([simulated_key(VIRTUAL_ROBOTS)] if True in entries else []),
+        *(swarm.density_keys() if others else []),
+    )
+    words = "Paths of all robots from above. On a line, a ring is the start and a dot the end; a cross is a waypoint, "
+    words += "the dashed line is the geofence."
+    if others:
+        words += f" {len(others)} robots are drawn as a density: the colour says how many of them passed a place."
+    return section("Paths", tag("figure", key, tag("div", picture, class_="map"), tag("figcaption", words)))
+
+
+def _lines_and_others(robots: list[Document]) -> tuple[list[Document], list[Document]]:
+    """Return the robots that are drawn as lines, all or of a swarm the real and emulated ones, and the others."""
+    if len(robots) <= MOST_LINES:
+        return robots, []
+    lines = [robot for robot in robots if robot["kind"] != "virtual"][:MOST_LINES]
+    return lines, robots[len(lines) :]
 
 
 def _frame(document: Document, robots: list[Document]) -> Frame:
@@ -98,7 +129,7 @@ def _frame(document: Document, robots: list[Document]) -> Frame:
     about = (sum(x) / 2.0, sum(y) / 2.0)
     half = (metres * inner / 2.0, metres * shape * inner / 2.0)
     ranges = [(middle - size, middle + size) for middle, size in zip(about, half, strict=True)]
-    return Frame(x=ranges[0], y=ranges[1], width=WIDTH, height=shape * inner + LABELS_Y)
+    return Frame(x=ranges[0], y=ranges[1], width=WIDTH, height=shape * inner + LABELS_Y, text=TEXT)
 
 
 def _room(frame: Frame, document: Document) -> list[Html]:
@@ -106,30 +137,32 @@ def _room(frame: Frame, document: Document) -> list[Html]:
     drawn = []
     for disc in (Disc(*disc) for disc in document["obstacles"]["discs"]):
         x, y = disc.x + disc.radius * np.cos(CORNERS), disc.y + disc.radius * np.sin(CORNERS)
-        drawn.append(line(frame, x, y, WALL, 2.0))
+        drawn.append(line(frame, x, y, INK, 2.0, under=PAPER))
     for x1, y1, x2, y2 in document["obstacles"]["walls"]:
-        drawn.append(line(frame, np.array([x1, x2]), np.array([y1, y2]), WALL, 4.0))
+        drawn.append(line(frame, np.array([x1, x2]), np.array([y1, y2]), INK, 4.0, under=PAPER))
     if document["geofence"]:
         fence = np.array([*document["geofence"], document["geofence"][0]])
-        drawn.append(line(frame, fence[:, 0], fence[:, 1], GROUND, 1.4, dashes="7 5"))
+        drawn.append(line(frame, fence[:, 0], fence[:, 1], INK, 1.2, dashes="7 5", under=PAPER))
     return drawn
 
 
-def _path(frame: Frame, robot: Document, *, thin: bool) -> list[Html]:
+def _path(frame: Frame, robot: Document) -> list[Html]:
     """Return the path of one robot with its ends, and its waypoints."""
-    x, y = np.array(robot["path"]["x"]), np.array(robot["path"]["y"])
+    x, y = _places(robot)
     virtual = robot["kind"] == "virtual"
     colour, outline = (AFTER, None) if virtual else (REAL, REAL_OUTLINE)
-    width = 0.5 if thin and virtual else 1.4 if virtual else 3.0
-    drawn = [line(frame, x, y, colour, width, under=outline)]
-    if robot["waypoints"] and not thin:
-        waypoints = np.array(robot["waypoints"])
-        drawn += [_cross(frame, *place) for place in waypoints]
-    size = 3.0 if thin and virtual else 8.0
-    if not (thin and virtual):
-        drawn += [dots(frame, x[:1], y[:1], INK, size + 2.0), dots(frame, x[:1], y[:1], GRID, size)]
-    drawn.append(dots(frame, x[-1:], y[-1:], outline or colour, size))
+    shown = np.linspace(0, len(x) - 1, min(len(x), MOST_POINTS)).round().astype(int)
+    curve = Curve(f"robot {robot['id']}", np.array(robot["path"]["t"])[shown])
+    drawn = [line(frame, x[shown], y[shown], colour, 1.4 if virtual else 3.0, under=outline, curve=curve)]
+    drawn += [_cross(frame, *place) for place in robot["waypoints"]]
+    drawn += [dots(frame, x[:1], y[:1], INK, 10.0), dots(frame, x[:1], y[:1], PAPER, 7.0)]
+    drawn.append(dots(frame, x[-1:], y[-1:], outline or colour, 8.0))
     return drawn
+
+
+def _places(robot: Document) -> tuple[Floats, Floats]:
+    """Return a robot's x and y [m], shape (n,)."""
+    return np.array(robot["path"]["x"]), np.array(robot["path"]["y"])
 
 
 def _cross(frame: Frame, x: float, y: float) -> Html:
@@ -138,7 +171,7 @@ def _cross(frame: Frame, x: float, y: float) -> Html:
     return tag("path", d=steps, stroke=INK, stroke_width=1.2)
 
 
-def _robots(document: Document) -> Html:
+def _robots(document: Document) -> Section:
     robots = document["robots"]
     headings = ["robot", "kind", "behaviour", "driven [m]"]
     if any(robot["waypoints"] for robot in robots):
@@ -169,7 +202,7 @@ def _row(robot: Document) -> list[str]:
     ]
 
 
-def _processes(document: Document) -> Html:
+def _processes(document: Document) -> Section:
     rows = [
         [
             process["name"],
@@ -191,6 +224,6 @@ def _late_cycles(process: Document) -> Html | str:
     return joined(f"{process['overruns']}", *([" ", UNRELIABLE] if process["unreliable"] else []))
 
 
-def _events(document: Document) -> Html:
+def _events(document: Document) -> Section:
     rows = [[f"{event['at_s']:.1f} s", event["words"]] for event in document["events"]]
     return section("What happened", table(("after its start", "event"), rows) if rows else Html(""))

@@ -13,7 +13,7 @@ from cmr.scenario.jobs import DRIVER, EMULATOR, PILOT, SIM
 from cmr.scenario.keeping_up import Pace, in_words, is_too_late, what_was_too_slow
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.measuring import measure
-from cmr.scenario.page import more_than, page_of
+from cmr.scenario.page import more_than, run_page
 from cmr.scenario.supervisor import State
 from cmr.scenario.watch import Floats, TeamWatch
 from cmr.team.metrics import UNITS
@@ -33,7 +33,7 @@ def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> 
     """
     document = document_of(run, outcome, began)
     write_atomically(json.dumps(document, allow_nan=False) + "\n", folder / "report.json")
-    write_atomically(page_of(document), folder / "report.html")
+    write_atomically(run_page(document), folder / "report.html")
     return document
 
 

@@ -3,7 +3,8 @@
 `page` puts it together from `found` (effects and evidence), `measured` (paths, parameters, residuals), `improvement`
 (errors before and after) and `origin` (data).
 `tell_tale` chooses the plot that shows an effect, among the `pairs` of residual and regressor, by their `binned` means.
-`path_figure`, `residual_figures` and `keys` draw by `svg`; `markup` escapes; `numbers` and `terms` word things.
+`track` finds where the models part, `path_figure` and `residual_figures` draw; `terms` words things. How pages are made
+and drawn is in `cmr.report`.
 """
 
 from cmr.diagnosis.report.page import report_of, write_report

@@ -4,12 +4,9 @@ import math
 import re
 from textwrap import dedent
 
-from cmr.diagnosis.report.markup import Html, joined, tag
-from cmr.diagnosis.report.numbers import alike, chance, estimate_text, interval_text, likelihood, number, typeset
+from cmr.diagnosis.report.estimate_text import estimate_text, interval_text
 from cmr.diagnosis.report.pairs import Pair, pairs_without
 from cmr.diagnosis.report.residual_figures import tell_tale_figure
-from cmr.diagnosis.report.section import bullets, code, codes, paragraph, quiet, section
-from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.tell_tale import tell_tale
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, Candidate, Diagnosis, NamedEffect
@@ -17,6 +14,10 @@ from cmr.diagnosis.words import harmless_sentence, some_of
 from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.effect import Effect
+from cmr.report.markup import Html, joined, tag
+from cmr.report.numbers import alike, chance, likelihood, number, typeset
+from cmr.report.section import Section, bullets, code, codes, paragraph, quiet, section
+from cmr.report.table import table
 
 BADGES = {
     EFFECTS_FOUND: "effects found",
@@ -24,6 +25,7 @@ BADGES = {
     UNEXPLAINED: "unexplained",
     BAD_DATA: "bad data",
 }
+TONES = {EFFECTS_FOUND: "plain", NO_EFFECT: "good", UNEXPLAINED: "doubtful", BAD_DATA: "bad"}  # of the style sheet
 NOTHING_NAMED = {
     NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter.",
     UNEXPLAINED: "No effect in the catalogue was named, but the residuals have structure: see \u201cUnexplained "
@@ -49,12 +51,17 @@ COMMAND = re.compile(r"(?:`(cmr-[^`]+)`|(cmr-[a-z]+(?: --[a-z][a-z-]*(?:[ =](?!-
 
 
 def header(diagnosis: Diagnosis) -> Html:
-    """Return the verdict in a sentence, and the numbers that a hurried reader wants."""
+    """Return the verdict in a sentence."""
     robot = f" Robot {diagnosis.robot_id}. Diagnosis by CMR."
+    tone = TONES.get(diagnosis.verdict)
     badge = tag("span", BADGES.get(diagnosis.verdict, diagnosis.verdict), class_="badge")
-    head = tag("header", tag("h1", typeset(diagnosis.sentence)), tag("p", badge, robot), class_=diagnosis.verdict)
+    return tag("header", tag("h1", typeset(diagnosis.sentence)), tag("p", badge, robot), class_=tone)
+
+
+def key_numbers(diagnosis: Diagnosis) -> Html:
+    """Return the numbers that a hurried reader wants."""
     numbers = [tag("div", tag("dt", words), tag("dd", value)) for words, value in _key_numbers(diagnosis)]
-    return joined(head, tag("dl", *numbers, class_="key") if numbers else Html(""))
+    return tag("dl", *numbers, class_="key") if numbers else Html("")
 
 
 def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -79,7 +86,7 @@ def _times(ratio: float) -> str:
     return f"{number(ratio, 3)} times smaller" if ratio >= 1.0 else f"none: {number(1.0 / ratio, 3)} times larger"
 
 
-def named(diagnosis: Diagnosis) -> Html:
+def named(diagnosis: Diagnosis) -> Section:
     """Return the table of the effects, or the sentence that there are none, and the notes."""
     if diagnosis.verdict == BAD_DATA:
         return section("Notes", bullets(list(diagnosis.notes)))
@@ -127,7 +134,7 @@ def evidence(tested: NamedEffect | Candidate) -> Html:
     return joined(*(paragraph(line) for line in lines))
 
 
-def tell_tales(diagnosis: Diagnosis) -> Html:
+def tell_tales(diagnosis: Diagnosis) -> Section:
     """Return for each effect the plot that shows it best, with and without it, and its equation."""
     parts: list[Html] = []
     for effect in diagnosis.effects:
@@ -159,7 +166,7 @@ def equation(effect: Effect) -> str:
     return "\n\n".join(f"# stage: {stage}\n{dedent(statements).strip()}" for stage, statements in stages)
 
 
-def runners_up(diagnosis: Diagnosis) -> Html:
+def runners_up(diagnosis: Diagnosis) -> Section:
     """Return the effects that were tested and not named."""
     explaining = [candidate for candidate in diagnosis.candidates if not candidate.statistic <= 0.0]
     rows = [
@@ -173,7 +180,7 @@ def runners_up(diagnosis: Diagnosis) -> Html:
         for c in explaining[:MOST_RUNNERS_UP]
     ]
     if not rows:
-        return Html("")
+        return section("Effects tested and rejected")
     seen = paragraph(typeset(harmless_sentence(diagnosis.harmless))) if diagnosis.harmless else Html("")
     weaker = len(diagnosis.candidates) - len(rows)
     words = "effect was" if weaker == 1 else "effects were"
@@ -183,7 +190,7 @@ def runners_up(diagnosis: Diagnosis) -> Html:
     return section("Effects tested and rejected", seen, table(headings, rows, numbers=(1, 2, 3)), others, explained)
 
 
-def next_steps(diagnosis: Diagnosis) -> Html:
+def next_steps(diagnosis: Diagnosis) -> Section:
     """Return what to drive next, with the commands that do it, and how to use the result."""
     asked = [("", diagnosis.next_experiment), *((effect.name, effect.next_experiment) for effect in diagnosis.effects)]
     told: dict[str, list[str]] = {}

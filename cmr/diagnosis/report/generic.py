@@ -2,16 +2,17 @@
 
 import math
 
-from cmr.diagnosis.report.markup import Html, joined, tag
-from cmr.diagnosis.report.numbers import estimate_text, interval_text, likelihood, number
+from cmr.diagnosis.report.estimate_text import estimate_text, interval_text
 from cmr.diagnosis.report.pairs import pairs_without
 from cmr.diagnosis.report.residual_figures import tell_tale_figure
-from cmr.diagnosis.report.section import code, paragraph
-from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import GENERIC, Diagnosis
 from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import DEFINITIONS, effects_on
+from cmr.report.markup import Html, joined, tag
+from cmr.report.numbers import likelihood, number
+from cmr.report.section import code, paragraph
+from cmr.report.table import table
 
 
 def generic_term(diagnosis: Diagnosis) -> Html:

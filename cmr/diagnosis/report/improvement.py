@@ -4,17 +4,17 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from cmr.diagnosis.report.markup import Html, joined, tag
-from cmr.diagnosis.report.numbers import UNKNOWN, alike, fixed, number, rounded, unit_text, with_sign
-from cmr.diagnosis.report.section import code, paragraph, quiet, section
-from cmr.diagnosis.report.style import AFTER, BEFORE
-from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.terms import signal_words
 from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
 from cmr.diagnosis.words import GAINED
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.model.catalogue import DEFINITIONS
+from cmr.report.markup import Html, joined, tag
+from cmr.report.numbers import UNKNOWN, alike, fixed, number, rounded, unit_text, with_sign
+from cmr.report.section import Section, code, paragraph, quiet, section
+from cmr.report.style import AFTER, BEFORE
+from cmr.report.table import table
 
 MOVED = 1.0  # standard deviations; a parameter that moved by less stayed where it was
 PATH = "pose"  # the signal of a gain that has a row of its own
@@ -37,7 +37,7 @@ class _Compared(NamedTuple):
     gain: Gain | None = None
 
 
-def gain(diagnosis: Diagnosis) -> Html:
+def gain(diagnosis: Diagnosis) -> Section:
     """Return the errors of all models, by how much they shrink, and how far the paper's parameters moved."""
     models = list(_models(diagnosis))
     rows = [*_error_rows(models), *_signal_rows(models)] if len(models) > 1 else []

@@ -2,18 +2,11 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from cmr.diagnosis.report.estimate_text import estimate_text
 from cmr.diagnosis.report.generic import generic_figure, generic_term
-from cmr.diagnosis.report.markup import Html
-from cmr.diagnosis.report.numbers import (
-    UNKNOWN,
-    estimate_text,
-    given,
-)
 from cmr.diagnosis.report.pairs import Pair
 from cmr.diagnosis.report.path_figure import path_figure
 from cmr.diagnosis.report.residual_figures import all_residuals, remaining_figure
-from cmr.diagnosis.report.section import code, paragraph, quiet, section
-from cmr.diagnosis.report.table import table
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import Diagnosis
 from cmr.diagnosis.words import share_sentence
@@ -21,12 +14,19 @@ from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import DEFINITIONS as OF_MODEL
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
+from cmr.report.markup import Html
+from cmr.report.numbers import (
+    UNKNOWN,
+    given,
+)
+from cmr.report.section import Section, code, folded, paragraph, quiet, section
+from cmr.report.table import table
 
 MOST_REMAINING = 3  # regressors drawn of what remains
 DEFINITIONS = {**PAPER, **CONTROLLER_DEFINITIONS, **OF_MODEL}
 
 
-def paths(diagnosis: Diagnosis) -> Html:
+def paths(diagnosis: Diagnosis) -> Section:
     """Return the figures of the paths."""
     drawn, pieces = diagnosis.evidence.paths, diagnosis.evidence.pieces
     changed = diagnosis.is_extended
@@ -36,11 +36,16 @@ def paths(diagnosis: Diagnosis) -> Html:
         f"The drives were cut into {pieces:,} pieces, each begun at the real robot's state. Drawn are the {len(drawn)} "
         f"{which}{each}."
     )
-    figures = [path_figure(path, changed=changed) for path in drawn]
-    return section("The path", *([paragraph(words)] if pieces > len(drawn) else []), *figures)
+    causes: list[str] = [code(effect.name) for effect in diagnosis.effects]
+    causes += ["the generic term"] if diagnosis.unexplained.generic else []
+    window = diagnosis.evidence.window
+    figures = [path_figure(path, changed=changed, causes=causes, window=window) for path in drawn]
+    others = f"{len(figures) - 1} more piece{'s' if len(figures) > 2 else ''}"
+    more = folded(others, *figures[1:]) if len(figures) > 1 else Html("")
+    return section("The path", *([paragraph(words)] if pieces > len(drawn) else []), *figures[:1], more)
 
 
-def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
+def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Section:
     """Return what structure no effect of the catalogue explains; nothing where no residual was looked at."""
     unexplained = diagnosis.unexplained
     if unexplained.not_judged:
@@ -62,14 +67,14 @@ def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
     return section("Unexplained residuals", paragraph(words), generic_term(diagnosis), figure)
 
 
-def parameters(diagnosis: Diagnosis) -> Html:
+def parameters(diagnosis: Diagnosis) -> Section:
     """Return the parameters of both models side by side; of the paper's alone where nothing was added to it."""
     before = diagnosis.baseline.estimates if diagnosis.baseline else {}
     after = diagnosis.extended.estimates if diagnosis.extended else {}
     others = diagnosis.parameters
     names = _in_order({*before, *after, *others})
     if not names:
-        return Html("")
+        return section("Parameters")
     if diagnosis.is_extended:
         headings = ["parameter", "meaning", "paper's model", "extended model"]
         known = {name: value for name, value in others.items() if name in PAPER and name not in after}
@@ -102,10 +107,10 @@ def _value(name: str, estimates: Mapping[str, Estimate], others: Mapping[str, fl
     return given(others[name], _unit(name)) if name in others else UNKNOWN
 
 
-def residuals(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Html:
+def residuals(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Section:
     """Return small multiples of all residuals."""
     if not pairs:
-        return Html("")
+        return section("All residuals")
     words = (
         "Each measured signal minus the prediction of the model, against all quantities that might predict it. A "
         "complete model leaves flat lines at zero. Marks are means in bins with standard errors that allow for "

@@ -1,13 +1,13 @@
 """Problems in the data, and which recordings and which version made the diagnosis."""
 
-from cmr.diagnosis.report.markup import Html, joined
-from cmr.diagnosis.report.section import bullets, code, codes, paragraph, quiet, section
-from cmr.diagnosis.report.table import table
 from cmr.diagnosis.result import BAD_DATA, Diagnosis
 from cmr.distribution import version
+from cmr.report.markup import Html, joined
+from cmr.report.section import Section, bullets, code, codes, paragraph, quiet, section
+from cmr.report.table import table
 
 
-def data(diagnosis: Diagnosis) -> Html:
+def data(diagnosis: Diagnosis) -> Section:
     """Return what was wrong with the data, in sentences, how late commands were, and which checks found nothing."""
     faults = [[code(check.check), f"{check.found:,}", check.sentence] for check in diagnosis.checks if check.found]
     clean = tuple(check.check for check in diagnosis.checks if not check.found)
@@ -29,7 +29,7 @@ def data(diagnosis: Diagnosis) -> Html:
     return section("Data", table(("check", "found", "what it means"), faults, numbers=(1,)), late, listed)
 
 
-def provenance(diagnosis: Diagnosis) -> Html:
+def provenance(diagnosis: Diagnosis) -> Section:
     """Return sources, amount of data and version."""
     sources = bullets([code(source) for source in diagnosis.sources])
     amount = f"{diagnosis.samples:,} measurements" if diagnosis.samples else "no usable measurement"

@@ -4,17 +4,17 @@ from pathlib import Path
 
 from cmr.diagnosis.report import found, improvement, measured, origin
 from cmr.diagnosis.report.decisions import decisions
-from cmr.diagnosis.report.markup import Html, joined, tag
 from cmr.diagnosis.report.pairs import pairs_of
-from cmr.diagnosis.report.whole import whole_page
 from cmr.diagnosis.result import BAD_DATA, Diagnosis
 from cmr.files import write_atomically
+from cmr.report.page import page_of
+from cmr.report.section import Section
 
 
 def report_of(diagnosis: Diagnosis) -> str:
-    """Return the report as HTML that needs no network, no other file and no script."""
+    """Return the report as HTML that needs no network and no other file."""
     title = f"Diagnosis of robot {diagnosis.robot_id}: {found.BADGES.get(diagnosis.verdict, diagnosis.verdict)}"
-    return whole_page(title, found.header(diagnosis), tag("main", _sections(diagnosis)))
+    return page_of(title, found.header(diagnosis), found.key_numbers(diagnosis), _sections(diagnosis))
 
 
 def write_report(diagnosis: Diagnosis, path: Path) -> None:
@@ -25,12 +25,12 @@ def write_report(diagnosis: Diagnosis, path: Path) -> None:
     write_atomically(report_of(diagnosis), path)
 
 
-def _sections(diagnosis: Diagnosis) -> Html:
-    """Return all sections that have something to tell; with bad data, these come first."""
+def _sections(diagnosis: Diagnosis) -> list[Section]:
+    """Return all sections, some empty; with bad data, what is wrong with them comes first."""
     pairs = pairs_of(diagnosis.evidence.residuals)
     data, next_steps = origin.data(diagnosis), found.next_steps(diagnosis)
     spoilt = diagnosis.verdict == BAD_DATA
-    return joined(
+    return [
         *((data, next_steps) if spoilt else ()),
         found.named(diagnosis),
         measured.paths(diagnosis),
@@ -43,4 +43,4 @@ def _sections(diagnosis: Diagnosis) -> Html:
         measured.parameters(diagnosis),
         measured.residuals(diagnosis, pairs),
         origin.provenance(diagnosis),
-    )
+    ]

@@ -1,96 +1,127 @@
-"""Figures of paths: the real one and the free runs before and after, and how far apart they are in time."""
+"""Figures of paths: the real one, the free runs of both models, how far they are apart, and where they part most."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
-from cmr.diagnosis.report.binned import thinned
-from cmr.diagnosis.report.keys import DASHES, after_key, before_key, keys, real_key, simulated_key
-from cmr.diagnosis.report.markup import Html, tag
-from cmr.diagnosis.report.numbers import number
-from cmr.diagnosis.report.style import AFTER, BEFORE, INK, REAL, REAL_OUTLINE
-from cmr.diagnosis.report.svg import Frame, Range, dots, line, plot
+from cmr.diagnosis.report.track import Poses, Track, parting, track_of
 from cmr.diagnosis.result import Path
 from cmr.recordings.signal import Floats
+from cmr.report.keys import DASHES, after_key, before_key, found_key, keys, real_key, simulated_key
+from cmr.report.markup import Html, joined, tag
+from cmr.report.numbers import number
+from cmr.report.style import AFTER, BEFORE, FOUND, INK, REAL, REAL_OUTLINE
+from cmr.report.svg import Curve, Frame, Range, band, dots, line, plot
 
-MOST_POINTS = 900  # of a drawn line
-WIDTH, HEIGHT = 290.0, 270.0
+WIDTH, HEIGHT = 330.0, 270.0
 ROOM = 0.06  # of the range of a path, left free on all sides
 STRAYING = 0.5  # of the size of the real path; what strays farther beyond it is cut off
 SMALLEST = 0.1  # m; a robot that stood still is not drawn larger
+TIME = "time [s]"
 
 
-class Places(NamedTuple):
-    """Positions [m], shape (n,)."""
+def path_figure(path: Path, *, changed: bool, causes: Sequence[str] = (), window: float = math.nan) -> Html:
+    """Return the figure of one piece; where nothing changed the model, only what the paper's makes of it.
 
-    x: Floats
-    y: Floats
-
-    def distance(self, other: "Places") -> Floats:
-        """Return how far [m] the positions are from others, shape (n,)."""
-        return np.asarray(np.hypot(self.x - other.x, self.y - other.y))
-
-
-class Track(NamedTuple):
-    """The points of a path that are drawn, at `time` [s] since its beginning."""
-
-    time: Floats
-    real: Places
-    before: Places
-    after: Places
-
-
-def path_figure(path: Path, *, changed: bool) -> Html:
-    """Return the figure of one piece; where nothing changed the model, only what the paper's makes of it."""
+    `causes` name what the extended model has and the paper's does not; the figure marks the interval of `window`
+    seconds in which the two differ most.
+    """
     track = track_of(path)
     if not np.any(np.isfinite(track.real.x)):
         return tag("p", f"{path.label}: no poses to draw.")
-    stages = (("before", track.before), ("after", track.after)) if changed else (("paper's model", track.before),)
-    plots = [_path_plot(track, simulated, title) for title, simulated in stages]
+    part = parting(track, window) if changed else None
+    after = [_path_plot(track, track.after, "after", part)] if changed else []
+    plots = [_path_plot(track, track.before, "before" if changed else "paper's model", part), *after]
+    plots += [_parting_plot(track.begun_together(part))] if part else []
     piece = f", piece {path.piece} of {path.pieces}, {path.time[0]:.1f} s into the log" if path.pieces > 1 else ""
     words = (
         f"{path.label}{piece}: the real path, and free runs of the model from the real robot's start, driven as "
-        f"recorded, without any correction. The dot is the start."
+        "recorded, without any correction. The dot is the start."
     )
-    distances = [before_key("distance before"), after_key("distance after")] if changed else []
+    simulated = [before_key("simulated, before"), after_key("simulated, after")] if changed else [simulated_key()]
     return tag(
         "figure",
-        keys(real_key(), simulated_key(), *distances),
-        tag("div", *plots, _distance_plot(track, changed), class_="plots paths"),
-        tag("figcaption", words),
+        keys(real_key(), *simulated, *([found_key("where the models differ most")] if part else [])),
+        tag("div", *plots, _distance_plot(track, changed, part), class_="plots paths"),
+        tag("figcaption", words, *([" ", _parting_words(track.begun_together(part), causes)] if part else [])),
     )
 
 
-def track_of(path: Path) -> Track:
-    """Return the points to draw, evenly spread: more would cover itself. Gaps stay gaps."""
-    gaps = np.flatnonzero(~np.isfinite(path.x))
-    shown = np.union1d(thinned(len(path.x), MOST_POINTS), gaps)
-    return Track(
-        path.time[shown] - path.time[:1],
-        Places(path.x[shown], path.y[shown]),
-        Places(path.before_x[shown], path.before_y[shown]),
-        Places(path.after_x[shown], path.after_y[shown]),
-    )
-
-
-def _path_plot(track: Track, simulated: Places, title: str) -> Html:
+def _path_plot(track: Track, simulated: Poses, title: str, part: slice | None) -> Html:
     frame = _frame_around(track)
     error = f"{number(_root_mean_square(simulated.distance(track.real)), 2)} m"
-    start = np.flatnonzero(np.isfinite(track.real.x))[:1]
+    marked = line(frame, *track.real.within(part).places, FOUND, 10.0) if part else Html("")
     return plot(
         frame,
-        line(frame, *track.real, REAL, 4.0, under=REAL_OUTLINE),
-        line(frame, *simulated, AFTER, 1.6),
-        dots(frame, track.real.x[start], track.real.y[start], INK, 7.0),
+        marked,
+        _real_line(frame, track),
+        _simulated_line(frame, track, simulated, title),
+        _start(frame, track),
         x_label="x [m]",
         y_label="y [m]",
         title=f"{title}: off by {error}",
+        along=TIME,
         alt=f"Path seen from above, {title}: the simulated robot is {error} from the real one, root mean square.",
     )
 
 
-def _distance_plot(track: Track, changed: bool) -> Html:
+def _parting_plot(track: Track) -> Html:
+    """Return the interval in which the models differ most: the real path, and both models' from the same pose."""
+    frame = _frame_around(track)
+    seconds = f"{track.time[0]:.1f} s to {track.time[-1]:.1f} s"
+    before, after = (f"{number(float(one.distance(track.real)[-1]), 2)} m" for one in (track.before, track.after))
+    return plot(
+        frame,
+        _real_line(frame, track),
+        _simulated_line(frame, track, track.before, "before"),
+        _simulated_line(frame, track, track.after, "after"),
+        _start(frame, track),
+        x_label="x [m]",
+        y_label="y [m]",
+        title=f"{seconds}, from one start",
+        along=TIME,
+        alt=f"Paths from {seconds}, begun at the same pose: at the end the simulated robot is {before} from the real "
+        f"one before, {after} after.",
+    )
+
+
+def _parting_words(track: Track, causes: Sequence[str]) -> Html:
+    """Return how the robot drives in the interval, by how much the models miss it there, and what makes the difference.
+
+    Both models begin the interval at the real pose. Poses of the extended one say how it drives: they have no noise.
+    """
+    before, after = (number(float(one.distance(track.real)[-1]), 2) for one in (track.before, track.after))
+    seconds = float(track.time[-1] - track.time[0])
+    way = float(np.sum(np.hypot(np.diff(track.after.x), np.diff(track.after.y))))
+    turned = math.degrees(float(np.sum(np.abs(np.diff(track.after.theta)))))
+    words = (
+        f"Marked are the {seconds:.1f} s in which the two models differ most, from {track.time[0]:.1f} s to "
+        f"{track.time[-1]:.1f} s: the robot drives {way:.2f} m and turns through {turned:.0f}\u00b0. Begun at the real "
+        f"pose, the paper's model ends {before} m from the real robot, and the extended model {after} m."
+    )
+    named = [part for cause in causes for part in (", ", cause)][1:]
+    return joined(words, *([" The difference comes from ", *named, "."] if named else []))
+
+
+def _real_line(frame: Frame, track: Track) -> Html:
+    curve = Curve("real robot", track.time)
+    return line(frame, *track.real.places, REAL, 4.0, under=REAL_OUTLINE, curve=curve)
+
+
+def _simulated_line(frame: Frame, track: Track, simulated: Poses, stage: str) -> Html:
+    curve = Curve(f"simulated, {stage}", track.time)
+    if stage == "before":
+        return line(frame, *simulated.places, BEFORE, 2.0, dashes=DASHES, curve=curve)
+    return line(frame, *simulated.places, AFTER, 1.6, curve=curve)
+
+
+def _start(frame: Frame, track: Track) -> Html:
+    start = np.flatnonzero(np.isfinite(track.real.x))[:1]
+    return dots(frame, track.real.x[start], track.real.y[start], INK, 7.0)
+
+
+def _distance_plot(track: Track, changed: bool, part: slice | None) -> Html:
     """Return how far the simulated robots are from the real one, in time."""
     before, after = (simulated.distance(track.real) for simulated in (track.before, track.after))
     drawn = np.concatenate([before, after])
@@ -101,13 +132,17 @@ def _distance_plot(track: Track, changed: bool) -> Html:
         width=WIDTH,
         height=HEIGHT,
     )
-    lines = [line(frame, track.time, before, BEFORE, 1.6, dashes=DASHES)] if changed else []
+    last = Curve("after [m]" if changed else "distance [m]")
+    lines = [line(frame, track.time, after, AFTER, 1.6, curve=last)]
+    if changed:
+        lines = [line(frame, track.time, before, BEFORE, 1.6, dashes=DASHES, curve=Curve("before [m]")), *lines]
+    shade = band(frame, (float(track.time[part][0]), float(track.time[part][-1]))) if part else Html("")
     words = f"{number(float(before[-1]), 2)} m before, {number(float(after[-1]), 2)} m after"
     return plot(
         frame,
-        *lines,
-        line(frame, track.time, after, AFTER, 1.6),
-        x_label="time [s]",
+        shade,
+        joined(*lines),
+        x_label=TIME,
         y_label="distance from the real robot [m]",
         title="distance over time",
         alt=f"Distance between simulated and real robot in time; at the end {words}.",

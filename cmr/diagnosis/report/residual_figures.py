@@ -6,14 +6,15 @@ from itertools import groupby
 import numpy as np
 
 from cmr.diagnosis.report.binned import TAIL, Bins, thinned
-from cmr.diagnosis.report.keys import DASHES, after_key, before_key, keys, sample_key
-from cmr.diagnosis.report.markup import Html, joined, tag
-from cmr.diagnosis.report.numbers import number, unit_text
 from cmr.diagnosis.report.pairs import Pair
-from cmr.diagnosis.report.style import AFTER, BEFORE, SCATTER
-from cmr.diagnosis.report.svg import Frame, Range, dots, error_bars, line, plot, squares, zero_line
 from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.recordings.signal import Floats
+from cmr.report.keys import DASHES, after_key, before_key, keys, sample_key
+from cmr.report.markup import Html, joined, tag
+from cmr.report.numbers import number, unit_text
+from cmr.report.section import folded
+from cmr.report.style import AFTER, BEFORE, SAMPLE
+from cmr.report.svg import Curve, Frame, Range, dots, error_bars, line, plot, squares, zero_line
 
 MANY, FEW = 1500, 220  # samples of a scatter, in a large and in a small plot
 LARGE = {"width": 390.0, "height": 275.0}
@@ -40,7 +41,7 @@ def remaining_figure(pairs: Sequence[Pair], caption: str) -> Html:
 
 
 def all_residuals(pairs: Iterable[Pair], *, changed: bool) -> Html:
-    """Return small multiples of all pairs, a figure for each signal."""
+    """Return small multiples of all pairs, a folded figure for each signal: they are some seventy plots."""
     return joined(
         *(_multiples(signal, list(group), changed) for signal, group in groupby(pairs, key=lambda pair: pair.signal))
     )
@@ -56,9 +57,9 @@ def _large(pair: Pair, residual: Floats, bins: Bins, title: str, limit: Range) -
     shown = thinned(len(residual), MANY)
     return plot(
         frame,
-        dots(frame, pair.over[shown], residual[shown], SCATTER, 2.2),
+        dots(frame, pair.over[shown], residual[shown], SAMPLE, 2.2),
         zero_line(frame),
-        _means_after(frame, bins, 5.5),
+        _means_after(frame, bins, 5.5, f"mean [{unit_text(pair.unit)}]"),
         x_label=regressor(pair.regressor).label,
         y_label=f"{signal_words(pair.signal)}, real \u2212 model [{unit_text(pair.unit)}]",
         title=title,
@@ -75,37 +76,39 @@ def _multiples(signal: str, pairs: list[Pair], changed: bool) -> Html:
     entries = [before_key("mean before", marked=True)] if changed else []
     entries.append(after_key("mean after" if changed else "mean", marked=True))
     entries.append(sample_key("samples before" if changed else "samples"))
-    heading = tag("h3", words[0].upper() + words[1:])
     caption = tag("figcaption", f"Residuals of the {words}, over all regressors.")
-    return joined(heading, tag("figure", keys(*entries), tag("div", *plots, class_="small"), caption))
+    figure = tag("figure", keys(*entries), tag("div", *plots, class_="small"), caption)
+    return folded(f"{words[0].upper()}{words[1:]}: {len(plots)} plots", figure)
 
 
 def _small(pair: Pair, limit: Range, changed: bool) -> Html:
     frame = Frame(x=_extent(pair.over), y=limit, **SMALL)
     shown = thinned(len(pair.before), FEW)
     before, after = pair.means_before, pair.means_after
+    after_words = "mean after" if changed else "mean"
     return plot(
         frame,
-        dots(frame, pair.over[shown], pair.before[shown], SCATTER, 1.8),
+        dots(frame, pair.over[shown], pair.before[shown], SAMPLE, 1.8),
         zero_line(frame),
-        _means_before(frame, before) if changed else Html(""),
-        _means_after(frame, after, 3.2),
+        _means_before(frame, before, f"mean before [{unit_text(pair.unit)}]") if changed else Html(""),
+        _means_after(frame, after, 3.2, f"{after_words} [{unit_text(pair.unit)}]"),
         x_label=regressor(pair.regressor).label,
         alt=_alt(pair, before, "before") + (f" {_alt(pair, after, 'after')}" if changed else ""),
     )
 
 
-def _means_before(frame: Frame, bins: Bins) -> Html:
+def _means_before(frame: Frame, bins: Bins, name: str) -> Html:
+    curve = Curve(name, error=bins.error)
     return joined(
-        line(frame, bins.centre, bins.mean, BEFORE, 1.1, DASHES),
+        line(frame, bins.centre, bins.mean, BEFORE, 1.1, dashes=DASHES, curve=curve),
         error_bars(frame, bins.centre, bins.mean, bins.error, BEFORE),
         squares(frame, bins.centre, bins.mean, BEFORE, 4.6),
     )
 
 
-def _means_after(frame: Frame, bins: Bins, size: float) -> Html:
+def _means_after(frame: Frame, bins: Bins, size: float, name: str) -> Html:
     return joined(
-        line(frame, bins.centre, bins.mean, AFTER, 1.1),
+        line(frame, bins.centre, bins.mean, AFTER, 1.1, curve=Curve(name, error=bins.error)),
         error_bars(frame, bins.centre, bins.mean, bins.error, AFTER),
         dots(frame, bins.centre, bins.mean, AFTER, size),
     )

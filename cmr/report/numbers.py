@@ -4,8 +4,6 @@ import math
 import re
 from collections.abc import Sequence
 
-from cmr.estimation.estimates import Estimate
-
 UNKNOWN = "\u2013"  # a dash, where a number is not known
 SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 MINUS = str.maketrans("-", "\u2212")
@@ -73,22 +71,6 @@ def given(value: float, unit: str) -> str:
     return f"{text} {unit_text(unit)}".rstrip()
 
 
-def estimate_text(estimate: Estimate, unit: str) -> str:
-    """Return value and standard deviation, rounded to two digits of the latter, with unit."""
-    if not _known(estimate):
-        return given(estimate.value, unit)
-    value, std = (rounded(part, estimate.std) for part in (estimate.value, estimate.std))
-    return f"{value} \u00b1 {std} {unit_text(unit)}".rstrip()
-
-
-def interval_text(estimate: Estimate) -> str:
-    """Return the 95 % interval, rounded as the estimate is."""
-    if not _known(estimate):
-        return UNKNOWN
-    low, high = (rounded(end, estimate.std) for end in estimate.interval)
-    return f"{low} to {high}"
-
-
 def chance(p_value: float) -> str:
     """Return a probability with its sign: "= 0.013", "< 10^-300"."""
     if math.isnan(p_value):
@@ -96,10 +78,6 @@ def chance(p_value: float) -> str:
     if p_value < SMALLEST_CHANCE:
         return f"< {_power_of_ten(SMALLEST_CHANCE, 1).rpartition(' ')[2]}"
     return f"= {number(p_value, 2)}"
-
-
-def _known(estimate: Estimate) -> bool:
-    return math.isfinite(estimate.value) and math.isfinite(estimate.std) and estimate.std > 0.0
 
 
 def _power_of_ten(value: float, digits: int) -> str:

@@ -1,7 +1,7 @@
 """Keys to figures: what which line and mark stands for, beside a sample of it."""
 
-from cmr.diagnosis.report.markup import Html, tag
-from cmr.diagnosis.report.style import AFTER, BEFORE, REAL, REAL_OUTLINE, SCATTER
+from cmr.report.markup import Html, tag
+from cmr.report.style import AFTER, BEFORE, FOUND, PAPER, REAL, REAL_OUTLINE, SAMPLE
 
 DASHES = "5 3"
 LINE = "M2 7H38"
@@ -12,19 +12,19 @@ def keys(*entries: Html) -> Html:
     return tag("div", *entries, class_="keys")
 
 
-def real_key() -> Html:
+def real_key(words: str = "real robot") -> Html:
     """Return the entry of the real path."""
-    return _entry("real robot", _line(REAL_OUTLINE, 5.4), _line(REAL, 4.0))
+    return _entry(words, _line(REAL_OUTLINE, 5.4), _line(REAL, 4.0))
 
 
-def simulated_key() -> Html:
+def simulated_key(words: str = "simulated robot") -> Html:
     """Return the entry of simulated paths."""
-    return _entry("simulated robot", _line(AFTER, 1.8))
+    return _entry(words, _line(AFTER, 1.8))
 
 
 def before_key(words: str, *, marked: bool = False) -> Html:
     """Return the entry of what the paper's model does; `marked` with the mark of a bin's mean."""
-    mark = tag("path", d="M17 4h6v6h-6z", stroke=BEFORE, stroke_width=1.4, fill="white")
+    mark = tag("path", d="M17 4h6v6h-6z", stroke=BEFORE, stroke_width=1.4, fill=PAPER)
     return _entry(words, _line(BEFORE, 1.8, DASHES), *([mark] if marked else []))
 
 
@@ -34,10 +34,20 @@ def after_key(words: str, *, marked: bool = False) -> Html:
     return _entry(words, _line(AFTER, 1.8), *([mark] if marked else []))
 
 
+def found_key(words: str) -> Html:
+    """Return the entry of the interval in which a model's difference shows most."""
+    return _entry(words, _line(FOUND, 9.0))
+
+
 def sample_key(words: str) -> Html:
     """Return the entry of the scatter of samples."""
     places = "M5 9h0M12 4h0M19 8h0M27 5h0M34 10h0"
-    return _entry(words, tag("path", d=places, stroke=SCATTER, stroke_width=3.2, stroke_linecap="round"))
+    return _entry(words, tag("path", d=places, stroke=SAMPLE, stroke_width=3.2, stroke_linecap="round"))
+
+
+def area_key(words: str, colour: str) -> Html:
+    """Return the entry of areas of a colour."""
+    return _entry(words, tag("rect", x=6, y=0, width=28, height=14, fill=colour))
 
 
 def _entry(words: str, *drawn: Html) -> Html:

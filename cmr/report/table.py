@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from cmr.diagnosis.report.markup import Html, tag
+from cmr.report.markup import Html, tag
 
 NUMBER = "number"  # class of cells that hold numbers
 

@@ -5,16 +5,38 @@ A report holds some seventy plots; Matplotlib takes 60 ms for each.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cmr.diagnosis.report.markup import Html, joined, tag
-from cmr.diagnosis.report.numbers import MINUS
-from cmr.diagnosis.report.style import GRID, INK
-from cmr.recordings.signal import Floats
+from cmr.report.markup import Html, joined, tag
+from cmr.report.numbers import MINUS
+from cmr.report.style import BORDER, FOUND, GRID, INK, PAPER
+
+Floats = NDArray[np.float64]
 
 Range = tuple[float, float]
 NICE = (1.0, 0.5, 0.2)  # steps of ticks, times a power of ten
+SHADE = 0.16  # opacity of what marks a range behind curves
+
+
+class Curve(NamedTuple):
+    """What a reader learns of a curve at the pointer: its name, and its values, which are in the drawing.
+
+    `along` are the values that its points are found by, such as times, shape (n,); without it, that is their x.
+    `error` are standard errors of y, shape (n,).
+    """
+
+    name: str
+    along: Floats | None = None
+    error: Floats | None = None
+
+    def data(self, shown: NDArray[np.bool_]) -> dict[str, str]:
+        """Return the attributes from which `readings.js` reads the points that are shown, shape (n,)."""
+        known = {"data_along": self.along, "data_error": self.error}
+        values = {key: " ".join(f"{v:.4g}" for v in of[shown]) for key, of in known.items() if of is not None}
+        return {"data_name": self.name, **values}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +84,13 @@ class Frame:
         return np.asarray((self.y[1] - y) / (self.y[1] - self.y[0]) * self.inner_height)
 
 
-def plot(frame: Frame, *drawn: Html, x_label: str, y_label: str = "", title: str = "", alt: str) -> Html:
-    """Return a plot with axes; what is drawn beyond the frame is cut off. `alt` tells it to those who cannot see it."""
+def plot(
+    frame: Frame, *drawn: Html, x_label: str, y_label: str = "", title: str = "", along: str | None = None, alt: str
+) -> Html:
+    """Return a plot with axes; what is drawn beyond the frame is cut off.
+
+    `alt` describes it to those who cannot see it. `along` says what the points of a map's curves are found by.
+    """
     inside = tag(
         "svg",
         *drawn,
@@ -71,6 +98,8 @@ def plot(frame: Frame, *drawn: Html, x_label: str, y_label: str = "", title: str
         y=frame.top,
         width=_round(frame.inner_width),
         height=_round(frame.inner_height),
+        data_range=" ".join(f"{end:.6g}" for end in (*frame.x, *frame.y)),
+        data_along=along,
     )
     return tag(
         "svg",
@@ -82,11 +111,21 @@ def plot(frame: Frame, *drawn: Html, x_label: str, y_label: str = "", title: str
         font_size=frame.text,
         role="img",
         aria_label=alt,
+        data_x=x_label,
+        data_y=y_label or None,
     )
 
 
 def line(
-    frame: Frame, x: Floats, y: Floats, colour: str, width: float, dashes: str | None = None, under: str | None = None
+    frame: Frame,
+    x: Floats,
+    y: Floats,
+    colour: str,
+    width: float,
+    *,
+    dashes: str | None = None,
+    under: str | None = None,
+    curve: Curve | None = None,
 ) -> Html:
     """Return a line through points, broken where one is not finite; `under` is the colour of an outline."""
     across, down = frame.across(x), frame.down(y)
@@ -97,9 +136,20 @@ def line(
         for a, d, linked in zip(across[finite], down[finite], follows[finite], strict=True)
     )
     stroke = {"d": steps, "fill": "none", "stroke_linejoin": "round", "stroke_dasharray": dashes}
-    drawn = tag("path", **stroke, stroke=colour, stroke_width=width)
+    drawn = tag("path", **stroke, stroke=colour, stroke_width=width, **(curve.data(finite) if curve else {}))
     outline = tag("path", **stroke, stroke=under, stroke_width=width + 1.4) if under else Html("")
     return joined(outline, drawn)
+
+
+def band(frame: Frame, ends: Range) -> Html:
+    """Return a shade behind a range of x, over the whole height."""
+    left, right = frame.across(np.array(ends))
+    size = {"width": _round(right - left), "height": _round(frame.inner_height)}
+    edges = f"M{left:.1f} 0V{frame.inner_height:.1f}M{right:.1f} 0V{frame.inner_height:.1f}"
+    return joined(
+        tag("rect", x=_round(left), y=0, **size, fill=FOUND, opacity=SHADE),
+        tag("path", d=edges, stroke=FOUND, stroke_width=1.2),
+    )
 
 
 def dots(frame: Frame, x: Floats, y: Floats, colour: str, size: float) -> Html:
@@ -124,7 +174,7 @@ def squares(frame: Frame, x: Floats, y: Floats, colour: str, size: float) -> Htm
     known = np.isfinite(y)
     corners = zip(frame.across(x[known]) - size / 2.0, frame.down(y[known]) - size / 2.0, strict=True)
     steps = "".join(f"M{a:.1f} {d:.1f}h{size}v{size}h-{size}z" for a, d in corners)
-    return tag("path", d=steps, stroke=colour, stroke_width=1.1, fill="white")
+    return tag("path", d=steps, stroke=colour, stroke_width=1.1, fill=PAPER)
 
 
 def zero_line(frame: Frame) -> Html:
@@ -161,7 +211,7 @@ def _axes(frame: Frame) -> Html:
 
 def _border(frame: Frame) -> Html:
     size = {"width": _round(frame.inner_width), "height": _round(frame.inner_height)}
-    return tag("rect", x=frame.left, y=frame.top, **size, fill="none", stroke="#777", stroke_width=0.8)
+    return tag("rect", x=frame.left, y=frame.top, **size, fill="none", stroke=BORDER, stroke_width=0.8)
 
 
 def _labels(frame: Frame, x_label: str, y_label: str, title: str) -> Html:
