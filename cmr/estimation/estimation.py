@@ -22,8 +22,7 @@ from cmr.estimation.preparation import MOTOR, Ready, prepare
 from cmr.estimation.search.late_wheels import with_late_wheels
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
-from cmr.estimation.unexplained.extending import Extended, extended
-from cmr.estimation.unexplained.result import not_judged
+from cmr.estimation.unexplained.extending import extended
 from cmr.estimation.usefulness import Whole, that_holds
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
@@ -33,10 +32,6 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.late_wheels import IN_TIME
 from cmr.recordings.recording import Recording
 
-ERRORS_ACCUMULATE = (
-    "The effects were fitted to simulated paths, whose errors accumulate; a test for structure needs one-step "
-    "prediction errors."
-)
 SEEN_IN_A_PATH = 0.02  # of the typical size: more of an effect that was not named changes a path that is predicted
 
 
@@ -176,7 +171,7 @@ def _estimated(
     ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *mended))
     found = with_late_wheels(look(ready, progress), late)
     progress("Looking at what remains ...")
-    whole = extended(problem, found) if found.problem.by_moments else Extended(found, not_judged(ERRORS_ACCUMULATE))
+    whole = extended(problem if found.problem.by_moments else found.problem, found)
     progress("Averaging over what these drives may hide ...")
     others = [segment for one in unseen for segment in one.segments]
     delivered, measured = that_holds(whole, segments, others)

@@ -206,6 +206,10 @@ class Problem:
         """Fit several models side by side, each from some values on with some free parameters: faster than in turn."""
         return self._answered([fitted(values, tuple(names), noise, self.excitation) for values, names in models], noise)
 
+    def by_moments_of(self, fit: Fit) -> tuple["Problem", Fit]:
+        """Return the problem, and a fit of it, whose errors are those of single moments: these."""
+        return self, fit
+
     def doubts(self, fit: Fit) -> dict[str, float]:
         """Return what is to be added to standard deviations of a fit, by name: nothing where errors are white."""
         return dict.fromkeys(fit.names, 0.0)

@@ -52,6 +52,16 @@ class SimulationErrorProblem(Problem):
         both = {**driven, **rolled.of}
         return Errors({name: both[name] for name in self.batch.signals}, rolled.motion)
 
+    def by_moments_of(self, fit: Fit) -> tuple[Problem, Fit]:
+        """Return the problem of the body's motion beside wheels as they were measured, and the same model fitted there.
+
+        What the motors do is not judged by it.
+        """
+        body = Problem(self._rolling.predictors, self.gains, self.excitation)
+        values = {name: float(np.max(value)) for name, value in _of_rolling(fit.values).items()}
+        names = [name for name in fit.names if name in values]
+        return body, body.fit(values, names, body.found(body.errors(values)))
+
     def found(self, errors: Sequence[Errors]) -> Noise:
         """Return the noise that the errors of the first candidate in each segment show: how large, and how lasting.
 

@@ -8,12 +8,11 @@ from cmr.estimation.measured_gain import measure
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, with_small_effects
 from cmr.estimation.search.trace import with_removed
-from cmr.estimation.unexplained.generic import Extension, extension
+from cmr.estimation.unexplained.generic import LEAST_GAIN, Extension, extension
 from cmr.estimation.unexplained.remaining import remaining
 from cmr.estimation.unexplained.result import Unexplained
 
 SURPASSED = 0.8  # of some error of free runs with the named effects: so little must a term leave that does without them
-NOWHERE_WORSE = 1.03  # of each of these errors, and of those with both: so much it may leave
 WITHDRAWN = "A generic term predicts much better than it does, and as well without it."
 
 
@@ -75,13 +74,14 @@ def _without_names(problem: Problem, found: Search) -> Search:
 def _makes_up_for(alone: Extension, beside: Extension | None, problem: Problem, found: Search) -> bool:
     """Tell whether a generic term alone foretells far better than what was named, and as well as both together.
 
-    It must do so with no more products than it needs beside them: else they may be what the further ones imitate.
+    It must do so with no more products than it needs beside them: else they may be what the further ones imitate. None
+    of the errors may be worse by what a term must gain to be accepted.
     """
     if beside and len(alone.names) > len(beside.names):
         return False
     named = _ratios(alone.fit, found.final, problem, found)
     both = _ratios(alone.fit, beside.fit, problem, found) if beside else named
-    return min(named) < SURPASSED and max(*named, *both) < NOWHERE_WORSE
+    return min(named) < SURPASSED and max(*named, *both) < LEAST_GAIN
 
 
 def _ratios(alone: Fit, named: Fit, problem: Problem, found: Search) -> list[float]:

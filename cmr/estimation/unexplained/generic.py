@@ -47,17 +47,21 @@ class Extension:
 
 def extension(problem: Problem, fit: Fit) -> Extension | None:
     """Return a generic term beside a fit that makes the model foretell left-out data better, if there is one."""
-    candidates = _candidates(problem)
-    values = {**fit.values, **dict.fromkeys(candidates, 0.0)}
-    rest, slopes = problem.linear(values, (*fit.names, *candidates), fit.noise)
-    folds = _Folds.of(problem.folds, rest, slopes)
-    chosen = _chosen(folds, len(fit.names), len(candidates))
-    if not chosen:
+    names = _products(*problem.by_moments_of(fit))
+    if not names:
         return None
-    names = tuple(candidates[index - len(fit.names)] for index in chosen)
     started = {**fit.values, **dict.fromkeys(names, 0.0)}
     extended = problem.fit(started, (*fit.names, *names), fit.noise, renew=0)
     return _accepted(problem, fit, extended, names)
+
+
+def _products(problem: Problem, fit: Fit) -> tuple[str, ...]:
+    """Return the names of the coefficients whose products predict left-out errors of single moments beside a fit."""
+    candidates = _candidates(problem)
+    values = {**fit.values, **dict.fromkeys(candidates, 0.0)}
+    rest, slopes = problem.linear(values, (*fit.names, *candidates), fit.noise)
+    chosen = _chosen(_Folds.of(problem.folds, rest, slopes), len(fit.names), len(candidates))
+    return tuple(candidates[index - len(fit.names)] for index in chosen)
 
 
 def _accepted(problem: Problem, before: Fit, after: Fit, names: tuple[str, ...]) -> Extension | None:

@@ -30,6 +30,10 @@ LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is 
 SMALLEST_SHARE = 0.005  # of the variance of a signal's prediction errors: what is less does not matter
 BURSTS, BURST_SHARE = 3, 0.1  # fewest bursts, and least share that they have in all of a signal's squared errors
 BURSTS_LEFT_BY_EFFECTS = 0.2  # of what the effects named explain may remain in bursts
+WHEELS_ALONE = (
+    "The motors were fitted to simulated wheel speeds, whose errors accumulate, and neither poses nor a gyro show how "
+    "the body moves."
+)
 COARSE_ENCODERS = "The encoders' ticks are so coarse that their own errors depend on the speed."
 
 
@@ -49,7 +53,14 @@ class Remaining:
 
 
 def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
-    """Return what structure remains beside the final fit; `base` is that of the paper's model."""
+    """Return what structure remains beside the final fit; `base` is that of the paper's model.
+
+    Errors are those of single moments: of models found by free runs, those of the body beside the measured wheels.
+    """
+    (problem, fit), base = problem.by_moments_of(fit), problem.by_moments_of(base)[1]
+    if not problem.batch.rows:
+        unexplained = not_judged(WHEELS_ALONE)
+        return Remaining(unexplained=unexplained, statistic=0.0, threshold=LEAST, scores=(), bursts=())
     errors = problem.errors(lanes_of([fit.values, base.values]))
     squares = np.sum(tempered(problem.made_white(errors, fit.noise)) ** 2, axis=0)
     explained = max(0.0, float(squares[-1] - squares[0]))
