@@ -25,6 +25,8 @@ SHORTEST_PIECE = 1.0  # s
 LONGEST_STAND = 10.0
 EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
+# The noise that ticks may leave, as a share of how fast the wheels turn against each other; s of averaging at most.
+NOISY, LONGEST_MEAN = 0.03, 0.1
 SIDES = ("left", "right")
 UNIFORM = 12.0**-0.5  # standard deviation of what is spread evenly over 1
 
@@ -49,13 +51,9 @@ class Segment:
         """The segment as if the robot had rolled as its wheels did, whatever it was commanded."""
         if len(self.observations.given):
             return self
-        borders = np.arange(self.observations.steps + 1) * self.observations.dt
-        angles = np.stack(
-            [np.interp(borders, self.observations.wheel_time, angle) for angle in self.observations.wheel.T], axis=1
-        )
-        return replace(
-            self, observations=replace(self.observations, given=np.diff(angles, axis=0) / self.observations.dt)
-        )
+        own = self.observations
+        given = _rolled(own.wheel_time, own.wheel, self.tick, own.steps, own.dt)
+        return replace(self, observations=replace(own, given=given))
 
     def with_commands_at(self, time: Floats) -> "Segment":
         """Return the segment with commands that take effect at these times [s], shape (n,), increasing."""
@@ -136,7 +134,6 @@ def _segment(
     steps = int((last - first) * SECONDS / STEP)
     end = first + int(steps * STEP / SECONDS)
     wheels, gyro, poses = (s.between(first, end) for s in (recording.wheels, recording.gyro, recording.poses))
-    borders = first + np.round(np.arange(steps + 1) * (STEP / SECONDS)).astype(np.int64)
     angle, use, doubt = _readings(wheels, tick)
     use[held_up(wheels)] = 0
     pose = np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
@@ -156,7 +153,7 @@ def _segment(
             pose_time=_seconds(poses, first),
             pose=np.ascontiguousarray(pose),
             pose_use=_pose_use(poses.utime, splits),
-            given=_given(recording.wheels, borders)
+            given=_given(recording.wheels, first, tick, steps)
             if len(recording.wheels) and not len(recording.duty)
             else np.empty((0, 2)),
             time=(first - beginning) * SECONDS,
@@ -235,7 +232,27 @@ def _start_speeds(wheels: Signal, first: int) -> tuple[float, float]:
     return float(near["psi_left"].mean()), float(near["psi_right"].mean())
 
 
-def _given(wheels: Signal, borders: Times) -> Floats:
-    """Return the mean speed [rad/s] of each wheel over each step, from its encoder."""
-    angles = np.stack([np.interp(borders, wheels.utime, angle) for angle in wheel_angles(wheels)], axis=1)
-    return np.diff(angles, axis=0) / (np.diff(borders) * SECONDS)[:, None]
+def _given(wheels: Signal, first: int, tick: float, steps: int) -> Floats:
+    """Return the mean speed [rad/s] of each wheel over each step since `first` [us], from its encoder."""
+    return _rolled(_seconds(wheels, first), np.stack(wheel_angles(wheels), axis=1), tick, steps, STEP)
+
+
+def _rolled(time: Floats, angles: Floats, tick: float, steps: int, dt: float) -> Floats:
+    """Return the mean speed [rad/s] of each wheel, shape (steps, 2), around each step, from `angles` (W, 2) [rad].
+
+    It is the mean over a longer time than the step where ticks would else make it noisy. Noise of what a gyro is
+    compared with makes the gyro's scale too small, by its share of the squared turn rate (regression dilution; W. A.
+    Fuller, Measurement Error Models, 1987, section 1.1).
+    """
+
+    def at(times: Floats) -> Floats:
+        return np.stack([np.interp(times, time, angle) for angle in angles.T], axis=1)
+
+    middle = (np.arange(steps) + 0.5) * dt
+    from_end = np.minimum(middle, steps * dt - middle)
+    smooth = (at(middle + 0.5 * LONGEST_MEAN) - at(middle - 0.5 * LONGEST_MEAN)) / LONGEST_MEAN
+    turning = float(np.sqrt(np.mean((smooth[:, 1] - smooth[:, 0]) ** 2)))
+    noise = 2.0 * UNIFORM * tick  # rad: of the difference of two wheels' ways between two readings
+    span = min(noise / (NOISY * turning), LONGEST_MEAN) if noise > NOISY * turning * dt else dt
+    half = np.clip(from_end, 0.5 * dt, max(0.5 * span, 0.5 * dt))
+    return np.asarray((at(middle + half) - at(middle - half)) / (2.0 * half)[:, None], np.float64)
