@@ -64,11 +64,6 @@ def _check_element(name: FieldName, field: Field, *, has_robots: bool) -> None:
         raise CommandError(f"{written} has elements by number, not by robot; name one, such as '{written}[0]'.")
 
 
-def unit_of(name: FieldName) -> str:
-    """Return the unit of a field; empty where it has none."""
-    return (fields_on(name.channel) or {})[name.field].unit
-
-
 def near_names(asked: str, channels: Iterable[str]) -> list[str]:
     """Return the fields of these channels that are written most alike; all of them where there are few."""
     names = [

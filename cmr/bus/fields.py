@@ -124,6 +124,11 @@ def fields_on(channel: str) -> dict[str, Field] | None:
     return None if identity is None else {field.name: field for field in fields_of(identity[0].message_type)}
 
 
+def unit_of(name: FieldName) -> str:
+    """Return the unit of a field; empty where it has none."""
+    return (fields_on(name.channel) or {})[name.field].unit
+
+
 def number_in(message: Any, name: FieldName) -> float:
     """Return the number in a field of a message; NaN where it has no such element, or is not about the robot."""
     value = getattr(message, name.field)

@@ -32,6 +32,7 @@ def main(arguments: list[str]) -> int:
     try:
         from cmr.view.server import PageServer
         from cmr.view.showing import LiveShowing, LogShowing
+        from cmr.view.visit import Room
     except ModuleNotFoundError as error:
         raise CommandError(f"{error.name} is missing. To install it: {how_to_install('view')}") from error
     token = options.token or secrets.token_urlsafe(12)
@@ -39,7 +40,7 @@ def main(arguments: list[str]) -> int:
         process.subscribe(ESTOP, every=True)
         try:
             showing: Showing = LogShowing(options.log) if options.log else LiveShowing(options.lcm_url)
-            server = PageServer(options.host, options.port, token, obstacles, geofence, showing.panel)
+            server = PageServer(options.host, options.port, token, Room(obstacles, geofence), showing)
         except OSError as error:
             raise CommandError(f"{options.log or options.host}: {error.strerror or error}") from error
         print(f"cmr-view: {server.url}  token for its buttons: {token}", file=sys.stderr, flush=True)
@@ -47,10 +48,10 @@ def main(arguments: list[str]) -> int:
             for utime in process.loop(rate_hz=RATE):
                 process.dispatch(showing.orders.handle)
                 showing.advance(1.0 / RATE)
-                for wish in server.wished():
+                for wish in server.wished(utime):
                     showing.fulfil(wish, utime)
                 process.publish_all(showing.orders.due(now_utime()))
-                server.show(showing.state, showing.head())
+                server.show(1.0 / RATE)
                 process.state, process.message = process_status_t.RUNNING, showing.message()
         finally:
             server.stop()
