@@ -99,9 +99,9 @@ if (!window.cmrIsThere) {{
     event.preventDefault();
     act(document.querySelector('input[type=file]'));
   }};
-  addEventListener('dragover', (event) => guard(event, () => document.body.classList.add('cmr-dropping')));
-  addEventListener('dragleave', () => document.body.classList.remove('cmr-dropping'));
-  addEventListener('drop', (event) => guard(event, (input) => {{
+  window.addEventListener('dragover', (event) => guard(event, () => document.body.classList.add('cmr-dropping')));
+  window.addEventListener('dragleave', () => document.body.classList.remove('cmr-dropping'));
+  window.addEventListener('drop', (event) => guard(event, (input) => {{
     document.body.classList.remove('cmr-dropping');
     if (!input || input.parentElement.querySelector('button').disabled) return note('{BUSY}');
     input.files = event.dataTransfer.files;
