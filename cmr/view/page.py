@@ -200,11 +200,11 @@ class Page:
     def _add_opening(self, gui: viser.GuiApi) -> None:
         """Add what opens a log. It is no part of a tab, as a hidden one would take no file that is dropped."""
         with gui.add_folder("open a log"):
-            gui.add_html(words.sentence(DROP))
-            Upload(self.client, self._check_size, self._keep_log, self.refuse)
             if self._surroundings.back_to:
                 back = gui.add_button(f"back to {self._surroundings.back_to}")
                 back.on_click(lambda _event: self.wish(CLOSE))
+            gui.add_html(words.sentence(DROP))
+            Upload(self.client, self._check_size, self._keep_log, self.refuse)
 
     def _check_size(self, size: int) -> None:
         if not self.permission.asks(OPEN):

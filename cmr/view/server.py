@@ -7,6 +7,7 @@ log. The emergency stop of a live page works meanwhile.
 import io
 import time
 import warnings
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from queue import Empty
 from typing import Any
@@ -85,13 +86,8 @@ class PageServer:
         if with_panels:
             self._want_curves()
         common = picture_of(self._showing.state) if self.visits else None
-        for visitor, visit in list(self.visits.items()):
-            try:
-                picture = common if visit.log is None else self._play(visit, seconds)
-                if picture is not None:
-                    visit.show(picture, self._head(visit), with_trails, with_panels)
-            except RuntimeError:  # viser: the visitor has just left
-                self._forget(visitor)
+        for visit in list(self.visits.values()):
+            self._do_for(visit, lambda visit: self._draw(visit, common, seconds, with_trails, with_panels))
 
     def stop(self) -> None:
         """Close all connections."""
@@ -113,7 +109,7 @@ class PageServer:
         elif wish.what == CLOSE and visit is not None:
             self._close(visit)
         elif visit is not None and visit.log is not None and wish.what in (PAUSE, SPEED, JUMP):
-            visit.showing.fulfil(wish, utime)
+            self._do_for(visit, lambda visit: visit.showing.fulfil(wish, utime))
             self._panels_due = 0.0
         else:
             return wish.what == CLICK
@@ -136,6 +132,8 @@ class PageServer:
         try:
             visit = Visit(client, permission, self.wishes, showing, room, surroundings, log)
         except RuntimeError:  # left at once
+            if log is not None:
+                log.remove()
             return
         self.visits[client.client_id] = visit
         self._trails_due = self._panels_due = 0.0
@@ -158,20 +156,28 @@ class PageServer:
     def _close(self, visit: Visit) -> None:
         self._show_to(visit.client, visit.permission, self._showing, None)
 
-    def _play(self, visit: Visit, seconds: float) -> Picture | None:
-        """Play on a visitor's own log; where that is impossible, show what the others see."""
-        try:
+    def _draw(self, visit: Visit, common: Picture | None, seconds: float, with_trails: bool, with_panels: bool) -> None:
+        """Draw what one visitor sees: what is common to all, or the visitor's own log, which plays on."""
+        head, picture = visit.showing.head(), common
+        if visit.log is not None:
             visit.showing.advance(seconds)
-            return picture_of(visit.showing.state)
-        except Exception as error:  # whatever a log does to us, the pages of the others go on
-            self._close(visit)
-            name = "" if visit.log is None else visit.log.name
-            self.visits[visit.client.client_id].page.refuse(f"{name} cannot be played: {error}")
-            return None
+            head, picture = visit.showing.head() + stop_line(self._showing.orders), picture_of(visit.showing.state)
+        if picture is not None:
+            visit.show(picture, head, with_trails, with_panels)
 
-    def _head(self, visit: Visit) -> str:
-        head = visit.showing.head()
-        return head if visit.log is None else head + stop_line(self._showing.orders)
+    def _do_for(self, visit: Visit, act: Callable[[Visit], None]) -> None:
+        """Do something for one visitor; if it goes wrong because of the visitor's own log, that is closed."""
+        try:
+            act(visit)
+        except RuntimeError:  # viser: the visitor has just left
+            self._forget(visit.client.client_id)
+        except Exception as error:
+            if visit.log is None:
+                raise
+            self._close(visit)  # whatever is in a log, the pages of the others go on
+            changed = self.visits.get(visit.client.client_id)
+            if changed is not None:
+                changed.page.refuse(f"{visit.log.name} cannot be played: {error}")
 
     def _want_curves(self) -> None:
         """Let everything that is shown keep the signals that its visitors plot."""
