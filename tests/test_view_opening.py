@@ -1,6 +1,7 @@
 """A visitor's own log is opened for that visitor alone; whatever is sent, the page of the others goes on."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -67,6 +68,8 @@ class FakeClient:
             _handle_file_transfer_start=lambda _client, message: self.kept.append(message),
             _handle_file_transfer_part=lambda _client, message: self.kept.append(message),
             add_upload_button=lambda *_text, **_look: self.button,
+            add_folder=lambda *_text, **_look: nullcontext(),
+            add_html=lambda _text: None,
         )
 
 
@@ -99,8 +102,8 @@ def test_nothing_of_a_file_that_is_refused_or_larger_than_announced_is_kept_in_m
 class FakeVisit:
     """What a visitor sees; `drawn` counts how often."""
 
-    def __init__(self, client: Any, permission: Any, _wishes: Any, showing: Any, *rest: Any) -> None:
-        self.client, self.permission, self.showing, self.log = client, permission, showing, rest[-1]
+    def __init__(self, visitor: Any, _wishes: Any, showing: Any, *rest: Any) -> None:
+        self.visitor, self.showing, self.log = visitor, showing, rest[-1]
         self.refused: list[str] = []
         self.page = SimpleNamespace(refuse=self.refused.append, plotted=[])
         self.drawn = 0

@@ -75,6 +75,7 @@ const nameAll = () => {{
   const name = (what, attribute, text) =>
     document.querySelectorAll(what).forEach((one) => one.setAttribute(attribute, text));
   name('.mantine-Notification-closeButton', 'aria-label', 'close');
+  name('[role=progressbar]', 'aria-label', 'how much has been sent');
   name('img:not([alt])', 'alt', 'picture of a camera');
 }};
 document.getElementById('root').setAttribute('role', 'main');

@@ -14,7 +14,6 @@ from cmr.view.camera_panel import CameraPanel
 from cmr.view.charts import Chart, distances, estimates
 from cmr.view.inputs import write
 from cmr.view.look import legend, page_look
-from cmr.view.opening import OpenedLog, RefusedLog
 from cmr.view.picture import Lines, rays, trails
 from cmr.view.plots import Plots
 from cmr.view.replay_panel import ReplayPanel
@@ -22,8 +21,7 @@ from cmr.view.shapes import LENGTH, at_height, circle
 from cmr.view.showing import Showing
 from cmr.view.stage import TRAIL_WIDTH, LineSet
 from cmr.view.state import ViewState
-from cmr.view.uploads import Upload
-from cmr.view.wishes import CLOSE, FIGURE_EIGHT, OPEN, RELEASE, STOP, Permission, Wish, Wishes
+from cmr.view.wishes import CLOSE, FIGURE_EIGHT, RELEASE, STOP, Permission, Wish, Wishes
 from cmr.view.words import ESTIMATES
 
 READING_TIME = 8.0  # s for which a refusal is shown
@@ -32,7 +30,11 @@ RAY_WIDTH, RING_WIDTH = 0.006, 0.015  # m
 REFUSED = "Nothing was sent. Enter the token from the terminal running cmr-view, then try again."
 WRONG = "Nothing was sent. This is not the token in the terminal running cmr-view."
 TAB_NAMES = ("view", "robot", "plots", "processes", "bus", "calibration", "twins")
-DROP = "Drop an event log, such as run.lcm, anywhere on this page. It is played for you alone."
+
+
+def refuse(client: viser.ClientHandle, sentence: str) -> None:
+    """Say to a visitor why something is not done."""
+    client.add_notification("Refused", sentence, color="red", auto_close_seconds=READING_TIME)
 
 
 class Surroundings(NamedTuple):
@@ -40,16 +42,13 @@ class Surroundings(NamedTuple):
 
     `curve_windows` are the spans of time of its plots; `back_to` names what other visitors see, where this one sees a
     log of his own; `has_robots` tells whether there is a bus with robots that can be stopped, `has_fence` whether a
-    geofence is drawn. `check_size` and
-    `keep_log` raise RefusedLog for a log that is not taken.
+    geofence is drawn.
     """
 
     curve_windows: tuple[str, ...]
     back_to: str
     has_robots: bool
     has_fence: bool
-    check_size: Callable[[int], None]
-    keep_log: Callable[[str, bytes], OpenedLog]
 
 
 class Page:
@@ -74,13 +73,15 @@ class Page:
         gui = client.gui
         self._head = gui.add_html("")
         gui.add_html(page_look())
+        if surroundings.back_to:
+            back = gui.add_button(f"back to {surroundings.back_to}")
+            back.on_click(lambda _event: self.wish(CLOSE))
         self._legend = gui.add_html("")
         self._add_orders(gui)
         self._camera_panel = CameraPanel(gui)
         if replay is not None:
             replay.add(gui, self.wish)
         self._add_tabs(gui)
-        self._add_opening(gui)
         self._trails = LineSet(client.scene, "/trails", TRAIL_WIDTH)
         self._rays = LineSet(client.scene, "/rays", RAY_WIDTH)
         self._ring = LineSet(client.scene, "/chosen", RING_WIDTH)
@@ -108,7 +109,7 @@ class Page:
 
     def refuse(self, sentence: str) -> None:
         """Say why something is not done."""
-        self.client.add_notification("Refused", sentence, color="red", auto_close_seconds=READING_TIME)
+        refuse(self.client, sentence)
 
     def show_scene(self, state: ViewState, with_trails: bool) -> None:
         """Draw what is this visitor's own."""
@@ -196,23 +197,6 @@ class Page:
                     self._estimates = {key: Chart(gui, title, True) for key, title in titles.items()}
                 if name == "twins":
                     self._divergence = Chart(gui, "distance of robot and twin [cm]", False, from_zero=True)
-
-    def _add_opening(self, gui: viser.GuiApi) -> None:
-        """Add what opens a log. It is no part of a tab, as a hidden one would take no file that is dropped."""
-        with gui.add_folder("open a log"):
-            if self._surroundings.back_to:
-                back = gui.add_button(f"back to {self._surroundings.back_to}")
-                back.on_click(lambda _event: self.wish(CLOSE))
-            gui.add_html(words.sentence(DROP))
-            Upload(self.client, self._check_size, self._keep_log, self.refuse)
-
-    def _check_size(self, size: int) -> None:
-        if not self.permission.asks(OPEN):
-            raise RefusedLog(REFUSED)
-        self._surroundings.check_size(size)
-
-    def _keep_log(self, name: str, content: bytes) -> None:
-        self.wish(OPEN, self._surroundings.keep_log(name, content))
 
     def _add_view(self, gui: viser.GuiApi) -> None:
         self._robot = gui.add_number("robot", 0, min=0, step=1, hint="or click on it")

@@ -15,12 +15,12 @@ from typing import Any
 import viser
 
 from cmr.view.camera import INITIAL
-from cmr.view.opening import MOST_OPENED, LogFolder, OpenedLog, check_size
-from cmr.view.page import Surroundings
+from cmr.view.opening import MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
+from cmr.view.page import REFUSED, Surroundings, refuse
 from cmr.view.picture import Picture, picture_of
 from cmr.view.showing import LogShowing, Showing, stop_line
-from cmr.view.uploads import arriving
-from cmr.view.visit import NO_ROOM, Room, Visit
+from cmr.view.uploads import Upload, arriving
+from cmr.view.visit import NO_ROOM, Room, Visit, Visitor
 from cmr.view.wishes import CLICK, CLOSE, COME, JUMP, LEAVE, OPEN, PAUSE, SPEED, Permission, Wish, Wishes
 
 TRAILS_EVERY = 0.5  # s
@@ -99,7 +99,7 @@ class PageServer:
         """Do what concerns one visitor only; return whether that was it."""
         visit = self.visits.get(wish.visitor)
         if wish.what == COME:
-            self._show_to(wish.value, Permission(self._token, self._on_this_computer), self._showing, None)
+            self._welcome(wish.value)
         elif wish.what == LEAVE:
             self._forget(wish.visitor)
         elif wish.what == CLICK and visit is not None:
@@ -115,27 +115,40 @@ class PageServer:
             return wish.what == CLICK
         return True
 
-    def _show_to(
-        self, client: viser.ClientHandle, permission: Permission, showing: Showing, log: OpenedLog | None
-    ) -> None:
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        permission = Permission(self._token, self._on_this_computer)
+
+        def check(size: int) -> None:
+            if not permission.asks(OPEN):
+                raise RefusedLog(REFUSED)
+            check_size(size, sum(arriving(visit.visitor.client) for visit in list(self.visits.values())))
+
+        def take(name: str, content: bytes) -> None:
+            self.wishes.put(Wish(OPEN, client.client_id, self._logs.keep(name, content)))
+
+        try:
+            upload = Upload(client, check, take, lambda sentence: refuse(client, sentence))
+            self._show_to(Visitor(client, permission, upload), self._showing, None)
+        except RuntimeError:  # viser: left at once
+            pass
+
+    def _show_to(self, visitor: Visitor, showing: Showing, log: OpenedLog | None) -> None:
         """Give a visitor a page that shows this."""
-        self._forget(client.client_id)
+        self._forget(visitor.client.client_id)
         room = self._room if log is None else NO_ROOM
         surroundings = Surroundings(
             curve_windows=tuple(showing.curves.windows),
             back_to="" if log is None else self._showing.name,
             has_robots=self._showing.panel() is None,
             has_fence=room.geofence is not None,
-            check_size=lambda size: check_size(size, sum(arriving(visit.client) for visit in self.visits.values())),
-            keep_log=self._logs.keep,
         )
         try:
-            visit = Visit(client, permission, self.wishes, showing, room, surroundings, log)
-        except RuntimeError:  # left at once
+            visit = Visit(visitor, self.wishes, showing, room, surroundings, log)
+        except RuntimeError:  # viser: left at once
             if log is not None:
                 log.remove()
             return
-        self.visits[client.client_id] = visit
+        self.visits[visitor.client.client_id] = visit
         self._trails_due = self._panels_due = 0.0
 
     def _open(self, visit: Visit | None, log: OpenedLog) -> None:
@@ -151,10 +164,10 @@ class PageServer:
             visit.page.refuse(f"{log.name}: {error.strerror or error}")
             log.remove()
         else:
-            self._show_to(visit.client, visit.permission, showing, log)
+            self._show_to(visit.visitor, showing, log)
 
     def _close(self, visit: Visit) -> None:
-        self._show_to(visit.client, visit.permission, self._showing, None)
+        self._show_to(visit.visitor, self._showing, None)
 
     def _draw(self, visit: Visit, common: Picture | None, seconds: float, with_trails: bool, with_panels: bool) -> None:
         """Draw what one visitor sees: what is common to all, or the visitor's own log, which plays on."""
@@ -170,12 +183,12 @@ class PageServer:
         try:
             act(visit)
         except RuntimeError:  # viser: the visitor has just left
-            self._forget(visit.client.client_id)
+            self._forget(visit.visitor.client.client_id)
         except Exception as error:
             if visit.log is None:
                 raise
             self._close(visit)  # whatever is in a log, the pages of the others go on
-            changed = self.visits.get(visit.client.client_id)
+            changed = self.visits.get(visit.visitor.client.client_id)
             if changed is not None:
                 changed.page.refuse(f"{visit.log.name} cannot be played: {error}")
 

@@ -10,22 +10,29 @@ from typing import Any
 import viser
 from viser import _messages
 
+from cmr.view import words
 from cmr.view.opening import RefusedLog
 
+DROP = "Drop an event log, such as run.lcm, anywhere on this page. It is played for you alone."
+LAST = 1e18  # in the order of what is on a page, which otherwise is that of time
 Check = Callable[[int], None]
 Take = Callable[[str, bytes], None]
 
 
 class Upload:
-    """The button with which one visitor sends a file; a file that is dropped on the page is sent by it, too.
+    """The folder of a page with which its visitor sends a file; a file that is dropped on the page comes here, too.
 
-    `check(size)` raises RefusedLog where a file of this size [bytes] may not be sent, `take(name, content)` where it is
-    not what was expected; `refuse(sentence)` says so. `check` and `take` are called by viser's threads.
+    It stays when the rest of the page changes, as the browser shows with it how much has been sent. `check(size)`
+    raises RefusedLog where a file of this size [bytes] may not be sent, `take(name, content)` where it is not what was
+    expected; `refuse(sentence)` says so. `check` and `take` are called by viser's threads.
     """
 
     def __init__(self, client: viser.ClientHandle, check: Check, take: Take, refuse: Callable[[str], None]) -> None:
         self._gui, self._check, self._take, self._refuse = client.gui, check, take, refuse
-        self.button = client.gui.add_upload_button("open a log ...", mime_type=".lcm,*/*", color="gray")
+        self.folder = client.gui.add_folder("open a log", order=LAST)
+        with self.folder:
+            client.gui.add_html(words.sentence(DROP))
+            self.button = client.gui.add_upload_button("open a log ...", mime_type=".lcm,*/*", color="gray")
         self.button.on_upload(self._arrived)
         self._replace(_messages.FileTransferStartUpload, self._start)
         self._replace(_messages.FileTransferPart, self._part)
@@ -73,3 +80,13 @@ class Upload:
 def arriving(client: viser.ClientHandle) -> int:
     """Return how many bytes a visitor is about to send."""
     return sum(state["total_bytes"] for state in list(client.gui._current_file_upload_states.values()))
+
+
+def clear(client: viser.ClientHandle, kept: viser.GuiFolderHandle) -> None:
+    """Take everything from a visitor's page but one folder, and everything from the scene."""
+    for handle in list(client.gui._container_handle_from_uuid["root"]._children.values()):
+        if handle is not kept:
+            handle.remove()
+    for command in list(client.gui._command_handle_from_uuid.values()):
+        command.remove()
+    client.scene.reset()

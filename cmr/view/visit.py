@@ -9,6 +9,7 @@ from cmr.view.page import Page, Surroundings
 from cmr.view.picture import Picture
 from cmr.view.showing import Showing
 from cmr.view.stage import Stage
+from cmr.view.uploads import Upload, clear
 from cmr.view.wishes import CLICK, Permission, Wish, Wishes
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 
@@ -23,26 +24,33 @@ class Room(NamedTuple):
 NO_ROOM = Room(Obstacles.none(), None)  # of a log that a visitor opens nobody says what stood there
 
 
+class Visitor(NamedTuple):
+    """Who looks: the browser, what it may do, and how it sends files. They last as long as the connection."""
+
+    client: viser.ClientHandle
+    permission: Permission
+    upload: Upload
+
+
 class Visit:
     """A visitor with what is shown. Raises RuntimeError, as viser does, where the visitor has just left."""
 
     def __init__(
         self,
-        client: viser.ClientHandle,
-        permission: Permission,
+        visitor: Visitor,
         wishes: Wishes,
         showing: Showing,
         room: Room,
         surroundings: Surroundings,
         log: OpenedLog | None = None,
     ) -> None:
-        self.client, self.permission, self.showing, self.log = client, permission, showing, log
-        client.gui.reset()
-        client.scene.reset()
+        self.visitor, self.showing, self.log = visitor, showing, log
+        client = visitor.client
+        clear(client, visitor.upload.folder)
         self._stage = Stage(client.scene, room.obstacles, room.geofence)
         self._stage.robots.on_click(lambda visitor, place: wishes.put(Wish(CLICK, visitor, place)))
         self._replay = showing.panel()
-        self.page = Page(client, permission, wishes, self._replay, surroundings)
+        self.page = Page(client, visitor.permission, wishes, self._replay, surroundings)
         self._picture: Picture | None = None
 
     def show(self, picture: Picture, head: str, with_trails: bool, with_panels: bool) -> None:
