@@ -63,8 +63,8 @@ def command_parser() -> argparse.ArgumentParser:
     options = parser(
         "cmr-view",
         "Show the world in a web page: robots, twins, trails, what processes and bus do, calibration and diagnosis, "
-        "plots of any signal; live from the bus, or from a log with a time slider. A log that is dropped on the page is "
-        "played for that visitor alone.\n\n"
+        "plots of any signal; live from the bus, or from a log with a time slider. A log that is dropped on the page "
+        "is played for that visitor alone.\n\n"
         "The buttons work after you enter the token that is printed at the start. The emergency stop and "
         "opening a log need no token while the page is served to this computer alone; releasing the stop always does. "
         "The page is served to this computer alone, unless --host and --token are given.",

@@ -47,8 +47,8 @@ STYLE = f"""
 .cmr-time u {{ width: 6px; margin-left: -3px; pointer-events: auto; border-left: 2px solid #222; }}
 .cmr-time span {{ position: absolute; right: 8px; top: 4px; pointer-events: none; }}
 [data-dock-tab] {{ padding-left: 7px !important; padding-right: 7px !important; }}
-.cmr-note {{ position: fixed; top: 12px; left: 12px; max-width: 30em; z-index: 10; padding: 8px 12px; }}
-.cmr-note {{ font: 14px/1.4 sans-serif; color: #fff; background: #c92a2a; border-radius: 4px; }}
+.cmr-note {{ position: fixed; top: 40%; left: 50%; transform: translate(-50%); max-width: 30em; z-index: 1000; }}
+.cmr-note {{ font: 14px/1.4 sans-serif; color: #fff; background: #c92a2a; border-radius: 4px; padding: 8px 12px; }}
 .cmr-dropping::after {{ content: 'Drop the log to open it'; position: fixed; inset: 0; z-index: 9; }}
 .cmr-dropping::after {{ pointer-events: none; background: #1f4fd833; border: 4px dashed #1f4fd8; }}
 .cmr-dropping::after {{ font: 24px sans-serif; padding: 2em; }}
@@ -59,7 +59,7 @@ STYLE = f"""
   .cmr-legend {{ top: 30px; bottom: auto; right: 4px; left: auto; font-size: 11px; }}
 }}
 """
-BUSY = "Another file is being sent. Wait until it is there, then drop this one again."
+BUSY = "Nothing was sent. Enter the token first, or wait until the other file is there; then drop this one again."
 # The first function names what viser's labels stand beside, for screen readers and for cmrJump, which jumps to a time:
 # React notices what is written into its boxes only by this detour. What is for the whole window comes once, though each
 # page that a visitor gets has this script. A file that is dropped goes into the input of viser's own upload.

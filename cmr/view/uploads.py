@@ -32,10 +32,15 @@ class Upload:
         self.folder = client.gui.add_folder("open a log", order=LAST)
         with self.folder:
             client.gui.add_html(words.sentence(DROP))
-            self.button = client.gui.add_upload_button("open a log ...", mime_type=".lcm,*/*", color="gray")
+            self.button = client.gui.add_upload_button("open a log ...", disabled=True, color="gray")
         self.button.on_upload(self._arrived)
         self._replace(_messages.FileTransferStartUpload, self._start)
         self._replace(_messages.FileTransferPart, self._part)
+
+    def allow(self, allowed: bool) -> None:
+        """Let the visitor use the button, or not; `check` refuses what comes nevertheless."""
+        if self.button.disabled == allowed:
+            self.button.disabled = not allowed
 
     def _replace(self, message: Any, ours: Any) -> None:
         self._gui._websock_interface.unregister_handler(message)

@@ -10,7 +10,7 @@ from cmr.view.picture import Picture
 from cmr.view.showing import Showing
 from cmr.view.stage import Stage
 from cmr.view.uploads import Upload, clear
-from cmr.view.wishes import CLICK, Permission, Wish, Wishes
+from cmr.view.wishes import CLICK, OPEN, Permission, Wish, Wishes
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 
 
@@ -59,6 +59,7 @@ class Visit:
         self._stage.show(picture)
         self.page.show_scene(self.showing.state, with_trails)
         if with_panels:
+            self.visitor.upload.allow(self.visitor.permission.allows(OPEN))
             self.page.show_panels(self.showing, head)
             if self._replay is not None:
                 self._replay.show()
