@@ -33,7 +33,7 @@ def test_files_that_are_too_large_or_too_many_are_refused_with_what_to_do() -> N
         check_size(LARGEST_LOG, MOST_ARRIVING)
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89PNG" + bytes(5000), LOG[:20]])
+@pytest.mark.parametrize("content", [b"", b"\x89PNG" + bytes(5000), LOG[:20], LOG + 1_000_000 * LOG[:4]])
 def test_what_is_no_log_is_refused_with_what_is_expected_and_not_kept(content: bytes) -> None:
     folder = LogFolder()
     with pytest.raises(RefusedLog, match=r"picture.png is not an LCM event log. Expected is a file such as run.lcm"):
