@@ -12,11 +12,11 @@ import pyarrow.parquet
 import pytest
 from mcap.reader import make_reader
 
+from cmr.bus.fields import Field, fields_of
 from cmr.bus.messages import decode
 from cmr.bus.streams import STREAMS
 from cmr.recordings.events import Event, event_bytes
 from cmr.tools import log_tables
-from cmr.tools.log_fields import Field, fields_of
 from cmr.tools.log_main import main
 from cmr.tools.quantities import UNITS
 from tests.small_log import START, gyro_readings, small_log

@@ -7,14 +7,15 @@ import lcm
 import numpy as np
 import pytest
 
+from cmr.bus.fields import FieldName, unit_of
 from cmr.bus.messages import make
 from cmr.commands.command_line import CommandError
 from cmr.msg import motor_feedback_t, pose_xyt_t, waypoints_t, world_state_t
 from cmr.recordings.events import Event, EventReader
+from cmr.recordings.thinning import Rows, broken_at_gaps, thinned, thinned_path
 from cmr.tools import plot
-from cmr.tools.plot_fields import FieldName, Gathered, Values, against, near_names, parse_field, unit_of
-from cmr.tools.plot_figure import Curve, Panel, broken_at_gaps, figure_of
-from cmr.tools.thinning import Rows, thinned, thinned_path
+from cmr.tools.plot_fields import Gathered, Values, against, near_names, parse_field
+from cmr.tools.plot_figure import Curve, Panel, figure_of
 
 BEGIN = 1_700_000_000_000_000  # us
 LATE = 20_000  # us from measurement to logging

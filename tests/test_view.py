@@ -33,8 +33,10 @@ from cmr.view.camera import INITIAL, TOP, Camera, overview
 from cmr.view.camera_panel import caption
 from cmr.view.charts import distances, estimates, ticks
 from cmr.view.intake import Intake
-from cmr.view.picture import BLUE, YELLOW, Bodies, picture_of, rays, trails
+from cmr.view.look import legend
+from cmr.view.picture import BLUE, GREY, YELLOW, Bodies, picture_of, rays, trails
 from cmr.view.robots import REAL, TWIN, VIRTUAL
+from cmr.view.showing import crowd
 from cmr.view.stage import MANY, Instances
 from cmr.view.state import ViewState
 from tests.small_log import FIELDS, small_log
@@ -82,10 +84,48 @@ def test_real_robots_are_yellow_virtual_ones_blue_and_twins_are_ghosts() -> None
 def test_the_parts_of_a_world_are_put_together_and_who_is_told_of_no_more_goes() -> None:
     state = showing(world(NOW, [(1, VIRTUAL, 0.0, 0.0, 0.0)]), world(NOW, [(2, VIRTUAL, 5.0, 0.0, 0.0)]))
     assert picture_of(state).solid_ids.tolist() == [1, 2]
-    later = world(NOW + 3 * SECOND, [(2, VIRTUAL, 6.0, 0.0, 0.0)])
-    state.handle(later.utime, WORLD_STATE.name, later)
-    state.advance(later.utime)
+    pass_time(state, NOW + 6 * SECOND, world(NOW + 6 * SECOND, [(2, VIRTUAL, 6.0, 0.0, 0.0)]))
     assert picture_of(state).solid_ids.tolist() == [2]
+
+
+def pass_time(state: ViewState, until: int, *messages: WorldState) -> None:
+    for message in messages:
+        state.handle(message.utime, WORLD_STATE.name, message)
+    state.advance(until)
+
+
+def test_a_robot_that_is_silent_is_greyed_then_gone_from_everything_and_back_when_it_comes_back() -> None:
+    only_27 = [world(NOW + k * SECOND, [(27, VIRTUAL, 1.0, 0.0, 0.0)]) for k in range(7)]
+    state = showing(three(NOW))
+    take_message(state, NOW, "GYRO_0", make(gyro_t, utime=NOW, robot_id=0, **FIELDS["GYRO"]))
+    state.handle(NOW, "WAYPOINTS_0", make(waypoints_t, utime=NOW, robot_id=0, x=[0.0, 1.0], y=[0.0, 0.0]))
+    pass_time(state, NOW + 2 * SECOND, *only_27[:3])
+    assert picture_of(state).solid.colour.tolist() == [list(GREY), list(BLUE)]
+    assert picture_of(state).ghosts.colour.tolist() == [list(GREY)]
+    assert crowd(state) == "1 real, 1 virtual, 1 twins (2 silent)"
+    assert "silent robot" in legend(state, False)
+    assert "silent at the moment" in words.robot(state, 0)
+    assert "GYRO_0" in state.heard_channels()
+    assert list(state.divergence) == [0]
+    pass_time(state, NOW + 6 * SECOND, *only_27[3:])
+    picture = picture_of(state)
+    assert (picture.solid_ids.tolist(), len(picture.ghosts.position), len(picture.waypoints.ends)) == ([27], 0, 0)
+    assert all(name not in legend(state, False) for name in ("real", "twin", "silent", "way"))
+    assert "virtual robot" in legend(state, False)
+    assert state.divergence == {}
+    assert "not in the world" in words.robot(state, 0)
+    assert "GYRO_0" not in state.heard_channels()
+    pass_time(state, NOW + 70 * SECOND)
+    assert "gyro" not in words.robot(state, 0)
+    pass_time(state, NOW + 70 * SECOND, three(NOW + 70 * SECOND))
+    assert picture_of(state).solid.colour.tolist() == [list(YELLOW), list(BLUE)]
+    assert "GYRO_0" in state.heard_channels()
+
+
+def take_message(state: ViewState, utime: int, channel: str, message: Any) -> None:
+    intake = Intake(state)
+    intake.take(utime, channel, message.encode())
+    intake.flush()
 
 
 def test_a_robot_is_where_the_best_source_says() -> None:

@@ -66,7 +66,7 @@ def follow(drives: Drives, step: int) -> dict[int, Course]:
     now = NOW + step * SECOND // 5
     psi = [5.0 if step % 100 not in range(60, 60 + rest) else 0.0 for rest in (30, 7)]
     pose = np.array([[0.1 * step, 0.1 * step], [0.0, 1.0], [0.0, 0.0]])
-    real = Robots(np.arange(2), np.full(2, REAL), pose, np.array([psi, psi]))
+    real = Robots(np.arange(2), np.full(2, REAL), pose, np.array([psi, psi]), np.zeros(2, np.bool_))
     drives.sample(now, real, real._replace(pose=pose + 0.01))
     return {robot_id: drives.calibrated(robot_id) for robot_id, steps in CALIBRATED.items() if step in steps}
 

@@ -5,9 +5,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from cmr.bus.world_state import WorldState
 from cmr.view.log_index import Mark
-from cmr.view.look import LEGEND, page_look, time_bar
+from cmr.view.look import LEGEND, legend, time_bar
 from cmr.view.picture import COLOURS, TRAIL_COLOURS
+from cmr.view.state import ViewState
 
 # How a deuteranope sees linear red, green and blue (Machado, Oliveira and Fernandes 2009, severity 1.0).
 DEUTERANOPIA = np.array(
@@ -39,7 +41,10 @@ def test_no_two_colours_of_the_legend_look_alike_and_none_is_lost_on_the_floor(e
 def test_the_legend_has_every_colour_in_which_robots_and_their_trails_are_drawn() -> None:
     in_legend = {colour for colour, _ in LEGEND}
     assert {*COLOURS.values(), *TRAIL_COLOURS.values()} <= in_legend
-    assert all(f"rgb({red},{green},{blue})" in page_look() for red, green, blue in in_legend)
+    state = ViewState()
+    columns = (np.arange(3), np.array([0, 1, 2]), *np.zeros((7, 3)))
+    state.handle(1, "WORLD_STATE", WorldState(1, columns))
+    assert all(f"rgb({red},{green},{blue})" in legend(state, False) for red, green, blue in COLOURS.values())
 
 
 def test_the_time_bar_shows_where_the_log_is_and_its_events() -> None:

@@ -59,6 +59,15 @@ CAMERA_SIZE = """() => {
 }"""
 
 
+# Drop a file on the page, of this name and with these bytes.
+DROP = """([name, bytes]) => {
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([Uint8Array.from(bytes)], name));
+    for (const type of ["dragover", "drop"])
+        document.body.dispatchEvent(new DragEvent(type, {dataTransfer, bubbles: true, cancelable: true}));
+}"""
+
+
 def camera_image(utime: int, camera: str, width: int, height: int) -> Any:
     """A picture of one grey."""
     _, jpeg = cv2.imencode(".jpg", np.full((height, width, 3), 90, np.uint8))
@@ -149,6 +158,15 @@ def log_of_two_cameras(path: Path) -> Path:
     return path
 
 
+def drop(page: Page, path: Path) -> None:
+    page.evaluate(DROP, [path.name, list(path.read_bytes())])
+
+
+def choose(page: Page, label: str, text: str) -> None:
+    page.get_by_role("combobox", name=label, exact=True).fill(text)
+    page.get_by_role("option", name=text, exact=True).click()
+
+
 def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_them_for_everybody_here(
     url: str, tmp_path: Path
 ) -> None:
@@ -168,6 +186,18 @@ def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_them
             page.get_by_text("Refused").first.wait_for()
             until(lambda: page.evaluate(CAMERA_SIZE) == [64, 36], page)
             page.get_by_text("ceiling, 64 x 36").wait_for()
+            page.get_by_role("tab", name="plots").click()
+            choose(page, "channel", "WORLD_STATE robot 2")
+            choose(page, "signal", "WORLD_STATE.x[robot 2]")
+            page.locator(".u-over").wait_for()
+            (tmp_path / "notes.txt").write_text("no log")
+            drop(page, tmp_path / "notes.txt")
+            page.get_by_text("notes.txt is not an LCM event log.").wait_for()
+            drop(page, log_of_two_cameras(tmp_path / "brought.lcm"))
+            page.get_by_text("LOG brought.lcm").wait_for()
+            until(lambda: page.evaluate(CAMERA_SIZE) == [40, 30], page)
+            page.get_by_role("button", name="back to the live world").click()
+            page.get_by_text("LIVE · ").wait_for()
         with serving(url, port):
             wait_for_motion(page)
             page.get_by_text(f"LIVE · {ROBOTS // 2} real, {ROBOTS // 2} virtual").wait_for()

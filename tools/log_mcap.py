@@ -10,10 +10,10 @@ import struct
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from cmr.bus.fields import BYTES, Field, fields_of, text_of_bytes
 from cmr.recordings.batch import layout_of
 from cmr.recordings.events import Event
 from cmr.tools.log_channels import FOREIGN_CHANNEL, MOST_CHANNELS, Channel, LeftOut, Rejected, channel_of, utime_of
-from cmr.tools.log_fields import BYTES, Field, fields_of, text_of_bytes
 
 NANOSECONDS = 1000  # in a microsecond
 LAST_UTIME = (2**64 - 1) // NANOSECONDS  # us; MCAP's times are 64 bits of nanoseconds

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.bus.fields import BYTES, INDEX, Field, fields_of, text_of_bytes
 from cmr.recordings.batch import WIRE_TYPES, layout_of
 from cmr.recordings.events import Event
 from cmr.tools.log_channels import FOREIGN_CHANNEL, Channel, LeftOut, Rejected, channel_of
-from cmr.tools.log_fields import BYTES, INDEX, Field, fields_of, text_of_bytes
 
 LOGGED = "logged [us]"  # column: when the message was logged, since the Unix epoch
 MOST_OF_A_CHANNEL = 1 << 20  # bytes of messages that are gathered before they are written

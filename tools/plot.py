@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from cmr.bus.fields import FieldName, unit_of
 from cmr.commands.command_line import CommandError, parser
 from cmr.tools.events import Progress, damage_sentence, open_log, reading
-from cmr.tools.plot_fields import FieldName, Gathered, against, near_names, parse_field, unit_of
+from cmr.tools.plot_fields import Gathered, against, near_names, parse_field
 from cmr.tools.plot_figure import Curve, Panel, draw, figure_of
 from cmr.tools.writing import complete_or_none
 

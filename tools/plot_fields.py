@@ -1,43 +1,24 @@
 """Fields of messages over time: what a person asks for, and their values from a log."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.bus.fields import BYTES, ROBOTS, Field, FieldName, fields_on, number_in
 from cmr.bus.messages import RejectedMessage, decode
-from cmr.bus.streams import identify
 from cmr.commands.command_line import CommandError
-from cmr.msg import robot_state_t
 from cmr.recordings.events import Event
-from cmr.tools.log_fields import BYTES, Field, fields_of
-from cmr.tools.thinning import Rows
+from cmr.recordings.thinning import Rows
 
 MICROSECONDS = 1e6
 WRITTEN = re.compile(r"([^.:]+)\.(\w+)(?:\[(?:(robot|twin) ?)?(\d+)\])?")
-ROBOTS = "origin"  # a field of those types that tell of many robots, each in one place of all arrays
 MOST_NEAR_NAMES = 5
 MOST_ROWS = 500_000  # messages of a channel whose values are kept: more than an hour at 100 Hz
 MOST_VALUES = 4_000_000  # of all fields
-
-
-class FieldName(NamedTuple):
-    """A field of the messages of a channel; of an array, the element with this number.
-
-    With `whose`, a robot or a twin, it is the element of the one with this id, which may stand anywhere in the array.
-    """
-
-    channel: str
-    field: str
-    element: int | None = None
-    whose: str = ""
-
-    def __str__(self) -> str:
-        which = f"{self.whose} {self.element}" if self.whose else f"{self.element}"
-        return f"{self.channel}.{self.field}" + ("" if self.element is None else f"[{which}]")
 
 
 class Values(NamedTuple):
@@ -59,7 +40,7 @@ def parse_field(text: str) -> FieldName:
             "'WORLD_STATE.x[robot 3]'."
         )
     name = FieldName(match[1], match[2], int(match[4]) if match[4] else None, match[3] or "")
-    known = _fields(name.channel)
+    known = fields_on(name.channel)
     if known is None:  # no channel of ours; what is near, the log tells
         return name
     field = known.get(name.field)
@@ -83,17 +64,12 @@ def _check_element(name: FieldName, field: Field, *, has_robots: bool) -> None:
         raise CommandError(f"{written} has elements by number, not by robot; name one, such as '{written}[0]'.")
 
 
-def unit_of(name: FieldName) -> str:
-    """Return the unit of a field; empty where it has none."""
-    return (_fields(name.channel) or {})[name.field].unit
-
-
 def near_names(asked: str, channels: Iterable[str]) -> list[str]:
     """Return the fields of these channels that are written most alike; all of them where there are few."""
     names = [
         f"{channel}.{field.name}" + ("" if field.counted_by is None else "[0]")
         for channel in sorted(channels)
-        for field in (_fields(channel) or {}).values()
+        for field in (fields_on(channel) or {}).values()
         if field.wire_type not in ("string", BYTES)
     ]
     near = get_close_matches(asked, names, MOST_NEAR_NAMES, cutoff=0.6)
@@ -138,7 +114,7 @@ class Gathered:
         except RejectedMessage:
             self.rejected += 1
             return
-        row = [_number(message, name) for name in self._wanted[event.channel]]
+        row = [number_in(message, name) for name in self._wanted[event.channel]]
         self._rows[event.channel].add(message.utime, row)
 
 
@@ -150,24 +126,3 @@ def against(horizontal: Values, vertical: Values) -> tuple[NDArray[np.float64], 
         return np.empty(0), np.empty(0)
     other = np.interp(horizontal.seconds, vertical.seconds, vertical.values, left=np.nan, right=np.nan)
     return horizontal.values, other
-
-
-def _fields(channel: str) -> dict[str, Field] | None:
-    identity = identify(channel)
-    return None if identity is None else {field.name: field for field in fields_of(identity[0].message_type)}
-
-
-def _places(message: Any, name: FieldName) -> Iterator[int]:
-    """Yield the places in the arrays of a message that are of the robot, or twin, that is meant."""
-    for place, robot_id in enumerate(message.robot_id):
-        if robot_id == name.element and (message.origin[place] == robot_state_t.TWIN) == (name.whose == "twin"):
-            yield place
-
-
-def _number(message: Any, name: FieldName) -> float:
-    value = getattr(message, name.field)
-    if name.element is None:
-        return float(value)
-    if name.whose:
-        return next((float(value[place]) for place in _places(message, name)), np.nan)
-    return float(value[name.element]) if name.element < len(value) else np.nan

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.colours import REAL_COLOUR, TWIN_COLOUR
-from cmr.tools.thinning import thinned, thinned_path
+from cmr.recordings.thinning import broken_at_gaps, thinned, thinned_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,8 +20,6 @@ STYLES = ("-", "--", ":", "-.")
 WIDTH, PANEL_HEIGHT, PATH_HEIGHT = 9.0, 2.8, 6.5  # inches
 FEW = 60  # values, each of which is marked
 LONGEST_Y_LABEL = 34  # characters that fit beside a panel in one line
-GAP = 10.0  # times the usual time between values: a line across it would tell of values that were not there
-SHORTEST_GAP = 0.5  # s
 
 
 class Curve(NamedTuple):
@@ -105,12 +103,3 @@ def _look_closely(axes: "Axes", whole: "Sequence[tuple[Line2D, Floats, Floats]]"
         first = max(int(np.searchsorted(seconds, begin)) - 1, 0)
         part = slice(first, int(np.searchsorted(seconds, end, side="right")) + 1)
         line.set_data(*thinned(seconds[part], values[part]))
-
-
-def broken_at_gaps(seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return a curve with a NaN put into each silence, at its end."""
-    if len(seconds) < 3:
-        return seconds, values
-    steps = np.diff(seconds)
-    gaps = np.flatnonzero(steps > max(GAP * float(np.median(steps)), SHORTEST_GAP)) + 1
-    return np.insert(seconds, gaps, seconds[gaps]), np.insert(values, gaps, np.nan)

@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from cmr.bus.fields import fields_of
 from cmr.bus.messages import RejectedMessage, decode
-from cmr.tools.log_fields import fields_of
 from cmr.tools.spy_statistics import Line
 
 HEAD = f"{'CHANNEL':24} {'TYPE':20} {'RATE':>7} {'kB/s':>7} {'AGE':>7} {'JITTER':>8} {'ERRORS':>6}  LAST VALUES"

@@ -32,6 +32,7 @@ def main(arguments: list[str]) -> int:
     try:
         from cmr.view.server import PageServer
         from cmr.view.showing import LiveShowing, LogShowing
+        from cmr.view.visit import Room
     except ModuleNotFoundError as error:
         raise CommandError(f"{error.name} is missing. To install it: {how_to_install('view')}") from error
     token = options.token or secrets.token_urlsafe(12)
@@ -39,7 +40,7 @@ def main(arguments: list[str]) -> int:
         process.subscribe(ESTOP, every=True)
         try:
             showing: Showing = LogShowing(options.log) if options.log else LiveShowing(options.lcm_url)
-            server = PageServer(options.host, options.port, token, obstacles, geofence, showing.panel)
+            server = PageServer(options.host, options.port, token, Room(obstacles, geofence), showing)
         except OSError as error:
             raise CommandError(f"{options.log or options.host}: {error.strerror or error}") from error
         print(f"cmr-view: {server.url}  token for its buttons: {token}", file=sys.stderr, flush=True)
@@ -47,10 +48,10 @@ def main(arguments: list[str]) -> int:
             for utime in process.loop(rate_hz=RATE):
                 process.dispatch(showing.orders.handle)
                 showing.advance(1.0 / RATE)
-                for wish in server.wished():
+                for wish in server.wished(utime):
                     showing.fulfil(wish, utime)
                 process.publish_all(showing.orders.due(now_utime()))
-                server.show(showing.state, showing.head())
+                server.show(1.0 / RATE)
                 process.state, process.message = process_status_t.RUNNING, showing.message()
         finally:
             server.stop()
@@ -61,10 +62,11 @@ def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr-view."""
     options = parser(
         "cmr-view",
-        "Show the world in a web page: robots, twins, trails, what processes and bus do, calibration and diagnosis; "
-        "live from the bus, or from a log with a time slider.\n\n"
-        "The buttons work after you enter the token that is printed at the start. The emergency stop needs no token "
-        "while the page is served to this computer alone; its release always does. "
+        "Show the world in a web page: robots, twins, trails, what processes and bus do, calibration and diagnosis, "
+        "plots of any signal; live from the bus, or from a log with a time slider. A log that is dropped on the page "
+        "is played for that visitor alone.\n\n"
+        "The buttons work after you enter the token that is printed at the start. The emergency stop and "
+        "opening a log need no token while the page is served to this computer alone; releasing the stop always does. "
         "The page is served to this computer alone, unless --host and --token are given.",
         "cmr-view run.lcm\n  cmr-view\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm",
     )

@@ -15,6 +15,7 @@ BAND = "rgba(53, 116, 226, 0.25)"
 LINE, EDGE = "#3574e2", "rgba(53, 116, 226, 0.4)"
 HEIGHT = 150  # pixels
 LABELS = 62  # pixels in which the numbers at the left have room, such as 117.125
+LABEL_HEIGHT = 16  # pixels of an axis' own label
 MARGIN = 0.08  # of the values' range above and below them, in which a tick's label has room
 NOTHING = np.array([0.0, 1.0])
 
@@ -54,19 +55,27 @@ class Chart:
 
 
 def _scales(values: Floats) -> dict[str, uplot.Scale]:
-    return {"x": uplot.Scale(time=False), "y": uplot.Scale(range=_range(values))}
+    return {"x": uplot.Scale(time=False), "y": uplot.Scale(range=value_range(values))}
 
 
-def _range(values: Floats) -> tuple[float, float]:
+def value_range(values: Floats) -> tuple[float, float]:
+    """Return from where to where the vertical axis goes that shows these values."""
     low, high = float(values.min()), float(values.max())
     margin = MARGIN * (high - low) or 1e-3 * abs(high) or 1.0
     return low - margin, high + margin
 
 
 def _axes(values: Floats) -> tuple[uplot.Axis, uplot.Axis]:
-    numbers, texts = ticks(*_range(values))
-    plain = uplot.Axis(ticks={"show": False})
-    return plain, uplot.Axis(size=LABELS, ticks={"show": False}, splits=numbers, values=texts)
+    return uplot.Axis(ticks={"show": False}), value_axis(*value_range(values))
+
+
+def value_axis(low: float, high: float, label: str = "") -> uplot.Axis:
+    """Return the vertical axis from `low` to `high`, with a label if there is one."""
+    numbers, texts = ticks(low, high)
+    axis = uplot.Axis(size=LABELS, ticks={"show": False}, splits=numbers, values=texts)
+    if label:
+        axis["label"], axis["labelSize"] = label, LABEL_HEIGHT
+    return axis
 
 
 def ticks(low: float, high: float) -> tuple[tuple[float, ...], tuple[str, ...]]:

@@ -1,5 +1,7 @@
 """From bytes to what is shown: counts everything, decodes only what will be seen."""
 
+from collections.abc import Callable
+
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import CAMERA_IMAGE, PROCESS_STATUS, SELF_TESTS, WORLD_STATE
 from cmr.view.state import ViewState
@@ -11,11 +13,12 @@ class Intake:
     """Takes encoded messages, and hands those that count to a state when `flush` is called.
 
     Of a channel of one robot the last message counts; of those on which several processes speak, or which come in
-    parts, the last hundred.
+    parts, the last hundred. Every message is handed to `record` besides, undecoded.
     """
 
-    def __init__(self, state: ViewState) -> None:
+    def __init__(self, state: ViewState, record: Callable[[int, str, bytes], None] = lambda *_message: None) -> None:
         self.state = state
+        self._record = record
         self._last: dict[str, tuple[int, bytes]] = {}
         shared = (WORLD_STATE, PROCESS_STATUS, CAMERA_IMAGE)
         self._every: dict[str, list[tuple[int, bytes]]] = {stream.name: [] for stream in shared}
@@ -25,6 +28,7 @@ class Intake:
         if channel in SELF_TESTS:
             return
         self.state.traffic.take(utime, channel, data)
+        self._record(utime, channel, data)
         if channel in self._every:
             self._every[channel].append((utime, data))
         else:

@@ -38,7 +38,7 @@ class DriveWatch:
     def _take_world(self, utime: int, message: Any) -> None:
         if utime - self._begun > PARTS_WITHIN:  # all parts of the one before are there
             if self._drives.due(self._begun):
-                self._drives.sample(self._begun, *self._table.present(self._begun).with_twins())
+                self._drives.sample(self._begun, *self._table.present(self._begun).fresh().with_twins())
             self._begun = utime
         self._table.take_world(utime, message)
 

@@ -1,15 +1,18 @@
 """How the page looks beyond what viser draws: its title, a legend, a bar of time, and its shape on a phone.
 
 Viser puts the HTML of a panel into the page as it is. So a style there holds for the whole page, elements with a fixed
-position lie over the scene, and an image that cannot be loaded runs the script that names the page.
+position lie over the scene, and an image that cannot be loaded runs the script that names the page
+and takes files that are dropped on it.
 """
 
 from collections.abc import Sequence
 from html import escape
 
 from cmr.view.log_index import Mark
-from cmr.view.picture import BLUE, GREEN, RED, YELLOW
+from cmr.view.opening import LARGEST_LOG, too_large
+from cmr.view.picture import BLUE, COLOURS, GREEN, GREY, RED, YELLOW, waypoints
 from cmr.view.stage import FENCE_COLOUR
+from cmr.view.state import ViewState
 
 GO_TO = "go to"  # the label of the box into which a visitor types a time
 TITLE = "CMR: real and virtual robots"
@@ -19,6 +22,7 @@ LEGEND = (
     (YELLOW, "real robot"),
     (BLUE, "virtual robot"),
     (GREEN, "simulated twin"),
+    (GREY, "silent robot"),
     (RED, "way to drive"),
     (FENCE_COLOUR, "geofence"),
 )
@@ -42,6 +46,12 @@ STYLE = f"""
 .cmr-time b {{ left: 0; background: #1f4fd855; border-right: 2px solid #1f4fd8; }}
 .cmr-time u {{ width: 6px; margin-left: -3px; pointer-events: auto; border-left: 2px solid #222; }}
 .cmr-time span {{ position: absolute; right: 8px; top: 4px; pointer-events: none; }}
+[data-dock-tab] {{ padding-left: 7px !important; padding-right: 7px !important; }}
+.cmr-note {{ position: fixed; top: 40%; left: 50%; transform: translate(-50%); max-width: 30em; z-index: 1000; }}
+.cmr-note {{ font: 14px/1.4 sans-serif; color: #fff; background: #c92a2a; border-radius: 4px; padding: 8px 12px; }}
+.cmr-dropping::after {{ content: 'Drop the log to open it'; position: fixed; inset: 0; z-index: 9; }}
+.cmr-dropping::after {{ pointer-events: none; background: #1f4fd833; border: 4px dashed #1f4fd8; }}
+.cmr-dropping::after {{ font: 24px sans-serif; padding: 2em; }}
 @media (max-width: {NARROW}) {{
   .mantine-Paper-root[style*="position: fixed"] {{ width: 100% !important; max-height: 36% !important; }}
   .mantine-Paper-root[style*="position: fixed"] [style*="width: 20em"] {{ width: 100% !important; }}
@@ -49,8 +59,10 @@ STYLE = f"""
   .cmr-legend {{ top: 30px; bottom: auto; right: 4px; left: auto; font-size: 11px; }}
 }}
 """
-# The first function names what viser's labels stand beside, for screen readers and for the second one, which jumps to a
-# time; React notices what is written into its boxes only by this detour.
+BUSY = "Nothing was sent. Enter the token first, or wait until the other file is there; then drop this one again."
+# The first function names what viser's labels stand beside, for screen readers and for cmrJump, which jumps to a time:
+# React notices what is written into its boxes only by this detour. What is for the whole window comes once, though each
+# page that a visitor gets has this script. A file that is dropped goes into the input of viser's own upload.
 SCRIPT = f"""
 document.title = '{TITLE}';
 document.querySelector('link[rel=icon]').href = this.dataset.icon;
@@ -63,10 +75,10 @@ const nameAll = () => {{
   const name = (what, attribute, text) =>
     document.querySelectorAll(what).forEach((one) => one.setAttribute(attribute, text));
   name('.mantine-Notification-closeButton', 'aria-label', 'close');
+  name('[role=progressbar]', 'aria-label', 'how much has been sent');
   name('img:not([alt])', 'alt', 'picture of a camera');
 }};
 document.getElementById('root').setAttribute('role', 'main');
-new MutationObserver(nameAll).observe(document.body, {{childList: true, subtree: true}});
 nameAll();
 window.cmrJump = (event) => {{
   const bar = event.currentTarget, left = bar.getBoundingClientRect().left;
@@ -75,16 +87,53 @@ window.cmrJump = (event) => {{
   Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set.call(input, seconds.toFixed(1));
   input.dispatchEvent(new Event('input', {{bubbles: true}}));
 }};
+if (!window.cmrIsThere) {{
+  window.cmrIsThere = true;
+  new MutationObserver(nameAll).observe(document.body, {{childList: true, subtree: true}});
+  const note = (text) => {{
+    const box = document.body.appendChild(document.createElement('div'));
+    Object.assign(box, {{className: 'cmr-note', textContent: text}}).setAttribute('role', 'alert');
+    setTimeout(() => box.remove(), 8000);
+  }};
+  const guard = (event, act) => {{
+    if (![...event.dataTransfer.types].includes('Files')) return;
+    event.preventDefault();
+    act(document.querySelector('input[type=file]'));
+  }};
+  window.addEventListener('dragover', (event) => guard(event, () => document.body.classList.add('cmr-dropping')));
+  window.addEventListener('dragleave', () => document.body.classList.remove('cmr-dropping'));
+  window.addEventListener('drop', (event) => guard(event, (input) => {{
+    document.body.classList.remove('cmr-dropping');
+    if (!input || input.parentElement.querySelector('button').disabled) return note('{BUSY}');
+    input.files = event.dataTransfer.files;
+    input.dispatchEvent(new Event('change', {{bubbles: true}}));
+  }}));
+  document.addEventListener('change', (event) => {{
+    if (event.target.type !== 'file' || !(event.target.files[0]?.size > {LARGEST_LOG})) return;
+    event.stopImmediatePropagation();
+    note('{too_large()}');
+  }}, true);
+}}
 """
 
 
 def page_look() -> str:
-    """Return what gives the page its title, style and legend."""
-    entries = "".join(f'<div><i style="background:{_css(colour)}"></i>{name}</div>' for colour, name in LEGEND)
+    """Return what gives the page its title and style."""
     script = f'<img hidden alt="" src="data:," data-icon="{ICON}" onerror="{escape(SCRIPT)}">'
     heading = f'<h1 class="cmr-name">{TITLE}</h1>'  # for screen readers
-    legend = f'<div class="cmr-legend" role="note" aria-label="legend">{entries}</div>'
-    return f"<style>{STYLE}</style>{script}{heading}{legend}"
+    return f"<style>{STYLE}</style>{script}{heading}"
+
+
+def legend(state: ViewState, has_fence: bool) -> str:
+    """Return what the colours mean of what is in the scene now."""
+    robots = state.present()
+    shown = {colour for origin, colour in COLOURS.items() if (robots.origin == origin).any()}
+    shown |= {GREY} if robots.silent.any() else set()
+    shown |= {RED} if len(waypoints(state, robots).ends) else set()
+    shown |= {FENCE_COLOUR} if has_fence else set()
+    entries = [(_css(colour), name) for colour, name in LEGEND if colour in shown]
+    lines = "".join(f'<div><i style="background:{colour}"></i>{name}</div>' for colour, name in entries)
+    return f'<div class="cmr-legend" role="note" aria-label="legend">{lines}</div>' if entries else ""
 
 
 def time_bar(now: float, end: float, marks: Sequence[tuple[float, Mark]]) -> str:

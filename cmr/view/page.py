@@ -2,48 +2,81 @@
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
 
+from cmr.bus.fields import FieldName
 from cmr.view import words
 from cmr.view.camera import FOLLOW, FREE, TOP, Camera
 from cmr.view.camera_panel import CameraPanel
 from cmr.view.charts import Chart, distances, estimates
 from cmr.view.inputs import write
-from cmr.view.look import page_look
+from cmr.view.look import legend, page_look
 from cmr.view.picture import Lines, rays, trails
+from cmr.view.plots import Plots
 from cmr.view.replay_panel import ReplayPanel
 from cmr.view.shapes import LENGTH, at_height, circle
+from cmr.view.showing import Showing
 from cmr.view.stage import TRAIL_WIDTH, LineSet
 from cmr.view.state import ViewState
-from cmr.view.wishes import FIGURE_EIGHT, RELEASE, STOP, Permission, Wish, Wishes
+from cmr.view.wishes import CLOSE, FIGURE_EIGHT, RELEASE, STOP, Permission, Wish, Wishes
 from cmr.view.words import ESTIMATES
 
+READING_TIME = 8.0  # s for which a refusal is shown
 SETTLED = 1.0  # s after which a new page takes to where its camera is put
 RAY_WIDTH, RING_WIDTH = 0.006, 0.015  # m
 REFUSED = "Nothing was sent. Enter the token from the terminal running cmr-view, then try again."
 WRONG = "Nothing was sent. This is not the token in the terminal running cmr-view."
-TAB_NAMES = ("view", "robot", "processes", "bus", "calibration", "twins")
+TAB_NAMES = ("view", "robot", "plots", "processes", "bus", "calibration", "twins")
+
+
+def refuse(client: viser.ClientHandle, sentence: str) -> None:
+    """Say to a visitor why something is not done."""
+    client.add_notification("Refused", sentence, color="red", auto_close_seconds=READING_TIME)
+
+
+class Surroundings(NamedTuple):
+    """What a page has besides what it shows.
+
+    `curve_windows` are the spans of time of its plots; `back_to` names what other visitors see, where this one sees a
+    log of his own; `has_robots` tells whether there is a bus with robots that can be stopped, `has_fence` whether a
+    geofence is drawn.
+    """
+
+    curve_windows: tuple[str, ...]
+    back_to: str
+    has_robots: bool
+    has_fence: bool
 
 
 class Page:
     """What one visitor sees and may do. `show_scene` is to be called at each picture, `show_panels` now and then."""
 
     def __init__(
-        self, client: viser.ClientHandle, permission: Permission, wishes: Wishes, replay: ReplayPanel | None
+        self,
+        client: viser.ClientHandle,
+        permission: Permission,
+        wishes: Wishes,
+        replay: ReplayPanel | None,
+        surroundings: Surroundings,
     ) -> None:
         self.client = client
         self.permission = permission
         self._wishes = wishes
         self._replay = replay
+        self._surroundings = surroundings
         self._camera = Camera(client)
         self._mode_changed = False
         self._overview_due: float | None = time.monotonic() + SETTLED
         gui = client.gui
         self._head = gui.add_html("")
         gui.add_html(page_look())
+        if surroundings.back_to:
+            back = gui.add_button(f"back to {surroundings.back_to}")
+            back.on_click(lambda _event: self.wish(CLOSE))
+        self._legend = gui.add_html("")
         self._add_orders(gui)
         self._camera_panel = CameraPanel(gui)
         if replay is not None:
@@ -58,6 +91,11 @@ class Page:
         """The robot that was chosen."""
         return int(self._robot.value)
 
+    @property
+    def plotted(self) -> list[FieldName]:
+        """The signals that the visitor plots."""
+        return self._plots.chosen
+
     def choose(self, robot_id: int) -> None:
         """Choose a robot, as by a click on it."""
         write(self._robot, robot_id)
@@ -67,8 +105,11 @@ class Page:
         if self.permission.asks(what):
             self._wishes.put(Wish(what, self.client.client_id, value))
         else:
-            why = WRONG if self._token.value.strip() else REFUSED
-            self.client.add_notification("Refused", why, color="red", auto_close_seconds=5.0)
+            self.refuse(WRONG if self._token.value.strip() else REFUSED)
+
+    def refuse(self, sentence: str) -> None:
+        """Say why something is not done."""
+        refuse(self.client, sentence)
 
     def show_scene(self, state: ViewState, with_trails: bool) -> None:
         """Draw what is this visitor's own."""
@@ -87,9 +128,12 @@ class Page:
             self._trails.show(trails(state.trails.shown(state.now, self._trail_seconds.value)))
             self._rays.show(rays(state, self.chosen))
 
-    def show_panels(self, state: ViewState, head: str) -> None:
+    def show_panels(self, showing: Showing, head: str) -> None:
         """Bring the panels up to date; `head` is HTML for the top."""
+        state = showing.state
         self._head.content = head
+        self._legend.content = legend(state, self._surroundings.has_fence)
+        self._plots.show(showing.curves, showing.sources(), state.now)
         self._panels["robot"].content = words.robot(state, self.chosen)
         self._panels["processes"].content = words.processes(state)
         self._panels["bus"].content = words.bus(state)
@@ -117,29 +161,34 @@ class Page:
         self._divergence.show(distances(history, state.now) if history else np.empty((2, 0)))
 
     def _add_orders(self, gui: viser.GuiApi) -> None:
-        plays_freely = self._replay is not None and self.permission.on_this_computer
-        with gui.add_folder("commands", visible=not plays_freely):
+        has_robots = self._surroundings.has_robots  # a log has none to command
+        with gui.add_folder("commands", visible=has_robots or not self.permission.on_this_computer):
             self._token = gui.add_text("token", "", hint="that cmr-view printed when it started")
-            if self._replay is None:  # a log has no robots to command
+            if has_robots:
                 self._add_robot_orders(gui)
         self._token.on_update(self._take_token)
+        self._show_permission()
 
     def _add_robot_orders(self, gui: viser.GuiApi) -> None:
         stop = gui.add_button("EMERGENCY STOP", color="red", hint="or press Esc")
         release = gui.add_button("reset emergency stop ...", color="gray")
-        eight = gui.add_button("start figure-eight", hint="of the chosen robot")
         stop.on_click(lambda _event: self.wish(STOP))
         gui.add_command("EMERGENCY STOP", hotkey="escape").on_trigger(lambda _event: self.wish(STOP))
         release.on_click(lambda _event: self._ask_release())
-        eight.on_click(lambda _event: self.wish(FIGURE_EIGHT, self.chosen))
+        if self._replay is None:
+            eight = gui.add_button("start figure-eight", hint="of the chosen robot")
+            eight.on_click(lambda _event: self.wish(FIGURE_EIGHT, self.chosen))
 
     def _add_tabs(self, gui: viser.GuiApi) -> None:
         self._panels: dict[str, viser.GuiHtmlHandle] = {}
         tabs = gui.add_tab_group()
         for name in TAB_NAMES:
-            with tabs.add_tab(name):
+            tab = tabs.add_tab(name)
+            with tab:
                 if name == "view":
                     self._add_view(gui)
+                elif name == "plots":
+                    self._plots = Plots(gui, tab, self._surroundings.curve_windows)
                 else:
                     self._panels[name] = gui.add_html("")
                 if name == "calibration":
@@ -161,6 +210,10 @@ class Page:
     def _take_token(self, _event: Any) -> None:
         if self._token.value and self.permission.try_token(self._token.value):
             write(self._token, "")
+            self._show_permission()
+
+    def _show_permission(self) -> None:
+        if self.permission.granted:
             self._token.label = "token taken"
             self._token.disabled = True
 

@@ -27,6 +27,7 @@ YELLOW = rgb(REAL_COLOUR)
 BLUE = (70, 140, 245)  # on which black digits can be read
 RED = (214, 40, 40)
 GREEN = (0, 158, 115)  # with these, all who see colours, if not red and green, know whose trail is whose
+GREY = (180, 180, 210)  # of robots about which nothing has been heard for a moment
 COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: GREEN}
 TRAIL_COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: GREEN}
 MOST_LABELLED = 3000  # robots; with more than that only real ones have their ids on them
@@ -73,7 +74,7 @@ def picture_of(state: ViewState) -> Picture:
         robots.robot_id[~is_twin],
         bodies(robots, is_twin),
         digits(robots),
-        waypoints(state),
+        waypoints(state, robots),
     )
 
 
@@ -83,8 +84,9 @@ def bodies(robots: Robots, chosen: NDArray[np.bool_]) -> Bodies:
     colours = np.zeros((3, 3), np.uint8)
     for origin, colour in COLOURS.items():
         colours[origin] = colour
-    origins = np.clip(robots.origin[chosen], 0, 2)
-    return Bodies(np.stack([x, y, np.zeros(len(x))], axis=1), shapes.turned(theta), colours[origins])
+    of_each = colours[np.clip(robots.origin[chosen], 0, 2)]
+    of_each[robots.silent[chosen]] = GREY
+    return Bodies(np.stack([x, y, np.zeros(len(x))], axis=1), shapes.turned(theta), of_each)
 
 
 def digits(robots: Robots) -> tuple[Floats, ...]:
@@ -112,10 +114,11 @@ def trails(trail: Trail) -> Lines:
     return Lines(shapes.at_height(trail.ends, TRAIL_HEIGHT), np.repeat(chosen[:, np.newaxis], 2, axis=1))
 
 
-def waypoints(state: ViewState) -> Lines:
-    """Return the paths that robots were told, red, with a mark where each ends."""
+def waypoints(state: ViewState, robots: Robots) -> Lines:
+    """Return the paths that robots were told, red, with a mark where each ends; of robots that have left, none."""
     parts = [np.empty((0, 2, 2))]
-    for heard in state.latest["WAYPOINTS"].values():
+    there = set(robots.robot_id.tolist())
+    for heard in (heard for robot_id, heard in state.latest["WAYPOINTS"].items() if robot_id in there):
         points = _finite(np.array([heard.message.x, heard.message.y], float).T)
         if len(points):
             parts += [shapes.chain(points), shapes.circle(float(points[-1, 0]), float(points[-1, 1]), 0.04, 12)]

@@ -10,7 +10,10 @@ from cmr.msg import robot_state_t
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 REAL, VIRTUAL, TWIN = robot_state_t.REAL, robot_state_t.VIRTUAL, robot_state_t.TWIN
-LIFETIME = 2_000_000  # us after its last message for which a robot is shown
+SILENT_AFTER = 1_000_000  # us without a message about a robot; five periods of POSE, the slowest source, are that long
+# us after its last message for which a robot is shown, and its signals are offered: radio that changes its station and
+# a process that is started anew are quiet for some seconds; what is older is no place to expect a robot at.
+GONE_AFTER = 5_000_000
 PREFERENCE = 500_000  # us for which a better source of a robot's pose keeps the others away
 MOST_PARTS_REMEMBERED = 100  # sets of robots whose rows are not looked for anew
 WORLD, ESTIMATE, MEASURED = 0, 1, 2  # sources: WORLD_STATE, ROBOT_STATE_N, POSE_N; the lesser is the better
@@ -19,13 +22,19 @@ WORLD, ESTIMATE, MEASURED = 0, 1, 2  # sources: WORLD_STATE, ROBOT_STATE_N, POSE
 class Robots(NamedTuple):
     """Robots at one moment; entry i of every array belongs to the same robot.
 
-    `pose` (3, n): x, y [m], theta [rad; world frame]. `wheels` (2, n): psi of left and right [rad/s].
+    `pose` (3, n): x, y [m], theta [rad; world frame]. `wheels` (2, n): psi of left and right [rad/s]. `silent` (n):
+    whether nothing has been heard about it for SILENT_AFTER.
     """
 
     robot_id: Integers
     origin: Integers
     pose: Floats
     wheels: Floats
+    silent: NDArray[np.bool_]
+
+    def fresh(self) -> "Robots":
+        """Return only those about which something was heard lately."""
+        return self._chosen(~self.silent)
 
     def of(self, origin: int) -> "Robots":
         """Return only those of this origin."""
@@ -39,7 +48,10 @@ class Robots(NamedTuple):
         return self._chosen(real[first]), self._chosen(twins[second])
 
     def _chosen(self, chosen: "NDArray[np.bool_] | Integers") -> "Robots":
-        return Robots(self.robot_id[chosen], self.origin[chosen], self.pose[:, chosen], self.wheels[:, chosen])
+        return Robots(
+            *(self.robot_id[chosen], self.origin[chosen], self.pose[:, chosen], self.wheels[:, chosen]),
+            self.silent[chosen],
+        )
 
     def place(self, robot_id: int) -> tuple[float, float, float] | None:
         """Return the pose of a robot that is no twin; None if it is not there."""
@@ -81,11 +93,11 @@ class RobotTable:
         self._take_one(utime, message.robot_id, REAL, state, MEASURED)
 
     def present(self, now: int) -> Robots:
-        """Return those who were heard of lately, in the order in which they came to be known."""
-        is_present = (np.abs(now - self._heard) <= LIFETIME) & np.isfinite(self._states[:3]).all(axis=0)
-        rows = np.flatnonzero(is_present)
+        """Return those who have not left, in the order in which they came to be known."""
+        age = np.abs(now - self._heard)
+        rows = np.flatnonzero((age <= GONE_AFTER) & np.isfinite(self._states[:3]).all(axis=0))
         ids, origins = self._ids[:, rows]
-        return Robots(ids, origins, self._states[:3, rows], self._states[3:, rows])
+        return Robots(ids, origins, self._states[:3, rows], self._states[3:, rows], age[rows] > SILENT_AFTER)
 
     def _take_one(self, utime: int, robot_id: int, origin: int, state: tuple[float, ...], source: int) -> None:
         row = self._row(robot_id, origin)

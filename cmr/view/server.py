@@ -1,4 +1,8 @@
-"""The web server: one scene for all visitors, a page for each, and the queue of what they wish."""
+"""The web server: its visitors, the queue of what they wish, and the logs that they open for themselves.
+
+A log that a visitor opens is that visitor's alone: for everybody else the page goes on as it was, whatever is in the
+log. The emergency stop of a live page works meanwhile.
+"""
 
 import io
 import time
@@ -6,22 +10,23 @@ import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from queue import Empty
+from typing import Any
 
 import viser
 
 from cmr.view.camera import INITIAL
-from cmr.view.page import Page
-from cmr.view.picture import picture_of
-from cmr.view.replay_panel import ReplayPanel
-from cmr.view.robots import Integers
-from cmr.view.stage import Stage
-from cmr.view.state import ViewState
-from cmr.view.wishes import CLICK, COME, LEAVE, Permission, Wish, Wishes
-from cmr.world.interaction.obstacles import Geofence, Obstacles
+from cmr.view.opening import MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
+from cmr.view.page import REFUSED, Surroundings, refuse
+from cmr.view.picture import Picture, picture_of
+from cmr.view.showing import LogShowing, Showing, stop_line
+from cmr.view.uploads import Upload, arriving
+from cmr.view.visit import NO_ROOM, Room, Visit, Visitor
+from cmr.view.wishes import CLICK, CLOSE, COME, JUMP, LEAVE, OPEN, PAUSE, SPEED, Permission, Wish, Wishes
 
 TRAILS_EVERY = 0.5  # s
 PANELS_EVERY = 0.5  # s
 THIS_COMPUTER = ("127.0.0.1", "localhost")
+SHARE_OF_OPENED = 0.1  # of the time in which the log of one visitor is read; there are MOST_OPENED
 
 
 class _Server(viser.ViserServer):
@@ -35,25 +40,16 @@ class _Server(viser.ViserServer):
 class PageServer:
     """Serves pages at `host` and `port`; if the port is taken, at the next free one.
 
-    `replay` makes the part of a new page that plays a log, or None. Visitors' wishes go into `wishes`; only
-    those come that each visitor is allowed, with the `token`. Raises OSError where it cannot serve.
+    All visitors see `showing` in a `room` until they open a log. Their wishes go into `wishes`; only those come that
+    each visitor is allowed, with the `token`. Raises OSError where it cannot serve.
     """
 
-    def __init__(
-        self,
-        host: str,
-        port: int,
-        token: str,
-        obstacles: Obstacles,
-        geofence: Geofence | None,
-        replay: Callable[[], ReplayPanel | None],
-    ) -> None:
+    def __init__(self, host: str, port: int, token: str, room: Room, showing: Showing) -> None:
         self.wishes: Wishes = Wishes()
-        self.pages: dict[int, Page] = {}
-        self._token, self._replay = token, replay
+        self.visits: dict[int, Visit] = {}
+        self._token, self._room, self._showing = token, room, showing
         self._on_this_computer = host in THIS_COMPUTER
-        self._replays: dict[int, ReplayPanel] = {}
-        self._solid_ids: Integers | None = None
+        self._logs = LogFolder()
         self._trails_due = self._panels_due = 0.0
         # A visitor who leaves while he is told something is no news.
         warnings.filterwarnings("ignore", ".* on a closed connection", UserWarning)
@@ -65,13 +61,11 @@ class PageServer:
         )
         self._server.initial_camera.up = (0.0, 0.0, 1.0)
         self._server.initial_camera.position = INITIAL
-        self._stage = Stage(self._server.scene, obstacles, geofence)
-        self._stage.robots.on_click(lambda visitor, place: self.wishes.put(Wish(CLICK, visitor, place)))
         self._server.on_client_connect(lambda client: self.wishes.put(Wish(COME, client.client_id, client)))
         self._server.on_client_disconnect(lambda client: self.wishes.put(Wish(LEAVE, client.client_id)))
 
-    def wished(self) -> list[Wish]:
-        """Let visitors come and go, and return what else they wish."""
+    def wished(self, utime: int) -> list[Wish]:
+        """Let visitors come, go, and have logs of their own; return what else they wish, `utime` [us]."""
         result: list[Wish] = []
         while True:
             try:
@@ -80,58 +74,133 @@ class PageServer:
                 if result:  # what comes of it is to be seen at once
                     self._trails_due = self._panels_due = 0.0
                 return result
-            if wish.what == COME:
-                self._welcome(wish)
-            elif wish.what == LEAVE:
-                self._forget(wish.visitor)
-            elif wish.what == CLICK:
-                self._choose(wish)
-            else:
+            if not self._fulfil(wish, utime):
                 result.append(wish)
 
-    def show(self, state: ViewState, head: str) -> None:
-        """Draw the moment on all pages; panels and trails less often."""
+    def show(self, seconds: float) -> None:
+        """Draw the moment on all pages; let `seconds` pass in the logs of single visitors."""
         now = time.monotonic()
-        if not self.pages and now < self._panels_due:
-            return  # nobody looks; who comes sees what was drawn last
         with_trails, with_panels = now >= self._trails_due, now >= self._panels_due
         self._trails_due = now + TRAILS_EVERY if with_trails else self._trails_due
         self._panels_due = now + PANELS_EVERY if with_panels else self._panels_due
-        picture = picture_of(state)
-        self._solid_ids = picture.solid_ids
-        self._stage.show(picture)
-        for visitor, page in list(self.pages.items()):
-            try:
-                page.show_scene(state, with_trails)
-                if with_panels:
-                    page.show_panels(state, head)
-                    if visitor in self._replays:
-                        self._replays[visitor].show()
-            except RuntimeError:  # viser: the visitor has just left
-                self._forget(visitor)
+        if with_panels:
+            self._want_curves()
+        common = picture_of(self._showing.state) if self.visits else None
+        for visit in list(self.visits.values()):
+            self._do_for(visit, lambda visit: self._draw(visit, common, seconds, with_trails, with_panels))
 
     def stop(self) -> None:
         """Close all connections."""
         with redirect_stdout(io.StringIO()):
             self._server.stop()
+        self._logs.clean()
 
-    def _welcome(self, wish: Wish) -> None:
-        replay = self._replay()
+    def _fulfil(self, wish: Wish, utime: int) -> bool:
+        """Do what concerns one visitor only; return whether that was it."""
+        visit = self.visits.get(wish.visitor)
+        if wish.what == COME:
+            self._welcome(wish.value)
+        elif wish.what == LEAVE:
+            self._forget(wish.visitor)
+        elif wish.what == CLICK and visit is not None:
+            visit.choose(wish.value)
+        elif wish.what == OPEN:
+            self._open(visit, wish.value)
+        elif wish.what == CLOSE and visit is not None:
+            self._close(visit)
+        elif visit is not None and visit.log is not None and wish.what in (PAUSE, SPEED, JUMP):
+            self._do_for(visit, lambda visit: visit.showing.fulfil(wish, utime))
+            self._panels_due = 0.0
+        else:
+            return wish.what == CLICK
+        return True
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        permission = Permission(self._token, self._on_this_computer)
+
+        def check(size: int) -> None:
+            if not permission.asks(OPEN):
+                raise RefusedLog(REFUSED)
+            check_size(size, sum(arriving(visit.visitor.client) for visit in list(self.visits.values())))
+
+        def take(name: str, content: bytes) -> None:
+            self.wishes.put(Wish(OPEN, client.client_id, self._logs.keep(name, content)))
+
         try:
-            permission = Permission(self._token, self._on_this_computer)
-            page = Page(wish.value, permission, self.wishes, replay)
-        except RuntimeError:  # left at once
+            upload = Upload(client, check, take, lambda sentence: refuse(client, sentence))
+            self._show_to(Visitor(client, permission, upload), self._showing, None)
+        except RuntimeError:  # viser: left at once
+            pass
+
+    def _show_to(self, visitor: Visitor, showing: Showing, log: OpenedLog | None) -> None:
+        """Give a visitor a page that shows this."""
+        self._forget(visitor.client.client_id)
+        room = self._room if log is None else NO_ROOM
+        surroundings = Surroundings(
+            curve_windows=tuple(showing.curves.windows),
+            back_to="" if log is None else self._showing.name,
+            has_robots=self._showing.panel() is None,
+            has_fence=room.geofence is not None,
+        )
+        try:
+            visit = Visit(visitor, self.wishes, showing, room, surroundings, log)
+        except RuntimeError:  # viser: left at once
+            if log is not None:
+                log.remove()
             return
-        self.pages[wish.visitor] = page
-        if replay is not None:
-            self._replays[wish.visitor] = replay
+        self.visits[visitor.client.client_id] = visit
         self._trails_due = self._panels_due = 0.0
 
-    def _forget(self, visitor: int) -> None:
-        self.pages.pop(visitor, None)
-        self._replays.pop(visitor, None)
+    def _open(self, visit: Visit | None, log: OpenedLog) -> None:
+        others = sum(other.log is not None for other in self.visits.values() if other is not visit)
+        if visit is None or others >= MOST_OPENED:
+            log.remove()
+            if visit is not None:
+                visit.page.refuse(f"{MOST_OPENED} logs are open on other pages. Close one of them, then try again.")
+            return
+        try:
+            showing = LogShowing(log.path, log.name, SHARE_OF_OPENED)
+        except OSError as error:
+            visit.page.refuse(f"{log.name}: {error.strerror or error}")
+            log.remove()
+        else:
+            self._show_to(visit.visitor, showing, log)
 
-    def _choose(self, wish: Wish) -> None:
-        ids = self._solid_ids
-        if ids is not None and wish.visitor in self.pages and 0 <= wish.value < len(ids):
-            self.pages[wish.visitor].choose(int(ids[wish.value]))
+    def _close(self, visit: Visit) -> None:
+        self._show_to(visit.visitor, self._showing, None)
+
+    def _draw(self, visit: Visit, common: Picture | None, seconds: float, with_trails: bool, with_panels: bool) -> None:
+        """Draw what one visitor sees: what is common to all, or the visitor's own log, which plays on."""
+        head, picture = visit.showing.head(), common
+        if visit.log is not None:
+            visit.showing.advance(seconds)
+            head, picture = visit.showing.head() + stop_line(self._showing.orders), picture_of(visit.showing.state)
+        if picture is not None:
+            visit.show(picture, head, with_trails, with_panels)
+
+    def _do_for(self, visit: Visit, act: Callable[[Visit], None]) -> None:
+        """Do something for one visitor; if it goes wrong because of the visitor's own log, that is closed."""
+        try:
+            act(visit)
+        except RuntimeError:  # viser: the visitor has just left
+            self._forget(visit.visitor.client.client_id)
+        except Exception as error:
+            if visit.log is None:
+                raise
+            self._close(visit)  # whatever is in a log, the pages of the others go on
+            changed = self.visits.get(visit.visitor.client.client_id)
+            if changed is not None:
+                changed.page.refuse(f"{visit.log.name} cannot be played: {error}")
+
+    def _want_curves(self) -> None:
+        """Let everything that is shown keep the signals that its visitors plot."""
+        showings: dict[int, tuple[Showing, list[Any]]] = {id(self._showing): (self._showing, [])}
+        for visit in self.visits.values():
+            showings.setdefault(id(visit.showing), (visit.showing, []))[1].extend(visit.page.plotted)
+        for showing, names in showings.values():
+            showing.curves.want(names)
+
+    def _forget(self, visitor: int) -> None:
+        visit = self.visits.pop(visitor, None)
+        if visit is not None and visit.log is not None:
+            visit.log.remove()

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 from cmr.bus.messages import now_utime
 from cmr.recordings.events import EventReader
 from cmr.view import words
+from cmr.view.curves import Curves, LiveCurves, LogCurves
 from cmr.view.intake import Intake
 from cmr.view.live import Ear
 from cmr.view.log_index import LogIndex
@@ -13,6 +14,7 @@ from cmr.view.orders import Orders
 from cmr.view.playback import Playback
 from cmr.view.replay_panel import ReplayPanel
 from cmr.view.robots import REAL, TWIN, VIRTUAL
+from cmr.view.signals import Source, sources
 from cmr.view.state import ViewState
 from cmr.view.wishes import FIGURE_EIGHT, JUMP, PAUSE, RELEASE, SPEED, STOP, Wish
 
@@ -21,9 +23,17 @@ RED, GREEN = "#d62828", "inherit"
 
 
 class Showing(Protocol):
-    """What `cmr-view` runs: `state` is shown, `orders` go to the bus, `panel` makes what a page has besides."""
+    """What `cmr-view` runs: `state` is shown, `orders` go to the bus, `panel` makes what a page has besides.
+
+    `name` is what visitors call it.
+    """
 
     orders: Orders
+    name: str
+
+    @property
+    def curves(self) -> Curves:
+        """The signals that visitors plot."""
 
     @property
     def state(self) -> ViewState:
@@ -31,6 +41,9 @@ class Showing(Protocol):
 
     def panel(self) -> ReplayPanel | None:
         """Return what a new page has for it."""
+
+    def sources(self) -> list[Source]:
+        """Return what has signals to plot."""
 
     def advance(self, seconds: float) -> None:
         """Let time pass."""
@@ -48,14 +61,21 @@ class Showing(Protocol):
 class LiveShowing:
     """The bus. Raises BusError when it cannot be used."""
 
+    name = "the live world"
+
     def __init__(self, url: str | None) -> None:
         self.orders = Orders()
         self.state = ViewState()
-        self._intake = Intake(self.state)
+        self.curves = LiveCurves()
+        self._intake = Intake(self.state, self.curves.take)
         self._ear = Ear(url, self._intake)
 
     def panel(self) -> None:
         """There is nothing besides."""
+
+    def sources(self) -> list[Source]:
+        """Return the channels that are heard, without those of robots that have left."""
+        return sources(self.state.heard_channels(), self.state.present(), self.state.array_lengths())
 
     def advance(self, _seconds: float) -> None:
         """Take what was said."""
@@ -67,7 +87,7 @@ class LiveShowing:
         """Do what a visitor wishes."""
         _stop_or_release(self.orders, wish, utime)
         if wish.what == FIGURE_EIGHT:
-            place = self.state.present().place(wish.value)
+            place = self.state.present().fresh().place(wish.value)
             if place is not None and not self.orders.stopped:
                 self.orders.figure_eight(utime, wish.value, place)
 
@@ -81,12 +101,14 @@ class LiveShowing:
 
 
 class LogShowing:
-    """The log in a file. Raises OSError."""
+    """The log in a file, of which `share` of the time is spent on reading it to the end. Raises OSError."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, name: str = "", share: float = SHARE_FOR_INDEX) -> None:
         self.orders = Orders()
-        self._path = path
+        self.name = name or path.name
+        self._share = share
         self._playback = Playback(LogIndex(EventReader(path)))
+        self.curves = LogCurves(self._playback.index)
 
     @property
     def state(self) -> ViewState:
@@ -97,9 +119,16 @@ class LogShowing:
         """Return slider, speed and pause."""
         return ReplayPanel(self._playback)
 
+    def sources(self) -> list[Source]:
+        """Return the channels of the log, as far as it has been read, and the robots that are there now."""
+        return sources(self._playback.index.places, self.state.present(), self.state.array_lengths())
+
     def advance(self, seconds: float) -> None:
         """Play on, and read on."""
-        self._playback.index.build(SHARE_FOR_INDEX * seconds)
+        index = self._playback.index
+        reading = self._share * seconds / (1 + (self.curves.pending and not index.complete))
+        index.build(reading)
+        self.curves.read(reading)
         self._playback.play(seconds)
 
     def fulfil(self, wish: Wish, utime: int) -> None:
@@ -116,7 +145,7 @@ class LogShowing:
         known += ", not yet what happened before this" if playback.is_guess else ""
         seconds = (playback.position - playback.index.begin) / 1e6
         in_log = f"In the log, the emergency stop is engaged by {self.state.estop.reason}."
-        line = words.sentence(f"LOG {self._path.name} · {seconds:.1f} s{known} · {crowd(self.state)}")
+        line = words.sentence(f"LOG {self.name} · {seconds:.1f} s{known} · {crowd(self.state)}")
         line += words.sentence(self._damage(), RED) if self._damage() else ""
         return line + (words.sentence(in_log, RED) if self.state.estop.engaged else "") + stop_line(self.orders)
 
@@ -130,7 +159,7 @@ class LogShowing:
 
     def message(self) -> str:
         """Return what is played."""
-        return f"Plays {self._path.name}."
+        return f"Plays {self.name}."
 
     def _pause(self, _value: Any) -> None:
         if self._playback.at_end:
@@ -144,10 +173,11 @@ class LogShowing:
 
 
 def crowd(state: ViewState) -> str:
-    """Return how many robots there are of each kind."""
-    origins = state.present().origin
+    """Return how many robots there are of each kind, and of how many of them nothing is heard at the moment."""
+    robots = state.present()
     kinds = ((REAL, "real"), (VIRTUAL, "virtual"), (TWIN, "twins"))
-    return ", ".join(f"{(origins == origin).sum()} {name}" for origin, name in kinds)
+    counts = ", ".join(f"{(robots.origin == origin).sum()} {name}" for origin, name in kinds)
+    return f"{counts} ({robots.silent.sum()} silent)" if robots.silent.any() else counts
 
 
 def stop_line(orders: Orders) -> str:

@@ -10,12 +10,13 @@ from cmr.bus.estop import EmergencyStop
 from cmr.bus.streams import identify
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.view.drives import Drives
-from cmr.view.robots import Robots, RobotTable
+from cmr.view.robots import GONE_AFTER, Robots, RobotTable
 from cmr.view.traffic import Traffic
 from cmr.view.trails import Trails
 
 COMMANDS = ("MOTOR_COMMAND", "WHEEL_SPEED_COMMAND", "VELOCITY_COMMAND")  # a robot takes one kind of them
 LATEST_OF = (*COMMANDS, "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOINTS", "PARAMETERS")
+WITH_ARRAYS = ("RANGE_SCAN", "WAYPOINTS")
 MOST_ESTIMATES = 600  # kept of a calibration
 MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
 STOPPED_FOR = 10_000_000  # us for which a process that has ended is told
@@ -80,17 +81,39 @@ class ViewState:
         if not (drives_are_due or trails_are_due):
             return
         present = self.robots.present(now)
-        real, twins = present.with_twins()
+        fresh = present.fresh()
+        real, twins = fresh.with_twins()
         if drives_are_due:
             self.drives.sample(now, real, twins)
         if trails_are_due:
-            self.trails.sample(now, present)
+            self.trails.sample(now, fresh)
             self._measure_divergence(now, real, twins)
             self._forget_silent(now)
+            there = set(present.robot_id.tolist())
+            self.divergence = {robot_id: told for robot_id, told in self.divergence.items() if robot_id in there}
 
     def present(self) -> Robots:
         """Return the robots that are there now."""
         return self.robots.present(self.now)
+
+    def has_left(self, robot_id: int) -> bool:
+        """Tell whether a robot is not in the world, and has itself been silent for SILENT_FOR."""
+        told = [heard[robot_id].utime for heard in self.latest.values() if robot_id in heard]
+        return robot_id not in self.present().robot_id and self.now - max(told, default=0) > SILENT_FOR
+
+    def heard_channels(self) -> list[str]:
+        """Return the channels that are heard; of robots that have left, none."""
+        there = {None, *self.present().robot_id.tolist()}
+        known = [(channel, age, identify(channel)) for channel, age in self.traffic.ages(self.now)]
+        return [name for name, age, identity in known if identity and (identity[1] in there or age <= GONE_AFTER)]
+
+    def array_lengths(self) -> dict[str, int]:
+        """Return how many elements the arrays of the last message have, by channel; of channels with arrays."""
+        return {
+            f"{name}_{robot_id}": heard.message.n
+            for name in WITH_ARRAYS
+            for robot_id, heard in self.latest[name].items()
+        }
 
     def diagnosis(self) -> str:
         """Return what the live diagnosis says; empty where none runs."""

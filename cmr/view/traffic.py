@@ -94,6 +94,10 @@ class Traffic:
         """Count a message that was not what its channel promises."""
         self._channels[channel].rejected += 1
 
+    def ages(self, now: int) -> list[tuple[str, int]]:
+        """Return all channels, by name, with the time since the last message of each [us]."""
+        return [(name, now - self._channels[name].utime) for name in sorted(self._channels)]
+
     def lines(self, now: int) -> list[Line]:
         """Return all channels, by name."""
         return [_line(name, self._channels[name], now) for name in sorted(self._channels)]

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 COME, LEAVE, CLICK = "come", "leave", "click"  # of a visitor: what needs no token
 STOP, RELEASE, FIGURE_EIGHT = "stop", "release", "figure-eight"
 PAUSE, SPEED, JUMP = "pause", "speed", "jump"
-HARMLESS = (STOP, PAUSE, SPEED, JUMP)  # needs no token on the computer that serves the page
+OPEN, CLOSE = "open", "close"  # a log of the visitor's own, for that visitor alone
+HARMLESS = (STOP, PAUSE, SPEED, JUMP, OPEN, CLOSE)  # needs no token on the computer that serves the page
 
 
 class Wish(NamedTuple):
-    """What is wished, by which visitor, and its object: a robot id, a speed, a moment [us], a place in a list."""
+    """What is wished, by whom, and its object: a robot id, a speed, a moment [us], a place in a list, or a log."""
 
     what: str
     visitor: int
@@ -24,8 +25,8 @@ Wishes = SimpleQueue[Wish]
 class Permission:
     """Whether one visitor has entered the token, without which nothing that he wishes is done.
 
-    With `on_this_computer` the page is served to this computer alone: then everybody may stop the robots and play a
-    log without the token. `refused` counts what was wished without permission.
+    With `on_this_computer` the page is served to this computer alone: then everybody may stop the robots, and open and
+    play a log, without the token. `refused` counts what was wished without permission.
     """
 
     def __init__(self, token: str, on_this_computer: bool = False) -> None:
@@ -41,6 +42,10 @@ class Permission:
 
     def asks(self, what: str) -> bool:
         """Return whether the visitor may have `what` he wishes now."""
-        allowed = self.granted or (what in HARMLESS and self.on_this_computer)
+        allowed = self.allows(what)
         self.refused += not allowed
         return allowed
+
+    def allows(self, what: str) -> bool:
+        """Return whether the visitor could have `what` now."""
+        return self.granted or (what in HARMLESS and self.on_this_computer)

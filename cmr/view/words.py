@@ -112,11 +112,13 @@ def robot(state: ViewState, robot_id: int) -> str:
         for place in (group.robot_id == robot_id).nonzero()[0]:
             x, y, theta = group.pose[:, place]
             left, right = group.wheels[:, place]
-            rows.append((name, f"x {x:.3f} m, y {y:.3f} m, heading {math.degrees(theta):.1f}°"))
+            silent = ", silent at the moment" if group.silent[place] else ""
+            rows.append((name, f"x {x:.3f} m, y {y:.3f} m, heading {math.degrees(theta):.1f}°{silent}"))
             rows.append(("", f"wheels {_number(left, '.2f')}, {_number(right, '.2f')} rad/s"))
     if not rows:
         rows.append(("state", "not in the world at present"))
-    return table((f"robot {robot_id}", ""), [*rows, *_told(state, robot_id)])
+    told = () if state.has_left(robot_id) else _told(state, robot_id)
+    return table((f"robot {robot_id}", ""), [*rows, *told])
 
 
 def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:

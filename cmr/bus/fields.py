@@ -1,16 +1,21 @@
-"""What the fields of a message type are: names, wire types, units and comments, as written in lcmtypes/*.lcm.
+"""Fields of messages: names, wire types, units and comments, as written in lcmtypes/*.lcm, and their numbers.
 
 The build carries those comments into the generated classes; the units are nowhere else.
 """
 
 import ast
 import inspect
+import math
 import re
 from base64 import b64encode
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from textwrap import dedent
-from typing import Any
+from typing import Any, NamedTuple
+
+from cmr.bus.streams import identify
+from cmr.msg import robot_state_t
 
 INDEX = "index"  # column that numbers the elements of a message's arrays
 BRACKETS = re.compile(r"\[([^\[]*)\]?\s*$")  # at the end of a comment; a range in it may hold a bracket: (-pi, pi]
@@ -18,6 +23,7 @@ NAMED = re.compile(r'\("(\w+)"\)')  # of: fraction of full drive ("duty")
 # Units as they stand first in the brackets of a comment; what else stands there is a range, a frame, or words.
 UNITS = ("rad/s^2", "rad/s", "s/rad", "rad", "deg C", "duty", "ticks", "us", "Hz", "m/s", "m", "A", "V")
 SAME_UNIT = "same units"  # of X_std as of X
+ROBOTS = "origin"  # a field of those types that tell of many robots, each in one place of all arrays
 BYTES = "bytes"  # wire type, here, of an array of bytes: a picture, say, which is one value and no row of numbers
 
 
@@ -94,3 +100,47 @@ def _unit(comment: str, name: str, earlier: dict[str, Field]) -> str:
     if named is not None:
         return named[1]
     return next((unit for unit in UNITS if re.match(rf"{re.escape(unit)}(?![\w/^])", said)), "")
+
+
+class FieldName(NamedTuple):
+    """A field of the messages of a channel; of an array, the element with this number.
+
+    With `whose`, a robot or a twin, it is the element of the one with this id, which may stand anywhere in the array.
+    """
+
+    channel: str
+    field: str
+    element: int | None = None
+    whose: str = ""
+
+    def __str__(self) -> str:
+        which = f"{self.whose} {self.element}" if self.whose else f"{self.element}"
+        return f"{self.channel}.{self.field}" + ("" if self.element is None else f"[{which}]")
+
+
+def fields_on(channel: str) -> dict[str, Field] | None:
+    """Return the fields of the messages on a channel by name; None if the channel is none of ours."""
+    identity = identify(channel)
+    return None if identity is None else {field.name: field for field in fields_of(identity[0].message_type)}
+
+
+def unit_of(name: FieldName) -> str:
+    """Return the unit of a field; empty where it has none."""
+    return (fields_on(name.channel) or {})[name.field].unit
+
+
+def number_in(message: Any, name: FieldName) -> float:
+    """Return the number in a field of a message; NaN where it has no such element, or is not about the robot."""
+    value = getattr(message, name.field)
+    if name.element is None:
+        return float(value)
+    if name.whose:
+        return next((float(value[place]) for place in _places(message, name)), math.nan)
+    return float(value[name.element]) if name.element < len(value) else math.nan
+
+
+def _places(message: Any, name: FieldName) -> Iterator[int]:
+    """Yield the places in the arrays of a message that are of the robot, or twin, that is meant."""
+    for place, robot_id in enumerate(message.robot_id):
+        if robot_id == name.element and (message.origin[place] == robot_state_t.TWIN) == (name.whose == "twin"):
+            yield place

@@ -10,6 +10,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 PIECES = 3000  # of a curve over time, of which the lowest and the highest value are drawn: more than a picture's pixels
 CELLS = 3000  # of the extent of a path, across and along: also more than its pixels
+GAP = 10.0  # times the usual time between values: a line across it would tell of values that were not there
+SHORTEST_GAP = 0.5  # s
 ROWS_AT_ONCE = 50_000  # that are thinned together while a log is read
 
 
@@ -27,15 +29,24 @@ def extremes(values: Floats, size: int) -> Integers:
     return np.unique(np.concatenate([starts + lowest, starts + highest, np.arange(whole, len(values))]))
 
 
-def thinned(seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return a curve over time that looks the same in a picture, and breaks off where it did."""
-    size = len(values) // PIECES
+def thinned(seconds: Floats, values: Floats, pieces: int = PIECES) -> tuple[Floats, Floats]:
+    """Return a curve over time that looks the same in a picture of so many pixels, and breaks off where it did."""
+    size = len(values) // pieces
     if size < 4:
         return seconds, values
     is_nan = np.isnan(values)
     breaks = np.flatnonzero(is_nan[1:] != is_nan[:-1])
     kept = np.unique(np.concatenate([[0], extremes(values, size), breaks, breaks + 1]))
     return seconds[kept], values[kept]
+
+
+def broken_at_gaps(seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return a curve with a NaN put into each silence, at its end."""
+    if len(seconds) < 3:
+        return seconds, values
+    steps = np.diff(seconds)
+    gaps = np.flatnonzero(steps > max(GAP * float(np.median(steps)), SHORTEST_GAP)) + 1
+    return np.insert(seconds, gaps, seconds[gaps]), np.insert(values, gaps, np.nan)
 
 
 def thinned_path(x: Floats, y: Floats) -> tuple[Floats, Floats]:

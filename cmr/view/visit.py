@@ -1,0 +1,70 @@
+"""One visitor: a page and a scene of their own, and what they show: what all see, or a log that the visitor opened."""
+
+from typing import NamedTuple
+
+import viser
+
+from cmr.view.opening import OpenedLog
+from cmr.view.page import Page, Surroundings
+from cmr.view.picture import Picture
+from cmr.view.showing import Showing
+from cmr.view.stage import Stage
+from cmr.view.uploads import Upload, clear
+from cmr.view.wishes import CLICK, OPEN, Permission, Wish, Wishes
+from cmr.world.interaction.obstacles import Geofence, Obstacles
+
+
+class Room(NamedTuple):
+    """What stands in the scene."""
+
+    obstacles: Obstacles
+    geofence: Geofence | None
+
+
+NO_ROOM = Room(Obstacles.none(), None)  # of a log that a visitor opens nobody says what stood there
+
+
+class Visitor(NamedTuple):
+    """Who looks: the browser, what it may do, and how it sends files. They last as long as the connection."""
+
+    client: viser.ClientHandle
+    permission: Permission
+    upload: Upload
+
+
+class Visit:
+    """A visitor with what is shown. Raises RuntimeError, as viser does, where the visitor has just left."""
+
+    def __init__(
+        self,
+        visitor: Visitor,
+        wishes: Wishes,
+        showing: Showing,
+        room: Room,
+        surroundings: Surroundings,
+        log: OpenedLog | None = None,
+    ) -> None:
+        self.visitor, self.showing, self.log = visitor, showing, log
+        client = visitor.client
+        clear(client, visitor.upload.folder)
+        self._stage = Stage(client.scene, room.obstacles, room.geofence)
+        self._stage.robots.on_click(lambda visitor, place: wishes.put(Wish(CLICK, visitor, place)))
+        self._replay = showing.panel()
+        self.page = Page(client, visitor.permission, wishes, self._replay, surroundings)
+        self._picture: Picture | None = None
+
+    def show(self, picture: Picture, head: str, with_trails: bool, with_panels: bool) -> None:
+        """Draw the moment of what is shown; panels and trails less often."""
+        self._picture = picture
+        self._stage.show(picture)
+        self.page.show_scene(self.showing.state, with_trails)
+        if with_panels:
+            self.visitor.upload.allow(self.visitor.permission.allows(OPEN))
+            self.page.show_panels(self.showing, head)
+            if self._replay is not None:
+                self._replay.show()
+
+    def choose(self, place: int) -> None:
+        """Choose the robot that was clicked, by its place among those that were drawn last."""
+        if self._picture is not None and 0 <= place < len(self._picture.solid_ids):
+            self.page.choose(int(self._picture.solid_ids[place]))
