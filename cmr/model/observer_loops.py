@@ -226,7 +226,7 @@ def observe(
                             along = (share / split if split > 0.0 else 0.0) - 0.5
                             reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
                             earlier = one[MEAN_BEFORE, i] + along * one[GROWTH_BEFORE, i]
-                            reading = earlier if split > 0.0 and share <= split else reading
+                            reading = earlier if split > 0.0 and share <= split + EARLY else reading
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     else:
                         for i in range(filled):
@@ -234,12 +234,15 @@ def observe(
                             one = past[step % HISTORY]
                             share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
                             reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
-                            if split > 0.0 and share <= split:
+                            if split > 0.0 and share <= split + EARLY:
                                 reading = one[MEAN_BEFORE, i] + (share / split - 0.5) * one[GROWTH_BEFORE, i]
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     for i in range(filled):
     GYRO_NUMBERS
-                        yaw_rate = own[GYRO_READING + i] if border > 0 else 0.0
+                        yaw_rate = own[GYRO_READING + i]
+                        if border == 0:
+                            yaw_rate = own[RADIUS_RIGHT + i] * here[PSI_RIGHT + i]
+                            yaw_rate = (yaw_rate - own[RADIUS_LEFT + i] * here[PSI_LEFT + i]) / own[BASE_WIDTH + i]
                         reading = yaw_rate
     GYRO
                         own[GYRO_READING + i] = gyro[next_gyro] - reading
