@@ -210,7 +210,7 @@ def test_the_command_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest
     assert len(lines) == 12
     (out / JOURNAL).write_text("".join(lines[:-1]) + lines[-1][:20])  # as when it was killed while it wrote the last
     assert main([*command, "--prepared", "uncalibrated"]) == 0
-    assert "11 of 12 experiments are there already" in capsys.readouterr().out
+    assert "11 of 12 experiments are there already" in capsys.readouterr().err
     assert (out / RUNS).read_bytes() == runs
 
 

@@ -31,10 +31,10 @@ KNOWN: dict[str, set[str]] = {
     "calibration": {*RECORDED, "colours", "manoeuvres", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
     "diagnosis": {*RECORDED, "distribution", "colours", "files", "threads", "manoeuvres", "estimation"},
-    "scenario": {*RECORDED, "files", "world", "diagnosis", "team"},
+    "scenario": {*RECORDED, "files", "progress", "world", "diagnosis", "team"},
     "team": {*RECORDED, "plant", "world"},
     "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
-    "sweep": {*RECORDED, "files", "distribution", "colours", "scenario", "team", "world"},
+    "sweep": {*RECORDED, "files", "distribution", "colours", "progress", "scenario", "team", "world"},
     "view": {*RECORDED, "colours", "world"},
     "commands": {
         *{

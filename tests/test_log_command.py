@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from cmr.commands.command_line import CommandError
 from cmr.distribution import how_to_install
 from cmr.recordings.events import Event, EventReader, event_bytes
-from cmr.tools.events import Progress
 from cmr.tools.log_main import main
 from tests.small_log import START, gyro_readings, small_log
 
@@ -208,17 +207,3 @@ def test_a_missing_library_is_told_with_what_to_install(
         monkeypatch.setitem(sys.modules, part, None)
     with pytest.raises(CommandError, match=re.escape(f"To install it: {how_to_install(extra)}")):
         main([name, str(log), "--out", str(log.parent / "out")])
-
-
-@pytest.mark.parametrize("is_terminal", [False, True])
-def test_progress_is_shown_on_a_terminal_alone(
-    is_terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal)
-    monkeypatch.setattr("cmr.tools.events.BETWEEN_REDRAWINGS", 0.0)
-    with Progress(2_000_000) as progress:
-        progress.show(500_000)
-        progress.show(500_000)
-    said = capsys.readouterr().err
-    assert ("50% of 2 MB" in said) == is_terminal == bool(said)
-    assert said.endswith("\r\x1b[2K") == is_terminal, "the bar does not stay"

@@ -14,7 +14,7 @@ from typing import Any
 from cmr.commands.command_line import CommandError, parse_seconds, parser
 from cmr.distribution import how_to_install
 from cmr.recordings.events import EventReader
-from cmr.tools.events import Progress, channel_chooser, damage_sentence, open_log, reading
+from cmr.tools.events import channel_chooser, damage_sentence, open_log, progress_of, reading
 
 Work = Callable[[argparse.Namespace], list[str]]
 
@@ -40,7 +40,7 @@ def _info(options: argparse.Namespace) -> list[str]:
     reports = []
     for path in options.logs:
         log, health = open_log(path), LogHealth()
-        with Progress(log.size) as progress:
+        with progress_of([log]) as progress:
             health.take_all(reading(log, progress))
         reports.append("\n".join(report(log, health)))
     return ["\n\n".join(reports)]
@@ -53,7 +53,7 @@ def _cut(options: argparse.Namespace) -> list[str]:
         raise CommandError(f"--to {options.last:g} is no later than --from {options.first:g}")
     log = open_log(options.log)
     _check_out([log], options.out)
-    with Progress(log.size) as progress:
+    with progress_of([log]) as progress:
         is_chosen = channel_chooser(options.channel, options.without)
         events = cut(reading(log, progress), options.first, options.last, is_chosen)
         count = write_events(options.out, events)
@@ -67,7 +67,7 @@ def _merge(options: argparse.Namespace) -> list[str]:
 
     logs = [open_log(path) for path in options.logs]
     _check_out(logs, options.out)
-    with Progress(sum(log.size for log in logs)) as progress:
+    with progress_of(logs) as progress:
         count = write_events(options.out, merge([reading(log, progress) for log in logs]))
     if count == 0:
         raise CommandError("none of these files holds an event. Are they event logs, as lcm-logger writes them?")
@@ -99,7 +99,7 @@ def _tables(options: argparse.Namespace, suffix: str, sink: Callable[[Path], Any
     is_chosen = channel_chooser(options.channel, options.without)
     with ExitStack() as stack:
         partial = stack.enter_context(complete_files_or_none(folder))
-        progress = stack.enter_context(Progress(log.size))
+        progress = stack.enter_context(progress_of([log]))
         writer = stack.enter_context(TableWriter(lambda channel: sink(partial / f"{channel}.{suffix}")))
         writer.take_all(event for event in reading(log, progress) if is_chosen(event.channel))
     if not writer.rows:
@@ -118,7 +118,7 @@ def _mcap(options: argparse.Namespace) -> list[str]:
     try:
         with complete_or_none(options.out) as temporary, temporary.open("wb") as stream:
             writer = McapWriter(stream)
-            with Progress(log.size) as progress:
+            with progress_of([log]) as progress:
                 writer.take_all(event for event in reading(log, progress) if is_chosen(event.channel))
             writer.finish()
             if writer.count == 0:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from cmr.commands.command_line import CommandError, parser
-from cmr.tools.events import Progress, damage_sentence, open_log, reading
+from cmr.tools.events import damage_sentence, open_log, progress_of, reading
 from cmr.tools.plot_fields import FieldName, Gathered, against, near_names, parse_field, unit_of
 from cmr.tools.plot_figure import Curve, Panel, draw, figure_of
 from cmr.tools.writing import complete_or_none
@@ -102,7 +102,7 @@ def _asked(text: str) -> Asked:
 
 def _gather(path: Path, names: set[FieldName]) -> Gathered:
     log = open_log(path)
-    with Progress(log.size) as progress:
+    with progress_of([log]) as progress:
         gathered = Gathered(names, reading(log, progress))
     if damage_sentence(log):
         print(f"cmr-plot: {damage_sentence(log)}", file=sys.stderr)

@@ -17,12 +17,13 @@ from cmr.bus.preflight import open_lcm, resolve_url, self_test
 from cmr.bus.process import EXIT_INTERRUPTED
 from cmr.bus.streams import LCM_CHANNEL_NAME_LIMIT, MOTOR_COMMAND, identify
 from cmr.commands.command_line import CommandError, parse_seconds, parser
+from cmr.progress import Progress
 from cmr.recordings.events import Event, EventReader
 from cmr.tools.events import damage_sentence, open_log
 from cmr.tools.replay_changes import Changes, ChannelFilter, moved_to
 from cmr.tools.replay_player import SLOWEST, Player
 from cmr.tools.replay_tape import LogTape
-from cmr.tools.replay_terminal import Keys, StatusLine
+from cmr.tools.replay_terminal import Keys
 from cmr.tools.stopping import Stopping, stopped_by_signals
 
 JUMP = 10.0  # s
@@ -76,8 +77,8 @@ def main(arguments: list[str]) -> int:
         wanted=chosen,
     )
     duration = min(tape.duration() or math.inf, options.stop)
-    with stopped_by_signals() as stopping, Keys(0) as keys:
-        play(player, keys, StatusLine(), duration, stopping)
+    with stopped_by_signals() as stopping, Keys(0) as keys, Progress() as progress:
+        play(player, keys, progress, duration, stopping)
     interrupted = bool(stopping)
     print("\n".join(_summary(player, sender, log)))
     for old in [old for old, _new in options.remap if not chosen.seen.get(old)]:
@@ -198,20 +199,17 @@ def _bus(url: str | None) -> lcm.LCM:
     return open_lcm(resolved)
 
 
-def play(player: Player, keys: Keys, status: StatusLine, duration: float, stopping: Stopping) -> None:
+def play(player: Player, keys: Keys, progress: Progress, duration: float, stopping: Stopping) -> None:
     """Play a log of `duration` [s] until its end, until the key q or until a signal."""
     while not stopping:
         wait = player.play()
         if wait is None:
             break
-        status.show(_status(player, duration, keys.available))
+        progress.show(_status(player, duration, keys.available))
         for key in keys.wait(min(wait, LONGEST_WAIT)):
             if key == "q":
-                status.clear()
                 return
             _obey(player, key)
-            status.clear()
-    status.clear()
 
 
 def _obey(player: Player, key: str) -> None:

@@ -23,6 +23,7 @@ from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.priority import give_way
+from cmr.progress import Progress
 from cmr.recordings.recording import RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s
@@ -118,7 +119,9 @@ def _nominal(path: Path | None) -> ParameterFile | None:
 def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     try:
         recordings = [_gather(path, options, nominal).recording() for path in options.log]
-        result = calibrate(recordings, nominal, method=options.method, paper_only=options.paper_only)
+        with Progress() as progress:
+            progress.show(f"Calibrating robot {recordings[0].robot_id}.")
+            result = calibrate(recordings, nominal, method=options.method, paper_only=options.paper_only)
     except (RecordingError, EstimationError) as error:
         raise CommandError(str(error)) from error
     if options.json:

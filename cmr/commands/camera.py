@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ from cmr.bus.streams import CAMERA_IMAGE, POSE, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parse_seconds, parser
 from cmr.distribution import how_to_install
 from cmr.msg import camera_image_t, pose_xyt_t, process_status_t
+from cmr.progress import Progress
 
 if TYPE_CHECKING:
     from cmr.camera.place import Place
@@ -277,21 +277,20 @@ def _fitted(options: argparse.Namespace) -> Any:
 
     source = open_source(options.source, options.size, options.rate, 0.0, hurry=True)
     fit, wanted = LensFit(), 0
-    back = "\r" if sys.stdout.isatty() else ""  # to the beginning of the line
     try:
-        while source.ends or len(fit.views) < options.pictures:
-            taken = source.read()
-            if taken is None:
-                break
-            if not source.ends and taken.utime < wanted:
-                continue
-            if fit.see(np.asarray(cv2.cvtColor(taken.picture, cv2.COLOR_BGR2GRAY), np.uint8)):
-                wanted = taken.utime + int(options.every * 1e6)
-                if back:
-                    print(f"{back}{len(fit.views)}", end="", flush=True)
+        with Progress(None if source.ends else options.pictures, "pictures") as progress:
+            while source.ends or len(fit.views) < options.pictures:
+                taken = source.read()
+                if taken is None:
+                    break
+                if not source.ends and taken.utime < wanted:
+                    continue
+                if fit.see(np.asarray(cv2.cvtColor(taken.picture, cv2.COLOR_BGR2GRAY), np.uint8)):
+                    wanted = taken.utime + int(options.every * 1e6)
+                    progress.show(f"{len(fit.views)} pictures with the board", len(fit.views))
     finally:
         source.close()
-        print(f"{back}{len(fit.views)} pictures with the board")
+        print(f"{len(fit.views)} pictures with the board")
     return fit.lens()
 
 

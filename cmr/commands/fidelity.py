@@ -3,26 +3,24 @@
 import argparse
 import hashlib
 import os
-import sys
 import time
 from pathlib import Path
 
 from cmr.commands.command_line import CommandError, parse_count, parse_robot_id, parser
 from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, Task, gathered, perform_all, tasks_of
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
+from cmr.progress import Progress
 from cmr.scenario.document import ScenarioError
 from cmr.scenario.ending import why_only_live
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.scenario import load as load_scenario
 from cmr.scenario.shipping import path_of
-from cmr.scenario.terminal import Terminal
 from cmr.sweep.experiment import files_of, sources_digest
 from cmr.sweep.journal import Journal, JournalError
 from cmr.sweep.stopping import end_on_signals
 from cmr.team.experiment import ExperimentError
 
 FEWEST = 4  # seeds; fewer say nothing of a distribution
-BAR = 24  # characters
 JOURNAL = "experiments.jsonl"  # what is done, for a study that was stopped
 
 
@@ -168,20 +166,16 @@ def _performed(
     preparations = [name for name in PREPARATIONS if name in (UNCALIBRATED, *(options.prepared or PREPARATIONS))]
     keys = {task: _key(depends_on, task) for task in tasks_of(range(options.seeds), preparations)}
     left = [task for task, key in keys.items() if key not in journal.results]
+    progress = Progress(len(left), "experiments", lines=True)
     if len(left) < len(keys):
-        print(f"{len(keys) - len(left)} of {len(keys)} experiments are there already.")
-    terminal, began = Terminal(sys.stderr), time.monotonic()
+        progress.say(f"{len(keys) - len(left)} of {len(keys)} experiments are there already.")
     try:
-        for done, (task, scores) in enumerate(perform_all(study, left, options.jobs), 1):
-            journal.add(keys[task], scores)
-            rest = (time.monotonic() - began) / done * (len(left) - done)
-            filled = BAR * done // len(left)
-            bar = "#" * filled + "." * (BAR - filled)
-            terminal.progress(f"[{bar}] {done} of {len(left)} experiments, {rest:.0f} s to go")
+        with progress:
+            for task, scores in perform_all(study, left, options.jobs):
+                journal.add(keys[task], scores)
+                progress.advance()
     except ExperimentError as error:
         raise CommandError(str(error)) from error
-    finally:
-        terminal.end()
     return gathered({task: journal.results[key] for task, key in keys.items()})
 
 

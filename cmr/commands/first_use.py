@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cmr.model.cache import lasting_folder
+from cmr.progress import Progress
 
 MODEL, WORLD, EMULATOR, ESTIMATOR = "model", "world", "emulator", "estimator"
 HERE = Path(__file__).resolve().parents[1]
@@ -39,7 +40,7 @@ def compile_first(names: Iterable[str], say: Callable[[str], None] | None = None
     missing = {name: mark for name in names if (mark := _mark(name)) is not None and not mark.exists()}
     if not missing:
         return
-    say = say or _print
+    say = say or Progress().say
     say(f"Compiling {_in_words(missing)} (first use on this computer, about {_seconds(missing)} s) ...")
     began = time.monotonic()
     with ThreadPoolExecutor(_cores()) as pool:
@@ -59,19 +60,12 @@ def announce_compiling() -> None:
     class _FirstTime(untyped.Listener):
         def on_start(self, _event: object) -> None:
             event.unregister("numba:compile", self)
-            _print("Compiling the robot model (first use on this computer, about a minute) ...")
+            Progress().say("Compiling the robot model (first use on this computer, about a minute) ...")
 
         def on_end(self, _event: object) -> None:
             pass
 
     event.register("numba:compile", _FirstTime())
-
-
-def _print(text: str) -> None:
-    from cmr.news import is_quiet
-
-    if not is_quiet():
-        print(text, file=sys.stderr, flush=True)
 
 
 def _in_words(names: Iterable[str]) -> str:

@@ -10,6 +10,7 @@ from cmr.bus.estop import EmergencyStop
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.msg import process_status_t
+from cmr.progress import Progress
 from cmr.scenario.children import Children
 from cmr.scenario.elsewhere import Elsewhere
 from cmr.scenario.jobs import EMULATOR, PILOT, SIM, Job
@@ -18,7 +19,6 @@ from cmr.scenario.measuring import EndingMetric
 from cmr.scenario.preparing import write_emulators, write_sim_scenario
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.supervisor import Supervisor
-from cmr.scenario.terminal import Terminal
 from cmr.scenario.virtual import waypoints_message
 from cmr.scenario.watch import TeamWatch
 from cmr.world.others import named
@@ -58,7 +58,7 @@ class LiveRun:
         process: Process,
         jobs: Sequence[Job],
         children: Children,
-        terminal: Terminal,
+        progress: Progress,
         others: Sequence[Job] = (),
     ) -> None:
         self.scenario = scenario
@@ -70,7 +70,7 @@ class LiveRun:
         self._folder = folder
         self._process = process
         self._emergency_stop = EmergencyStop()
-        self._terminal = terminal
+        self._bar = progress
         self._created = time.monotonic()
         self._is_ready = False
         self._seconds = 0.0  # since all were ready
@@ -92,7 +92,7 @@ class LiveRun:
             doubt = "" if missing else self._doubt()
             lacking = missing or doubt
             if lacking:
-                self._terminal.progress(f"Waiting for {lacking}")
+                self._bar.show(f"Waiting for {lacking}")
             self._there_since = None if missing else (self._there_since or time.monotonic())
             if self._there_since is not None and time.monotonic() - self._there_since > (
                 GRACE if doubt else ANOTHER_WORD
@@ -109,7 +109,7 @@ class LiveRun:
     def say(self, words: str) -> None:
         """Tell and keep what happened."""
         self.events.append((time.monotonic() - self._created, words))
-        self._terminal.say(words)
+        self._bar.say(words)
 
     def _taken(self) -> str:
         """Listen for a moment; return that somebody else simulates robots that we would; empty if nobody does."""
@@ -138,7 +138,7 @@ class LiveRun:
             self._seconds = time.monotonic() - began
             self._turn()
             self._send_waypoints()
-            self._terminal.progress(self._progress())
+            self._bar.show(self._progress())
             reason = self._why_over()
             if reason:
                 return Outcome(reason, self._seconds)
