@@ -6,17 +6,27 @@ Usage: cmr-log info LOG..., or cut, merge, csv, parquet, mcap; see cmr-log COMMA
 import argparse
 import math
 import resource
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from cmr.commands.command_line import CommandError, parse_seconds, parser
+from cmr.commands.command_line import CommandError, add_json, parse_seconds, parser, print_json, usual_options
 from cmr.distribution import how_to_install
 from cmr.recordings.events import EventReader
 from cmr.tools.events import channel_chooser, damage_sentence, open_log, progress_of, reading
 
-Work = Callable[[argparse.Namespace], list[str]]
+NO_BUS = "accepted as by every command; logs need no bus"
+
+
+class Done(NamedTuple):
+    """What a subcommand did: for programs, and in lines for persons."""
+
+    document: dict[str, Any]
+    lines: list[str]
+
+
+Work = Callable[[argparse.Namespace], Done]
 
 
 def main(arguments: list[str]) -> int:
@@ -26,27 +36,31 @@ def main(arguments: list[str]) -> int:
     """
     options = command_parser().parse_args(arguments)
     try:
-        lines = options.work(options)
+        done = options.work(options)
     except OSError as error:
         raise CommandError(f"{error.filename or options.out}: {error.strerror or error}") from error
-    print("\n".join(lines))
+    if options.json:
+        print_json(done.document)
+    else:
+        print("\n".join(done.lines))
     return 0
 
 
-def _info(options: argparse.Namespace) -> list[str]:
+def _info(options: argparse.Namespace) -> Done:
     from cmr.tools.log_info import LogHealth
-    from cmr.tools.log_report import report
+    from cmr.tools.log_report import document, report
 
-    reports = []
+    documents, reports = [], []
     for path in options.logs:
         log, health = open_log(path), LogHealth()
         with progress_of([log]) as progress:
             health.take_all(reading(log, progress))
+        documents.append(document(log, health))
         reports.append("\n".join(report(log, health)))
-    return ["\n\n".join(reports)]
+    return Done({"logs": documents}, ["\n\n".join(reports)])
 
 
-def _cut(options: argparse.Namespace) -> list[str]:
+def _cut(options: argparse.Namespace) -> Done:
     from cmr.tools.log_cut import cut, write_events
 
     if not options.first < options.last:
@@ -59,10 +73,10 @@ def _cut(options: argparse.Namespace) -> list[str]:
         count = write_events(options.out, events)
     if count == 0:
         raise CommandError(f"{log.path}: no event lies there. What is in the log: cmr-log info {log.path}")
-    return [f"{options.out}: {count} events", *_damage([log])]
+    return _written({options.out: count}, "events", [], [log])
 
 
-def _merge(options: argparse.Namespace) -> list[str]:
+def _merge(options: argparse.Namespace) -> Done:
     from cmr.tools.log_cut import merge, write_events
 
     logs = [open_log(path) for path in options.logs]
@@ -71,16 +85,16 @@ def _merge(options: argparse.Namespace) -> list[str]:
         count = write_events(options.out, merge([reading(log, progress) for log in logs]))
     if count == 0:
         raise CommandError("none of these files holds an event. Are they event logs, as lcm-logger writes them?")
-    return [f"{options.out}: {count} events", *_damage(logs)]
+    return _written({options.out: count}, "events", [], logs)
 
 
-def _csv(options: argparse.Namespace) -> list[str]:
+def _csv(options: argparse.Namespace) -> Done:
     from cmr.tools.log_tables import CsvFile
 
     return _tables(options, "csv", CsvFile)
 
 
-def _parquet(options: argparse.Namespace) -> list[str]:
+def _parquet(options: argparse.Namespace) -> Done:
     from cmr.tools.log_tables import ParquetFile
 
     _allow_many_open_files()
@@ -90,8 +104,8 @@ def _parquet(options: argparse.Namespace) -> list[str]:
         raise _missing(error, "Parquet files", "sweep") from error
 
 
-def _tables(options: argparse.Namespace, suffix: str, sink: Callable[[Path], Any]) -> list[str]:
-    """Write a file for each channel into the folder of --out; return how many rows each has."""
+def _tables(options: argparse.Namespace, suffix: str, sink: Callable[[Path], Any]) -> Done:
+    """Write a file for each channel into the folder of --out."""
     from cmr.tools.log_tables import TableWriter
     from cmr.tools.writing import complete_files_or_none
 
@@ -104,11 +118,11 @@ def _tables(options: argparse.Namespace, suffix: str, sink: Callable[[Path], Any
         writer.take_all(event for event in reading(log, progress) if is_chosen(event.channel))
     if not writer.rows:
         raise CommandError(f"{log.path}: {_nothing(writer.left_out.sentences())}")
-    lines = [f"{folder / name}.{suffix}: {rows} rows" for name, rows in sorted(writer.rows.items())]
-    return [*lines, *writer.left_out.sentences(), *_damage([log])]
+    rows = {folder / f"{name}.{suffix}": rows for name, rows in sorted(writer.rows.items())}
+    return _written(rows, "rows", writer.left_out.sentences(), [log])
 
 
-def _mcap(options: argparse.Namespace) -> list[str]:
+def _mcap(options: argparse.Namespace) -> Done:
     from cmr.tools.log_mcap import McapWriter
     from cmr.tools.writing import complete_or_none
 
@@ -125,16 +139,20 @@ def _mcap(options: argparse.Namespace) -> list[str]:
                 raise CommandError(f"{log.path}: {_nothing(writer.left_out.sentences())}")
     except ModuleNotFoundError as error:
         raise _missing(error, "MCAP files", "log") from error
-    return [f"{options.out}: {writer.count} messages", *writer.left_out.sentences(), *_damage([log])]
+    return _written({options.out: writer.count}, "messages", writer.left_out.sentences(), [log])
+
+
+def _written(files: Mapping[Path, int], unit: str, left_out: Sequence[str], logs: Sequence[EventReader]) -> Done:
+    """Return what was written: how many `unit` each file holds, what was left out, and what damage there was."""
+    damage = [sentence for log in logs if (sentence := damage_sentence(log))]
+    written = [{"path": path, unit: count} for path, count in files.items()]
+    lines = [f"{path}: {count} {unit}" for path, count in files.items()]
+    return Done({"written": written, "left_out": left_out, "damage": damage}, [*lines, *left_out, *damage])
 
 
 def _nothing(left_out: Sequence[str]) -> str:
     """Say that there was nothing to write, and why."""
     return " ".join(["no message of CMR could be decoded on the channels chosen; nothing is written.", *left_out])
-
-
-def _damage(logs: Sequence[EventReader]) -> list[str]:
-    return [sentence for log in logs if (sentence := damage_sentence(log))]
 
 
 def _missing(error: ModuleNotFoundError, what: str, extra: str) -> CommandError:
@@ -164,8 +182,9 @@ def command_parser() -> argparse.ArgumentParser:
         "Look at event logs: what is in them and how healthy they are, pieces of them, and their messages in other "
         "formats. Of a damaged log the intact events are read, and the rest is counted.",
         "cmr-log info run.lcm",
-        bus="accepted as by every command; logs need no bus",
+        bus=NO_BUS,
     )
+    add_json(options)
     commands = options.add_subparsers(metavar="COMMAND", required=True)
 
     def add(name: str, work: Work, purpose: str, example: str) -> argparse.ArgumentParser:
@@ -175,6 +194,7 @@ def command_parser() -> argparse.ArgumentParser:
             description=f"{purpose}.",
             epilog=f"example:\n  cmr-log {name} {example}",
             formatter_class=options.formatter_class,
+            parents=[usual_options(NO_BUS)],
         )
         command.set_defaults(work=work, out=None)
         return command

@@ -108,6 +108,38 @@ class View:
             yield Row(table_row(line), line.channel == self._chosen)
 
 
+def document(now: int, lines: Sequence[Line], fits: Callable[[str], bool]) -> dict[str, Any]:
+    """Return all channels at `now` [us] for programs, as docs/reference/json.md says."""
+    return {"utime": now, "channels": {line.channel: _of_channel(line) for line in lines if fits(line.channel)}}
+
+
+def _of_channel(line: Line) -> dict[str, Any]:
+    try:
+        received = decode(line.channel, line.data)
+    except RejectedMessage:
+        values = None
+    else:
+        fields = fields_of(received.stream.message_type)
+        values = {field.name: _plain_value(getattr(received.message, field.name)) for field in fields}
+    return {
+        "type": line.type_name,
+        "messages": line.heard,
+        "rate": line.rate,
+        "bytes_per_second": line.bytes_per_second,
+        "age": line.age,
+        "jitter": line.jitter,
+        "errors": line.errors,
+        "last": values,
+    }
+
+
+def _plain_value(value: Any) -> Any:
+    """Return the value of a field as JSON has it: arrays as lists, and of bytes, such as a picture, their number."""
+    if isinstance(value, bytes):
+        return len(value)
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
 def table(lines: Sequence[Line], fits: Callable[[str], bool]) -> list[str]:
     """Return the whole table as text."""
     return [HEAD, *(table_row(line) for line in lines if fits(line.channel))]

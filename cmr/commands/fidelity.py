@@ -6,7 +6,7 @@ import os
 import time
 from pathlib import Path
 
-from cmr.commands.command_line import CommandError, parse_count, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, add_json, parse_count, parse_robot_id, parser
 from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, Task, gathered, perform_all, tasks_of
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.progress import Progress
@@ -38,7 +38,7 @@ def main(arguments: list[str]) -> int:
     except OSError as error:
         raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
     from cmr.fidelity.findings import conclusions, findings_of, table  # SciPy, which is slow to import
-    from cmr.fidelity.writing import write
+    from cmr.fidelity.writing import DOCUMENT, write
 
     findings = findings_of(scores)
     about = {
@@ -52,6 +52,9 @@ def main(arguments: list[str]) -> int:
         files = write(options.out, scores, findings, about)
     except OSError as error:
         raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
+    if options.json:
+        print((options.out / DOCUMENT).read_text(encoding="utf-8"), end="")
+        return 0
     print(table(findings))
     print("\n".join(["", *conclusions(scores, findings)]))
     print(f"\n{time.monotonic() - began:.0f} s; written to {options.out}: {', '.join(path.name for path in files)}")
@@ -98,6 +101,7 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="HOW",
         help=f"some of {', '.join(PREPARATIONS)}; else all",
     )
+    add_json(options)
     add("--jobs", type=parse_count, default=len(os.sched_getaffinity(0)), metavar="N", help="processes side by side")
     return options
 
