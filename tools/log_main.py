@@ -11,7 +11,18 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cmr.commands.command_line import CommandError, add_json, parse_seconds, parser, print_json, usual_options
+from cmr.commands.command_line import (
+    CommandError,
+    add_channels,
+    add_json,
+    add_logs,
+    add_without,
+    logs_of,
+    parse_seconds,
+    parser,
+    print_json,
+    usual_options,
+)
 from cmr.distribution import how_to_install
 from cmr.recordings.events import EventReader
 from cmr.tools.events import channel_chooser, damage_sentence, open_log, progress_of, reading
@@ -34,7 +45,7 @@ def main(arguments: list[str]) -> int:
 
     Raises CommandError when a log cannot be read or the result cannot be written.
     """
-    options = command_parser().parse_args(arguments)
+    options = _parse(arguments)
     try:
         done = options.work(options)
     except OSError as error:
@@ -44,6 +55,14 @@ def main(arguments: list[str]) -> int:
     else:
         print("\n".join(done.lines))
     return 0
+
+
+def _parse(arguments: list[str]) -> argparse.Namespace:
+    options = command_parser().parse_args(arguments)
+    is_single, options.logs = not isinstance(options.logs, list), logs_of(options)
+    if not options.logs or (is_single and len(options.logs) > 1):
+        options.command.error(f"name {'one' if is_single else 'an'} event log")
+    return options
 
 
 def _info(options: argparse.Namespace) -> Done:
@@ -63,13 +82,13 @@ def _info(options: argparse.Namespace) -> Done:
 def _cut(options: argparse.Namespace) -> Done:
     from cmr.tools.log_cut import cut, write_events
 
-    if not options.first < options.last:
-        raise CommandError(f"--to {options.last:g} is no later than --from {options.first:g}")
-    log = open_log(options.log)
+    if not options.start < options.stop:
+        raise CommandError(f"--stop {options.stop:g} is no later than --start {options.start:g}")
+    log = open_log(options.logs[0])
     _check_out([log], options.out)
     with progress_of([log]) as progress:
         is_chosen = channel_chooser(options.channel, options.without)
-        events = cut(reading(log, progress), options.first, options.last, is_chosen)
+        events = cut(reading(log, progress), options.start, options.stop, is_chosen)
         count = write_events(options.out, events)
     if count == 0:
         raise CommandError(f"{log.path}: no event lies there. What is in the log: cmr-log info {log.path}")
@@ -109,7 +128,7 @@ def _tables(options: argparse.Namespace, suffix: str, sink: Callable[[Path], Any
     from cmr.tools.log_tables import TableWriter
     from cmr.tools.writing import complete_files_or_none
 
-    log, folder = open_log(options.log), options.out
+    log, folder = open_log(options.logs[0]), options.out
     is_chosen = channel_chooser(options.channel, options.without)
     with ExitStack() as stack:
         partial = stack.enter_context(complete_files_or_none(folder))
@@ -126,7 +145,7 @@ def _mcap(options: argparse.Namespace) -> Done:
     from cmr.tools.log_mcap import McapWriter
     from cmr.tools.writing import complete_or_none
 
-    log = open_log(options.log)
+    log = open_log(options.logs[0])
     _check_out([log], options.out)
     is_chosen = channel_chooser(options.channel, options.without)
     try:
@@ -196,11 +215,11 @@ def command_parser() -> argparse.ArgumentParser:
             formatter_class=options.formatter_class,
             parents=[usual_options(NO_BUS)],
         )
-        command.set_defaults(work=work, out=None)
+        command.set_defaults(command=command, work=work, out=None)
         return command
 
     info = add("info", _info, "Show what is in logs and how healthy it is", "run.lcm")
-    info.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="an event log")
+    add_logs(info, "an event log")
     _add_pieces(add)
     _add_formats(add)
     return options
@@ -208,22 +227,25 @@ def command_parser() -> argparse.ArgumentParser:
 
 def _add_pieces(add: Callable[[str, Work, str, str], argparse.ArgumentParser]) -> None:
     """Add the commands that write event logs."""
-    cut = add("cut", _cut, "Write a piece of a log", "run.lcm --from 10 --to 20 --channel 'GYRO_*' --out piece.lcm")
-    cut.add_argument("log", type=Path, metavar="LOG", help="an event log")
+    cut = add("cut", _cut, "Write a piece of a log", "run.lcm --start 10 --stop 20 --channel 'GYRO_*' --out piece.lcm")
+    add_logs(cut, "an event log", single=True)
     cut.add_argument(
-        "--from", dest="first", type=parse_seconds, default=0.0, metavar="S", help="seconds after the log's first event"
+        *("--start", "--from"),
+        type=parse_seconds,
+        default=0.0,
+        metavar="S",
+        help="where to begin, from the beginning of the log",
     )
     cut.add_argument(
-        "--to",
-        dest="last",
+        *("--stop", "--to"),
         type=parse_seconds,
         default=math.inf,
         metavar="S",
-        help="until before so many seconds after it",
+        help="where to end, from the beginning of the log; what was logged then is left out",
     )
     _add_channel_and_out(cut, "X.lcm", "the piece")
     merge = add("merge", _merge, "Write several logs as one, by time", "a.lcm b.lcm --out both.lcm")
-    merge.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="an event log")
+    add_logs(merge, "an event log")
     merge.add_argument("--out", type=Path, required=True, metavar="X.lcm", help="the log of all events")
 
 
@@ -235,23 +257,11 @@ def _add_formats(add: Callable[[str, Work, str, str], argparse.ArgumentParser]) 
         ("mcap", _mcap, "Write messages as MCAP with JSON, for Foxglove", "X.mcap"),
     ):
         convert = add(name, work, purpose, f"run.lcm --out {'run.mcap' if name == 'mcap' else 'tables'}")
-        convert.add_argument("log", type=Path, metavar="LOG", help="an event log")
+        add_logs(convert, "an event log", single=True)
         _add_channel_and_out(convert, out, "a folder for the files" if out == "DIR" else "the file")
 
 
 def _add_channel_and_out(command: argparse.ArgumentParser, out: str, what: str) -> None:
-    command.add_argument(
-        "--channel",
-        action="append",
-        default=[],
-        metavar="GLOB",
-        help="only channels that fit, as in 'GYRO_*'. May be given several times",
-    )
-    command.add_argument(
-        "--without",
-        action="append",
-        default=[],
-        metavar="GLOB",
-        help="no channels that fit. May be given several times",
-    )
+    add_channels(command)
+    add_without(command)
     command.add_argument("--out", type=Path, required=True, metavar=out, help=what)

@@ -70,10 +70,13 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument(
         "what",
         nargs="+",
-        metavar="LOG FIELD",
+        metavar="RUN.lcm FIELD",
         help="event logs, then fields: CHANNEL.FIELD, of an array CHANNEL.FIELD[NUMBER], of WORLD_STATE "
         "one robot's, 'WORLD_STATE.x[robot 10]' or [twin 0], and with a colon between them the first, horizontal, "
         "against the second",
+    )
+    result.add_argument(
+        "--log", type=Path, nargs="+", action="extend", default=[], metavar="RUN.lcm", help="the same as before fields"
     )
     result.add_argument("--out", type=Path, metavar="FILE", help="PNG, SVG or PDF to write; else a window opens")
     return result
@@ -82,7 +85,7 @@ def command_parser() -> argparse.ArgumentParser:
 def _parse(arguments: list[str]) -> argparse.Namespace:
     result = command_parser()
     options = result.parse_args(arguments)
-    options.logs = [Path(text) for text in options.what if _is_log(text)]
+    options.logs = [*(Path(text) for text in options.what if _is_log(text)), *options.log]
     options.fields = [text for text in options.what if not _is_log(text)]
     if not (options.logs and options.fields):
         result.error("at least one log (a file, RUN.lcm) and one field (POSE_0.x) are needed")

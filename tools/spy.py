@@ -16,7 +16,7 @@ from cmr.bus.messages import now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test
 from cmr.bus.process import EXIT_INTERRUPTED
 from cmr.bus.streams import SELF_TESTS
-from cmr.commands.command_line import CommandError, parse_seconds, parser, print_json
+from cmr.commands.command_line import CommandError, add_channels, parse_seconds, parser, print_json
 from cmr.tools.events import channel_chooser
 from cmr.tools.spy_statistics import Statistics
 from cmr.tools.spy_view import View, document, table
@@ -103,17 +103,11 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--once",
         type=parse_seconds,
-        metavar="SECONDS",
+        metavar="S",
         help=f"listen for so long, print the table and end; without a terminal that is done anyway, "
         f"after {WITHOUT_TERMINAL:g} s",
     )
-    result.add_argument(
-        "--channel",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="only channels that fit, such as 'POSE_*'; may be given again",
-    )
+    add_channels(result)
     return result
 
 
@@ -143,7 +137,7 @@ def _on_terminal(work: "Callable[[curses.window], None]") -> None:
     try:
         curses.wrapper(work)
     except curses.error as error:
-        raise CommandError(f"This terminal cannot show it ({error}). Set TERM, or use --once SECONDS.") from error
+        raise CommandError(f"This terminal cannot show it ({error}). Set TERM, or use --once S.") from error
 
 
 def _show(window: "curses.window", ear: Ear, view: View, stopping: Stopping) -> None:

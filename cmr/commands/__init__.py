@@ -9,7 +9,6 @@ import signal
 import sys
 from importlib import import_module
 
-from cmr.progress import leave_terminal
 from cmr.threads import one_thread_for_linear_algebra
 
 one_thread_for_linear_algebra()
@@ -40,7 +39,9 @@ def run(module: str) -> int:
 
 
 def _end(_number: int, _frame: object) -> None:
-    leave_terminal()
+    progress = sys.modules.get("cmr.progress")  # nothing is imported here: an import may be what is interrupted
+    if progress is not None and hasattr(progress, "leave_terminal"):
+        progress.leave_terminal()
     os._exit(130)
 
 

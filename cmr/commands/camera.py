@@ -248,10 +248,12 @@ def _calibrate(arguments: list[str]) -> int:
         "cmr-camera calibrate",
         "Find the lens from pictures of the printed board (cmr-camera board): hold it before the camera near and far, "
         "in all corners of the picture, and tilted to all sides.",
-        "cmr-camera calibrate 0 --lens lens.yaml\n  cmr-camera calibrate pictures/",
+        "cmr-camera calibrate 0 --out lens.yaml\n  cmr-camera calibrate pictures/",
     )
     _add_source(options)
-    options.add_argument("--lens", type=Path, default=Path("lens.yaml"), metavar="FILE", help="to write")
+    options.add_argument(
+        *("--out", "--lens"), dest="out", type=Path, default=Path("lens.yaml"), metavar="FILE", help="to write"
+    )
     options.add_argument("--pictures", type=int, default=25, metavar="N", help="of a camera: how many with the board")
     options.add_argument("--every", type=parse_seconds, default=1.0, metavar="S", help="of a camera: one so often")
     chosen = options.parse_args(arguments)
@@ -260,11 +262,11 @@ def _calibrate(arguments: list[str]) -> int:
 
     try:
         lens = _fitted(chosen)
-        lens.save(chosen.lens)
+        lens.save(chosen.out)
     except (LensError, SourceError, OSError) as error:
         raise CommandError(str(error)) from error
     print(f"focal length {lens.fx:.1f} x {lens.fy:.1f} pixels, centre {lens.cx:.1f}, {lens.cy:.1f}")
-    print(f"the board's corners fit within {lens.rms:.2f} pixels (rms); written to {chosen.lens}")
+    print(f"the board's corners fit within {lens.rms:.2f} pixels (rms); written to {chosen.out}")
     return 0
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from textwrap import fill
 
 from cmr import configuration
@@ -89,6 +90,49 @@ class _Quiet(argparse.Action):
 def add_robot(options: argparse.ArgumentParser) -> None:
     """Add the option that names the robot; otherwise it is that of the environment or the configuration file."""
     options.add_argument("--robot", type=parse_robot_id, default=configuration.robot(), metavar="N", help="robot id")
+
+
+def add_logs(options: argparse.ArgumentParser, what: str, single: bool = False) -> None:
+    """Add event logs, or a single one, which are named by themselves or after --log; `logs_of` returns them."""
+    options.add_argument("logs", type=Path, nargs="?" if single else "*", metavar="RUN.lcm", help=what)
+    options.add_argument(
+        "--log",
+        type=Path,
+        nargs=None if single else "+",
+        action="store" if single else "extend",
+        metavar="RUN.lcm",
+        help="the same as RUN.lcm without --log",
+    )
+
+
+def logs_of(chosen: argparse.Namespace) -> list[Path]:
+    """Return the logs that were named in one way or the other."""
+    logs: list[Path] = []
+    for given in (chosen.logs, chosen.log):
+        logs += [given] if isinstance(given, Path) else given or []
+    return logs
+
+
+def add_channels(options: argparse.ArgumentParser) -> None:
+    """Add the option that chooses channels."""
+    options.add_argument(
+        "--channel",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="only channels that fit, such as 'POSE_*'; may be given again",
+    )
+
+
+def add_without(options: argparse.ArgumentParser) -> None:
+    """Add the option that leaves channels out."""
+    options.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="no channels that fit; may be given again",
+    )
 
 
 def add_json(options: argparse.ArgumentParser) -> None:

@@ -13,7 +13,7 @@ from types import FrameType
 from cmr.bus.preflight import open_lcm, resolve_url
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE
-from cmr.commands.command_line import CommandError, add_json, parse_count, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, add_json, add_logs, logs_of, parse_count, parse_robot_id, parser
 from cmr.commands.first_use import ESTIMATOR, announce_compiling, compile_first
 from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform
 from cmr.diagnosis.many import Pool, jobs_of
@@ -75,7 +75,7 @@ def command_parser() -> argparse.ArgumentParser:
 def _options(arguments: list[str]) -> argparse.Namespace:
     options = command_parser()
     chosen = options.parse_intermixed_args(arguments)
-    chosen.logs += chosen.log
+    chosen.logs = logs_of(chosen)
     wrong = _contradiction(chosen)
     if wrong:
         options.error(wrong)
@@ -83,16 +83,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
 
 
 def _add_arguments(options: argparse.ArgumentParser) -> None:
-    options.add_argument("logs", type=Path, nargs="*", metavar="RUN.lcm", help="event logs to diagnose")
-    options.add_argument(
-        "--log",
-        type=Path,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="LOG",
-        help="the same as RUN.lcm without --log",
-    )
+    add_logs(options, "event logs to diagnose")
     add_json(options)
     options.add_argument("--robot", type=parse_robot_id, default=None, metavar="N", help="robot id; else all there are")
     options.add_argument(
@@ -108,7 +99,7 @@ def _add_arguments(options: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         default=[],
-        metavar="LOG",
+        metavar="RUN.lcm",
         help="logs on which the gain is measured and nothing is fitted; best another manoeuvre",
     )
     options.add_argument("--out", type=Path, default=None, metavar="DIR", help="folder for the results")

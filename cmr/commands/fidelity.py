@@ -78,7 +78,13 @@ def command_parser() -> argparse.ArgumentParser:
     add("scenario", metavar="SCENARIO", help="scenario file, or the name of a shipped one, as for cmr-run")
     add("--seeds", type=_seeds, default=20, metavar="N", help=f"experiments of each kind, {FEWEST} or more")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
-    add("--real", type=parse_robot_id, default=None, metavar="ID", help="the real robot; else that of the scenario")
+    add(
+        *("--robot", "--real"),
+        type=parse_robot_id,
+        default=None,
+        metavar="N",
+        help="id of the real robot; else that of the scenario",
+    )
     add(
         "--parameters",
         type=Path,
@@ -129,7 +135,7 @@ def _study(options: argparse.Namespace) -> tuple[Scenario, Study]:
     """
     try:
         scenario = load_scenario(path_of(options.scenario))
-        real = _real_robot(scenario, options.real)
+        real = _real_robot(scenario, options.robot)
         believed = _believed(scenario, real, options.parameters)
     except (ScenarioError, ParameterFileError) as error:
         raise CommandError(str(error)) from error
@@ -142,10 +148,10 @@ def _study(options: argparse.Namespace) -> tuple[Scenario, Study]:
 def _real_robot(scenario: Scenario, chosen: int | None) -> int:
     if chosen is not None:
         if scenario.robot(chosen) is None:
-            raise CommandError(f"--real {chosen}: the scenario has no such robot.")
+            raise CommandError(f"--robot {chosen}: the scenario has no such robot.")
         return chosen
     if len(scenario.of_flesh) != 1:
-        raise CommandError("Say by --real ID which robot is real: the scenario has not just one that is.")
+        raise CommandError("Say by --robot N which robot is real: the scenario has not just one that is.")
     return scenario.of_flesh[0].robot_id
 
 
