@@ -65,7 +65,7 @@ class RobotLog:
             return diagnose(self.recording, nominal, sources=[str(self.path)], progress=progress.show)
 
     def to_pandas(self) -> "dict[str, pandas.DataFrame]":
-        """Return each signal as a table by its name: a column for each field, and the time of day (UTC) as index `time`.
+        """Return a table of each signal by its name: a column for each field, the time of day (UTC) as index `time`.
 
         Raises ImportError where pandas is not installed.
         """

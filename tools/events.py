@@ -29,7 +29,7 @@ def open_log(path: Path) -> EventReader:
 
 
 def channel_chooser(patterns: Sequence[str], without: Sequence[str] = ()) -> Callable[[str], bool]:
-    """Return what tells whether a channel fits one of the shell patterns, or any if there are none, and none of
+    """Return what decides whether a channel fits one of the shell patterns, or any if there are none, and none of
     `without`.
     """
 

@@ -20,12 +20,12 @@ STYLES = ("-", "--", ":", "-.")
 WIDTH, PANEL_HEIGHT, PATH_HEIGHT = 9.0, 2.8, 6.5  # inches
 FEW = 60  # values, each of which is marked
 LONGEST_Y_LABEL = 34  # characters that fit beside a panel in one line
-GAP = 10.0  # times the usual time between values: a line across it would tell of values that were not there
+GAP = 10.0  # times the usual time between values: a line across it would show values that were not there
 SHORTEST_GAP = 0.5  # s
 
 
 class Curve(NamedTuple):
-    """A line: what it is, its points, and the numbers of its log and of its field, which tell them apart."""
+    """A line: what it is, its points, and the numbers of its log and of its field, which distinguish them."""
 
     label: str
     x: Floats
@@ -55,7 +55,7 @@ def figure_of(panels: Sequence[Panel], title: str, logs: int) -> "Figure":
 
 
 def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int) -> None:
-    """Draw the panels into a figure. With several logs colours tell the logs apart, else the fields.
+    """Draw the panels into a figure. With several logs colours distinguish the logs, else the fields.
 
     No more points are drawn than can be seen; who looks more closely at a part of the time sees all of it.
     """

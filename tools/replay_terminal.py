@@ -71,7 +71,7 @@ class Keys:
         return parse_keys(data)
 
     def _is_ours(self) -> bool:
-        """Tell whether no shell has given the terminal to another program, while this one is in the background."""
+        """Return whether no shell has given the terminal to another program, while this one is in the background."""
         try:
             return os.tcgetpgrp(self._file) == os.getpgrp()
         except OSError:  # no shell controls programs by this terminal

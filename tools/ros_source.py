@@ -194,7 +194,7 @@ class _Rows:
             raise SourceError(f"{what} has other types of numbers than the messages on that topic before")
 
     def _stamp(self, types: Types | None, what: str) -> Callable[[Message, Any], int]:
-        """Return what tells a message's time [us] by the chosen clock."""
+        """Return what reads a message's time [us] by the chosen clock."""
         if self.clock == "received":
             return lambda message, _: message.received // MICROSECOND
         if self.clock == "published":

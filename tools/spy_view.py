@@ -12,7 +12,7 @@ HEAD = f"{'CHANNEL':24} {'TYPE':20} {'RATE':>7} {'kB/s':>7} {'AGE':>7} {'JITTER'
 KEYS = "arrows: choose, Return: details, /: filter, space: freeze, q: quit"
 KEYS_OF_DETAILS = "Escape: back, space: freeze, q: quit"
 KEYS_OF_FILTER = "Return: keep the filter, Escape: none"
-NOT_SHOWN = ("utime", "robot_id")  # in the table: AGE and CHANNEL tell them
+NOT_SHOWN = ("utime", "robot_id")  # in the table: AGE and CHANNEL show them
 LONGEST_TEXT = 60  # characters of a text field in the table
 MOST_ELEMENTS = 4  # of an array in the table
 ELEMENTS_IN_DETAIL = 200
@@ -29,7 +29,7 @@ class Row(NamedTuple):
 class View:
     """What is shown of the lines that `lines()` gives, and how keys change that. `quit` is set by the key q.
 
-    `fits` tells which channels may be shown at all.
+    `fits` decides which channels may be shown at all.
     """
 
     def __init__(self, lines: Callable[[], list[Line]], fits: Callable[[str], bool] = lambda _channel: True) -> None:
@@ -213,7 +213,7 @@ def _age(seconds: float) -> str:
 
 
 def _delay(seconds: float) -> str:
-    """Tell how long [s] before its arrival a message was stamped."""
+    """Say how long [s] before its arrival a message was stamped."""
     if abs(seconds) < 10.0:
         return f"stamped {1e3 * seconds:.1f} ms before it arrived"
     when = "before" if seconds > 0.0 else "later than"

@@ -220,7 +220,7 @@ class _Demo:
             self._children.start(name, command)
             if name == "emulate":
                 self._wait(lambda: "ready" in self._children.said("emulate"), START_UP, "the emulated robot")
-        self._wait(self._in_service, START_UP, "all processes")
+        self._wait(self._ready, START_UP, "all processes")
         print(f"[{time.monotonic() - began:5.1f} s] {', '.join(commands)} are running", flush=True)
         self._parameters_before = self._parameters_in_use
         # The calibration uses the rest before the drive; let the calibrator hear as much of it as the log holds.
@@ -289,7 +289,7 @@ class _Demo:
     def _resting(self) -> bool:
         return self._world.utime - self._last_motion > REST
 
-    def _in_service(self) -> bool:
+    def _ready(self) -> bool:
         running = [name for name, state in self._states.items() if state == process_status_t.RUNNING]
         robots = all(self._world.robot(robot_id) is not None for robot_id in (ROBOT, LEADER, FOLLOWER))
         return robots and {"cmr-driver", "cmr-sim", "cmr-pilot", "cmr-calibrate", "cmr-emulate"} <= set(running)

@@ -165,7 +165,7 @@ def _one(job: Job, tell_why: bool, as_json: bool) -> int:
 
 
 def _many(jobs: Sequence[Job], count: int, tell_why: bool) -> int:
-    """Do jobs side by side, and tell in a table what came of them."""
+    """Do jobs side by side, and print a table of what came of them."""
     from cmr.diagnosis.summary import outcome_line, outcome_table
     from cmr.diagnosis.why import why
 

@@ -120,7 +120,7 @@ def _state() -> str:
 
 
 def _processor() -> str:
-    """Return the name and the abilities of the processor, as Linux tells them; elsewhere nothing."""
+    """Return the name and the abilities of the processor, as Linux reports them; elsewhere nothing."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").partition("\n\n")[0].splitlines()
     except OSError:

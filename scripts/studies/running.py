@@ -59,7 +59,7 @@ def _end_with_parent() -> None:
 
 
 class Progress:
-    """A line on stderr that tells how far a study is."""
+    """A line on stderr that shows how far a study is."""
 
     def __init__(self, total: int) -> None:
         self._total, self._done, self._failed = total, 0, 0
