@@ -18,7 +18,7 @@ from cmr.tools.thinning import Rows
 
 MICROSECONDS = 1e6
 WRITTEN = re.compile(r"([^.:]+)\.(\w+)(?:\[(?:(robot|twin) ?)?(\d+)\])?")
-ROBOTS = "origin"  # a field of those types that hold many robots, each in one place of all arrays
+ROBOTS = "origin"  # a field of those types that tell of many robots, each in one place of all arrays
 MOST_NEAR_NAMES = 5
 MOST_ROWS = 500_000  # messages of a channel whose values are kept: more than an hour at 100 Hz
 MOST_VALUES = 4_000_000  # of all fields
@@ -60,7 +60,7 @@ def parse_field(text: str) -> FieldName:
         )
     name = FieldName(match[1], match[2], int(match[4]) if match[4] else None, match[3] or "")
     known = _fields(name.channel)
-    if known is None:  # no channel of ours; what is near, the log shows
+    if known is None:  # no channel of ours; what is near, the log tells
         return name
     field = known.get(name.field)
     if field is None or field.wire_type in ("string", BYTES):

@@ -20,7 +20,7 @@ STYLES = ("-", "--", ":", "-.")
 WIDTH, PANEL_HEIGHT, PATH_HEIGHT = 9.0, 2.8, 6.5  # inches
 FEW = 60  # values, each of which is marked
 LONGEST_Y_LABEL = 34  # characters that fit beside a panel in one line
-GAP = 10.0  # times the usual time between values: a line across it would show values that were not there
+GAP = 10.0  # times the usual time between values: a line across it would tell of values that were not there
 SHORTEST_GAP = 0.5  # s
 
 
