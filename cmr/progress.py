@@ -1,61 +1,122 @@
 """How far a piece of work is, on the terminal or in a notebook: the one place that knows how that looks."""
 
+import os
 import sys
+import time
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cmr.news import is_quiet
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress as RichProgress
+
+BYTES = "bytes"  # a unit that is shown in kB, MB or GB
+AMOUNT = "{task.completed:.0f}/{task.total:.0f} {task.fields[unit]}"
+BAR = 24  # characters
+BETWEEN_LINES = 10.0  # s, where there is no terminal
+LINE_CLEARED, CURSOR_SHOWN = b"\r\x1b[2K", b"\x1b[?25h"
+
+_bars = 0  # that are shown by this process
 
 
 class Progress:
     """A bar on stderr that is gone when the work is done; a context manager.
 
-    `total` is how many `unit` there are; None: nobody knows, and only the text is shown. Nothing is shown where stderr
-    is neither a terminal nor a notebook's, or after --quiet.
+    `total` is how many `unit` there are; None: nobody knows, and only the text is shown. Where stderr is neither a
+    terminal nor a notebook's, nothing is shown, or with `lines` a line every 10 s. After --quiet, nothing.
     """
 
-    def __init__(self, total: float | None = None, unit: str = "") -> None:
+    def __init__(self, total: float | None = None, unit: str = "", lines: bool = False) -> None:
         self._total, self._unit = total, unit
+        self._done, self._text = 0.0, ""
         self.visible = not is_quiet() and (sys.stderr.isatty() or "ipykernel" in sys.modules)
+        self._has_lines = lines and not self.visible and not is_quiet()
+        self._began = self._last_line = time.monotonic()
         self._rich: RichProgress | None = None
 
     def __enter__(self) -> "Progress":
+        global _bars
         if self.visible:
-            self._rich = _bar(self._total is not None)
+            self._rich = _bar(self._total is not None, self._unit)
             self._rich.add_task("", total=self._total, unit=self._unit)
             self._rich.start()
+            _bars += 1
         return self
 
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
+        global _bars
         if self._rich is not None:
             self._rich.stop()
             self._rich = None
+            _bars -= 1
 
-    def show(self, text: str, done: float | None = None) -> None:
-        """Show what is being done and, if it is known, how much has been."""
+    def show(self, text: str | None = None, done: float | None = None) -> None:
+        """Show what is being done and how much has been, as far as these are given."""
+        if done is not None:
+            self._done = done
+        if text is not None:
+            self._text = text
         if self._rich is not None:
-            self._rich.update(self._rich.task_ids[0], description=text, completed=done)
+            self._rich.update(self._rich.task_ids[0], description=self._text, completed=self._done)
+        elif self._has_lines and time.monotonic() - self._last_line >= BETWEEN_LINES:
+            self._last_line = time.monotonic()
+            print(self._line(), file=sys.stderr, flush=True)
+
+    def advance(self, more: float = 1.0, text: str | None = None) -> None:
+        """Show that so much more has been done."""
+        self.show(text, self._done + more)
 
     def say(self, text: str) -> None:
-        """Write a line on stderr that stays, above the bar where there is one."""
-        if self._rich is not None:
-            self._rich.console.print(text, highlight=False, markup=False, soft_wrap=True)
-        elif not is_quiet():
+        """Write a line on stderr that stays, above the bar where there is one; not after --quiet."""
+        if not is_quiet():
+            self._write(text)
+
+    def warn(self, text: str) -> None:
+        """Write a line on stderr that stays, in amber on a terminal; also after --quiet."""
+        self._write(text, style="yellow")
+
+    def _write(self, text: str, **looks: Any) -> None:
+        if self._rich is not None or (looks and sys.stderr.isatty()):
+            console = self._rich.console if self._rich is not None else _console()
+            console.print(text, highlight=False, markup=False, soft_wrap=True, **looks)
+        else:
             print(text, file=sys.stderr, flush=True)
 
+    def _line(self) -> str:
+        """Return in words what the bar shows."""
+        if self._total is None:
+            return self._text
+        left = (time.monotonic() - self._began) / max(self._done, 1e-9) * (self._total - self._done)
+        rest = f", about {left:.0f} s left" if self._done else ""
+        return f"{self._done:g} of {self._total:g} {self._unit}{rest}{': ' if self._text else ''}{self._text}"
 
-def _bar(counted: bool) -> "RichProgress":
+
+def leave_terminal() -> None:
+    """Take a bar away and show the cursor again; for signal handlers that end the process at once."""
+    if _bars and os.isatty(2):
+        os.write(2, LINE_CLEARED + CURSOR_SHOWN)
+
+
+def _console() -> "Console":
     from rich.console import Console  # takes as long as all the rest of a start
-    from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as RichProgress
+
+    return Console(stderr=True)
+
+
+def _bar(counted: bool, unit: str) -> "RichProgress":
+    from rich import progress as parts
     from rich.table import Column
 
-    text = TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=1))
-    counting = [BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[unit]}"), TimeRemainingColumn()]
-    columns = [SpinnerColumn(), *(counting if counted else []), text]
-    return RichProgress(*columns, console=Console(stderr=True), transient=True, expand=True)
+    text = parts.TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=1))
+    columns: list[parts.ProgressColumn] = [parts.SpinnerColumn()]
+    if counted:
+        amount = parts.DownloadColumn() if unit == BYTES else parts.TextColumn(AMOUNT)
+        columns += [parts.BarColumn(BAR), amount, parts.TimeRemainingColumn()]
+    # What is printed meanwhile appears above the bar; results that go to a file or a pipe still go there.
+    return parts.Progress(
+        *columns, text, console=_console(), transient=True, expand=True, redirect_stdout=sys.stdout.isatty()
+    )

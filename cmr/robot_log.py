@@ -65,7 +65,7 @@ class RobotLog:
             return diagnose(self.recording, nominal, sources=[str(self.path)], progress=progress.show)
 
     def to_pandas(self) -> "dict[str, pandas.DataFrame]":
-        """Return each signal as a table by its name: a column for each field, the time of day (UTC) as index.
+        """Return a table of each signal by its name: a column for each field, the time of day (UTC) as index `time`.
 
         Raises ImportError where pandas is not installed.
         """
@@ -74,7 +74,9 @@ class RobotLog:
         except ModuleNotFoundError as error:
             raise ImportError(f"to_pandas needs pandas. To install it: {how_to_install('pandas')}") from error
         return {
-            name: pandas.DataFrame(signal.fields, index=pandas.to_datetime(signal.utime, unit="us", utc=True))
+            name: pandas.DataFrame(
+                signal.fields, index=pandas.to_datetime(signal.utime, unit="us", utc=True).rename("time")
+            )
             for name, signal in self.recording.signals.items()
         }
 

@@ -51,7 +51,7 @@ class Asking:
         raise PortLost(f"{self.silence()} Last failure: {reason}")
 
     def answers(self, controller: Controller) -> bool:
-        """Tell whether the controller answers at all; the motors are told to stop."""
+        """Return whether the controller answers at all; the motors are ordered to stop."""
         try:
             self.ask(controller.drive(0.0, 0.0))
         except BadReply:

@@ -15,7 +15,7 @@ FIRST_SIGHT = 0.5  # s of arrivals of which some are surely in time; before, a b
 RATE_KNOWN = 10.0  # s of readings after which the rate is known to a part in a thousand, whatever held them back
 OWN_PACE = 0.01  # share by which no sensor with a quartz differs from what it says
 LONGEST_DRIFT = 0.5  # s by which readings may come later and later only because a computer becomes busier
-PACE_AGREEMENT = 0.2  # share of what the pace is off by, within which both halves of the readings must tell the same
+PACE_AGREEMENT = 0.2  # share of what the pace is off by, within which both halves of the readings must show the same
 LONGEST_GAP = 0.5  # s without a reading after which nothing is known about how many are missing
 SLIP_BEFORE, SLIP_AFTER = 10, 5  # arrivals; a step of lateness between them that lasts shows that readings are missing
 SLIP_FROM = 1.0  # s of readings after which the rate is known well enough to see one
@@ -89,7 +89,7 @@ class ClockFit:
         return [min(round(time + slope * (number - at)), latest) for number, latest in readings]
 
     def _count_missing(self) -> bool:
-        """Tell whether readings were lost unnoticed: then all that has come since is late by whole periods."""
+        """Return whether readings were lost unnoticed: then all that has come since is late by whole periods."""
         newest, _ = self._arrivals[-1]
         if (
             len(self._arrivals) < SLIP_BEFORE + SLIP_AFTER

@@ -36,7 +36,7 @@ class Stop(Enum):
 
     @property
     def status(self) -> int:
-        """The STATUS constant that tells it."""
+        """The STATUS constant that reports it."""
         battery = self in (Stop.BATTERY, Stop.VOLTAGE_UNKNOWN)
         return motor_feedback_t.STATUS_BATTERY if battery else motor_feedback_t.STATUS_ESTOP
 
@@ -93,7 +93,7 @@ class CommandGate:
         return self._zero_first and not self._stops
 
     def offer(self, decided: int, left: float, right: float, *, now: float, utime: int) -> bool:
-        """Take a command that was decided at `decided` (us) and has arrived `now`, or count why not; tell which."""
+        """Take a command that was decided at `decided` (us) and has arrived `now`, or count why not; return which."""
         with self._lock:
             self._forget_the_future(utime)
             reason = self._objection(decided, left, right, now, utime)

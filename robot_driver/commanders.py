@@ -1,4 +1,4 @@
-"""Whether more than one process commands the robot. A command does not tell its sender, but two senders disagree.
+"""Whether more than one process commands the robot. A command does not name its sender, but two senders disagree.
 
 The commands of one sender change steadily from one to the next. Those of two alternate: a command departs from the one
 before it, and the next one comes back.
@@ -50,7 +50,7 @@ class Commanders:
 
 
 def _departs(before: _Command, between: _Command, after: _Command) -> bool:
-    """Tell whether the command between departs from the one before, and the one after comes back."""
+    """Return whether the command between departs from the one before, and the one after comes back."""
     departure = max(abs(between.left - before.left), abs(between.right - before.right))
     back = max(abs(after.left - before.left), abs(after.right - before.right))
     return departure > DIFFERENT and back < RETURN * departure

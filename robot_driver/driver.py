@@ -1,4 +1,4 @@
-"""All of cmr-driver but the bus and the command line: ports, safety, parameters, and what to tell."""
+"""All of cmr-driver but the bus and the command line: ports, safety, parameters, and what to report."""
 
 import queue
 from collections.abc import Iterator

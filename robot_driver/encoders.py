@@ -14,7 +14,7 @@ def signed_step(before: int, after: int) -> int:
 
 
 class CountersReset(Exception):  # noqa: N818 - a device that was switched off and on is an event to live with
-    """Both counters have begun anew: the device was reset, and has forgotten what it was told."""
+    """Both counters have begun anew: the device was reset, and has forgotten what it was sent."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,14 @@ class WheelEncoders:
     def doubt(self) -> None:
         """Take the next counts as a new beginning if they are nearer to zero than to the last ones.
 
-        For after a silence in which the device may or may not have been reset, and does not tell.
+        For after a silence in which the device may or may not have been reset, and does not report it.
         """
         self._may_be_reset = True
 
     def update(self, counts: tuple[int, int], nanoseconds: int, fastest: float) -> WheelMotion | None:
         """Take raw counts (ticks modulo 2^32, left first) read at a monotonic time.
 
-        Returns None where there is no velocity to tell: at a new beginning, when time has not gone on because a
+        Returns None where there is no velocity to report: at a new beginning, when time has not gone on because a
         device's clock was set back, and when the step is not believed
         because a wheel would have turned faster than `fastest` (rad/s). Two such steps in a row are no jump, though:
         then the wheels are faster than thought, and steps up to FASTEST_WHEEL are believed.

@@ -28,7 +28,7 @@ LONGEST_DELAY = 100_000_000  # ns; a sensor's clock that says a reading took lon
 class GyroDevice(Device):
     """Publishes a gyro_t for every reading; `sign` -1 is for a sensor mounted upside down.
 
-    `counts` tells of readings without a rate: lost ones, which the gyro sent and which never came or came damaged, as
+    `counts` counts readings without a rate: lost ones, which the gyro sent and which never came or came damaged, as
     far as its protocol shows; and those that it said were not valid, or that were not sure to be rates.
     """
 
@@ -103,7 +103,7 @@ class GyroDevice(Device):
             self._wake_up()
 
     def _follow_gap(self, count: int, arrived: int) -> bool:
-        """Tell whether there was a gap since the last readings that these ones (`count`) do not account for."""
+        """Return whether there was a gap since the last readings that these ones (`count`) do not account for."""
         before, self._heard = self._heard, arrived
         if before is None or not self._gyro.nominal_rate:
             return False
@@ -126,7 +126,7 @@ class GyroDevice(Device):
         )
 
     def leave(self) -> None:
-        """Have the gyro go on sending readings, should it be in the midst of telling how it is set."""
+        """Have the gyro go on sending readings, should it be in the midst of reporting how it is set."""
         for _ in range(FAREWELLS if self._gyro.farewell else 0):
             self._port.write(self._gyro.farewell)
             self._host.sleep(FAREWELL_PAUSE)

@@ -1,4 +1,4 @@
-"""Whether controller and battery are well enough to drive: what holds the motors if they are not, and what is told."""
+"""Whether controller and battery are well enough to drive: what holds the motors if not, and what is reported."""
 
 from cmr.msg import motor_feedback_t
 from robot_driver.battery import BatteryGuard, Thresholds
@@ -10,7 +10,7 @@ PATIENCE = 2.0  # times the age at which a reading is old, after which the motor
 
 
 class Health:
-    """Takes what the controller at `path` tells in turn, once in a few `period` (s); holds and releases the `gate`.
+    """Takes what the controller at `path` reports in turn, once in a few `period` (s); holds and releases the `gate`.
 
     What is `essential` is waited for before the motors may turn; and the voltage, where there is one to stop below.
     Times are the driver's monotonic clock (s).
@@ -36,11 +36,11 @@ class Health:
             self._battery.take(answer["battery_voltage"], now)
 
     def recent(self, now: float) -> Telemetry:
-        """Return what was told lately."""
+        """Return what was reported lately."""
         return self._readings.recent(now)
 
     def missing(self, now: float) -> set[str]:
-        """Return what has not been told for so long that the motors must not turn where it matters."""
+        """Return what has not been reported for so long that the motors must not turn where it matters."""
         limit = PATIENCE * self._readings.old_after
         return {key for key, seconds in self._readings.unknown(now).items() if seconds > limit}
 

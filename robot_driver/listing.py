@@ -1,7 +1,7 @@
 """Which serial ports there are, by stable name, and what answers there; asking moves nothing.
 
 A gyro that talks is recognised by listening. Only to the others is anything sent: a question for the device's name, to
-boards that are silent until they are told the time also zero duty. A port that another program uses is left alone.
+boards that are silent until they are sent the time also zero duty. A port that another program uses is left alone.
 Controllers are asked at their default baud rate first, then at the others that are usual for their kind.
 """
 
@@ -92,7 +92,7 @@ def _option(name: str, baud: int, default: int) -> str:
 
 
 def _talks(path: str, gyro_type: type[Gyro], baud: int, silent_at: set[int]) -> bool:
-    """Tell whether a gyro of this kind sends readings; it is only spoken to when it sends what needs explanation.
+    """Return whether a gyro of this kind sends readings; it is only spoken to when it sends what needs explanation.
 
     Where nothing comes at all, its baud rate is added to `silent_at`.
     """

@@ -82,7 +82,7 @@ def _list_devices(paths: list[str], rates: Rates) -> int:
 
 
 def _report(process: Process, driver: Driver) -> None:
-    """Have the next PROCESS_STATUS tell how the driver is; when something was lost or came back, at once."""
+    """Have the next PROCESS_STATUS say how the driver is; when something was lost or came back, at once."""
     problems = driver.problems()
     before, process.state = process.state, process_status_t.DEGRADED if problems else process_status_t.RUNNING
     process.problem = problems

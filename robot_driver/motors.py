@@ -1,4 +1,4 @@
-"""The motor controller of one robot, as the thread of its port sees it: drive, measure, tell."""
+"""The motor controller of one robot, as the thread of its port sees it: drive, measure, report."""
 
 import math
 import queue
@@ -53,8 +53,8 @@ class Motors(Device):
     `publish_duty` takes a motor_duty_t for each duty that was sent but is in no feedback.
 
     The command to drive comes from `gate`, at the very moment it is sent: whatever happens to other threads, an old
-    command does not drive. `fastest_wheel` (rad/s) may be set at any time. `rhythm` tells how regularly the motors are
-    served and how soon the device answers. `news` are sentences on what happened, `stopped` whether zero was
+    command does not drive. `fastest_wheel` (rad/s) may be set at any time. `rhythm` measures how regularly the motors
+    are served and how soon the device answers. `news` are sentences on what happened, `stopped` whether zero was
     acknowledged at the end.
     """
 
@@ -245,9 +245,9 @@ class Motors(Device):
     def _look(self, connection: _Connection) -> None:
         """See that the device, which may have been reset, is still armed.
 
-        While nobody answers, zero is all that it may be told; and is told: of two units one may still hear, and go on.
-        At a low rate that is so at every turn; there, one lost answer is no silence yet. Raises BadReply when there is
-        no answer.
+        While nobody answers, zero is all that it may be sent; and it is sent: of two units one may still hear, and go
+        on. At a low rate that is so at every turn; there, one lost answer is no silence yet. Raises BadReply when
+        there is no answer.
         """
         was_silent = self._asking.doubtful
         try:
@@ -267,8 +267,8 @@ class Motors(Device):
         An acknowledgement may be as short as a byte with which other answers begin, too: if anything follows it, a
         damaged request was taken for another one, and the duty is not in force.
         All acknowledgements look alike, so after a missing answer the next may be one that is late. A reading that was
-        not asked for lately can be told from all else: what was late has come before it, or spoils it. Only then is it
-        sure which duty is in force.
+        not asked for lately can be distinguished from all else: what was late has come before it, or spoils it. Only
+        then is it sure which duty is in force.
         """
         applied, status = self._drive(connection)
         was_doubtful = self._asking.doubtful
@@ -345,7 +345,7 @@ class Motors(Device):
         applied: SentDuty,
         status: int,
     ) -> Any:
-        # A jump is told with the next believable reading, because it has itself no velocity to publish.
+        # A jump is reported with the next believable reading, because it has itself no velocity to publish.
         jumped, self._jumps_told = self._encoders.jumps > self._jumps_told, self._encoders.jumps
         status |= telemetry.get("status", 0) | (motor_feedback_t.STATUS_ENCODER_JUMP if jumped else 0)
         currents = self._wiring.sides(*telemetry.get("currents", (math.nan, math.nan)))
@@ -394,11 +394,11 @@ class Motors(Device):
             )
 
     def _act(self, connection: _Connection) -> None:
-        """Hold or release the motors by what the controller has told, or told no more, and say what is wrong."""
+        """Hold or release the motors by what the controller has reported, or reports no more, and say what is wrong."""
         health = self._health.act(self._host.monotonic())
         self.problem = " ".join(filter(None, (connection.unarmed, health)))
 
 
 def _is_set(controller: Controller, seconds: float) -> bool:
-    """Tell whether this is the watchdog that was asked for."""
+    """Return whether this is the watchdog that was asked for."""
     return math.isclose(seconds, controller.watchdog_seconds, abs_tol=1e-6)

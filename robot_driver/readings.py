@@ -1,4 +1,4 @@
-"""What a controller tells besides its encoders, for as long as it is recent."""
+"""What a controller reports besides its encoders, for as long as it is recent."""
 
 import math
 from collections.abc import Iterable
@@ -19,7 +19,7 @@ WORDS = {
 class Readings:
     """The latest answers to the requests for telemetry, each of which counts only while it is recent.
 
-    What was told once is expected from then on, over all connections, and what is `needed` is expected from the
+    What was reported once is expected from then on, over all connections, and what is `needed` is expected from the
     beginning. Times are the driver's monotonic clock (s).
     """
 
@@ -27,7 +27,7 @@ class Readings:
         self.old_after = OLDEST  # s
         self._period = period
         self._answers: dict[str, tuple[float, Telemetry]] = {}  # by request, of this connection
-        # When each quantity was told last, by quantity and request: several may tell the same one, each in part.
+        # When each quantity was reported last, by quantity and request: several may report the same one, each in part.
         self._told: dict[tuple[str, str], float] = {(key, ""): -math.inf for key in needed}
 
     def begin(self, requests: int) -> None:
@@ -44,7 +44,7 @@ class Readings:
             self._told.pop((key, ""), None)
 
     def recent(self, now: float) -> Telemetry:
-        """Return all that was told lately, of the same quantity the latest."""
+        """Return all that was reported lately, of the same quantity the latest."""
         result = Telemetry()
         for told, answer in sorted(self._answers.values(), key=lambda item: item[0]):
             if now - told <= self.old_after:
@@ -52,7 +52,7 @@ class Readings:
         return result
 
     def unknown(self, now: float) -> dict[str, float]:
-        """Return for how long each quantity has not been told, in whole or in part, where that is too long (s).
+        """Return for how long each quantity has not been reported, in whole or in part, where that is too long (s).
 
         Infinity: not since the connection was made.
         """

@@ -1,4 +1,4 @@
-"""How regularly a loop turns and how soon a device answers: measured all the time, told in one sentence."""
+"""How regularly a loop turns and how soon a device answers: measured all the time, reported in one sentence."""
 
 import time
 from collections import deque

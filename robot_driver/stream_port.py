@@ -59,7 +59,7 @@ class StreamPort(SerialPort):
         """Do nothing: all that comes is listened to."""
 
     def resynchronise(self) -> None:
-        """Do nothing: in a stream, frames tell where they begin."""
+        """Do nothing: in a stream, frames show where they begin."""
 
 
 class OverheardPort(SerialPort):

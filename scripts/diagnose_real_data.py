@@ -36,7 +36,7 @@ from scripts.score_real_data import _thinned as thinned
 from scripts.score_real_data import _windows as windows_of_tile
 
 SHORTEST = 1.0  # s that a window's last pose must lie after its first
-PICTURE = Path(__file__).resolve().parents[1] / "docs" / "real_robots.png"
+PICTURE = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "real_robots.png"
 
 
 class Score(NamedTuple):
@@ -178,7 +178,7 @@ def husky_tile(importer: Importer, every: int = 1) -> tuple[Case, Ends]:
 
 
 def in_time(recording: Recording, diagnosis: Diagnosis) -> Recording:
-    """Return a recording with its wheels stamped as much earlier as they tell late by the diagnosis."""
+    """Return a recording with its wheels stamped as much earlier as the diagnosis says that they are late."""
     late = Lag("wheels", "gyro", diagnosis.parameters.get("wheel_speed_latency", 0.0), 0.0)
     return with_wheels_in_time(recording, late)
 

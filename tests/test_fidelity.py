@@ -23,6 +23,7 @@ from cmr.parameters.file import ParameterFile, Value
 from cmr.team.hidden import HiddenRobot, Laboratory, believed_of
 from cmr.team.metrics import UNITS
 from tests.bus_bench import our_command
+from tests.documented_keys import documented
 from tests.small_teams import BELIEVED, LINE, line_of_three
 
 SEEDS = 20
@@ -209,9 +210,12 @@ def test_the_command_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest
     lines = (out / JOURNAL).read_text().splitlines(keepends=True)
     assert len(lines) == 12
     (out / JOURNAL).write_text("".join(lines[:-1]) + lines[-1][:20])  # as when it was killed while it wrote the last
-    assert main([*command, "--prepared", "uncalibrated"]) == 0
-    assert "11 of 12 experiments are there already" in capsys.readouterr().out
+    assert main([*command, "--prepared", "uncalibrated", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert "11 of 12 experiments are there already" in printed.err
     assert (out / RUNS).read_bytes() == runs
+    document = json.loads(printed.out)
+    assert [set(document), set(document["findings"][0])] == documented("cmr fidelity")
 
 
 def children_of(pid: int) -> list[int]:

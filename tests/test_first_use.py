@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cmr.commands import first_use
+from cmr.commands import doctor, first_use
 from cmr.commands.command_line import CommandError
 from cmr.commands.demo import free_folder
 from cmr.commands.demo import main as demo
@@ -54,11 +54,21 @@ def test_each_part_is_compiled_once_and_announced(compiled: list[str]) -> None:
     compile_first([MODEL, WORLD], said.append)
     assert sorted(compiled) == sorted([MODEL, WORLD])
     assert said[0].startswith("Compiling the robot model and the world (first use on this computer, about ")
+    assert said[0].endswith(" s on an idle one) ...")
     assert said[1].startswith("Compiled in ")
     compile_first([MODEL, WORLD], said.append)
     compile_first([WORLD, EMULATOR], said.append)
     assert sorted(compiled) == sorted([MODEL, WORLD, EMULATOR])
     assert len(said) == 4
+
+
+@pytest.mark.usefixtures("compiled")
+def test_doctor_says_what_is_not_compiled_yet() -> None:
+    assert "the estimator, the robot model, the world and the emulated robot" in doctor.compiled_model().sentence
+    compile_first([MODEL, WORLD, EMULATOR])
+    assert doctor.compiled_model().sentence.startswith("Not compiled yet: the estimator. ")
+    compile_first([ESTIMATOR])
+    assert doctor.compiled_model().colour == doctor.GREEN
 
 
 def test_what_changed_is_compiled_anew(compiled: list[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[1]
 BUS = {"bus", "msg"}
 RECORDED = {*BUS, "parameters", "model", "recordings"}
-# Which rooms of cmr each may know beside itself.
+# Which packages of cmr each may know beside itself.
 KNOWN: dict[str, set[str]] = {
     "colours": set(),
     "configuration": set(),
@@ -32,10 +32,10 @@ KNOWN: dict[str, set[str]] = {
     "calibration": {*RECORDED, "colours", "manoeuvres", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
     "diagnosis": {*RECORDED, "report", "distribution", "colours", "files", "threads", "manoeuvres", "estimation"},
-    "scenario": {*RECORDED, "files", "report", "world", "team"},
+    "scenario": {*RECORDED, "files", "progress", "report", "world", "team"},
     "team": {*RECORDED, "plant", "world"},
     "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
-    "sweep": {*RECORDED, "files", "distribution", "colours", "scenario", "team", "world"},
+    "sweep": {*RECORDED, "files", "distribution", "colours", "progress", "scenario", "team", "world"},
     "view": {*RECORDED, "colours", "world"},
     "commands": {
         *{
@@ -76,26 +76,26 @@ def imports(source: str) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names if not node.level)
 
 
-def rooms_known(source: str) -> set[str]:
-    """The rooms of cmr that a source imports from."""
+def packages_known(source: str) -> set[str]:
+    """The packages of cmr that a source imports from."""
     parts = [name.split(".") for name in imports(source)]
     return {names[1] for names in parts if names[0] == "cmr" and len(names) > 1}
 
 
-def files_of(room: str) -> list[Path]:
-    """The sources of a room of cmr: a folder, or a module."""
-    folder = REPOSITORY / "cmr" / room
+def files_of(package: str) -> list[Path]:
+    """The sources of a package of cmr: a folder, or a module."""
+    folder = REPOSITORY / "cmr" / package
     return sorted(folder.rglob("*.py")) if folder.is_dir() else [folder.with_suffix(".py")]
 
 
-@pytest.mark.parametrize("room", KNOWN)
-def test_a_room_knows_only_those_below_it(room: str) -> None:
-    for path in files_of(room):
-        beyond = rooms_known(path.read_text(encoding="utf-8")) - KNOWN[room] - {room}
+@pytest.mark.parametrize("package", KNOWN)
+def test_a_package_knows_only_those_below_it(package: str) -> None:
+    for path in files_of(package):
+        beyond = packages_known(path.read_text(encoding="utf-8")) - KNOWN[package] - {package}
         assert not beyond, f"{path.relative_to(REPOSITORY)} imports from {beyond}"
 
 
-def test_every_room_has_its_place() -> None:
+def test_every_package_has_its_place() -> None:
     modules = {path.stem for path in (REPOSITORY / "cmr").glob("*.py")}
     folders = {path.parent.name for path in (REPOSITORY / "cmr").glob("*/__init__.py")}
     assert (modules | folders) - {"__init__"} == set(KNOWN)
@@ -104,7 +104,7 @@ def test_every_room_has_its_place() -> None:
 def test_nobody_knows_in_a_circle() -> None:
     placed: set[str] = set()
     while len(placed) < len(KNOWN):
-        free = {room for room, known in KNOWN.items() if room not in placed and known <= placed}
+        free = {package for package, known in KNOWN.items() if package not in placed and known <= placed}
         assert free, f"a circle among {set(KNOWN) - placed}"
         placed |= free
 
@@ -120,4 +120,4 @@ def test_the_driver_knows_neither_world_nor_model() -> None:
 def test_imports_inside_functions_and_of_whole_rooms_are_seen() -> None:
     late = "def late():\n    from cmr import diagnosis\n    from cmr.model.motion import drive\n"
     source = f"import cmr.world.view\n{late}"
-    assert rooms_known(source) == {"world", "diagnosis", "model"}
+    assert packages_known(source) == {"world", "diagnosis", "model"}

@@ -1,5 +1,6 @@
 """cmr-log tells what is in logs and how healthy they are, cuts and merges them, and ends at no damage."""
 
+import json
 import random
 import re
 import sys
@@ -13,8 +14,8 @@ from hypothesis import strategies as st
 from cmr.commands.command_line import CommandError
 from cmr.distribution import how_to_install
 from cmr.recordings.events import Event, EventReader, event_bytes
-from cmr.tools.events import Progress
 from cmr.tools.log_main import main
+from tests.documented_keys import documented
 from tests.small_log import START, gyro_readings, small_log
 
 WHOLE = small_log()
@@ -111,7 +112,7 @@ def test_info_says_when_a_file_is_no_log(tmp_path: Path, capsys: pytest.CaptureF
 
 def test_a_cut_holds_the_events_of_its_time_and_channels_as_they_were(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "piece.lcm"
-    assert main(["cut", str(log), "--from", "0.2", "--to", "0.5", "--channel", "GYRO_*", "--out", str(out)]) == 0
+    assert main(["cut", str(log), "--start", "0.2", "--stop", "0.5", "--channel", "GYRO_*", "--out", str(out)]) == 0
     expected = [event for event in WHOLE if 200_000 <= event.utime - START < 500_000]
     assert list(EventReader(out)) == numbered(expected)
     assert main(["cut", str(log), "--channel", "GYRO_*", "--without", "GYRO_4", "--out", str(out)]) == 0
@@ -186,7 +187,7 @@ def test_a_log_without_events_is_one_line_and_nothing_is_written(name: str, tmp_
         (["cut", "run.lcm", "--out", "run.lcm"], "run.lcm is the log itself; name another file with --out"),
         (["merge", "run.lcm", "--out", "none/x.lcm"], "none is no folder"),
         (["cut", "run.lcm", "--out", "."], ". is a folder; name a file"),
-        (["cut", "run.lcm", "--from", "2", "--to", "1", "--out", "x.lcm"], "--to 1 is no later than --from 2"),
+        (["cut", "run.lcm", "--from", "2", "--to", "1", "--out", "x.lcm"], "--stop 1 is no later than --start 2"),
         (["cut", "run.lcm", "--channel", "NONE", "--out", "x.lcm"], "run.lcm: no event lies there"),
         (["csv", "run.lcm", "--out", "run.lcm"], "run.lcm: File exists"),
     ],
@@ -210,15 +211,22 @@ def test_a_missing_library_is_told_with_what_to_install(
         main([name, str(log), "--out", str(log.parent / "out")])
 
 
-@pytest.mark.parametrize("is_terminal", [False, True])
-def test_progress_is_shown_on_a_terminal_alone(
-    is_terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal)
-    monkeypatch.setattr("cmr.tools.events.BETWEEN_REDRAWINGS", 0.0)
-    with Progress(2_000_000) as progress:
-        progress.show(500_000)
-        progress.show(500_000)
-    said = capsys.readouterr().err
-    assert ("50% of 2 MB" in said) == is_terminal == bool(said)
-    assert said.endswith("\r\x1b[2K") == is_terminal, "the bar does not stay"
+def test_programs_read_as_json_what_persons_read_in_tables(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "--json", str(log)]) == 0
+    [info] = json.loads(capsys.readouterr().out)["logs"]
+    of_log, of_channel, of_files = documented("cmr log")
+    assert set(info) == of_log
+    assert all(set(channel) == of_channel for channel in info["channels"].values())
+    assert (info["events"], info["path"]) == (len(WHOLE), str(log))
+    assert info["channels"]["GYRO_3"]["type"] == "gyro_t"
+    assert main(["--json", "csv", "--log", str(log), "--out", str(log.parent / "tables")]) == 0
+    written = json.loads(capsys.readouterr().out)
+    assert set(written) <= of_files
+    assert {Path(file["path"]).name: file["rows"] for file in written["written"]}["POSE_3.csv"] == 1
+
+
+@pytest.mark.parametrize("logs", [[], ["a.lcm", "--log", "b.lcm"]])
+def test_a_command_for_one_log_takes_one(logs: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["cut", *logs, "--out", "x.lcm"])
+    assert "cmr-log cut: error: name one event log" in capsys.readouterr().err

@@ -10,6 +10,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
+from setuptools.config.pyprojecttoml import read_configuration
 
 PROJECT = Path(__file__).parent.parent
 # What pip says when it cannot fetch the build's requirements.
@@ -150,3 +152,8 @@ def test_no_text_says_to_install_the_stranger_s_package() -> None:
     texts = [PROJECT / name for name in git("ls-files") if name.endswith((".md", ".py", ".sh", ".toml"))]
     texts = [path for path in texts if path != Path(__file__).resolve() and path.name != "CHANGELOG.md"]
     assert [path.name for path in texts if path.is_file() and stranger.search(path.read_text())] == []
+
+
+def test_the_citation_names_the_version_of_the_package() -> None:
+    citation = yaml.safe_load((PROJECT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == read_configuration(PROJECT / "pyproject.toml")["project"]["version"]

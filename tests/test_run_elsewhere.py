@@ -11,6 +11,7 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
+from cmr.progress import Progress
 from cmr.scenario.children import Children
 from cmr.scenario.elsewhere import Elsewhere
 from cmr.scenario.jobs import jobs_of
@@ -19,7 +20,6 @@ from cmr.scenario.plan import Pose
 from cmr.scenario.preparing import prepare, write_emulators
 from cmr.scenario.scenario import Scenario, load
 from cmr.scenario.shipping import shipped
-from cmr.scenario.terminal import Terminal
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from robot_driver.emulator.settings import load_settings
 
@@ -93,7 +93,7 @@ class Bus:
 def live_run(folder: Path, statuses: list[Any], later: list[Any]) -> tuple[LiveRun, Outcome, Bus]:
     scenario, bus = prepared(folder), Bus(statuses, later)
     others = jobs_of(scenario, folder / "out", URL)
-    run = LiveRun(scenario, folder / "out", bus, [], Children(folder), Terminal(), others)  # type: ignore[arg-type]
+    run = LiveRun(scenario, folder / "out", bus, [], Children(folder), Progress(), others)  # type: ignore[arg-type]
     return run, run.run(), bus
 
 
@@ -122,7 +122,7 @@ def test_a_doubt_that_is_told_a_moment_after_the_first_word_keeps_the_run_waitin
 def test_robots_that_somebody_else_moves_on_this_bus_are_left_to_them(tmp_path: Path) -> None:
     scenario = prepared(tmp_path)
     jobs = jobs_of(scenario, tmp_path / "out", URL)
-    run = LiveRun(scenario, tmp_path, Bus([], []), jobs, Children(tmp_path), Terminal())  # type: ignore[arg-type]
+    run = LiveRun(scenario, tmp_path, Bus([], []), jobs, Children(tmp_path), Progress())  # type: ignore[arg-type]
     outcome = run.run()
     assert outcome.failed
     assert outcome.ended_by.startswith(

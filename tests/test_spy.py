@@ -17,7 +17,8 @@ from cmr.commands.command_line import CommandError
 from cmr.msg import motor_feedback_t, pose_xyt_t, process_status_t, waypoints_t
 from cmr.tools import spy
 from cmr.tools.spy_statistics import Statistics
-from cmr.tools.spy_view import ESCAPE, View, details, table
+from cmr.tools.spy_view import ESCAPE, View, details, document, table
+from tests.documented_keys import documented
 
 pytestmark = pytest.mark.waits
 
@@ -72,6 +73,15 @@ def test_the_table_has_a_line_for_each_channel_with_its_last_values() -> None:
         ["PROCESS_STATUS", "process_status_t"],
     ]
     assert lines[2].endswith("x=1.25 y=-2 theta=0")
+
+
+def test_programs_read_each_channel_with_all_fields_of_its_last_message() -> None:
+    statistics = bus_of_three()
+    statistics.handle(NOW, "FOREIGN", bytes(100))
+    channels = document(NOW, statistics.lines(NOW), lambda _channel: True)["channels"]
+    assert all(set(channel) == documented("cmr spy")[0] for channel in channels.values())
+    assert channels["POSE_12"]["last"] == {"utime": NOW, "robot_id": 12, "x": 1.25, "y": -2.0, "theta": 0.0}
+    assert channels["FOREIGN"]["last"] is None
 
 
 def test_what_a_stranger_sends_cannot_upset_the_terminal() -> None:

@@ -107,7 +107,7 @@ def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[st
 def _parameters(mapping: Mapping, robot_id: int, utime: int, provenance: dict[str, Any]) -> Event:
     """Return the nominal parameters, as old as the recording, so that whatever is calibrated later is newer.
 
-    Where the body was commanded, they tell by which base width its turns became those of the wheels.
+    Where the body was commanded, they say by which base width its turns became those of the wheels.
     """
     values = dict(mapping.nominal)
     if mapping.command is not None and mapping.command.kind == DUTY and "omega" in mapping.command.signals:
@@ -259,7 +259,7 @@ def _period(name: str, signal: Signal) -> float | None:
 
 
 def _repeated(columns: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
-    """Tell which rows repeat all of these columns of the row before, shape (n,)."""
+    """Return which rows repeat all of these columns of the row before, shape (n,)."""
     values = np.stack(columns)
     return np.append(False, (values[:, 1:] == values[:, :-1]).all(axis=0))[: values.shape[1]]
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.tools.events import Progress
+from cmr.progress import BYTES, Progress
 from cmr.tools.mapping_types import File, Mapping, Pieces
 from cmr.tools.sources import (
     LATEST_UTIME,
@@ -28,7 +28,7 @@ from cmr.tools.sources import (
     require_moving_clocks,
 )
 
-LINES_BETWEEN_REDRAWINGS = 1000
+LINES_BETWEEN_SHOWINGS = 1000
 SEPARATORS = ",;\t"  # the first of them that is in a file's first line separates its cells; else spaces do
 COMMENT = "#"  # a line that begins so holds no row; it may name the columns
 LEAST_GAP = 1.0  # s; estimates go on over shorter silences
@@ -84,7 +84,7 @@ def _read_file(mapping: Mapping, name: str, path: Path, source: Source) -> _Colu
     first = next(iter(mapping.files.values())).start
     label = () if mapping.pieces is None else (mapping.pieces.column,)
     wanted = tuple(dict.fromkeys((file.time_column, *label, *mapping.columns(name))))
-    with Progress(path.stat().st_size) as progress:
+    with Progress(path.stat().st_size, BYTES) as progress:
         text = _Text(path, file, wanted, _lines(path, source, progress))
         cells = _Cells(text.names, label, wanted)
         try:
@@ -208,8 +208,8 @@ def _lines(path: Path, source: Source, progress: Progress) -> Iterator[str]:
         text = io.TextIOWrapper(content, encoding="utf-8-sig", errors="replace", newline="")
         try:
             for count, line in enumerate(text):
-                if count % LINES_BETWEEN_REDRAWINGS == 0:
-                    progress.show(file.tell() - before)
+                if count % LINES_BETWEEN_SHOWINGS == 0:
+                    progress.advance(file.tell() - before)
                     before = file.tell()
                 yield line
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:

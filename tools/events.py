@@ -1,23 +1,18 @@
 """Open event logs for the commands that look at logs: with errors in one line, a choice of channels, and progress."""
 
-import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
 
 from cmr.bus.older import as_of_today
 from cmr.commands.command_line import CommandError
+from cmr.progress import BYTES, Progress
 from cmr.recordings.events import Event, EventReader
 
-__all__ = ["Event", "EventReader", "Progress", "channel_chooser", "damage_sentence", "open_log", "reading"]
+__all__ = ["Event", "EventReader", "channel_chooser", "damage_sentence", "open_log", "progress_of", "reading"]
 
-BAR_WIDTH = 30  # characters
-BETWEEN_REDRAWINGS = 0.2  # s
-EVENTS_BETWEEN_LOOKS_AT_THE_CLOCK = 1000
-CLEAR = "\r\x1b[2K"
+EVENTS_BETWEEN_SHOWINGS = 1000
 
 
 def open_log(path: Path) -> EventReader:
@@ -34,7 +29,7 @@ def open_log(path: Path) -> EventReader:
 
 
 def channel_chooser(patterns: Sequence[str], without: Sequence[str] = ()) -> Callable[[str], bool]:
-    """Return what tells whether a channel fits one of the shell patterns, or any if there are none, and none of
+    """Return what decides whether a channel fits one of the shell patterns, or any if there are none, and none of
     `without`.
     """
 
@@ -54,45 +49,18 @@ def damage_sentence(log: EventReader) -> str:
     return f"{log.path}: {log.damaged_bytes} of {log.size} bytes, in {places}, are damaged; the intact events are used."
 
 
-def reading(log: EventReader, progress: "Progress") -> Iterator[Event]:
+def progress_of(logs: Sequence[EventReader]) -> Progress:
+    """Return the bar of reading these logs."""
+    return Progress(sum(log.size for log in logs), BYTES)
+
+
+def reading(log: EventReader, progress: Progress) -> Iterator[Event]:
     """Yield the events of a log, messages of older types as those of today, and show how much of it has been read."""
     before = 0
     for count, event in enumerate(log):
-        if count % EVENTS_BETWEEN_LOOKS_AT_THE_CLOCK == 0:
-            progress.show(log.position - before)
+        if count % EVENTS_BETWEEN_SHOWINGS == 0:
+            progress.advance(log.position - before)
             before = log.position
         data = as_of_today(event.data)
         yield event if data is event.data else event._replace(data=data)
-    progress.show(log.position - before)
-
-
-class Progress:
-    """A bar on stderr while `total` bytes are read; nothing where stderr is no terminal. A context manager."""
-
-    def __init__(self, total: int) -> None:
-        self._total = max(total, 1)
-        self._done = 0
-        self._is_terminal = sys.stderr.isatty()
-        self._began = time.monotonic()
-        self._due = self._began + BETWEEN_REDRAWINGS
-
-    def __enter__(self) -> "Progress":
-        return self
-
-    def __exit__(self, _kind: type | None, _error: BaseException | None, _trace: TracebackType | None) -> None:
-        if self._is_terminal:
-            print(CLEAR, end="", file=sys.stderr, flush=True)
-
-    def show(self, more: int) -> None:
-        """Show that so many bytes more have been read."""
-        self._done += more
-        now = time.monotonic()
-        if not self._is_terminal or now < self._due:
-            return
-        self._due = now + BETWEEN_REDRAWINGS
-        share = min(self._done / self._total, 1.0)
-        left = (now - self._began) * (1.0 - share) / max(share, 1e-3)
-        filled = round(BAR_WIDTH * share)
-        bar = "#" * filled + "." * (BAR_WIDTH - filled)
-        text = f"[{bar}] {share:4.0%} of {self._total / 1e6:.0f} MB, {left:.0f} s left"
-        print(f"{CLEAR}{text}", end="", file=sys.stderr, flush=True)
+    progress.advance(log.position - before)

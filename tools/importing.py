@@ -71,7 +71,7 @@ def import_recording(mapping: Mapping, recording: Recorded, out: Path, robot_id:
 def _provenance(mapping: Mapping, recording: Recorded, source: Source) -> dict[str, Any]:
     """Return where the nominal parameters and the log come from, and what is needed to undo the mapping.
 
-    `pieces` tells where the import set pieces of the recording apart: for each the utime [us] at which it begins, its
+    `pieces` says where the import set pieces of the recording apart: for each the utime [us] at which it begins, its
     name in the recording, and the recording's own time [s] there.
     """
     provenance: dict[str, Any] = {

@@ -47,7 +47,7 @@ def paths_of(inputs: Sequence[str]) -> list[Path]:
 def recorded(mapping: Mapping, path: Path) -> Recorded:
     """Return the recording that a path means.
 
-    Raises SourceError where one of its files is missing or not to be told, BagError for a folder without a bag,
+    Raises SourceError where one of its files is missing or cannot be found out, BagError for a folder without a bag,
     OSError when a folder cannot be read.
     """
     if mapping.topics:

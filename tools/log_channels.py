@@ -9,7 +9,7 @@ from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import Stream, identify
 from cmr.recordings.batch import layout_of
 
-MOST_CHANNELS = 5000  # that are told apart; a log with more names is a damaged one
+MOST_CHANNELS = 5000  # that are distinguished; a log with more names is a damaged one
 FOREIGN_CHANNEL = "unknown_channel"
 SHOWN = 5  # names of other channels
 OTHERS = "(other channels)"
@@ -28,7 +28,7 @@ class Rejected(Exception):  # noqa: N818 - it is a finding, not a failure of the
 class Channel(NamedTuple):
     """A channel of ours: its stream, its robot (None: all), and how messages of fixed size lie in their bytes.
 
-    `size` is that of an encoded message [bytes], 0 where it varies; `robot` the bytes that tell the robot, which are
+    `size` is that of an encoded message [bytes], 0 where it varies; `robot` the bytes that name the robot, which are
     to be at `robot_at`.
     """
 

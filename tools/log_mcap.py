@@ -162,7 +162,7 @@ def _number(value: float) -> str | None:
 
 
 def _short_number(value: float) -> str | None:
-    """Write a number of single precision, of which nine digits tell all."""
+    """Write a number of single precision, of which nine digits are enough."""
     return f"{value:.9g}" if math.isfinite(value) else _infinite(value)
 
 

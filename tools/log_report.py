@@ -1,7 +1,11 @@
-"""What cmr-log info says about a log: a line about the whole, a table of the channels, and what is wrong in words."""
+"""What cmr-log info says about a log: a line about the whole, a table of the channels, and what is wrong in words.
+
+For programs, the same as one document.
+"""
 
 import math
 from datetime import datetime, timedelta, timezone
+from typing import Any
 
 from cmr.recordings.events import EventReader
 from cmr.tools.events import damage_sentence
@@ -16,6 +20,36 @@ LEGEND = (
     "the intervals that are no gaps;",
     "errors: messages that do not decode; late: older than the message ahead of them; -: nothing to expect",
 )
+
+
+def document(log: EventReader, health: LogHealth) -> dict[str, Any]:
+    """Return what is known of a log that has been read, as docs/reference/json.md says."""
+    return {
+        "path": log.path,
+        "bytes": log.size,
+        "damaged_bytes": log.damaged_bytes,
+        "damaged_places": log.damaged_places,
+        "events": health.count,
+        "first_utime": health.first,
+        "seconds": (health.latest - health.first) / MICROSECONDS,
+        "channels": {name: _of_channel(channel, health) for name, channel in sorted(health.channels.items())},
+    }
+
+
+def _of_channel(channel: ChannelHealth, health: LogHealth) -> dict[str, Any]:
+    rhythm = channel.rhythm()
+    return {
+        "type": channel.type_name,
+        "messages": channel.count,
+        "rate": channel.rate,
+        "bytes": channel.bytes,
+        "gaps": None if rhythm is None else rhythm.gaps,
+        "longest": None if rhythm is None else rhythm.longest,
+        "longest_at": None if rhythm is None else (rhythm.longest_at - health.first) / MICROSECONDS,
+        "jitter": None if rhythm is None else rhythm.jitter,
+        "errors": dict(channel.rejected) if channel.channel is not None else None,
+        "late": channel.late,
+    }
 
 
 def report(log: EventReader, health: LogHealth) -> list[str]:

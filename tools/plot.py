@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cmr.bus.fields import FieldName, unit_of
 from cmr.commands.command_line import CommandError, parser
-from cmr.tools.events import Progress, damage_sentence, open_log, reading
+from cmr.tools.events import damage_sentence, open_log, progress_of, reading
 from cmr.tools.plot_fields import Gathered, against, near_names, parse_field
 from cmr.tools.plot_figure import Curve, Panel, draw, figure_of
 from cmr.tools.writing import complete_or_none
@@ -71,10 +71,13 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument(
         "what",
         nargs="+",
-        metavar="LOG FIELD",
+        metavar="RUN.lcm FIELD",
         help="event logs, then fields: CHANNEL.FIELD, of an array CHANNEL.FIELD[NUMBER], of WORLD_STATE "
         "one robot's, 'WORLD_STATE.x[robot 10]' or [twin 0], and with a colon between them the first, horizontal, "
         "against the second",
+    )
+    result.add_argument(
+        "--log", type=Path, nargs="+", action="extend", default=[], metavar="RUN.lcm", help="the same as before fields"
     )
     result.add_argument("--out", type=Path, metavar="FILE", help="PNG, SVG or PDF to write; else a window opens")
     return result
@@ -83,7 +86,7 @@ def command_parser() -> argparse.ArgumentParser:
 def _parse(arguments: list[str]) -> argparse.Namespace:
     result = command_parser()
     options = result.parse_args(arguments)
-    options.logs = [Path(text) for text in options.what if _is_log(text)]
+    options.logs = [*(Path(text) for text in options.what if _is_log(text)), *options.log]
     options.fields = [text for text in options.what if not _is_log(text)]
     if not (options.logs and options.fields):
         result.error("at least one log (a file, RUN.lcm) and one field (POSE_0.x) are needed")
@@ -103,7 +106,7 @@ def _asked(text: str) -> Asked:
 
 def _gather(path: Path, names: set[FieldName]) -> Gathered:
     log = open_log(path)
-    with Progress(log.size) as progress:
+    with progress_of([log]) as progress:
         gathered = Gathered(names, reading(log, progress))
     if damage_sentence(log):
         print(f"cmr-plot: {damage_sentence(log)}", file=sys.stderr)

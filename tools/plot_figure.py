@@ -23,7 +23,7 @@ LONGEST_Y_LABEL = 34  # characters that fit beside a panel in one line
 
 
 class Curve(NamedTuple):
-    """A line: what it is, its points, and the numbers of its log and of its field, which tell them apart."""
+    """A line: what it is, its points, and the numbers of its log and of its field, which distinguish them."""
 
     label: str
     x: Floats
@@ -53,7 +53,7 @@ def figure_of(panels: Sequence[Panel], title: str, logs: int) -> "Figure":
 
 
 def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int) -> None:
-    """Draw the panels into a figure. With several logs colours tell the logs apart, else the fields.
+    """Draw the panels into a figure. With several logs colours distinguish the logs, else the fields.
 
     No more points are drawn than can be seen; who looks more closely at a part of the time sees all of it.
     """

@@ -8,7 +8,6 @@ import math
 import sys
 import time
 from collections import Counter
-from pathlib import Path
 
 import lcm
 
@@ -16,13 +15,14 @@ from cmr.bus.messages import now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test
 from cmr.bus.process import EXIT_INTERRUPTED
 from cmr.bus.streams import LCM_CHANNEL_NAME_LIMIT, MOTOR_COMMAND, identify
-from cmr.commands.command_line import CommandError, parse_seconds, parser
+from cmr.commands.command_line import CommandError, add_channels, add_logs, add_without, logs_of, parse_seconds, parser
+from cmr.progress import Progress
 from cmr.recordings.events import Event, EventReader
 from cmr.tools.events import damage_sentence, open_log
 from cmr.tools.replay_changes import Changes, ChannelFilter, moved_to
 from cmr.tools.replay_player import SLOWEST, Player
 from cmr.tools.replay_tape import LogTape
-from cmr.tools.replay_terminal import Keys, StatusLine
+from cmr.tools.replay_terminal import Keys
 from cmr.tools.stopping import Stopping, stopped_by_signals
 
 JUMP = 10.0  # s
@@ -76,8 +76,8 @@ def main(arguments: list[str]) -> int:
         wanted=chosen,
     )
     duration = min(tape.duration() or math.inf, options.stop)
-    with stopped_by_signals() as stopping, Keys(0) as keys:
-        play(player, keys, StatusLine(), duration, stopping)
+    with stopped_by_signals() as stopping, Keys(0) as keys, Progress() as progress:
+        play(player, keys, progress, duration, stopping)
     interrupted = bool(stopping)
     print("\n".join(_summary(player, sender, log)))
     for old in [old for old, _new in options.remap if not chosen.seen.get(old)]:
@@ -99,7 +99,7 @@ def command_parser() -> argparse.ArgumentParser:
         "  cmr-replay run.lcm --start 30 --stop 60 --loop --now --without 'MOTOR_COMMAND_*'\n"
         "  cmr-replay run.lcm --remap POSE_0=POSE_7",
     )
-    result.add_argument("log", type=Path, metavar="LOG", help="event log, as lcm-logger or cmr-run writes it")
+    add_logs(result, "event log, as lcm-logger or cmr-run writes it", single=True)
     result.add_argument(
         "--speed", type=_speed, default=1.0, help=f"{SLOWEST} or more times as fast; max: as fast as can be"
     )
@@ -107,30 +107,36 @@ def command_parser() -> argparse.ArgumentParser:
         "--start",
         type=parse_seconds,
         default=0.0,
-        metavar="SECONDS",
+        metavar="S",
         help="where to begin, from the beginning of the log",
     )
     result.add_argument(
         "--stop",
         type=parse_seconds,
-        metavar="SECONDS",
+        metavar="S",
         help="where to end, from the beginning of the log; else at its end",
     )
     result.add_argument("--loop", action="store_true", help="begin again at the end, until stopped")
-    result.add_argument("--skip-gaps", type=parse_seconds, metavar="SECONDS", help="cut every longer silence to this")
+    result.add_argument("--skip-gaps", type=parse_seconds, metavar="S", help="cut every longer silence to this")
     result.add_argument(
         "--now",
         action="store_true",
         help="move the times in the messages (utime, received_utime) to the present, so that processes take them for "
         "new; ages stay as they were, or shrink with a higher speed",
     )
-    _add_channels(result)
+    add_channels(result)
+    add_without(result)
+    _add_remap(result)
     return result
 
 
 def _parse(arguments: list[str]) -> argparse.Namespace:
     result = command_parser()
     options = result.parse_args(arguments)
+    logs = logs_of(options)
+    if len(logs) != 1:
+        result.error("name one event log")
+    [options.log] = logs
     for bound in ("stop", "skip_gaps"):
         if getattr(options, bound) is None:
             setattr(options, bound, math.inf)
@@ -139,21 +145,7 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     return options
 
 
-def _add_channels(result: argparse.ArgumentParser) -> None:
-    result.add_argument(
-        "--channel",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="only channels that fit, such as 'POSE_*'; may be given again",
-    )
-    result.add_argument(
-        "--without",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="no channels that fit; may be given again",
-    )
+def _add_remap(result: argparse.ArgumentParser) -> None:
     result.add_argument(
         "--remap",
         type=_remap,
@@ -198,20 +190,17 @@ def _bus(url: str | None) -> lcm.LCM:
     return open_lcm(resolved)
 
 
-def play(player: Player, keys: Keys, status: StatusLine, duration: float, stopping: Stopping) -> None:
+def play(player: Player, keys: Keys, progress: Progress, duration: float, stopping: Stopping) -> None:
     """Play a log of `duration` [s] until its end, until the key q or until a signal."""
     while not stopping:
         wait = player.play()
         if wait is None:
             break
-        status.show(_status(player, duration, keys.available))
+        progress.show(_status(player, duration, keys.available))
         for key in keys.wait(min(wait, LONGEST_WAIT)):
             if key == "q":
-                status.clear()
                 return
             _obey(player, key)
-            status.clear()
-    status.clear()
 
 
 def _obey(player: Player, key: str) -> None:

@@ -18,7 +18,7 @@ TYPES = {stream.message_type._get_packed_fingerprint(): stream.message_type for 
 
 
 class ChannelFilter:
-    """Tells whether a channel is replayed: one of the shell patterns `only`, or any; but none of `without`.
+    """Decides whether a channel is replayed: one of the shell patterns `only`, or any; but none of `without`.
 
     What processes send to test the bus never is. `seen` has each channel that was asked for, and the answer.
     """
@@ -29,7 +29,7 @@ class ChannelFilter:
         self._is_left_out = channel_chooser([*without, *SELF_TESTS])
 
     def __call__(self, channel: str) -> bool:
-        """Tell whether this channel is replayed."""
+        """Return whether this channel is replayed."""
         if channel not in self.seen:
             self.seen[channel] = self._fits(channel) and not self._is_left_out(channel)
         return self.seen[channel]

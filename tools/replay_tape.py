@@ -49,7 +49,7 @@ class LogTape:
                 yield elapsed / MICROSECONDS, event
 
     def duration(self) -> float | None:
-        """Return how long the log is [s], from its first and last message alone; None where they do not tell."""
+        """Return how long the log is [s], from its first and last message alone; None where they do not show it."""
         first = next((event.utime for event in self._log.read()), 0)
         last = max((event.utime for event in self._log.read(max(self._log.size - TAIL, 0))), default=0)
         return (last - first) / MICROSECONDS if 0 <= last - first <= LONGEST_SILENCE else None

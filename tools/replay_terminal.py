@@ -1,20 +1,15 @@
-"""The terminal of a command that plays: keys without Return, and one status line."""
+"""The keys of a command that plays: each is taken at once, without Return."""
 
 import os
 import select
-import shutil
 import signal
-import sys
 import termios
 import time
 import tty
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, TextIO
+from typing import Any
 
-from cmr.tools.events import CLEAR
-
-BETWEEN_STATUS_LINES = 0.2  # s
 ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 READ_BYTES = 1024
 
@@ -76,7 +71,7 @@ class Keys:
         return parse_keys(data)
 
     def _is_ours(self) -> bool:
-        """Tell whether no shell has given the terminal to another program, while this one is in the background."""
+        """Return whether no shell has given the terminal to another program, while this one is in the background."""
         try:
             return os.tcgetpgrp(self._file) == os.getpgrp()
         except OSError:  # no shell controls programs by this terminal
@@ -85,30 +80,3 @@ class Keys:
     def _listen(self) -> None:
         """Have the terminal send each key at once; what was typed before is kept."""
         tty.setcbreak(self._file, termios.TCSANOW)
-
-
-class StatusLine:
-    """One line on a terminal that is written anew; nothing where `stream` is no terminal."""
-
-    def __init__(self, stream: TextIO = sys.stdout) -> None:
-        self._stream = stream
-        self._is_terminal = stream.isatty()
-        self._due = 0.0
-
-    def show(self, text: str) -> None:
-        """Show the text, unless one was shown just before."""
-        now = time.monotonic()
-        if self._is_terminal and now >= self._due:
-            self._due = now + BETWEEN_STATUS_LINES
-            width = shutil.get_terminal_size().columns - 1
-            self._write(f"{CLEAR}{text[:width]}")
-
-    def clear(self) -> None:
-        """Take the line away, or have the next one shown at once."""
-        self._due = 0.0
-        if self._is_terminal:
-            self._write(CLEAR)
-
-    def _write(self, text: str) -> None:
-        self._stream.write(text)
-        self._stream.flush()

@@ -62,7 +62,7 @@ class Bag1Reader(BagReader):
             yield from self._take_chunk(header, data)
         elif op == CONNECTION:
             self._take_connection(header, data)
-        elif len(data) == length:  # a chunk that the recorder never closed has no header that tells its length
+        elif len(data) == length:  # a chunk that the recorder never closed has no header with its length
             yield from self._take_message(header, data)
 
     def _take_chunk(self, header: Header, data: bytes) -> Iterator[Message]:

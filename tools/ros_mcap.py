@@ -1,6 +1,6 @@
 """MCAP files, read from their beginning to their end without their index, which a recorder that was killed never wrote.
 
-Format (mcap.dev/spec): eight magic bytes, then records: a byte that tells the kind, the length in 64 bits, the
+Format (mcap.dev/spec): eight magic bytes, then records: a byte for the kind, the length in 64 bits, the
 content. Chunks are records that hold records, compressed, with a checksum.
 """
 

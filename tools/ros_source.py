@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cmr.distribution import how_to_install
-from cmr.tools.events import Progress
+from cmr.progress import BYTES, Progress
 from cmr.tools.mapping_types import Mapping
 from cmr.tools.mapping_types import Topic as MappedTopic
 from cmr.tools.ros_fields import AbsentError, PathError, Types, getter, parse_path
@@ -20,7 +20,7 @@ from cmr.tools.ros_records import BagError, BagReader, Message, Topic
 from cmr.tools.sources import LATEST_UTIME, Source, SourceError, Table, in_time_order, require_moving_clocks
 
 MICROSECOND = 1000  # ns
-MESSAGES_BETWEEN_REDRAWINGS = 1000
+MESSAGES_BETWEEN_SHOWINGS = 1000
 MOST_TOPICS = 40  # that an error lists
 
 NO_TIME = "message without a time that is possible"
@@ -42,7 +42,7 @@ def read_bag(mapping: Mapping, path: Path) -> Source:
     present: dict[str, set[str]] = {}
     try:
         files = files_of(path)
-        with Progress(sum(file.stat().st_size for file in files)) as progress:
+        with Progress(sum(file.stat().st_size for file in files), BYTES) as progress:
             for file in files:
                 with opened(file, frozenset(rows)) as reader:
                     _take_all(reader, rows, progress)
@@ -74,11 +74,11 @@ def _counters(mapping: Mapping, topic: str) -> frozenset[str]:
 def _take_all(reader: BagReader, rows: Dictionary[str, "_Rows"], progress: Progress) -> None:
     before = 0
     for count, message in enumerate(reader):
-        if count % MESSAGES_BETWEEN_REDRAWINGS == 0:
-            progress.show(reader.position - before)
+        if count % MESSAGES_BETWEEN_SHOWINGS == 0:
+            progress.advance(reader.position - before)
             before = reader.position
         rows[message.topic.name].take(message)
-    progress.show(reader.size - before)
+    progress.advance(reader.size - before)
 
 
 def _check_present(path: Path, rows: Dictionary[str, "_Rows"], present: dict[str, set[str]]) -> None:
@@ -194,7 +194,7 @@ class _Rows:
             raise SourceError(f"{what} has other types of numbers than the messages on that topic before")
 
     def _stamp(self, types: Types | None, what: str) -> Callable[[Message, Any], int]:
-        """Return what tells a message's time [us] by the chosen clock."""
+        """Return what reads a message's time [us] by the chosen clock."""
         if self.clock == "received":
             return lambda message, _: message.received // MICROSECOND
         if self.clock == "published":

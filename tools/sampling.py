@@ -13,7 +13,7 @@ from cmr.tools.sources import Table
 Values = NDArray[Any]
 
 AGAIN = (
-    50_000  # us after which a command that is in force is told again; the robots of this project forget it after 500 ms
+    50_000  # us after which a command that is in force is sent again; the robots of this project forget it after 500 ms
 )
 MOST_AGAIN = 20_000_000  # messages, eleven days of them; more come of a damaged time
 
@@ -24,7 +24,7 @@ class SamplingError(Exception):
 
 @dataclass(frozen=True)
 class Again:
-    """When values in force are told, `utime` [us], and the row that each is of; both of shape (n,)."""
+    """When values in force are sent, `utime` [us], and the row that each is of; both of shape (n,)."""
 
     rows: NDArray[np.int64]
     utime: NDArray[np.int64]
@@ -55,7 +55,7 @@ def recorded(signal: Signal, table: Table, own: Table, period: float | None = No
 
 
 def in_force_again(table: Table, tables: Collection[Table]) -> Again:
-    """Tell the values in each row of `table` again until the next row of the piece, or the end of the recording's.
+    """Send the values in each row of `table` again until the next row of the piece, or the end of the recording's.
 
     Raises SamplingError where that would never end.
     """

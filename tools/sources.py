@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.recordings.events import Event, EventReader
-from cmr.tools.events import Progress, reading
+from cmr.tools.events import progress_of, reading
 from cmr.tools.layout import decode, message_bytes
 from cmr.tools.mapping_types import Mapping
 
@@ -73,7 +73,7 @@ def read_log(mapping: Mapping, path: Path) -> Source:
     gathered: dict[str, _Messages] = {}
     channels_present: set[str] = set()
     log = EventReader(path)
-    with Progress(log.size) as progress:
+    with progress_of([log]) as progress:
         for event in reading(log, progress):
             channels_present.add(event.channel)
             channel = mapping.channels.get(event.channel)

@@ -16,16 +16,17 @@ from cmr.bus.messages import now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test
 from cmr.bus.process import EXIT_INTERRUPTED
 from cmr.bus.streams import SELF_TESTS
-from cmr.commands.command_line import CommandError, parse_seconds, parser
+from cmr.commands.command_line import CommandError, add_channels, parse_seconds, parser, print_json
 from cmr.tools.events import channel_chooser
 from cmr.tools.spy_statistics import Statistics
-from cmr.tools.spy_view import View, table
+from cmr.tools.spy_view import View, document, table
 from cmr.tools.stopping import Stopping, stopped_by_signals
 
 if TYPE_CHECKING:
     import curses
 
 BETWEEN_SCREENS = 0.5  # s
+BETWEEN_DOCUMENTS = 1.0  # s
 LONGEST_WAIT = 0.1  # s; a signal is noticed within this time
 NO_KEY = -1  # of getch
 FIRST_SPECIAL_KEY = 256  # of getch; characters are below
@@ -74,7 +75,9 @@ def main(arguments: list[str]) -> int:
     fits = channel_chooser(options.channel)
     with stopped_by_signals() as stopping:
         ear = Ear(options.lcm_url, statistics)
-        if options.once is None and sys.stdin.isatty() and sys.stdout.isatty():
+        if options.json:
+            _print_documents(ear, statistics, fits, options.once, stopping)
+        elif options.once is None and sys.stdin.isatty() and sys.stdout.isatty():
             view = View(lambda: statistics.lines(now_utime()), fits)
             _on_terminal(lambda window: _show(window, ear, view, stopping))
         else:
@@ -92,23 +95,32 @@ def command_parser() -> argparse.ArgumentParser:
         "values. Rates are those of the last 5 s.\n\n"
         "Keys: arrows choose a channel and Return shows all of it with units, / asks for a part of the names to show, "
         "space freezes the screen, q quits. Needs a terminal and no display, so it works over ssh.",
-        "cmr-spy --channel 'MOTOR_*' --channel 'POSE_*'\n  cmr-spy --once 5 > table.txt",
+        "cmr-spy --channel 'MOTOR_*' --channel 'POSE_*'\n  cmr-spy --once 5 > table.txt\n  cmr-spy --json | jq .",
+    )
+    result.add_argument(
+        "--json", action="store_true", help="print a line of JSON each second, for programs; with --once, one line"
     )
     result.add_argument(
         "--once",
         type=parse_seconds,
-        metavar="SECONDS",
+        metavar="S",
         help=f"listen for so long, print the table and end; without a terminal that is done anyway, "
         f"after {WITHOUT_TERMINAL:g} s",
     )
-    result.add_argument(
-        "--channel",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="only channels that fit, such as 'POSE_*'; may be given again",
-    )
+    add_channels(result)
     return result
+
+
+def _print_documents(
+    ear: Ear, statistics: Statistics, fits: Callable[[str], bool], once: float | None, stopping: Stopping
+) -> None:
+    """Print a line of JSON after each second until a signal comes, or one after `once` seconds."""
+    while not stopping:
+        _listen(ear, BETWEEN_DOCUMENTS if once is None else once, stopping)
+        now = now_utime()
+        print_json(document(now, statistics.lines(now), fits), indent=None)
+        if once is not None:
+            return
 
 
 def _listen(ear: Ear, seconds: float, stopping: Stopping) -> None:
@@ -125,7 +137,7 @@ def _on_terminal(work: "Callable[[curses.window], None]") -> None:
     try:
         curses.wrapper(work)
     except curses.error as error:
-        raise CommandError(f"This terminal cannot show it ({error}). Set TERM, or use --once SECONDS.") from error
+        raise CommandError(f"This terminal cannot show it ({error}). Set TERM, or use --once S.") from error
 
 
 def _show(window: "curses.window", ear: Ear, view: View, stopping: Stopping) -> None:

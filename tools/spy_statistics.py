@@ -20,8 +20,9 @@ class Line(NamedTuple):
     """A channel at one moment.
 
     `heard` messages until now; `rate` [Hz]; `bytes_per_second`; `age` [s] since the last message; `jitter`: standard
-    deviation of the time from message to message [s], NaN where fewer than three tell it; `errors`: messages of another
-    type than the channel's, of another robot, or too short; `data`, the last message, which arrived at `utime` [us].
+    deviation of the time from message to message [s], NaN where there are fewer than three messages; `errors`:
+    messages of another type than the channel's, of another robot, or too short; `data`, the last message, which arrived
+    at `utime` [us].
     """
 
     channel: str
@@ -76,7 +77,7 @@ class _Channel:
 
 
 class Statistics:
-    """Counts messages as they arrive; `lines` tells the state of all channels."""
+    """Counts messages as they arrive; `lines` returns the state of all channels."""
 
     def __init__(self) -> None:
         self._channels: dict[str, _Channel] = {}

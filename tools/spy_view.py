@@ -12,7 +12,7 @@ HEAD = f"{'CHANNEL':24} {'TYPE':20} {'RATE':>7} {'kB/s':>7} {'AGE':>7} {'JITTER'
 KEYS = "arrows: choose, Return: details, /: filter, space: freeze, q: quit"
 KEYS_OF_DETAILS = "Escape: back, space: freeze, q: quit"
 KEYS_OF_FILTER = "Return: keep the filter, Escape: none"
-NOT_SHOWN = ("utime", "robot_id")  # in the table: AGE and CHANNEL tell them
+NOT_SHOWN = ("utime", "robot_id")  # in the table: AGE and CHANNEL show them
 LONGEST_TEXT = 60  # characters of a text field in the table
 MOST_ELEMENTS = 4  # of an array in the table
 ELEMENTS_IN_DETAIL = 200
@@ -29,7 +29,7 @@ class Row(NamedTuple):
 class View:
     """What is shown of the lines that `lines()` gives, and how keys change that. `quit` is set by the key q.
 
-    `fits` tells which channels may be shown at all.
+    `fits` decides which channels may be shown at all.
     """
 
     def __init__(self, lines: Callable[[], list[Line]], fits: Callable[[str], bool] = lambda _channel: True) -> None:
@@ -108,6 +108,38 @@ class View:
             yield Row(table_row(line), line.channel == self._chosen)
 
 
+def document(now: int, lines: Sequence[Line], fits: Callable[[str], bool]) -> dict[str, Any]:
+    """Return all channels at `now` [us] for programs, as docs/reference/json.md says."""
+    return {"utime": now, "channels": {line.channel: _of_channel(line) for line in lines if fits(line.channel)}}
+
+
+def _of_channel(line: Line) -> dict[str, Any]:
+    try:
+        received = decode(line.channel, line.data)
+    except RejectedMessage:
+        values = None
+    else:
+        fields = fields_of(received.stream.message_type)
+        values = {field.name: _plain_value(getattr(received.message, field.name)) for field in fields}
+    return {
+        "type": line.type_name,
+        "messages": line.heard,
+        "rate": line.rate,
+        "bytes_per_second": line.bytes_per_second,
+        "age": line.age,
+        "jitter": line.jitter,
+        "errors": line.errors,
+        "last": values,
+    }
+
+
+def _plain_value(value: Any) -> Any:
+    """Return the value of a field as JSON has it: arrays as lists, and of bytes, such as a picture, their number."""
+    if isinstance(value, bytes):
+        return len(value)
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
 def table(lines: Sequence[Line], fits: Callable[[str], bool]) -> list[str]:
     """Return the whole table as text."""
     return [HEAD, *(table_row(line) for line in lines if fits(line.channel))]
@@ -181,7 +213,7 @@ def _age(seconds: float) -> str:
 
 
 def _delay(seconds: float) -> str:
-    """Tell how long [s] before its arrival a message was stamped."""
+    """Say how long [s] before its arrival a message was stamped."""
     if abs(seconds) < 10.0:
         return f"stamped {1e3 * seconds:.1f} ms before it arrived"
     when = "before" if seconds > 0.0 else "later than"

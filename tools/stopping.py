@@ -22,7 +22,7 @@ class Stopping:
 
 @contextmanager
 def stopped_by_signals() -> Iterator[Stopping]:
-    """Give what tells whether SIGINT, SIGTERM or SIGHUP came, which then end nothing by themselves."""
+    """Give what says whether SIGINT, SIGTERM or SIGHUP came, which then end nothing by themselves."""
     stopping = Stopping()
     before = {number: signal.signal(number, stopping.note) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:

@@ -107,7 +107,7 @@ def open_lcm(url: str) -> lcm.LCM:
 
 
 def has_route(group: str) -> bool:
-    """Tell whether the kernel knows where to send packets for this IPv4 address."""
+    """Return whether the kernel knows where to send packets for this IPv4 address."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((group, 9))  # connecting a UDP socket sends nothing; it only looks up the route

@@ -21,14 +21,14 @@ EXIT_INTERRUPTED = 130
 
 
 class Timer:
-    """Tells when `period` [s] has passed; it is due at once the first time."""
+    """Knows when `period` [s] has passed; it is due at once the first time."""
 
     def __init__(self, period: float) -> None:
         self.period = period
         self._due = time.monotonic()
 
     def due(self) -> bool:
-        """Tell whether it is time; if so, wait for the next period. Periods that were missed are not made up."""
+        """Return whether it is time; if so, wait for the next period. Periods that were missed are not made up."""
         now = time.monotonic()
         if now < self._due:
             return False

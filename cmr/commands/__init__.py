@@ -17,7 +17,7 @@ one_thread_for_linear_algebra()
 def run(module: str) -> int:
     """Run `main()` of a command's module and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda _number, _frame: os._exit(130))
+        signal.signal(number, _end)
     try:
         main = import_module(module).main
         from cmr.commands.command_line import guarded
@@ -36,6 +36,13 @@ def run(module: str) -> int:
     sys.stderr.flush()
     # Everything of ours is closed; to take Numba apart would keep an interrupted process for half a second longer.
     os._exit(code)
+
+
+def _end(_number: int, _frame: object) -> None:
+    progress = sys.modules.get("cmr.progress")  # nothing is imported here: an import may be what is interrupted
+    if progress is not None and hasattr(progress, "leave_terminal"):
+        progress.leave_terminal()
+    os._exit(130)
 
 
 def calibrate() -> int:

@@ -15,7 +15,7 @@ from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
 from cmr.calibration.calibrator import HEARD, Calibrator
 from cmr.calibration.result import CalibrationResult
-from cmr.commands.command_line import CommandError, add_json, parse_robot_id, parser, print_json
+from cmr.commands.command_line import CommandError, add_json, add_logs, logs_of, parse_robot_id, parser, print_json
 from cmr.commands.first_use import ESTIMATOR, compile_first
 from cmr.configuration import parameter_file
 from cmr.configuration import robot as default_robot
@@ -23,6 +23,7 @@ from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.priority import give_way
+from cmr.progress import Progress
 from cmr.recordings.recording import RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s
@@ -51,18 +52,13 @@ def command_parser() -> argparse.ArgumentParser:
         "an LCM event log.",
         "cmr-calibrate --robot 0 --out robot_0.yaml\n  cmr-calibrate run.lcm --out robot_0.yaml",
     )
-    options.add_argument(
-        "logs", type=Path, nargs="*", metavar="RUN.lcm", help="event logs of one robot, fitted together; else live"
-    )
+    add_logs(options, "event logs of one robot, fitted together; else live")
     options.add_argument(
         "--robot",
         type=parse_robot_id,
         default=None,
         metavar="N",
         help="robot id; else 0 live, the only one of a log",
-    )
-    options.add_argument(
-        "--log", type=Path, nargs="+", default=None, metavar="RUN.lcm", help="the same as RUN.lcm without --log"
     )
     add_json(options)
     options.add_argument(
@@ -100,7 +96,7 @@ def command_parser() -> argparse.ArgumentParser:
 def _options(arguments: list[str]) -> argparse.Namespace:
     options = command_parser()
     given = options.parse_intermixed_args(arguments)
-    given.log = [*given.logs, *(given.log or ())]
+    given.log = logs_of(given)
     if given.method == PAPER and given.paper_only:
         options.error(
             "--paper-only chooses among what --method average finds; --method paper knows the three parameters only"
@@ -118,7 +114,9 @@ def _nominal(path: Path | None) -> ParameterFile | None:
 def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     try:
         recordings = [_gather(path, options, nominal).recording() for path in options.log]
-        result = calibrate(recordings, nominal, method=options.method, paper_only=options.paper_only)
+        with Progress() as progress:
+            progress.show(f"Calibrating robot {recordings[0].robot_id}.")
+            result = calibrate(recordings, nominal, method=options.method, paper_only=options.paper_only)
     except (RecordingError, EstimationError) as error:
         raise CommandError(str(error)) from error
     if options.json:

@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ from cmr.bus.streams import CAMERA_IMAGE, POSE, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parse_seconds, parser
 from cmr.distribution import how_to_install
 from cmr.msg import camera_image_t, pose_xyt_t, process_status_t
+from cmr.progress import Progress
 
 if TYPE_CHECKING:
     from cmr.camera.place import Place
@@ -248,10 +248,12 @@ def _calibrate(arguments: list[str]) -> int:
         "cmr-camera calibrate",
         "Find the lens from pictures of the printed board (cmr-camera board): hold it before the camera near and far, "
         "in all corners of the picture, and tilted to all sides.",
-        "cmr-camera calibrate 0 --lens lens.yaml\n  cmr-camera calibrate pictures/",
+        "cmr-camera calibrate 0 --out lens.yaml\n  cmr-camera calibrate pictures/",
     )
     _add_source(options)
-    options.add_argument("--lens", type=Path, default=Path("lens.yaml"), metavar="FILE", help="to write")
+    options.add_argument(
+        *("--out", "--lens"), dest="out", type=Path, default=Path("lens.yaml"), metavar="FILE", help="to write"
+    )
     options.add_argument("--pictures", type=int, default=25, metavar="N", help="of a camera: how many with the board")
     options.add_argument("--every", type=parse_seconds, default=1.0, metavar="S", help="of a camera: one so often")
     chosen = options.parse_args(arguments)
@@ -260,11 +262,11 @@ def _calibrate(arguments: list[str]) -> int:
 
     try:
         lens = _fitted(chosen)
-        lens.save(chosen.lens)
+        lens.save(chosen.out)
     except (LensError, SourceError, OSError) as error:
         raise CommandError(str(error)) from error
     print(f"focal length {lens.fx:.1f} x {lens.fy:.1f} pixels, centre {lens.cx:.1f}, {lens.cy:.1f}")
-    print(f"the board's corners fit within {lens.rms:.2f} pixels (rms); written to {chosen.lens}")
+    print(f"the board's corners fit within {lens.rms:.2f} pixels (rms); written to {chosen.out}")
     return 0
 
 
@@ -277,21 +279,20 @@ def _fitted(options: argparse.Namespace) -> Any:
 
     source = open_source(options.source, options.size, options.rate, 0.0, hurry=True)
     fit, wanted = LensFit(), 0
-    back = "\r" if sys.stdout.isatty() else ""  # to the beginning of the line
     try:
-        while source.ends or len(fit.views) < options.pictures:
-            taken = source.read()
-            if taken is None:
-                break
-            if not source.ends and taken.utime < wanted:
-                continue
-            if fit.see(np.asarray(cv2.cvtColor(taken.picture, cv2.COLOR_BGR2GRAY), np.uint8)):
-                wanted = taken.utime + int(options.every * 1e6)
-                if back:
-                    print(f"{back}{len(fit.views)}", end="", flush=True)
+        with Progress(None if source.ends else options.pictures, "pictures") as progress:
+            while source.ends or len(fit.views) < options.pictures:
+                taken = source.read()
+                if taken is None:
+                    break
+                if not source.ends and taken.utime < wanted:
+                    continue
+                if fit.see(np.asarray(cv2.cvtColor(taken.picture, cv2.COLOR_BGR2GRAY), np.uint8)):
+                    wanted = taken.utime + int(options.every * 1e6)
+                    progress.show(f"{len(fit.views)} pictures with the board", len(fit.views))
     finally:
         source.close()
-        print(f"{back}{len(fit.views)} pictures with the board")
+        print(f"{len(fit.views)} pictures with the board")
     return fit.lens()
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from textwrap import fill
 
 from cmr import configuration
@@ -37,6 +38,7 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescrip
         return super()._get_help_string(action)
 
 
+JSON_HELP = "print the result as JSON, for programs"
 USUAL_BUS = (
     "LCM bus; otherwise LCM_DEFAULT_URL from the environment, otherwise lcm_url of ~/.config/cmr/config.yaml, "
     f"otherwise {DEFAULT_URL} (this host only)"
@@ -52,15 +54,22 @@ def parser(name: str, description: str, example: str, bus: str = USUAL_BUS) -> a
         epilog=f"example:\n  {example}\n\n{EXIT_CODES}",
         formatter_class=_HelpFormatter,
     )
-    result.add_argument(
-        "--lcm-url",
-        default=None,
-        metavar="URL",
-        help=bus,
-    )
-    result.add_argument("--quiet", action=_Quiet, nargs=0, help="print errors and results only: no news, no progress")
+    _add_usual(result, bus, None)
     result.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     return result
+
+
+def usual_options(bus: str = USUAL_BUS) -> argparse.ArgumentParser:
+    """Return the parent of subcommands' parsers, which take --json and the options that every command has, too."""
+    result = argparse.ArgumentParser(add_help=False)
+    _add_usual(result, bus, argparse.SUPPRESS)  # what is given before the subcommand stays
+    result.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help=JSON_HELP)
+    return result
+
+
+def _add_usual(options: argparse.ArgumentParser, bus: str, default: str | None) -> None:
+    options.add_argument("--lcm-url", default=default, metavar="URL", help=bus)
+    options.add_argument("--quiet", action=_Quiet, nargs=0, help="print errors and results only: no news, no progress")
 
 
 class _Version(argparse.Action):
@@ -83,14 +92,60 @@ def add_robot(options: argparse.ArgumentParser) -> None:
     options.add_argument("--robot", type=parse_robot_id, default=configuration.robot(), metavar="N", help="robot id")
 
 
+def add_logs(options: argparse.ArgumentParser, what: str, single: bool = False) -> None:
+    """Add event logs, or a single one, which are named by themselves or after --log; `logs_of` returns them."""
+    options.add_argument("logs", type=Path, nargs="?" if single else "*", metavar="RUN.lcm", help=what)
+    options.add_argument(
+        "--log",
+        type=Path,
+        nargs=None if single else "+",
+        action="store" if single else "extend",
+        metavar="RUN.lcm",
+        help="the same as RUN.lcm without --log",
+    )
+
+
+def logs_of(chosen: argparse.Namespace) -> list[Path]:
+    """Return the logs that were named in one way or the other."""
+    logs: list[Path] = []
+    for given in (chosen.logs, chosen.log):
+        logs += [given] if isinstance(given, Path) else given or []
+    return logs
+
+
+def add_channels(options: argparse.ArgumentParser) -> None:
+    """Add the option that chooses channels."""
+    options.add_argument(
+        "--channel",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="only channels that fit, such as 'POSE_*'; may be given again",
+    )
+
+
+def add_without(options: argparse.ArgumentParser) -> None:
+    """Add the option that leaves channels out."""
+    options.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="no channels that fit; may be given again",
+    )
+
+
 def add_json(options: argparse.ArgumentParser) -> None:
     """Add the option for results that programs read."""
-    options.add_argument("--json", action="store_true", help="print the result as JSON, for programs")
+    options.add_argument("--json", action="store_true", help=JSON_HELP)
 
 
-def print_json(result: object) -> None:
-    """Print a result for programs; what is not finite becomes null, which JSON has no numbers for."""
-    print(json.dumps(_finite(result), indent=2, ensure_ascii=False, default=str))
+def print_json(result: object, indent: int | None = 2) -> None:
+    """Print a result for programs; what is not finite becomes null, which JSON has no numbers for.
+
+    Without `indent` it is one line, which is there at once for whoever reads.
+    """
+    print(json.dumps(_finite(result), indent=indent, ensure_ascii=False, default=str), flush=indent is None)
 
 
 def _finite(value: object) -> object:

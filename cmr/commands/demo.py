@@ -23,6 +23,7 @@ from cmr.configuration import results
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, process_status_t, waypoints_t
 from cmr.parameters.file import ParameterFile, Value, load
+from cmr.progress import Progress
 from cmr.scenario.children import Children, our_command
 from cmr.world.behaviours.leading import LENGTH, SPEEDS, figure_eight, laps_within, read_speeds, seconds_of
 from cmr.world.comparison import Drive, drives_of
@@ -219,7 +220,7 @@ class _Demo:
             self._children.start(name, command)
             if name == "emulate":
                 self._wait(lambda: "ready" in self._children.said("emulate"), START_UP, "the emulated robot")
-        self._wait(self._in_service, START_UP, "all processes")
+        self._wait(self._ready, START_UP, "all processes")
         print(f"[{time.monotonic() - began:5.1f} s] {', '.join(commands)} are running", flush=True)
         self._parameters_before = self._parameters_in_use
         # The calibration uses the rest before the drive; let the calibrator hear as much of it as the log holds.
@@ -242,35 +243,28 @@ class _Demo:
         x, y = figure_eight(state.x, state.y, state.theta, SIZE, laps)
         expected = seconds_of(laps * LENGTH * SIZE, self._speeds) + 4.0
         self._process.publish(WAYPOINTS, make(waypoints_t, utime=now_utime(), robot_id=LEADER, x=x, y=y), LEADER)
-        began = time.monotonic()
         self._last_motion = now_utime()
-        # 100 % is said when it is over.
-        self._wait(self._resting, 4.0 * expected, title, lambda: min((time.monotonic() - began) / expected, 0.99))
+        self._wait(self._resting, 4.0 * expected, title, expected)
+        print(f"{title}: done", flush=True)
 
-    def _wait(
-        self,
-        condition: Callable[[], bool],
-        seconds: float,
-        what: str,
-        progress: Callable[[], float] | None = None,
-    ) -> None:
-        """Listen to the bus until a condition holds; show progress."""
-        deadline = time.monotonic() + seconds
-        shown = -1
-        for _utime in self._process.loop(rate_hz=20.0):
-            self._listen()
-            if condition():
-                if progress is not None:
-                    print(f"{what}: 100 %", flush=True)
-                return
-            failure = self._children.failed()
-            if failure:
-                raise CommandError(failure)
-            if time.monotonic() > deadline:
-                raise CommandError(f"Waited {seconds:.0f} s for {what} in vain. See {self._children.folder}/*.txt.")
-            if progress is not None and int(progress() * 5) > shown:
-                shown = int(progress() * 5)
-                print(f"{what}: {shown * 20:3d} %", flush=True)
+    def _wait(self, condition: Callable[[], bool], seconds: float, what: str, expected: float | None = None) -> None:
+        """Listen to the bus until a condition holds, for `seconds` at most, and show progress: it takes `expected` s.
+
+        Raises CommandError if it does not hold in time or a process ends, Interrupted on a signal.
+        """
+        began = time.monotonic()
+        with Progress(expected, "s", lines=expected is not None) as progress:
+            for _utime in self._process.loop(rate_hz=20.0):
+                self._listen()
+                if condition():
+                    return
+                failure = self._children.failed()
+                if failure:
+                    raise CommandError(failure)
+                waited = time.monotonic() - began
+                if waited > seconds:
+                    raise CommandError(f"Waited {seconds:.0f} s for {what} in vain. See {self._children.folder}/*.txt.")
+                progress.show(what if expected else f"Waiting for {what}", min(waited, expected or waited))
         raise Interrupted
 
     def _listen(self) -> None:
@@ -295,7 +289,7 @@ class _Demo:
     def _resting(self) -> bool:
         return self._world.utime - self._last_motion > REST
 
-    def _in_service(self) -> bool:
+    def _ready(self) -> bool:
         running = [name for name, state in self._states.items() if state == process_status_t.RUNNING]
         robots = all(self._world.robot(robot_id) is not None for robot_id in (ROBOT, LEADER, FOLLOWER))
         return robots and {"cmr-driver", "cmr-sim", "cmr-pilot", "cmr-calibrate", "cmr-emulate"} <= set(running)

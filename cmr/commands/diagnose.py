@@ -2,10 +2,8 @@
 
 import argparse
 import os
-import shutil
 import signal
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime, timezone
@@ -15,17 +13,17 @@ from types import FrameType
 from cmr.bus.preflight import open_lcm, resolve_url
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE
-from cmr.commands.command_line import CommandError, add_json, parse_count, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, add_json, add_logs, logs_of, parse_count, parse_robot_id, parser
 from cmr.commands.first_use import ESTIMATOR, announce_compiling, compile_first
 from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform
 from cmr.diagnosis.many import Pool, jobs_of
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.parameters.following import ParameterFollower
+from cmr.progress import Progress
 from cmr.recordings.commanding import TAKEN
 from cmr.recordings.recording import RecordingError
 
-BAR = 24  # characters
 WATCHED = (*TAKEN, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 WATCH_RATE = 20.0  # Hz
 LIVE = "live.txt"
@@ -77,7 +75,7 @@ def command_parser() -> argparse.ArgumentParser:
 def _options(arguments: list[str]) -> argparse.Namespace:
     options = command_parser()
     chosen = options.parse_intermixed_args(arguments)
-    chosen.logs += chosen.log
+    chosen.logs = logs_of(chosen)
     wrong = _contradiction(chosen)
     if wrong:
         options.error(wrong)
@@ -85,16 +83,7 @@ def _options(arguments: list[str]) -> argparse.Namespace:
 
 
 def _add_arguments(options: argparse.ArgumentParser) -> None:
-    options.add_argument("logs", type=Path, nargs="*", metavar="RUN.lcm", help="event logs to diagnose")
-    options.add_argument(
-        "--log",
-        type=Path,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="LOG",
-        help="the same as RUN.lcm without --log",
-    )
+    add_logs(options, "event logs to diagnose")
     add_json(options)
     options.add_argument("--robot", type=parse_robot_id, default=None, metavar="N", help="robot id; else all there are")
     options.add_argument(
@@ -110,7 +99,7 @@ def _add_arguments(options: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         default=[],
-        metavar="LOG",
+        metavar="RUN.lcm",
         help="logs on which the gain is measured and nothing is fitted; best another manoeuvre",
     )
     options.add_argument("--out", type=Path, default=None, metavar="DIR", help="folder for the results")
@@ -157,13 +146,11 @@ def _nominal(path: Path | None) -> ParameterFile | None:
 
 def _one(job: Job, tell_why: bool, as_json: bool) -> int:
     """Do a job in this process."""
-    line = ProgressLine()
     try:
-        diagnosis, files = perform(job, line.show)
+        with Progress() as progress:
+            diagnosis, files = perform(job, progress.show)
     except JobError as error:
         raise CommandError(str(error)) from error
-    finally:
-        line.clear()
     if as_json:
         print((job.folder / DOCUMENT).read_text(encoding="utf-8"), end="")
         return 0
@@ -178,30 +165,31 @@ def _one(job: Job, tell_why: bool, as_json: bool) -> int:
 
 
 def _many(jobs: Sequence[Job], count: int, tell_why: bool) -> int:
-    """Do jobs side by side, and tell in a table what came of them."""
+    """Do jobs side by side, and print a table of what came of them."""
     from cmr.diagnosis.summary import outcome_line, outcome_table
     from cmr.diagnosis.why import why
 
-    bar = Bar(len(jobs))
     outcomes: list[Outcome] = []
-    try:
-        with _interrupts_raised(), Pool(min(count, len(jobs)), attempt) as pool:
-            bar.tell("Starting.")
-            for outcome in pool.perform(jobs, bar.tell):
-                outcomes.append(outcome)
-                if not bar.visible:
-                    print(f"[{len(outcomes)}/{len(jobs)}] {outcome_line(outcome)}", flush=True)
-                bar.count(bool(outcome.failure))
-    finally:
-        bar.clear()
+    with (
+        _interrupts_raised(),
+        Progress(len(jobs), "diagnoses") as progress,
+        Pool(min(count, len(jobs)), attempt) as pool,
+    ):
+        progress.show("Starting.")
+        for outcome in pool.perform(jobs, progress.show):
+            outcomes.append(outcome)
+            if not progress.visible:
+                progress.say(f"[{len(outcomes)}/{len(jobs)}] {outcome_line(outcome)}")
+            progress.advance()
     place = {job.folder: number for number, job in enumerate(jobs)}
     outcomes.sort(key=lambda outcome: place[outcome.folder])
     print(outcome_table(outcomes))
     for outcome in outcomes if tell_why else ():
         if not outcome.failure:
             print(f"\n{outcome.folder.name}\n{why(outcome.decisions)}")
-    print(f"written to the folders of these names below {jobs[0].folder.parent}")
     failed = sum(bool(outcome.failure) for outcome in outcomes)
+    if failed < len(jobs):
+        print(f"written to the folders of these names below {jobs[0].folder.parent}")
     if failed:
         raise CommandError(f"{failed} of {len(jobs)} diagnoses failed; the table says why.")
     return 0
@@ -267,46 +255,3 @@ def _interrupts_raised() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-class ProgressLine:
-    """A line on the terminal that is written over; nothing where stderr is none."""
-
-    def __init__(self) -> None:
-        self.visible = sys.stderr.isatty()
-
-    def show(self, text: str) -> None:
-        """Write this text in place of the one before."""
-        if self.visible:
-            width = shutil.get_terminal_size().columns - 1
-            print(f"\r\x1b[K{text[:width]}", end="", file=sys.stderr, flush=True)
-
-    def clear(self) -> None:
-        """Leave nothing of the line."""
-        self.show("")
-
-
-class Bar(ProgressLine):
-    """A line that shows how many of `total` jobs are done, how long the rest will take, and what was told last."""
-
-    def __init__(self, total: int) -> None:
-        super().__init__()
-        self._total, self._done, self._failed = total, 0, 0
-        self._began = time.monotonic()
-        self._told = ""
-
-    def count(self, failed: bool) -> None:
-        """Count one more job as done."""
-        self._done += 1
-        self._failed += failed
-        self.tell(self._told)
-
-    def tell(self, sentence: str) -> None:
-        """Show what is being done."""
-        self._told = sentence
-        filled = BAR * self._done // self._total
-        failed = f", {self._failed} failed" if self._failed else ""
-        each = (time.monotonic() - self._began) / self._done if self._done else 0.0
-        rest = f", {each * (self._total - self._done):.0f} s to go" if self._done else ""
-        bar = f"[{'#' * filled}{'.' * (BAR - filled)}]"
-        self.show(f"{bar} {self._done} of {self._total} diagnosed{failed}{rest}. {sentence}")

@@ -4,7 +4,6 @@ import argparse
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 from cmr.bus.preflight import BusError, open_lcm, resolve_url, self_test, warnings
@@ -139,24 +138,18 @@ def real_time_priority() -> Finding:
 
 
 def compiled_model() -> Finding:
-    """Look whether a robot model has been compiled on this computer before."""
-    import cmr.model
+    """Look whether this computer has compiled all that commands compile at their first use."""
+    from cmr.commands.first_use import PARTS, in_words, not_compiled, seconds_of
 
-    folder = Path(cmr.model.__file__).parent
-    kept = [*folder.rglob("*.nbi"), *_numba_cache().rglob("*.nbi")]
-    if kept:
-        return Finding(GREEN, "The robot model has been compiled.")
+    missing = not_compiled(PARTS)
+    if not missing:
+        return Finding(GREEN, f"This computer has compiled {in_words(PARTS)}.")
     return Finding(
         AMBER,
-        "The robot model has not been compiled on this computer yet; its first use takes some 20 s longer.",
-        "cmr demo compiles it.",
+        f"Not compiled yet: {in_words(missing)}. Commands that need these take up to {seconds_of(missing)} s longer "
+        "the first time, on an idle computer.",
+        "cmr demo compiles them all.",
     )
-
-
-def _numba_cache() -> Path:
-    """Return where Numba keeps what it compiled when the package cannot be written."""
-    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    return Path(base).expanduser()
 
 
 def cpu() -> Finding:

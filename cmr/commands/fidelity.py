@@ -3,26 +3,24 @@
 import argparse
 import hashlib
 import os
-import sys
 import time
 from pathlib import Path
 
-from cmr.commands.command_line import CommandError, parse_count, parse_robot_id, parser
+from cmr.commands.command_line import CommandError, add_json, parse_count, parse_robot_id, parser
 from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, Task, gathered, perform_all, tasks_of
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
+from cmr.progress import Progress
 from cmr.scenario.document import ScenarioError
 from cmr.scenario.ending import why_only_live
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.scenario import load as load_scenario
 from cmr.scenario.shipping import path_of
-from cmr.scenario.terminal import Terminal
 from cmr.sweep.experiment import files_of, sources_digest
 from cmr.sweep.journal import Journal, JournalError
 from cmr.sweep.stopping import end_on_signals
 from cmr.team.experiment import ExperimentError
 
 FEWEST = 4  # seeds; fewer say nothing of a distribution
-BAR = 24  # characters
 JOURNAL = "experiments.jsonl"  # what is done, for a study that was stopped
 
 
@@ -40,7 +38,7 @@ def main(arguments: list[str]) -> int:
     except OSError as error:
         raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
     from cmr.fidelity.findings import conclusions, findings_of, table  # SciPy, which is slow to import
-    from cmr.fidelity.writing import write
+    from cmr.fidelity.writing import DOCUMENT, write
 
     findings = findings_of(scores)
     about = {
@@ -54,6 +52,9 @@ def main(arguments: list[str]) -> int:
         files = write(options.out, scores, findings, about)
     except OSError as error:
         raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
+    if options.json:
+        print((options.out / DOCUMENT).read_text(encoding="utf-8"), end="")
+        return 0
     print(table(findings))
     print("\n".join(["", *conclusions(scores, findings)]))
     print(f"\n{time.monotonic() - began:.0f} s; written to {options.out}: {', '.join(path.name for path in files)}")
@@ -77,7 +78,13 @@ def command_parser() -> argparse.ArgumentParser:
     add("scenario", metavar="SCENARIO", help="scenario file, or the name of a shipped one, as for cmr-run")
     add("--seeds", type=_seeds, default=20, metavar="N", help=f"experiments of each kind, {FEWEST} or more")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
-    add("--real", type=parse_robot_id, default=None, metavar="ID", help="the real robot; else that of the scenario")
+    add(
+        *("--robot", "--real"),
+        type=parse_robot_id,
+        default=None,
+        metavar="N",
+        help="id of the real robot; else that of the scenario",
+    )
     add(
         "--parameters",
         type=Path,
@@ -100,6 +107,7 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="HOW",
         help=f"some of {', '.join(PREPARATIONS)}; else all",
     )
+    add_json(options)
     add("--jobs", type=parse_count, default=len(os.sched_getaffinity(0)), metavar="N", help="processes side by side")
     return options
 
@@ -127,7 +135,7 @@ def _study(options: argparse.Namespace) -> tuple[Scenario, Study]:
     """
     try:
         scenario = load_scenario(path_of(options.scenario))
-        real = _real_robot(scenario, options.real)
+        real = _real_robot(scenario, options.robot)
         believed = _believed(scenario, real, options.parameters)
     except (ScenarioError, ParameterFileError) as error:
         raise CommandError(str(error)) from error
@@ -140,10 +148,10 @@ def _study(options: argparse.Namespace) -> tuple[Scenario, Study]:
 def _real_robot(scenario: Scenario, chosen: int | None) -> int:
     if chosen is not None:
         if scenario.robot(chosen) is None:
-            raise CommandError(f"--real {chosen}: the scenario has no such robot.")
+            raise CommandError(f"--robot {chosen}: the scenario has no such robot.")
         return chosen
     if len(scenario.of_flesh) != 1:
-        raise CommandError("Say by --real ID which robot is real: the scenario has not just one that is.")
+        raise CommandError("Say by --robot N which robot is real: the scenario has not just one that is.")
     return scenario.of_flesh[0].robot_id
 
 
@@ -168,20 +176,16 @@ def _performed(
     preparations = [name for name in PREPARATIONS if name in (UNCALIBRATED, *(options.prepared or PREPARATIONS))]
     keys = {task: _key(depends_on, task) for task in tasks_of(range(options.seeds), preparations)}
     left = [task for task, key in keys.items() if key not in journal.results]
+    progress = Progress(len(left), "experiments", lines=True)
     if len(left) < len(keys):
-        print(f"{len(keys) - len(left)} of {len(keys)} experiments are there already.")
-    terminal, began = Terminal(sys.stderr), time.monotonic()
+        progress.say(f"{len(keys) - len(left)} of {len(keys)} experiments are there already.")
     try:
-        for done, (task, scores) in enumerate(perform_all(study, left, options.jobs), 1):
-            journal.add(keys[task], scores)
-            rest = (time.monotonic() - began) / done * (len(left) - done)
-            filled = BAR * done // len(left)
-            bar = "#" * filled + "." * (BAR - filled)
-            terminal.progress(f"[{bar}] {done} of {len(left)} experiments, {rest:.0f} s to go")
+        with progress:
+            for task, scores in perform_all(study, left, options.jobs):
+                journal.add(keys[task], scores)
+                progress.advance()
     except ExperimentError as error:
         raise CommandError(str(error)) from error
-    finally:
-        terminal.end()
     return gathered({task: journal.results[key] for task, key in keys.items()})
 
 

@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cmr.model.cache import lasting_folder
+from cmr.progress import Progress
 
 MODEL, WORLD, EMULATOR, ESTIMATOR = "model", "world", "emulator", "estimator"
 HERE = Path(__file__).resolve().parents[1]
 COMPILED = ("model", "world", "plant", "estimation", "calibration")  # packages with compiled functions
+FIRST_USE = "first use on this computer"
 NOT_TO_BE_COMPILED = "NUMBA_DISABLE_JIT"  # of the environment: to step through the code
 
 
@@ -33,14 +35,11 @@ class Part(NamedTuple):
 
 def compile_first(names: Iterable[str], say: Callable[[str], None] | None = None) -> None:
     """Compile those of PARTS that this computer has not compiled yet; `say` gets a line before and one after."""
-    names = [name for name in PARTS if name in set(names)]  # those that take longest first
-    if os.environ.get(NOT_TO_BE_COMPILED, "0") != "0":
-        return
-    missing = {name: mark for name in names if (mark := _mark(name)) is not None and not mark.exists()}
+    missing = not_compiled(names)
     if not missing:
         return
-    say = say or _print
-    say(f"Compiling {_in_words(missing)} (first use on this computer, about {_seconds(missing)} s) ...")
+    say = say or Progress().say
+    say(f"Compiling {in_words(missing)} ({FIRST_USE}, about {seconds_of(missing)} s on an idle one) ...")
     began = time.monotonic()
     with ThreadPoolExecutor(_cores()) as pool:
         failures = [failure for failure in pool.map(_compile, missing, missing.values()) if failure]
@@ -48,6 +47,18 @@ def compile_first(names: Iterable[str], say: Callable[[str], None] | None = None
         say(f"Not compiled: {failures[0]}")  # whoever needs it compiles it, or says more clearly what is wrong
     else:
         say(f"Compiled in {time.monotonic() - began:.0f} s.")
+
+
+def not_compiled(names: Iterable[str]) -> dict[str, Path]:
+    """Return those of PARTS that this computer has not compiled yet, each with the file that will mark that it has.
+
+    Those that take longest are first. Nothing is to be compiled where the environment says so, or nothing can be kept.
+    """
+    if os.environ.get(NOT_TO_BE_COMPILED, "0") != "0":
+        return {}
+    wanted = set(names)
+    marks = {name: _mark(name) for name in PARTS if name in wanted}
+    return {name: mark for name, mark in marks.items() if mark is not None and not mark.exists()}
 
 
 def announce_compiling() -> None:
@@ -59,7 +70,7 @@ def announce_compiling() -> None:
     class _FirstTime(untyped.Listener):
         def on_start(self, _event: object) -> None:
             event.unregister("numba:compile", self)
-            _print("Compiling the robot model (first use on this computer, about a minute) ...")
+            Progress().say(f"Compiling the robot model ({FIRST_USE}, about a minute on an idle one) ...")
 
         def on_end(self, _event: object) -> None:
             pass
@@ -67,20 +78,14 @@ def announce_compiling() -> None:
     event.register("numba:compile", _FirstTime())
 
 
-def _print(text: str) -> None:
-    from cmr.news import is_quiet
-
-    if not is_quiet():
-        print(text, file=sys.stderr, flush=True)
-
-
-def _in_words(names: Iterable[str]) -> str:
+def in_words(names: Iterable[str]) -> str:
+    """Return what these parts are."""
     *others, last = (PARTS[name].words for name in names)
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def _seconds(names: Iterable[str]) -> int:
-    """Return how long it will take these to compile side by side [s]."""
+def seconds_of(names: Iterable[str]) -> int:
+    """Return how long these take to compile side by side on an idle computer [s]."""
     each = [PARTS[name].seconds for name in names]
     return max(max(each), sum(each) // _cores())
 
@@ -115,7 +120,7 @@ def _state() -> str:
 
 
 def _processor() -> str:
-    """Return the name and the abilities of the processor, as Linux tells them; elsewhere nothing."""
+    """Return the name and the abilities of the processor, as Linux reports them; elsewhere nothing."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").partition("\n\n")[0].splitlines()
     except OSError:

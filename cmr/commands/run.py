@@ -11,6 +11,7 @@ from cmr.bus.process import Process
 from cmr.commands import first_use
 from cmr.commands.command_line import CommandError, parser
 from cmr.configuration import results
+from cmr.progress import Progress
 from cmr.scenario import Scenario, ScenarioError, load
 from cmr.scenario.children import Children
 from cmr.scenario.jobs import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, Job, jobs_of
@@ -19,7 +20,6 @@ from cmr.scenario.preparing import prepare
 from cmr.scenario.recorder import logs_in
 from cmr.scenario.report import metrics_in_words, write_report
 from cmr.scenario.shipping import SHIPPED, path_of, shipped
-from cmr.scenario.terminal import Terminal
 from cmr.team.metrics import UNITS
 
 # What processes have to be compiled for, by their role.
@@ -52,8 +52,8 @@ def main(arguments: list[str]) -> int:
             raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
         ours, others = _by_host(jobs_of(prepared, folder, url))
         _tell_others(others, url, folder)
-        with Children(folder) as children:
-            run = LiveRun(prepared, folder, process, ours, children, Terminal(), others)
+        with Children(folder) as children, Progress(lines=True) as progress:
+            run = LiveRun(prepared, folder, process, ours, children, progress, others)
             began = time.time()
             outcome = run.run()
             run.say(f"Stopping: {outcome.ended_by}.")
@@ -62,7 +62,7 @@ def main(arguments: list[str]) -> int:
         if document["metrics"]:
             print(f"Measured: {metrics_in_words(document)}.")
         if document["unreliable"]:
-            Terminal().warn(document["unreliable"])
+            progress.warn(document["unreliable"])
         if others:
             print(f"What was started on {_hosts(others)} is to be ended there.")
         logs = where_logs_are(logs_in(folder))

@@ -1,4 +1,4 @@
-"""cmr-sim: the world. Estimates real robots, simulates virtual ones and twins, and tells everybody."""
+"""cmr-sim: the world. Estimates real robots, simulates virtual ones and twins, and publishes all."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -74,7 +74,7 @@ def main(arguments: list[str]) -> int:
             process.dispatch(world.handle)
             world.advance(utime)
             process.overruns = world.late_steps
-            # A turn that follows closely upon a late one makes no step; what holds for a moment is told once.
+            # A turn that follows closely upon a late one makes no step; what holds for a moment is published once.
             if world.utime != told and publish.due():
                 told = world.utime
                 world.others.sent(told)
@@ -270,7 +270,7 @@ def _add_range_sensors(options: argparse.ArgumentParser) -> None:
 
 
 def _real(text: str) -> Callable[[int], bool]:
-    """Return what tells which real robots this simulator estimates."""
+    """Return what decides which real robots this simulator estimates."""
     if text in ("all", "none"):
         return lambda _robot_id: text == "all"
     chosen = {parse_robot_id(number) for number in text.split(",")}

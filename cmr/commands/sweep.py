@@ -1,7 +1,6 @@
 """cmr-sweep: many runs of one scenario, on all cores or on many computers."""
 
 import argparse
-import sys
 import time
 from contextlib import nullcontext
 from pathlib import Path
@@ -11,6 +10,7 @@ from cmr.commands.command_line import CommandError, parser
 from cmr.commands.first_use import EMULATOR, MODEL, WORLD, compile_first
 from cmr.configuration import results
 from cmr.distribution import how_to_install
+from cmr.progress import Progress
 from cmr.sweep.stopping import end_on_signals
 
 if TYPE_CHECKING:
@@ -75,26 +75,26 @@ def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedR
 
 def _perform(runs: "list[PlannedRun]", journal: "Journal", options: argparse.Namespace) -> list[str]:
     """Do the runs that are not in the journal yet; return a sentence for each that failed."""
-    from cmr.scenario.terminal import Terminal
     from cmr.sweep.cluster import lookout, perform, worker_command, workers
     from cmr.sweep.experiment import perform as work
 
     missing = {run.key: run for run in runs if run.key not in journal.results}
-    terminal = Terminal(sys.stderr)
+    progress = Progress(len(missing), "runs", lines=True)
     if len(missing) < len(runs):
-        terminal.say(f"{len(runs) - len(missing)} of {len(runs)} runs are there already.")
+        progress.say(f"{len(runs) - len(missing)} of {len(runs)} runs are there already.")
     if not missing:
         return []
     failed = []
     hint = f"To start some: {worker_command(options.scheduler)}"
     with (
         workers(options.scheduler, options.workers) as client,
-        lookout(client, lambda: terminal.say(f"Waiting for workers: there are none. {hint}"))
+        lookout(client, lambda: progress.warn(f"Waiting for workers: there are none. {hint}"))
         if options.scheduler
         else nullcontext(),
+        progress,
     ):
         if any(count > 1 for count in client.nthreads().values()):
-            terminal.say(f"Workers with threads do one run at a time. {hint}")
+            progress.say(f"Workers with threads do one run at a time. {hint}")
         began = time.monotonic()
         jobs = {run.key: (run.experiment, run.seed) for run in missing.values()}
         for done, (key, result) in enumerate(perform(client, work, jobs), start=1):
@@ -102,22 +102,13 @@ def _perform(runs: "list[PlannedRun]", journal: "Journal", options: argparse.Nam
                 failed.append(_failure(missing[key], result))
             else:
                 journal.add(key, result)
-            if done < len(missing):
-                terminal.progress(_progress(done, len(missing), time.monotonic() - began))
-    terminal.say(_progress(len(missing), len(missing), time.monotonic() - began))
+            progress.show(_pace(done, time.monotonic() - began), done)
+    progress.say(f"{len(missing)} runs in {_pace(len(missing), time.monotonic() - began)}.")
     return failed
 
 
-def _progress(done: int, count: int, seconds: float) -> str:
-    """Return the progress bar: how many are done, how fast, and how long the others will take."""
-    filled = 30 * done // count
-    left = seconds / done * (count - done)
-    bar = "#" * filled + "." * (30 - filled)
-    return f"[{bar}] {done} of {count} runs, {done / max(seconds, 1e-9):.3g} a second, {_minutes(left)} left"
-
-
-def _minutes(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
+def _pace(done: int, seconds: float) -> str:
+    return f"{seconds:.0f} s, {done / max(seconds, 1e-9):.3g} a second"
 
 
 def _failure(run: "PlannedRun", error: BaseException) -> str:

@@ -4,13 +4,12 @@ import argparse
 import secrets
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP
-from cmr.commands.command_line import CommandError, parser
+from cmr.commands.command_line import CommandError, add_logs, logs_of, parser
 from cmr.distribution import how_to_install
 from cmr.msg import process_status_t
 from cmr.world.interaction.obstacles import Geofence, ObstacleError, Obstacles
@@ -26,7 +25,7 @@ SHORTEST_TOKEN = 8  # characters
 def main(arguments: list[str]) -> int:
     """Run cmr-view."""
     options = command_parser().parse_args(arguments)
-    options.log = options.log or options.log_option
+    options.log = next(iter(logs_of(options)), None)
     _check(options)
     obstacles, geofence = _room(options)
     try:
@@ -70,7 +69,7 @@ def command_parser() -> argparse.ArgumentParser:
         "The page is served to this computer alone, unless --host and --token are given.",
         "cmr-view run.lcm\n  cmr-view\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm",
     )
-    options.add_argument("log", type=Path, nargs="?", metavar="RUN.lcm", help="a log to play; without it, the bus")
+    add_logs(options, "a log to play; without it, the bus", single=True)
     options.add_argument("--host", default=LOCAL, metavar="ADDRESS", help="to serve at; others than this need --token")
     options.add_argument("--port", type=_port, default=8080, metavar="N", help="to serve at, or the next that is free")
     options.add_argument("--token", metavar="TEXT", help="for the buttons; without it a new one at each start")
@@ -82,7 +81,6 @@ def command_parser() -> argparse.ArgumentParser:
     ):
         action = "store" if name == "--geofence" else "append"
         options.add_argument(name, type=_numbers, action=action, metavar=form, help=f"{what} [m] to draw")
-    options.add_argument("--log", dest="log_option", type=Path, metavar="RUN.lcm", help="the same as RUN.lcm")
     return options
 
 

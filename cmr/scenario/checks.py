@@ -1,4 +1,4 @@
-"""What must hold between the robots of a scenario, and between them and the room."""
+"""What must hold between the robots of a scenario, and between them and their surroundings."""
 
 import math
 from collections import defaultdict
@@ -89,7 +89,7 @@ def check_team(placed: Sequence[Placed]) -> None:
 
 
 def check_noise(robots: Sequence[RobotPlan], noise: Item | None) -> None:
-    """Raise ScenarioError if process noise is wanted and a file by which virtual robots go tells nothing of it."""
+    """Raise ScenarioError if process noise is wanted and a file by which virtual robots go says nothing of it."""
     if noise is None or not noise.flag():
         return
     own = {robot.robot_id: robot.parameters for robot in robots}

@@ -65,7 +65,7 @@ class Children:
         return {name: process.returncode for name, process in processes.items()}
 
     def is_running(self, name: str) -> bool:
-        """Tell whether a process runs."""
+        """Return whether a process runs."""
         process = self._running.get(name)
         return process is not None and process.poll() is None
 

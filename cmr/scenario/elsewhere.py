@@ -16,7 +16,7 @@ NOT_IN_SERVICE = (process_status_t.STARTING, process_status_t.STOPPING)
 class Elsewhere:
     """Follows `jobs` by `statuses`, the last process_status_t of each process on other machines, by host and pid.
 
-    PROCESS_STATUS tells the program and not the robot, so programs are counted.
+    PROCESS_STATUS names the program and not the robot, so programs are counted.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Elsewhere:
         return ""
 
     def newcomers(self) -> bool:
-        """Tell whether processes that move robots came into service since the last call."""
+        """Return whether processes that move robots became ready since the last call."""
         movers = {(one.host, one.pid) for one in self._in_service() if one.process in self._movers}
         fresh = movers - self._greeted
         self._greeted |= movers

@@ -92,7 +92,7 @@ def check_ending(scenario: "Scenario", item: Item | None) -> None:
 
 
 def _is_measured(scenario: "Scenario", metric: str) -> bool:
-    """Tell whether a metric means something for this team."""
+    """Return whether a metric means something for this team."""
     columns = {robot.robot_id: column for column, robot in enumerate(scenario.robots)}
     if metric == "time_to_goal":
         return bool(ways_of(scenario, columns))

@@ -26,7 +26,7 @@ def late_share(pace: Pace, seconds: float) -> float:
 
 
 def is_too_late(pace: Pace, seconds: float) -> bool:
-    """Tell whether so many cycles of a process were late that what it does is not to be relied on."""
+    """Return whether so many cycles of a process were late that what it does is not to be relied on."""
     return seconds >= SHORTEST and late_share(pace, seconds) > TOO_LATE
 
 

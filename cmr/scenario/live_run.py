@@ -1,4 +1,4 @@
-"""One live run of a scenario: gather the team, send it off, watch it, and tell when it is over."""
+"""One live run of a scenario: gather the team, send it off, watch it, and find out when it is over."""
 
 import time
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ from cmr.bus.estop import EmergencyStop
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.msg import process_status_t
+from cmr.progress import Progress
 from cmr.scenario.children import Children
 from cmr.scenario.elsewhere import Elsewhere
 from cmr.scenario.jobs import EMULATOR, PILOT, SIM, Job
@@ -18,7 +19,6 @@ from cmr.scenario.measuring import EndingMetric
 from cmr.scenario.preparing import write_emulators, write_sim_scenario
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.supervisor import Supervisor
-from cmr.scenario.terminal import Terminal
 from cmr.scenario.virtual import waypoints_message
 from cmr.scenario.watch import TeamWatch
 from cmr.world.others import named
@@ -27,8 +27,8 @@ RATE = 20.0  # Hz
 START_UP = 240.0  # s for all robots and processes to be ready, on a slow computer that compiles the robot model
 START_UP_BY_HAND = 1800.0  # s, where somebody has to start processes on other machines
 GRACE = 30.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
-ANOTHER_WORD = 1.2  # s; by then each has told again how it is, as what it says first, it says before it knows
-LISTENING = 0.4  # s, in which a cmr-sim tells of its robots eight times at least
+ANOTHER_WORD = 1.2  # s; by then each has reported again: its first report comes before it knows how it is
+LISTENING = 0.4  # s, in which a cmr-sim publishes its robots eight times at least
 END_THE_OTHER = "end that cmr-run or cmr-sim, or use another --lcm-url"
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
@@ -37,7 +37,7 @@ WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's b
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: in words, and after how many seconds in service; `failed` if it never began."""
+    """How a run ended: in words, and how many seconds after all were ready; `failed` if it never began."""
 
     ended_by: str
     seconds: float
@@ -48,7 +48,8 @@ class Outcome:
 class LiveRun:
     """A run of a scenario, whose files lie in `folder`, by the processes `jobs` here and `others` on other machines.
 
-    What happens is told on the terminal, on PROCESS_STATUS, and kept in `events` as (seconds since the start, words).
+    What happens is reported on the terminal and on PROCESS_STATUS, and kept in `events` as (seconds since the start,
+    words).
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class LiveRun:
         process: Process,
         jobs: Sequence[Job],
         children: Children,
-        terminal: Terminal,
+        progress: Progress,
         others: Sequence[Job] = (),
     ) -> None:
         self.scenario = scenario
@@ -70,14 +71,14 @@ class LiveRun:
         self._folder = folder
         self._process = process
         self._emergency_stop = EmergencyStop()
-        self._terminal = terminal
+        self._bar = progress
         self._created = time.monotonic()
         self._is_ready = False
         self._seconds = 0.0  # since all were ready
         self._there_since: float | None = None  # when all robots were in the world
         self._over_since: float | None = None
-        self._moved = 0.0  # when a robot last moved, in seconds in service
-        self._to_send: set[int] = set()  # robots that have to be told of their waypoints
+        self._moved = 0.0  # when a robot last moved, in seconds since all were ready
+        self._to_send: set[int] = set()  # robots that have to be sent their waypoints
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(PROCESS_STATUS, every=True)
         process.subscribe(ESTOP, every=True)
@@ -92,7 +93,7 @@ class LiveRun:
             doubt = "" if missing else self._doubt()
             lacking = missing or doubt
             if lacking:
-                self._terminal.progress(f"Waiting for {lacking}")
+                self._bar.show(f"Waiting for {lacking}")
             self._there_since = None if missing else (self._there_since or time.monotonic())
             if self._there_since is not None and time.monotonic() - self._there_since > (
                 GRACE if doubt else ANOTHER_WORD
@@ -107,9 +108,9 @@ class LiveRun:
         return Outcome("somebody ended it before all were ready", 0.0, interrupted=True)
 
     def say(self, words: str) -> None:
-        """Tell and keep what happened."""
+        """Report and keep what happened."""
         self.events.append((time.monotonic() - self._created, words))
-        self._terminal.say(words)
+        self._bar.say(words)
 
     def _taken(self) -> str:
         """Listen for a moment; return that somebody else simulates robots that we would; empty if nobody does."""
@@ -138,7 +139,7 @@ class LiveRun:
             self._seconds = time.monotonic() - began
             self._turn()
             self._send_waypoints()
-            self._terminal.progress(self._progress())
+            self._bar.show(self._progress())
             reason = self._why_over()
             if reason:
                 return Outcome(reason, self._seconds)
@@ -189,7 +190,7 @@ class LiveRun:
         return f"{name}{': ' + said if said else ''}"
 
     def _is_heard(self, name: str) -> bool:
-        """Tell whether a process as it was last started is on the bus."""
+        """Return whether a process as it was last started is on the bus."""
         status = self.watch.statuses.get(self.supervisor.states[name].pid)
         return status is not None and status.state != process_status_t.STARTING
 
@@ -210,7 +211,7 @@ class LiveRun:
         return self._elsewhere.has_sim if is_virtual else robot_id in self._elsewhere.with_pilot
 
     def _send_waypoints(self) -> None:
-        """Tell robots of their waypoints once the process that moves them is in service."""
+        """Send robots their waypoints once the process that moves them is ready."""
         waypoints = self.watch.remaining_waypoints()
         for robot_id in sorted(self._to_send)[:WAYPOINTS_A_TURN]:
             pilot, states = f"pilot {robot_id}", self.supervisor.states

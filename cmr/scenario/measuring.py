@@ -26,7 +26,7 @@ def measure(
 ) -> dict[str, float]:
     """Return metrics of a team, in the units of `UNITS`; those are absent, or NaN, of which nothing can be said.
 
-    They are measured since all robots were in service, or in the last `over` [s], at moments at which all were there.
+    They are measured since all robots were ready, or in the last `over` [s], at moments at which all were there.
     What the watch keeps up to date, at any number of robots, is taken from there.
     """
     if not watch.first_utime:
@@ -49,15 +49,15 @@ def measure(
 
 
 class EndingMetric:
-    """Tells when the metric of a scenario's `ends_when` is beyond its bound."""
+    """Knows when the metric of a scenario's `ends_when` is beyond its bound."""
 
     def __init__(self, scenario: Scenario, watch: TeamWatch) -> None:
         self._scenario = scenario
         self._watch = watch
-        self._next = 0.0  # s in service, when to look again
+        self._next = 0.0  # s since all were ready, when to look again
 
     def reason(self, seconds: float) -> str:
-        """Return, `seconds` after all were in service, why the run is over; empty while it is not."""
+        """Return, `seconds` after all were ready, why the run is over; empty while it is not."""
         ending = self._scenario.ends_when
         if ending.metric is None or seconds < max(self._next, ending.after, ending.over or 0.0):
             return ""

@@ -1,4 +1,4 @@
-"""What a scenario says of each robot and of the room; plain values, checked where they are read."""
+"""What a scenario says of each robot and of the surroundings; plain values, checked where they are read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -120,8 +120,8 @@ class RobotPlan:
 class Ending:
     """What ends a run before its duration is over: all waypoints reached, or a metric beyond a bound.
 
-    Bounds are in the unit of the metric in `cmr.team.metrics`. The metric is looked at from `after` [s] in service on,
-    and is that of the last `over` [s]; None: of the whole run so far.
+    Bounds are in the unit of the metric in `cmr.team.metrics`. The metric is looked at from `after` [s] on, counted
+    since all were ready, and is that of the last `over` [s]; None: of the whole run so far.
     """
 
     waypoints_reached: bool = False

@@ -35,7 +35,7 @@ def prepare(scenario: Scenario, folder: Path) -> Scenario:
 def write_sim_scenario(scenario: Scenario, folder: Path, poses: Mapping[int, Pose]) -> None:
     """Write what cmr-sim reads when it starts: robots seen before start anew where they were seen last.
 
-    It has no waypoints: those that are still to be driven are sent when all robots are in service. It names files of
+    It has no waypoints: those that are still to be driven are sent when all robots are ready. It names files of
     its own folder alone, so that the folder can be copied to another machine.
     """
     robots = tuple(_for_sim(robot, poses.get(robot.robot_id, robot.start)) for robot in scenario.robots)

@@ -61,7 +61,7 @@ class Recorder:
         try:
             while not self._is_closing:
                 self._lcm.handle_timeout(LONGEST_WAIT)
-        except Exception as error:  # of whatever kind: told by the thread that looks how it goes
+        except Exception as error:  # of whatever kind: reported by the thread that looks how it goes
             self._error = error
 
     def _write(self, channel: str, data: bytes) -> None:

@@ -87,7 +87,7 @@ def metrics_in_words(document: dict[str, Any]) -> str:
 
 
 def mean_rate(watch: TeamWatch) -> float:
-    """Return how often the world was published on average [Hz], since all were in service if they are."""
+    """Return how often the world was published on average [Hz], since all were ready if they are."""
     if not watch.sample_utime:
         return 0.0
     span = (watch.utime - (watch.first_utime or watch.sample_utime[0])) * 1e-6

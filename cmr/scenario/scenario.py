@@ -73,7 +73,7 @@ def load(path: Path, *, starts_checked: bool = True) -> Scenario:
     """Read a scenario from a YAML file.
 
     Where robots go on from wherever they are, starts are not checked, as they need not be clear of one another, nor is
-    process noise: a calibration may have written parameters anew that tell nothing of it. Behaviours given as
+    process noise: a calibration may have written parameters anew that say nothing of it. Behaviours given as
     `module:Class` are looked for in the working folder, too.
     Raises ScenarioError naming file, line and key when it is missing, unreadable or wrong.
     """

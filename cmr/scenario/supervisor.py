@@ -35,7 +35,7 @@ class State:
 class Supervisor:
     """Keeps the processes of a run alive.
 
-    `held(pid)` tells whether a driver or a pilot was holding its robot for a reason when it was last heard; one that
+    `held(pid)` returns whether a driver or a pilot was holding its robot for a reason when it was last heard; one that
     ends then is not started again, nor is one that somebody ended. `prepare(job)` is called before each start.
     """
 
@@ -78,11 +78,11 @@ class Supervisor:
             state.due = None
 
     def is_running(self, name: str) -> bool:
-        """Tell whether a process runs."""
+        """Return whether a process runs."""
         return self._children.is_running(name)
 
     def is_done(self, name: str) -> bool:
-        """Tell whether a process came to its end as it should."""
+        """Return whether a process came to its end as it should."""
         ends = self.states[name].ends
         return not self.is_running(name) and bool(ends) and ends[-1] == _how(0)
 

@@ -50,9 +50,9 @@ class TeamWatch:
         self.distance = np.zeros(count)  # m driven
         self.nearest = Nearest()
         self.utime = 0
-        self.first_utime = 0  # when all were in service; 0: not yet
-        self.worlds = 0  # how many states of the world were received, since all were in service if they are
-        self._late_before: dict[int, int] = {}  # late turns of each process until then, by pid
+        self.first_utime = 0  # when all were ready; 0: not yet
+        self.worlds = 0  # how many states of the world were received, since all were ready if they are
+        self._late_before: dict[int, int] = {}  # late cycles of each process until then, by pid
         self._fastest: dict[int, float] = {}  # rate of each process's loop [Hz], by pid, when it kept up best
         self._world_utimes: deque[int] = deque(maxlen=100)
         self._looked = 0  # us; when it looked last at where robots are
@@ -107,9 +107,9 @@ class TeamWatch:
         return {"minimum_separation": self.nearest.distance, "distance_driven": float(self.distance.mean())}[metric]
 
     def _time_to_goal(self) -> float:
-        """Return after how many seconds in service the last robot had passed its waypoints; if it has not, until now.
+        """Return the time [s] from when all were ready until the last robot had passed its waypoints, or until now.
 
-        NaN where no robot has any, or not all were in service yet.
+        NaN where no robot has any, or not all were ready yet.
         """
         if not (self.first_utime and self._goals):
             return math.nan
@@ -122,7 +122,7 @@ class TeamWatch:
         return (len(self._world_utimes) - 1) / (span * 1e-6) if span > 0 else 0.0
 
     def begin(self) -> None:
-        """From now on all are in service: what was before only tells of starting up, and of robots that wait."""
+        """From now on all are ready: what was before only shows how all started up, and robots that waited."""
         self.first_utime, self.worlds = self.utime, 0
         self.distance[:] = 0.0
         self.nearest = Nearest()
@@ -143,7 +143,7 @@ class TeamWatch:
         return sum(self.late_turns(pid) or 0 for pid in self.statuses)
 
     def is_degraded(self, pid: int) -> bool:
-        """Tell whether a process was in doubt when it was last heard."""
+        """Return whether a process was in doubt when it was last heard."""
         status = self.statuses.get(pid)
         return status is not None and status.state == process_status_t.DEGRADED
 

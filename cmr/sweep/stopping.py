@@ -3,6 +3,8 @@
 import os
 import signal
 
+from cmr.progress import leave_terminal
+
 EXIT_INTERRUPTED = 130
 
 
@@ -10,6 +12,7 @@ def end_on_signals(command: str) -> None:
     """End on SIGINT, SIGTERM and SIGHUP with a sentence; processes of ours end with their parent."""
 
     def end(_number: int, _frame: object) -> None:
+        leave_terminal()
         os.write(2, f"\n{command}: stopped; the same command goes on from here.\n".encode())
         os._exit(EXIT_INTERRUPTED)
 

@@ -20,7 +20,7 @@ POSE_STD = (0.01, 0.01, 0.02)  # m, m, rad: motion capture or lidar SLAM
 SLIP_STD = 0.03  # m per square root of metre travelled
 TURN_STD = {"gyro": 0.01, "wheels": 0.1}  # rad per square root of second with a gyro; of radian turned without one
 REST_STD = 1e-4  # m or rad per square root of second: keeps the filter willing to learn at rest
-GYRO_LIFETIME = 100_000  # us; after this long without a reading the wheels tell the turns
+GYRO_LIFETIME = 100_000  # us; after this long without a reading turns are taken from the wheels
 LONGEST_STEP = 0.2  # s; over a longer gap in the feedback nothing is assumed about the motion
 CLOCK_STEP = 1.0  # s; stamps further back than this are no late message but another clock
 PATIENCE = 500_000  # us for which a robot's first pose is waited for; one without any begins at the origin
@@ -31,7 +31,7 @@ ACCELERATION_SMOOTHING = 0.05  # s; time constant of the smoothed wheel accelera
 class Estimator:
     """The estimate of one real robot; feed it messages by `handle`, read `utime` and `state`.
 
-    `parameters` may change at any time; the pose does not jump. `located` tells whether a pose has been seen: without
+    `parameters` may change at any time; the pose does not jump. `located` is whether a pose has been seen: without
     one the world's origin is where the robot started.
     """
 

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.world.comparison import Drive
 
@@ -12,6 +10,8 @@ TITLES = ("before calibration", "after calibration")
 
 def draw_before_and_after(drives: tuple[Drive, Drive], path: Path) -> None:
     """Write a picture of two drives side by side, real path yellow and simulated path blue, to `path`."""
+    from matplotlib.figure import Figure  # slow to import, and writes a cache
+
     figure = Figure(figsize=(11.0, 5.5), dpi=120, layout="constrained")
     for axes, drive, title in zip(figure.subplots(1, 2), drives, TITLES, strict=True):
         axes.plot(drive.real_x, drive.real_y, color=REAL_COLOUR, linewidth=4.0, label="real robot")

@@ -84,7 +84,7 @@ class Fleet:
         self._model.command(slice(first, first + len(within)), within[:, 0], within[:, 1])
 
     def advance(self, utime: int) -> bool:
-        """Let one step pass if it is due by `utime`, or in less than half a step; tell whether it did."""
+        """Let one step pass if it is due by `utime`, or in less than half a step; return whether it did."""
         if abs(utime - self.utime) > FURTHEST_BEHIND:
             self.utime = utime - STEP
         if self.utime + STEP > utime + EARLY:

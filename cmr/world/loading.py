@@ -29,7 +29,7 @@ class Loader:
         self._one_at_a_time = Lock()
 
     def ready(self, parameters: RobotParameters) -> bool:
-        """Tell whether robots can be simulated by these parameters without delay; if not, begin to see to it."""
+        """Return whether robots can be simulated by these parameters without delay; if not, begin to see to it."""
         key = tuple(sorted(parameters.values.items()))
         if key not in self._threads:
             self._since = time.monotonic()

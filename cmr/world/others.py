@@ -26,7 +26,7 @@ MOST_NAMED = 5  # robots in a sentence
 class Others:
     """The robots of other simulators; `own` are the ids of this simulator's, to which `claim` adds.
 
-    `sent` is told of what this simulator publishes, `handle` takes WORLD_STATE, its own messages included: the bus
+    `sent` is called with what this simulator publishes, `handle` takes WORLD_STATE, its own messages included: the bus
     brings them back.
     """
 

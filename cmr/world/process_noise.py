@@ -28,7 +28,7 @@ WINDOW = 3.0  # s, of the diagnosis's free runs
 ARC = (0.4, 0.5)  # duties left, right
 SETTLING = 1.0  # s before a window, by which the motors have reached their speeds
 SMALL = 0.01  # share of the duty; up to four times that, robots stray in proportion
-ROBOTS = 1000  # tell by how much robots stray, to 2 %
+ROBOTS = 1000  # so many show by how much robots stray, to 2 %
 STRAYED = "held_out_path_rmse_m"
 LARGEST = 0.3  # share of the duty; a robot that strays more than that makes is not described by its model
 CHUNK = 512  # random numbers drawn at once for a wheel
@@ -66,7 +66,7 @@ class ProcessNoise:
         return " ".join(problem for _, problem in sorted(self._problems.items()))
 
     def disturbed(self, duties: Floats, robots: Robots, goes_by: Callable[[int], int]) -> Floats:
-        """Return the duties (n, 2) of `robots` for the next step; `goes_by` tells by whose parameters one goes."""
+        """Return the duties (n, 2) of `robots` for the next step; `goes_by` holds by whose parameters one goes."""
         if robots.robot_id is not self._robots:
             self._begin(robots, goes_by)
         rows = self._rows

@@ -41,7 +41,7 @@ class RangeScan(range_scan_t):
 class Scanner:
     """Gives robots range sensors: those of these ids, and all of these origins (REAL, VIRTUAL).
 
-    Only robots that the world owns scan: of several simulators that share a world, one tells what a robot sees.
+    Only robots that the world owns scan: of several simulators that share a world, one publishes what a robot sees.
     """
 
     def __init__(

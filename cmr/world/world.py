@@ -86,10 +86,10 @@ def _starting(virtual: list[VirtualRobot], parameters_of: int) -> Robots:
 class World:
     """All robots. `follow` makes the parameter follower of a robot id; virtual robots move as their models do.
 
-    Real robots are discovered by their MOTOR_FEEDBACK_N or POSE_N; `estimates` tells which ones are this world's.
+    Real robots are discovered by their MOTOR_FEEDBACK_N or POSE_N; `estimates` says which ones are this world's.
     Robots of other simulators, `others`, come on WORLD_STATE and are shown to behaviours.
 
-    `ready` tells whether robots can be simulated by some parameters without delay; until then, those that move by
+    `ready` returns whether robots can be simulated by some parameters without delay; until then, those that move by
     others go on so, and new ones stand where they start.
 
     Virtual robots steer by the parameters of the robot that they go by, and move by them as well, unless
@@ -173,7 +173,7 @@ class World:
                 self._real[robot_id].commands.take(utime, *duties)
 
     def poll_parameters(self) -> bool:
-        """Look for replaced parameter files; tell whether any parameters changed. No robot's state does."""
+        """Look for replaced parameter files; return whether any parameters changed. No robot's state does."""
         changed = [robot_id for robot_id, follower in self.parameters.items() if follower.poll()]
         for robot_id in changed:
             self._take_over(robot_id)

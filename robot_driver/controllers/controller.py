@@ -45,10 +45,10 @@ def conditions_of(telemetry: Telemetry) -> tuple[str, ...]:
 class Request(Generic[T]):
     """One exchange with a controller: what to write, where the reply ends, and what it says.
 
-    `data` is written in one go. `longest_reply` (bytes) is what the deadline is computed from. `missing` tells how
+    `data` is written in one go. `longest_reply` (bytes) is what the deadline is computed from. `missing` returns how
     many bytes at least are still to come after those given (0: the reply is complete). `parse` turns a reply into
     what it says, or raises BadReply. `ends_in_silence`: a reply shorter than `longest_reply` may be complete; only
-    silence tells. `measured` tells, once `parse` has returned, when the device took the reading (monotonic ns), where
+    silence shows. `measured` returns, once `parse` has returned, when the device took the reading (monotonic ns), where
     its own clock says so. `then` makes, from what the reply says, a further request to be made at once; what that
     is answered is the answer to both; where that only `confirms`, what was asked for was done before this reply.
     `otherwise` is made when there is no good reply, which stays a failure all the same: somebody else on the line must
@@ -75,10 +75,10 @@ class Controller(ABC):
     A new object is made for each connection, so it may remember what it learned about the device. The two channels
     are in the controller's own order and sign; which is left is the driver's business. `link` names, for a person, what
     the device must be set to so that it answers. `watchdog_seconds` is after what silence of ours it is to stop the
-    motors by itself. `essential`: the keys of Telemetry that every such device tells, and without which the motors
+    motors by itself. `essential`: the keys of Telemetry that every such device reports, and without which the motors
     must not turn. `streams`: the device talks all the time, asked or not. `gyro` is the gyro on the same board; it
     overhears all that comes. `other_baud_rates` are those at which such a device is looked for if it does not answer at
-    the default one. `monotonic_ns` is the driver's clock, which some devices are told. `objection` is a sentence on
+    the default one. `monotonic_ns` is the driver's clock, which some devices are sent. `objection` is a sentence on
     why the device must not be driven, as soon as what it says
     shows that; else "".
     """

@@ -53,7 +53,7 @@ def crc(data: bytes) -> int:
 
 
 class RoboClaw(Controller):
-    """One RoboClaw, at address 0x80 unless told otherwise; channel M1 is first, M2 second."""
+    """One RoboClaw, at address 0x80 unless another is given; channel M1 is first, M2 second."""
 
     default_baud_rate = 115200
     other_baud_rates = (38400, 460800, 9600)  # as it comes from the factory; the fastest; 9600 is a common choice
@@ -189,7 +189,7 @@ def _version(data: bytes) -> str:
 
 
 def _missing_of_version(reply: bytes) -> int:
-    """Tell how many bytes of a version are missing: it ends with NUL and CRC."""
+    """Return how many bytes of a version are missing: it ends with NUL and CRC."""
     end = reply.find(b"\0", 0, LONGEST_VERSION)
     if end < 0:
         # Without a NUL where one must be, this is no version: take what would be its CRC, which will not match.

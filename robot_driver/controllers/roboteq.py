@@ -3,7 +3,7 @@
 A line is a command and a carriage return. Actions (!) and settings (^) are answered with `+` or, refused, with `-`;
 queries of readings (?) and settings (~) with `NAME=value:value`. By default the device repeats whatever it receives
 before it answers. There is no checksum: an answer counts only if it is, to the last character, one that the device
-can give to this very question; and a duty counts only if the device, asked which is in force, tells the same. Source:
+can give to this very question; and a duty counts only if the device, asked which is in force, reports the same. Source:
 Roboteq "Advanced Digital Motor Controller User Manual", serial commands.
 
 The watchdog is fed by actions alone. After it has stopped the motors, the next action has them go on as before; but
@@ -132,7 +132,7 @@ class Roboteq(Controller):
         """Set the duty of channels 1 and 2, in steps of 0.001, and ask which is in force.
 
         A line that was damaged on its way may be another duty, and is acknowledged all the same. Zero is believed: the
-        line may have been lost, or the controller hold the motors by itself, which its status tells.
+        line may have been lost, or the controller hold the motors by itself, which its status reports.
         Raises ValueError for a duty outside [-1, 1].
         """
         steps = round(first * FULL_DUTY), round(second * FULL_DUTY)

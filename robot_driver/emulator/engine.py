@@ -27,7 +27,7 @@ class Port(Protocol):
 
     @property
     def is_open(self) -> bool:
-        """Tell whether a client has the port open."""
+        """Return whether a client has the port open."""
 
     def read(self) -> bytes:
         """Return what the client has sent."""

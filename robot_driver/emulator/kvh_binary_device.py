@@ -68,7 +68,7 @@ class KvhBinaryDevice:
         return sent
 
     def wake(self, time: float) -> list[Transmission]:
-        """Sample, whether or not anything is to be sent; after power-up tell the result of the self-test first."""
+        """Sample, whether or not anything is to be sent; after power-up report the result of the self-test first."""
         self.wake_time += self._period / self._pace
         rate = self._gyro.rate(self._period / self._pace) / self._pace
         if self._configuring or self.kept["MSYNC"] == "EXT":

@@ -1,4 +1,4 @@
-"""What a late sensor tells of: values of the last moments."""
+"""What a late sensor reports: values of the last moments."""
 
 from collections import deque
 from collections.abc import Sequence

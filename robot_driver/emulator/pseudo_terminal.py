@@ -37,7 +37,7 @@ class PseudoTerminal:
 
     @property
     def is_open(self) -> bool:
-        """Tell whether a client has the port open."""
+        """Return whether a client has the port open."""
         is_open = self._has_client()
         if self._was_open and not is_open:
             self._forget_client()

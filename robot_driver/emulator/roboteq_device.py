@@ -140,7 +140,7 @@ class RoboteqDevice:
         return DONE
 
     def _table_of_readings(self) -> dict[str, Callable[[], list[int]]]:
-        """Return what each query reads, one value for each channel or whatever else it tells."""
+        """Return what each query reads, one value for each channel or whatever else it reports."""
         degrees = round(self._settings.electrics.temperature)
         return {
             "A": self._currents,

@@ -142,7 +142,7 @@ class SpeedRobot:
         )
 
     def _tell_poses(self, until: float) -> None:
-        """Tell the poses that are ready by then."""
+        """Publish the poses that are ready by then."""
         while self._poses and self._poses[0].ready <= until:
             pose = self._poses.pop(0)
             utime = self._host.utime_at(self._monotonic(pose.time))

@@ -30,8 +30,8 @@ class Dsp3000(Gyro):
 
     It does not say which mode it is in. So the letter is sent again when its readings become valid: at the first one,
     when nobody knows how long it has been on, and whenever it may just have been switched on; and when their values
-    raise doubts. A letter may be lost, so it is sent again, twice. Readings are told as not valid until they are sure
-    to be rates.
+    raise doubts. A letter may be lost, so it is sent again, twice. Readings are reported as not valid until they are
+    sure to be rates.
     """
 
     baud_rate = 38400
@@ -105,7 +105,7 @@ class Doubts:
         self._smooth = 0  # readings in turn
 
     def raised_by(self, reading: GyroReading) -> bool:
-        """Take the next reading; tell whether it raises doubts: at once, or once at the end of a smooth stretch."""
+        """Take the next reading; return whether it raises doubts: at once, or once at the end of a smooth stretch."""
         if not reading.valid:
             self._rates.clear()
             return False

@@ -11,9 +11,9 @@ class GyroReading:
     `yaw_rate` is in rad/s, counter-clockwise positive seen from above with the sensor upright; NaN if not `valid`.
     `bytes_since` is how many bytes of the stream had been received since the reading began: what the time stamp is
     computed from, unless the sensor's clock runs with ours and says when it `measured` (monotonic ns).
-    `lost_before` is how many readings were sent just before this one but never came, where the protocol tells.
-    `per_period`: the device told the angle turned since its last message, so that the rate is right if messages come
-    as often as it says.
+    `lost_before` is how many readings were sent just before this one but never came, where the protocol shows it.
+    `per_period`: the device reported the angle turned since its last message, so that the rate is right if messages
+    come as often as it says.
     """
 
     yaw_rate: float
@@ -29,8 +29,8 @@ class Gyro(ABC):
 
     A new object is made for each connection and after each gap, since the gyro may have been off. `problem` is a
     sentence on why what comes cannot be used as it is, or "". `nominal_rate` (Hz) is how often readings come by the
-    device's own account, 0 where and while that is not known or not steady; a gap of a few readings can only be told
-    where it is. `unnoticed` is how many readings, or a multiple of it, may be lost without `lost_before` telling.
+    device's own account, 0 where and while that is not known or not steady; a gap of a few readings can only be seen
+    where it is. `unnoticed` is how many readings, or a multiple of it, may be lost without `lost_before` showing it.
     """
 
     baud_rate: int

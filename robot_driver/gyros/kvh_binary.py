@@ -3,7 +3,7 @@
 What a device is set to (rate or angle, unit, messages a second) is not visible in its messages, and every change of it
 is kept in the device's non-volatile memory, which a driver must not wear out or surprise other users with. So the
 driver changes nothing: it asks, and reads what comes accordingly. It asks anew after every gap, and when a
-self-test tells that the device was switched on.
+self-test shows that the device was switched on.
 Sources: KVH 1775 IMU technical manual 56-0298 Rev. B, sections 5, 7 and 8; queries as in ros_kvh1750, src/imu.cpp.
 """
 
@@ -26,7 +26,7 @@ X, Y, Z = range(3)
 
 
 class Unreadable(Exception):  # noqa: N818 - a device may be set to whatever its owner likes
-    """Rates cannot be told from what the device sends as it is set; the text says why and what to do."""
+    """Rates cannot be read from what the device sends as it is set; the text says why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Interview:
 
     @property
     def is_complete(self) -> bool:
-        """Tell whether there is nothing left to ask."""
+        """Return whether there is nothing left to ask."""
         return len(self._answers) == 2 * len(QUERIES)
 
     @property
@@ -64,7 +64,7 @@ class Interview:
         return f"?{self._asked}\r\n".encode()
 
     def hear(self, answer: Answer) -> bool:
-        """Take an answer; tell whether it was one to the question."""
+        """Take an answer; return whether it was one to the question."""
         unknown = answer == Answer("INVALID", f"?{self._asked}")
         if answer.name != self._asked and not unknown:
             return False

@@ -112,7 +112,7 @@ def checksum(data: bytes) -> int:
 
 
 def ends_with_checksum(data: bytes) -> bool:
-    """Tell whether the last four bytes are the checksum of those before: then that of all together is 0."""
+    """Return whether the last four bytes are the checksum of those before: then that of all together is 0."""
     return zlib.crc32(data.translate(_REVERSED_BITS)) == 0xFFFFFFFF
 
 

@@ -142,7 +142,7 @@ class SimulatedHost(Host):
             thread.turn.acquire()
             try:
                 work()
-            except BaseException as failure:  # told by check()
+            except BaseException as failure:  # reported by check()
                 self._failures.append(failure)
                 self.wake(self)
             finally:

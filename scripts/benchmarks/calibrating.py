@@ -100,6 +100,6 @@ def _refine(segments: list[Segment], start: Mapping[str, float]) -> Refined:
 
 
 def _same(found: Refined, optimum: Refined) -> bool:
-    """Tell whether a refinement ended where the one from the truth ended."""
+    """Return whether a refinement ended where the one from the truth ended."""
     pairs = [(found.estimates[name], optimum.estimates[name]) for name in NAMES]
     return all(abs(one.value - other.value) <= SAME_OPTIMUM * other.std for one, other in pairs)

@@ -58,7 +58,7 @@ def _channels() -> Iterator[tuple[bytes, int, Any, int]]:
 
 
 def _template(kind: Any, robot: int) -> bytearray:
-    """Return a message's bytes, of zeros and of what robots say that have nothing to tell."""
+    """Return a message's bytes, of zeros and of what robots say that have nothing to report."""
     message = kind()
     values = {name: TEXTS.get(name, 0) for name in message.__slots__ if name != "n"}
     return bytearray(make(kind, **{**values, "robot_id": robot}).encode())

@@ -1,4 +1,4 @@
-"""One peer in its own process: builds a world of N robots and times its step when it is told to.
+"""One peer in its own process: builds a world of N robots and times its step on request.
 
 Usage: PYTHONPATH=scripts python -m benchmarks.peer_worker {mujoco,mujoco_contacts,irsim,vmas} N. It prints its version,
 then for each number of steps on standard input the CPU seconds that so many steps took, and how many contacts the last
@@ -84,7 +84,7 @@ def mujoco_model(starts: list[tuple[float, float, float]], flag: str) -> Any:
 
 
 def mujoco_run(model: Any, data: Any, command: Callable[[int], None]) -> Run:
-    """Return the stepping of a model; before each step, `command` is told its number."""
+    """Return the stepping of a model; before each step, `command` is called with its number."""
     library: Any = import_module("mujoco")
 
     numbers = count()
@@ -150,7 +150,7 @@ PEERS = {
 
 
 def main() -> None:
-    """Build the world, then time steps as told."""
+    """Build the world, then time steps on request."""
     package, build = PEERS[sys.argv[1]]
     answers, sys.stdout = sys.stdout, sys.stderr  # what libraries print is no answer
     run = build(int(sys.argv[2]))

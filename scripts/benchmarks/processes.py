@@ -31,7 +31,7 @@ LONGEST_WAIT = 60.0  # s; a simulator that has said nothing by then will not
 LONGEST_CALIBRATION, LONGEST_READING = 3.0, 0.25  # s
 LARGEST_MEMORY = 3.0  # times the log
 LARGEST_GROWTH = 1.2  # of the time per byte when the log gets longer
-# A reader that tells how far its memory rose above what it had before: bytes.
+# A reader that reports how far its memory rose above what it had before: bytes.
 MEMORY_OF_READING = """
 import sys
 from pathlib import Path

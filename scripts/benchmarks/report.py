@@ -72,7 +72,7 @@ def _processor() -> str:
 
 
 def _frequency(core: int) -> str:
-    """Return the core's frequency: its highest, where the system tells; otherwise its present one."""
+    """Return the core's frequency: its highest, where the system reports it; otherwise its present one."""
     highest = Path(f"/sys/devices/system/cpu/cpu{core}/cpufreq/cpuinfo_max_freq")
     if highest.exists():
         return f"up to {int(highest.read_text()) / 1e6:.1f} GHz, "

@@ -17,6 +17,15 @@ def summary(parser: argparse.ArgumentParser) -> str:
     return re.split(r"(?<=[.])\s", " ".join((parser.description or "").split()), maxsplit=1)[0]
 
 
+def options_of(parsers: Sequence[argparse.ArgumentParser]) -> list[str]:
+    """Return the long names of the options of a command and its subcommands, the first name of each, once."""
+    every = list(parsers)
+    for parser in every:
+        every.extend(_subcommands(parser))
+    named = [action.option_strings for parser in every for action in parser._actions]
+    return list(dict.fromkeys(next(name for name in names if name.startswith("--")) for names in named if names))
+
+
 def _section(parser: argparse.ArgumentParser, level: int) -> Iterator[str]:
     yield f"{'#' * level} {parser.prog}\n"
     for paragraph in (parser.description or "").split("\n\n"):

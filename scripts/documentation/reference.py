@@ -15,6 +15,15 @@ Every command explains itself with `--help`. These pages come from the same pars
 EXIT_CODES = """\
 Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
 """
+SHARED = """\
+## Options in common
+
+What means the same has the same name in every command. All commands have `--help`, `--version`, `--lcm-url` and
+`--quiet`; these are the others that several commands have:
+
+| option | commands |
+|---|---|"""
+EVERYWHERE = {"--help", "--version", "--lcm-url", "--quiet"}
 
 
 def write_reference(folder: Path) -> None:
@@ -32,14 +41,23 @@ def write_reference(folder: Path) -> None:
 
 def _command_pages() -> dict[str, str]:
     pages, rows = {}, []
+    having: dict[str, list[str]] = {}
     for command in modules():
         if parsers := parsers_of(command):
             name = f"commands/{command.replace(' ', '-')}"
             pages[f"{name}.md"] = command_pages.page(parsers)
+            for option in command_pages.options_of(parsers):
+                having.setdefault(option, []).append(f"[`{command}`]({name}.md)")
             rows.append(f"| [`{command}`]({name}.md) | {command_pages.escaped(command_pages.summary(parsers[0]))} |")
     hidden = [f"```{{toctree}}\n:hidden:\n:maxdepth: 1\n\n{chr(10).join(name[:-3] for name in pages)}\n```"]
-    pages["commands.md"] = "\n".join([INTRODUCTION, *rows, "", EXIT_CODES, *hidden, ""])
+    pages["commands.md"] = "\n".join([INTRODUCTION, *rows, "", EXIT_CODES, SHARED, *_shared(having), "", *hidden, ""])
     return pages
+
+
+def _shared(having: dict[str, list[str]]) -> list[str]:
+    """Return a row for each option that several commands have, but not all."""
+    chosen = {option: commands for option, commands in sorted(having.items()) if option not in EVERYWHERE}
+    return [f"| `{option}` | {', '.join(commands)} |" for option, commands in chosen.items() if len(commands) > 1]
 
 
 def _write(path: Path, data: bytes) -> None:

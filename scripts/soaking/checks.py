@@ -21,10 +21,10 @@ LOST_BY_DAMAGE = 2  # turns: a damage costs its own transaction or reading, and 
 SLOWING = {("motor", "latency"): 50_000, ("motor", "pieces"): 50_000}  # us that a turn takes while that lasts
 RECOVERY = 2_500_000  # us after a fault is over: pauses between attempts of up to 1 s, and two attempts to connect
 RECONNECTED = 100_000  # us; after a shorter gap the driver cannot have connected anew
-TOLD_WITHIN = 500_000  # us from a device's answer to the message that tells it
+TOLD_WITHIN = 500_000  # us from a device's answer to the message that reports it
 TELEMETRY_AGE = 5 * SECOND
 LONG_WAIT = 10_000  # us for a processor, within one sample
-CLOCKS = 5_000  # us by which a message may seem earlier than what it tells
+CLOCKS = 5_000  # us by which a message may seem earlier than what it reports
 KEPT = 30 * SECOND  # of the robot's account
 STOP_WITHIN = 500_000 + CYCLE  # us, from a stop or from the last command to zero duty
 WATCHDOG = 500_000  # us without a byte after which the controller stops by itself
@@ -32,7 +32,7 @@ LARGEST_STEP = 0.4  # duty from rest: 10 per second over two cycles
 LARGEST_SPEED = 200.0  # rad/s
 TICKS_PER_TURN = 2048
 COUNTER_RANGE = 2**32
-STALLS_BEFORE, STALLS_AFTER = SECOND, SECOND // 10  # us around a finding in which stalls of the machine are told
+STALLS_BEFORE, STALLS_AFTER = SECOND, SECOND // 10  # us around a finding in which stalls of the machine are reported
 
 
 class Window(NamedTuple):
@@ -146,7 +146,7 @@ class Gaps:
         return gap
 
     def in_window(self, utime: int) -> bool:
-        """Tell whether a fault, or the recovery from it, explains that this stream is interrupted."""
+        """Return whether a fault, or the recovery from it, explains that this stream is interrupted."""
         return any(window.begin <= utime <= window.end for window in self.windows)
 
     def _explain(self, begin: int, end: int) -> None:
@@ -196,7 +196,7 @@ class Waits:
         return self.between(utime - KEPT // 10, utime)
 
     def between(self, begin: int, end: int) -> int:
-        """Return how long they waited (us); what cannot be told apart is counted in."""
+        """Return how long they waited (us); what cannot be distinguished is counted in."""
         return sum(self._each(begin, end))
 
     def long_ones(self, begin: int, end: int) -> int:
@@ -277,7 +277,7 @@ class MotorChecks:
 
 
 def _differences(known: set[tuple[int, int]], now: set[tuple[int, int]]) -> str:
-    """Return by how many ticks, left and right, what was told differs from what was answered, newest answer first."""
+    """Return by how many ticks, left and right, reports differ from answers, newest answer first."""
     (left, right), *_ = known or {(0, 0)}
     return ", ".join(f"({left - first}, {right - second})" for first, second in list(now)[-3:]) or "unknown"
 
@@ -285,8 +285,8 @@ def _differences(known: set[tuple[int, int]], now: set[tuple[int, int]]) -> str:
 class GyroChecks:
     """GYRO against what the gyro sent.
 
-    Where the protocol has no checksum, a value that could be read on the damaged wire cannot be told from a true one;
-    those are counted.
+    Where the protocol has no checksum, a value that could be read on the damaged wire cannot be distinguished from a
+    true one; those are counted.
     """
 
     def __init__(self, account: Account, gaps: Gaps, waits: Waits, findings: Findings) -> None:
@@ -300,7 +300,7 @@ class GyroChecks:
         self._gaps.take(message.utime)
         self._findings.counts["GYRO"] += 1
         if not message.valid:
-            self._findings.counts["GYRO told as not valid"] += 1
+            self._findings.counts["GYRO reported as not valid"] += 1
             if not math.isnan(message.yaw_rate):
                 self._findings.blame(message.utime, "a gyro reading that is not valid has a rate")
             return

@@ -21,7 +21,7 @@ HOUR = 3_600 * SECOND
 
 
 class Pilot:
-    """Commands robot 0 at each `turn`; tells `checks` when the motors must stand still and when they must drive."""
+    """Commands robot 0 at each `turn`; informs `checks` when the motors must stand still and when they must drive."""
 
     def __init__(self, bus: Bus, checks: DriveChecks, chance: Random) -> None:
         self.sent: Counter[str] = Counter()  # rubbish by the reason for which it must not be taken

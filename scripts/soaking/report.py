@@ -40,7 +40,7 @@ def _judge_the_whole(soak: Soak) -> None:
         if told.get(reason, 0) != soak.pilot.sent[reason]:
             soak.findings.blame(
                 last.utime,
-                f"{soak.pilot.sent[reason]} commands were {reason}, the driver told of {told.get(reason, 0)}",
+                f"{soak.pilot.sent[reason]} commands were {reason}, the driver reported {told.get(reason, 0)}",
             )
 
 

@@ -1,4 +1,4 @@
-"""The emulated robot of a soak, in a process of its own: its lines fail when told to, and it says what was true.
+"""The emulated robot of a soak, in a process of its own: its lines fail on request, and it says what was true.
 
 What it was driven with, what its devices said before any damage, and every damage go to the other process as records,
 stamped by the moment at which they happened to the device.
@@ -28,7 +28,7 @@ from robot_driver.emulator.settings import Settings, load_settings
 from soaking.truth import said_by_dsp3000, said_by_kvh, said_by_roboclaw
 
 LOOK = 0.01  # s between looks at what is to be done
-LATE = 0.005  # s by which the machine may hold the emulator up before it is told
+LATE = 0.005  # s by which the machine may hold the emulator up before that is reported
 BURST = 0.05  # s for which an adapter that sends in bursts holds bytes back
 FLUSH = 0.05  # s between deliveries of records
 START_UP = 1.0  # s for which a gyro that was switched on says that its readings are not valid
@@ -80,7 +80,7 @@ class Plug:
 
     @property
     def is_open(self) -> bool:
-        """Tell whether a client has the port open."""
+        """Return whether a client has the port open."""
         return self._terminal is not None and self._terminal.is_open
 
     def read(self) -> bytes:
@@ -109,7 +109,7 @@ class Off:
 
 
 class Truthful:
-    """`device`, of which `note` is told everything it says; another may take its place."""
+    """`device`, of which `note` gets everything it says; another may take its place."""
 
     def __init__(self, device: Device, said: Saying, note: Note) -> None:
         self.device = device
@@ -271,7 +271,7 @@ class GyroLine(Line):
             self.end.device.receive(bytes([INCREMENTAL_ANGLE]), time)
 
     def invalid(self, time: float, seconds: float) -> None:
-        """Have it send readings that it says are not valid; it is not a new one, which would tell of its self-test."""
+        """Have it send readings that it says are not valid; it is not a new one, which would report its self-test."""
         device: Any = self.end.device
         if isinstance(device, Dsp3000Device):
             device._start_up = time + seconds

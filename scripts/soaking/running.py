@@ -38,7 +38,7 @@ from tests.stalls import Stalls
 
 DRIVER = [sys.executable, "-c", "import sys; from cmr.commands import driver; sys.exit(driver())"]
 TURN = 0.02  # s
-CALM = 10.0  # s at the beginning and the end, so that the driver hears all, and its last words tell of it
+CALM = 10.0  # s at the beginning and the end, so that the driver hears all, and its last words report it
 SAMPLE = 0.05  # s between looks at who waits for a processor
 MEMORY_SAMPLE = 5.0  # s
 MEMORY_FROM = 60.0  # s; what is there by then may stay

@@ -15,7 +15,7 @@ MESSAGE = bytes.fromhex("FE81FF55")  # of a KVH with data format A
 
 
 def said_by_roboclaw(reply: bytes) -> Iterator[tuple[str, Any]]:
-    """Yield what a reply says, as (kind, values); its CRC tells to which command it is the answer."""
+    """Yield what a reply says, as (kind, values); its CRC shows to which command it is the answer."""
     for command, (kind, layout) in ANSWERS.items():
         length = struct.calcsize(layout)
         if len(reply) == length + 2:

@@ -38,7 +38,16 @@ def write_table(counts: Floats, path: Path) -> None:
             writer.writerow([name, *(int(count) for count in line)])
 
 
-def write_picture(counts: Floats, title: str, path: Path) -> None:
+def read_table(path: Path) -> tuple[list[str], list[str], Floats]:
+    """Return of a table what was hidden, what was named, and the counts; the catalogue may have grown since."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        head, *rows = csv.reader(stream)
+    return [row[0] for row in rows], head[1:], np.array([row[1:] for row in rows], float)
+
+
+def write_picture(
+    counts: Floats, title: str, path: Path, hidden: Sequence[str] = NAMES, named: Sequence[str] = (*NAMES, *OTHER)
+) -> None:
     """Write a picture of the counts: the darker, the larger the share of the logs of one effect."""
     figure = Figure(figsize=(14.0, 13.0), dpi=110, layout="constrained")
     axes = figure.subplots()
@@ -47,24 +56,23 @@ def write_picture(counts: Floats, title: str, path: Path) -> None:
     for line, column in np.argwhere(counts > 0.0):
         colour = "white" if shares[line, column] > 0.5 else "black"
         axes.text(column, line, f"{counts[line, column]:.0f}", ha="center", va="center", fontsize=7, color=colour)
-    _label(axes)
+    _label(axes, hidden, named)
     axes.set_title(title)
     figure.savefig(path)
 
 
-def _label(axes: Axes) -> None:
-    columns = [*NAMES, *OTHER]
-    axes.set_xticks(range(len(columns)), [name.replace("_", " ") for name in columns], rotation=90, fontsize=8)
-    axes.set_yticks(range(len(NAMES)), [name.replace("_", " ") for name in NAMES], fontsize=8)
+def _label(axes: Axes, hidden: Sequence[str], named: Sequence[str]) -> None:
+    axes.set_xticks(range(len(named)), [name.replace("_", " ") for name in named], rotation=90, fontsize=8)
+    axes.set_yticks(range(len(hidden)), [name.replace("_", " ") for name in hidden], fontsize=8)
     axes.set_xlabel("named first")
     axes.set_ylabel("hidden in the log")
-    axes.set_xticks(np.arange(len(columns) + 1) - 0.5, minor=True)
-    axes.set_yticks(np.arange(len(NAMES) + 1) - 0.5, minor=True)
+    axes.set_xticks(np.arange(len(named) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(hidden) + 1) - 0.5, minor=True)
     axes.grid(which="minor", color="#e4e4e4", linewidth=0.5)
     axes.tick_params(which="both", length=0)
-    ends = np.cumsum([sum(effect.group == group for effect in CATALOGUE.values()) for group in GROUPS]) - 0.5
+    ends = np.cumsum([sum(CATALOGUE[name].group == group for name in hidden) for group in GROUPS]) - 0.5
     for end in ends:
         axes.axvline(end, color="black", linewidth=0.9)
         axes.axhline(end, color="black", linewidth=0.9)
     for group, end, begin in zip(GROUPS, ends, [-0.5, *ends[:-1]], strict=True):
-        axes.text(len(columns) - 0.2, (begin + end) / 2.0, group, rotation=270, va="center", ha="left", fontsize=9)
+        axes.text(len(named) - 0.2, (begin + end) / 2.0, group, rotation=270, va="center", ha="left", fontsize=9)

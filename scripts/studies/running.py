@@ -2,9 +2,7 @@
 
 import multiprocessing
 import os
-import sys
 import threading
-import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -56,24 +54,3 @@ def _end_with_parent() -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-class Progress:
-    """A line on stderr that tells how far a study is."""
-
-    def __init__(self, total: int) -> None:
-        self._total, self._done, self._failed = total, 0, 0
-        self._begin = time.monotonic()
-
-    def take(self, new: Row) -> None:
-        """Count a row, and renew the line; where no terminal is, every hundredth time."""
-        self._done += 1
-        self._failed += bool(new.error)
-        terminal = sys.stderr.isatty()
-        if not terminal and self._done % 100 and self._done != self._total:
-            return
-        left = (time.monotonic() - self._begin) / self._done * (self._total - self._done) / 60.0
-        line = f"{self._done} of {self._total} logs, {self._failed} failed, about {left:.0f} min left ({new.set_name})"
-        print(f"\r{line:70s}" if terminal else line, end="" if terminal else "\n", file=sys.stderr, flush=True)
-        if terminal and self._done == self._total:
-            print(file=sys.stderr)

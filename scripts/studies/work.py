@@ -32,7 +32,7 @@ def by_command(set_name: str, case: Case) -> Row:
 
 
 def apart(set_name: str, case: Case) -> Row:
-    """Return the row of a long log: it is written and diagnosed in processes of its own, so that memory can be told."""
+    """Return the row of a long log: it is written and diagnosed in processes of its own, whose memory is measured."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "run.lcm"
 

@@ -24,7 +24,7 @@ def way_to_side(x: float, y: float, corners: Floats, side: int) -> tuple[float, 
 
 @compiled("b1(f8, f8, f8[:, ::1])")
 def is_inside(x: float, y: float, corners: Floats) -> bool:
-    """Tell whether (x, y) lies inside of a polygon (2, n)."""
+    """Return whether (x, y) lies inside of a polygon (2, n)."""
     inside = False
     for i in range(corners.shape[1]):
         ax, ay, bx, by = corners[0, i - 1], corners[1, i - 1], corners[0, i], corners[1, i]

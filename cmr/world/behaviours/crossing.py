@@ -1,4 +1,4 @@
-"""Whose turn it is at a crossing, told from where everybody is and where they head.
+"""Whose turn it is at a crossing, seen from where everybody is and where they head.
 
 Around the middle is a core, where paths meet, and a ring about it. One robot at a time is let over the line into the
 ring. Should two enter it at once, because they see the world at different times (a pilot's is some hundredths of a
@@ -45,7 +45,7 @@ class Crossing:
     def free_for(self, utime: int, around: Surroundings, index: Indices, inward: NDArray[np.bool_]) -> tuple[int, int]:
         """Return the ids of the robots that may go over the line, and on into the core; NOBODY where none may.
 
-        `index` are our robots among everybody, `inward` tells which of them head for the middle; of others it is
+        `index` are our robots among everybody, `inward` is which of them head for the middle; of others it is
         guessed from their headings.
         """
         near = crossing_loops.near_to(self.at_x, self.at_y, self.zone + BAND, around.x, around.y)

@@ -16,7 +16,7 @@ MOST_REPEATS = 100
 class DriveManoeuvre(Behaviour):
     """Drive the manoeuvre `name` (or several in turn: steps+circles), `start` [s] after the beginning, then stop.
 
-    `speed` multiplies all duties, `repeats` tells how often all is driven. Nobody steers meanwhile, so the robot stops
+    `speed` multiplies all duties, `repeats` is how often all is driven. Nobody steers meanwhile, so the robot stops
     for good when its centre is further than `space` [m] from where it began, or when the drive was interrupted: it
     must not go on by surprise. By default `space` is what the manoeuvre says that it needs on a robot of this speed
     and width (`cmr.manoeuvres.table`).

@@ -203,7 +203,7 @@ def thin(points: Floats, shortest: float) -> int:
 
 @inlined
 def _straight_on(points, r, last, x, y):  # type: ignore[no-untyped-def]
-    """Tell whether the last piece of a path may end at (x, y) [m] instead, as what it leaves out is straight."""
+    """Return whether the last piece of a path may end at (x, y) [m] instead, as what it leaves out is straight."""
     before_x, before_y = points[r, last, X] - points[r, last - 1, X], points[r, last, Y] - points[r, last - 1, Y]
     dx, dy = x - points[r, last - 1, X], y - points[r, last - 1, Y]
     whole, aside = dx * dx + dy * dy, before_x * dy - before_y * dx

@@ -55,7 +55,7 @@ class RightOfWay(Waypoints):
         return goals
 
     def _heads_in(self, team: Team, goals: Goals) -> NDArray[np.bool_]:
-        """Tell who heads for the middle; those who rest do not."""
+        """Return who heads for the middle; those who rest do not."""
         inward = np.empty(len(team.x), bool)
         at = self._crossing.at_x, self._crossing.at_y
         crossing_loops.head_in(*at, team.x, team.y, goals.x, goals.y, goals.speed, inward)

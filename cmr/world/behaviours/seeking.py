@@ -129,5 +129,5 @@ def corners_of(world: WorldView) -> Floats:
 
 
 def wheel_radius_of(team: Team) -> float:
-    """Return a wheel radius [m] by which to tell how fast others are: they are taken to be of one's own kind."""
+    """Return a wheel radius [m] by which to compute how fast others are: they are taken to be of one's own kind."""
     return float(team.parameters.wheel_radius[0]) if len(team.row) else 0.0

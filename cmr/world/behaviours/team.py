@@ -24,7 +24,7 @@ class TeamBehaviour(ABC):
     Derive from it, give the constructor keyword arguments with defaults, and name the class as
     `your.module:YourClass`, or register it in the entry-point group `cmr.behaviours`. In cmr-sim all robots that are
     described equally share one object; in cmr-pilot an object drives one real robot. Settings named in `per_robot` may
-    differ among robots that share an object: `adopt` is told of them. `finished` and `problem` are those of a
+    differ among robots that share an object: `adopt` takes them. `finished` and `problem` are those of a
     Behaviour.
     """
 

@@ -34,7 +34,7 @@ class Waypoints(Seeker):
         self.points: Path = (x * laps, y * laps)
         self._paths = Paths()
         self._to_lay: dict[int, Path] = {}  # by row
-        self._told = 0  # robots that were told a path
+        self._told = 0  # robots that were sent a path
 
     def take_waypoints(self, robot_id: int, x: list[float], y: list[float]) -> None:
         """Let one robot drive this path from where it is."""
@@ -49,7 +49,7 @@ class Waypoints(Seeker):
         return Goals(target_x, target_y, speed, round_it)
 
     def begins(self, _utime: int, _row: int, _x: float, _y: float, _theta: float) -> Path | None:
-        """Return what a robot at this pose [m, m, rad] that was told nothing drives from now on; None: not yet."""
+        """Return what a robot at this pose [m, m, rad] that was sent nothing drives from now on; None: not yet."""
         return self.points
 
     def _pursue(self, utime: int, team: Team, _me: Robots, _world: WorldView) -> tuple[Floats, Floats, Floats]:

@@ -35,7 +35,7 @@ GOLDEN_ANGLE = 2.399963229728653  # rad; the directions in which robots part tha
 
 
 class Contacts:
-    """Resolves the contacts of a fleet, step after step. `touched` tells by robot who was changed in the last step."""
+    """Resolves the contacts of a fleet, step after step. `touched` holds by robot who was changed in the last step."""
 
     def __init__(self, obstacles: Obstacles) -> None:
         x, y, radius = obstacles.discs
@@ -49,7 +49,7 @@ class Contacts:
         self._fixed_places: Floats = np.zeros((2, 0))
 
     def resolve(self, state: Floats, radius: Floats, wheel_radius: Floats, standing: Floats) -> bool:
-        """Part who overlaps, in place; tell whether anybody was changed.
+        """Part who overlaps, in place; return whether anybody was changed.
 
         `state` (5, n) has rows x, y [m], theta [rad], psi_left and psi_right [rad/s]; `radius` and `wheel_radius`
         (n,) [m] are the same arrays at each step until they change. A radius of 0 touches nobody. `standing` (3, m)
@@ -190,7 +190,7 @@ def _moved(now, before):  # type: ignore[no-untyped-def]
 
 @compiled("b1(f8[:, :], f8[::1], f8[::1], f8[:, ::1], i4[:, ::1], i4[:, ::1], f8[::1], u1[::1])")
 def _slowed(state, radius, wheel_radius, fixed, pairs, obstacles, loss, touched):  # type: ignore[no-untyped-def]
-    """Find what share of its speed each robot loses, and who touches; tell whether anybody does."""
+    """Find what share of its speed each robot loses, and who touches; return whether anybody does."""
     anybody = False
     for k in range(pairs.shape[1]):
         i, j = pairs[0, k], pairs[1, k]

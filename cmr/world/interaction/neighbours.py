@@ -115,7 +115,7 @@ def _neighbours(x: Floats, y: Floats, radius: float) -> Any:
 
 @compiled("Tuple((b1, i8[::1], i4[::1]))(f8[::1], f8[::1], f8, f8[:, ::1], i4[::1], i4[::1])")
 def _still_near(x: Floats, y: Floats, radius: float, places: Floats, first: Indices, second: Indices) -> Any:
-    """Tell whether pairs listed when all were at `places` (2, n) [m] hold, and return those of them that are near now.
+    """Return whether pairs listed when all were at `places` (2, n) [m] hold, and those of them that are near now.
 
     These as `start` and `index` of Neighbours; nobody where the list does not hold.
     """

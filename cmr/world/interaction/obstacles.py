@@ -57,7 +57,7 @@ class Geofence:
         self._refuse_crossings()
 
     def contains(self, x: Any, y: Any) -> Any:
-        """Tell whether points [m] lie inside; False for what is no number. Shapes as x and y broadcast."""
+        """Return whether points [m] lie inside; False for what is no number. Shapes as x and y broadcast."""
         x, y = (np.asarray(values, dtype=float)[..., np.newaxis] for values in (x, y))
         # A ray from the point along +x crosses an odd number of sides exactly if the point is inside.
         spans = (self._y > y) != (self._next_y > y)
@@ -98,7 +98,7 @@ class Geofence:
         return self._boxes_meet(i, j)
 
     def _boxes_meet(self, i: int, j: int) -> bool:
-        """Tell whether the boxes around two sides meet; those of sides on one line do exactly if the sides do."""
+        """Return whether the boxes around two sides meet; those of sides on one line do exactly if the sides do."""
         return all(
             min(here[i], there[i]) <= max(here[j], there[j]) and min(here[j], there[j]) <= max(here[i], there[i])
             for here, there in ((self._x, self._next_x), (self._y, self._next_y))

@@ -1,13 +1,13 @@
-"""The MBot board as a motor controller: it is told duties and the time, and says everything else by itself.
+"""The MBot board as a motor controller: it is sent duties and the time, and says everything else by itself.
 
-Without the time (TIMESYNC) it stops the motors after 1 s and falls silent; told the time again, it goes on with the
-last duties it was told. So the time is only told together with duties, and after them. A board that is silent may have
-received half a frame long ago, of which the next bytes would be the rest: it is told nothing of meaning first, and then
-the duties several times, so that these are surely those that it goes on with. It is told our monotonic time, in which
-it then stamps all it says, late by what the telling took: 1 ms on USB. Each telling sets its clock anew, so it is not
+Without the time (TIMESYNC) it stops the motors after 1 s and falls silent; sent the time again, it goes on with the
+last duties it was sent. So the time is only sent together with duties, and after them. A board that is silent may have
+received half a frame long ago, of which the next bytes would be the rest: it is sent nothing of meaning first, and then
+the duties several times, so that these are surely those that it goes on with. It is sent our monotonic time, in which
+it then stamps all it says, late by what the sending took: 1 ms on USB. Each time sent sets its clock anew, so it is not
 done more often than needed. Sources: mbot-project/mbot_firmware, src/mbot_classic.c and src/mbot_comms.c. Some versions
 of it take MOTOR_PWM_CMD for velocities. That cannot be seen as long as everything is
-zero; at the first duty the board says another than it was told, and is driven no further.
+zero; at the first duty the board reports another than it was sent, and is driven no further.
 """
 
 import math
@@ -26,13 +26,13 @@ COUNTER_RANGE = 2**32
 WATCHDOG = 1.0  # s; built in
 TIME_TELLING = 250_000  # us
 SILENCE = 100_000  # us after which the board may not have heard the time
-UNHEARD = 20_000  # us after which the board says what it was told, or has not heard it: USB holds bytes for up to 16 ms
+UNHEARD = 20_000  # us after which the board reports what it was sent, or has not heard it: USB holds bytes up to 16 ms
 WATCHDOG_IGNORED = 1.5  # s of talking after which there is no watchdog
 BATTERY = 7  # index in ANALOG_IN of the battery's voltage, behind four raw values and three other voltages
 NOTHING = bytes(40)  # more than the rest of a frame of duties, and no beginning of another
-REPEATED = 3  # times that a silent board is told duties
-REMEMBERED = 100  # duties last told, of which one may be in force; the others are older than any watchdog allows
-UNTOLD = 3  # tellings in a row after which a board says duties it was never told: then its firmware is another
+REPEATED = 3  # times that a silent board is sent duties
+REMEMBERED = 100  # duties last sent, of which one may be in force; the others are older than any watchdog allows
+UNTOLD = 3  # reports in a row of duties that the board was never sent: then its firmware is another
 EVERYTHING = 4096  # bytes; whatever has come
 DUTIES, MOMENT = struct.Struct("<q3f"), struct.Struct("<q")
 
@@ -50,14 +50,14 @@ class MBot(Controller):
         self._reader = FrameReader()
         self._latest: dict[Topic, Frame] = {}
         self._watchdog: float | None = None
-        self._duties: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # told, as the board has them
-        self._untold: set[int] = set()  # when what was told after which it said others, us
+        self._duties: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # sent, as the board has them
+        self._untold: set[int] = set()  # when duties were sent after which it reported others, us
         self._told_duties = 0  # us, our monotonic clock
-        self._confirming: Frame | None = None  # the first that said the duties last told
+        self._confirming: Frame | None = None  # the first that reported the duties last sent
         self._told_time = -TIME_TELLING  # us
 
     def identify(self) -> Request[str]:
-        """Wait for anything; the board has no name to tell."""
+        """Wait for anything; the board reports no name."""
         return self._wait("greeting", lambda: "MBot control board" if self._latest else None)
 
     def learn(self) -> list[Request[None]]:
@@ -71,9 +71,9 @@ class MBot(Controller):
         return _answered("watchdog", None)
 
     def read_watchdog(self) -> Request[float]:
-        """See how long the board goes on talking after it was told the time (s), once; then only that it still talks.
+        """See how long the board goes on talking after it was sent the time (s), once; then only that it still talks.
 
-        A reset does not change its watchdog; but a board that was reset is silent until it is told the time again.
+        A reset does not change its watchdog; but a board that was reset is silent until it is sent the time again.
         """
         if (known := self._watchdog) is not None:
             since = self.monotonic_ns() // 1000 - UNHEARD
@@ -96,7 +96,7 @@ class MBot(Controller):
         return Request("watchdog", data, 0, missing, parse, ends_in_silence=True)
 
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
-        """Tell the duties and the time; the board confirms with the duties in force since then.
+        """Send the duties and the time; the board confirms with the duties in force since then.
 
         If it goes on with others, it is not waited for. Raises ValueError for a duty outside [-1, 1].
         """
@@ -160,9 +160,9 @@ class MBot(Controller):
         return data, in_wire
 
     def _doubt(self, frame: Frame) -> None:
-        """Object to being driven when the board says duties again and again that it was never told.
+        """Object to being driven when the board reports duties again and again that it was never sent.
 
-        Damage may make one telling another, which stays in force until the next, but hardly ever three in a row.
+        Damage may change what was sent once, which stays in force until the next, but hardly ever three in a row.
         """
         if frame.topic is not Topic.MOTOR_PWM or frame.utime < self._told_duties:
             return
@@ -189,12 +189,12 @@ class MBot(Controller):
         )
 
     def _has_talked(self, since: int) -> bool:
-        """Tell whether the board has said anything since a moment (us, our monotonic clock)."""
+        """Return whether the board has said anything since a moment (us, our monotonic clock)."""
         now = self.monotonic_ns() // 1000
         return any(since <= frame.utime <= now for frame in self._latest.values())
 
     def _fresh(self, topic: Topic) -> Frame | None:
-        """Return the latest frame of a topic if it was said after the board was last told duties."""
+        """Return the latest frame of a topic if it was said after the board was last sent duties."""
         frame = self._latest.get(topic)
         return frame if frame is not None and self._is_fresh(frame) else None
 
@@ -202,7 +202,7 @@ class MBot(Controller):
         return self._told_duties <= frame.utime <= self.monotonic_ns() // 1000
 
     def _confirm(self, frame: Frame) -> None:
-        """Keep the first frame that says the duties last told: they are in force since then."""
+        """Keep the first frame that reports the duties last sent: they are in force since then."""
         said = frame.topic is Topic.MOTOR_PWM and self._duties and frame.values[:2] == self._duties[-1]
         if said and self._confirming is None and self._is_fresh(frame):
             self._confirming = frame

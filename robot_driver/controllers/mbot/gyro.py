@@ -19,7 +19,7 @@ class MBotGyro(Gyro):
 
     @property
     def wake_up(self) -> bytes:
-        """Nothing: the board talks while it is told the time, and that is the motors' business."""
+        """Nothing: the board talks while it is sent the time, and that is the motors' business."""
         return b""
 
     def feed(self, data: bytes) -> list[GyroReading]:
