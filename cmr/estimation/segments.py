@@ -26,7 +26,7 @@ LONGEST_STAND = 10.0
 EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
 # The noise that ticks may leave, as a share of how fast the wheels turn against each other; s of averaging at most.
-NOISY, LONGEST_MEAN = 0.03, 0.1
+NOISY, LONGEST_MEAN = 0.045, 0.05
 SIDES = ("left", "right")
 AROUND, FEWEST_OF_A_LINE = 0.1, 3  # s around a beginning, and readings, from which the speeds there are taken
 UNIFORM = 12.0**-0.5  # standard deviation of what is spread evenly over 1
