@@ -28,7 +28,6 @@ LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle cou
 # The noise that ticks may leave, as a share of how fast the wheels turn against each other; s of averaging at most.
 NOISY, LONGEST_MEAN = 0.045, 0.05
 SIDES = ("left", "right")
-AROUND, FEWEST_OF_A_LINE = 0.1, 3  # s around a beginning, and readings, from which the speeds there are taken
 UNIFORM = 12.0**-0.5  # standard deviation of what is spread evenly over 1
 
 
@@ -226,15 +225,11 @@ def _pose_use(utime: Times, splits: Sequence[int]) -> np.typing.NDArray[np.uint8
 
 
 def _start_speeds(wheels: Signal, first: int) -> tuple[float, float]:
-    """Return the wheel speeds [rad/s] at the beginning: means around it, or where nothing is before, lines to it."""
-    near = wheels.between(first - int(AROUND / SECONDS), first + int(AROUND / SECONDS))
+    """Return the wheel speeds [rad/s] at the beginning: means around it."""
+    near = wheels.between(first - int(0.1 / SECONDS), first + int(0.1 / SECONDS))
     if len(near) == 0:
         return 0.0, 0.0
-    psi = np.stack([near["psi_left"], near["psi_right"]], axis=1)
-    if near.utime[0] < first or len(near) < FEWEST_OF_A_LINE:
-        return float(psi[:, 0].mean()), float(psi[:, 1].mean())
-    left, right = np.polyfit(_seconds(near, first), psi, 1)[1]
-    return float(left), float(right)
+    return float(near["psi_left"].mean()), float(near["psi_right"].mean())
 
 
 def _given(wheels: Signal, first: int, tick: float, steps: int) -> Floats:
