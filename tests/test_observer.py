@@ -105,6 +105,23 @@ def test_within_a_step_that_takes_a_mean_command_the_gyro_reads_what_finer_steps
     assert np.max(np.abs(mean.wheel - fine.wheel)) < 1e-4
 
 
+def test_a_reading_at_the_moment_of_a_command_is_the_same_whatever_rounding_makes_of_that_moment() -> None:
+    """A command in the middle of a step, at a reading, makes the yaw rate of a robot that slips jump."""
+    what = observations()
+    sent = np.asarray(np.arange(0.5, STEPS, 5.0) * STEP, np.float64)
+    duty = 0.4 + 0.3 * np.stack([np.sin(3.0 * sent), np.cos(4.0 * sent)], axis=1)
+    given = replace(what, commands=Commands(sent, duty), gyro_time=sent, gyro=np.zeros(len(sent)))
+    robot = {**ROBOT, "longitudinal_slip": 0.02}
+    readings = [observe(given, {**robot, "gyro_latency": late}, FREE).gyro[1:] for late in (0.0, 1e-12)]
+    assert np.max(np.abs(readings[0] - readings[1])) < 1e-9
+
+
+def test_the_first_reading_of_a_robot_in_motion_is_its_yaw_rate() -> None:
+    moving = replace(observations(), gyro_time=np.zeros(1), gyro=np.zeros(1), start=(0.0, 0.0, 0.0, 3.0, 5.0))
+    yaw_rate = (5.0 - 3.0) * ROBOT["wheel_radius"] / ROBOT["base_width"]
+    assert observe(moving, ROBOT, FREE).gyro[0, 0] == pytest.approx(-yaw_rate, rel=1e-12)
+
+
 def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:
     """A gyro's bias is an error of its size in the gyro, and none in wheels and poses."""
     said = observe(observations(gyro_bias=0.01), ROBOT, FOLLOWING)
