@@ -253,6 +253,7 @@ def _rolled(time: Floats, angles: Floats, tick: float, steps: int, dt: float) ->
     smooth = (at(middle + 0.5 * LONGEST_MEAN) - at(middle - 0.5 * LONGEST_MEAN)) / LONGEST_MEAN
     turning = float(np.sqrt(np.mean((smooth[:, 1] - smooth[:, 0]) ** 2)))
     noise = 2.0 * UNIFORM * tick  # rad: of the difference of two wheels' ways between two readings
-    span = min(noise / (NOISY * turning), LONGEST_MEAN) if noise > NOISY * turning * dt else dt
+    allowed = NOISY * turning
+    span = noise / allowed if noise < allowed * LONGEST_MEAN else LONGEST_MEAN
     half = np.clip(from_end, 0.5 * dt, max(0.5 * span, 0.5 * dt))
     return np.asarray((at(middle + half) - at(middle - half)) / (2.0 * half)[:, None], np.float64)
