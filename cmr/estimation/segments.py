@@ -248,8 +248,8 @@ def _rolled(time: Floats, angles: Floats, tick: float, steps: int, dt: float) ->
     def at(times: Floats) -> Floats:
         return np.stack([np.interp(times, time, angle) for angle in angles.T], axis=1)
 
-    middle = (np.arange(steps) + 0.5) * dt
-    from_end = np.minimum(middle, steps * dt - middle)
+    middle: Floats = (np.arange(steps, dtype=np.float64) + 0.5) * dt
+    from_end: Floats = np.minimum(middle, steps * dt - middle)
     smooth = (at(middle + 0.5 * LONGEST_MEAN) - at(middle - 0.5 * LONGEST_MEAN)) / LONGEST_MEAN
     turning = float(np.sqrt(np.mean((smooth[:, 1] - smooth[:, 0]) ** 2)))
     noise = 2.0 * UNIFORM * tick  # rad: of the difference of two wheels' ways between two readings
