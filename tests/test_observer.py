@@ -116,12 +116,6 @@ def test_a_reading_at_the_moment_of_a_command_is_the_same_whatever_rounding_make
     assert np.max(np.abs(readings[0] - readings[1])) < 1e-9
 
 
-def test_the_first_reading_of_a_robot_in_motion_is_its_yaw_rate() -> None:
-    moving = replace(observations(), gyro_time=np.zeros(1), gyro=np.zeros(1), start=(0.0, 0.0, 0.0, 3.0, 5.0))
-    yaw_rate = (5.0 - 3.0) * ROBOT["wheel_radius"] / ROBOT["base_width"]
-    assert observe(moving, ROBOT, FREE).gyro[0, 0] == pytest.approx(-yaw_rate, rel=1e-12)
-
-
 def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:
     """A gyro's bias is an error of its size in the gyro, and none in wheels and poses."""
     said = observe(observations(gyro_bias=0.01), ROBOT, FOLLOWING)

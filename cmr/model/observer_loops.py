@@ -239,10 +239,7 @@ def observe(
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     for i in range(filled):
     GYRO_NUMBERS
-                        yaw_rate = own[GYRO_READING + i]
-                        if border == 0:
-                            yaw_rate = own[RADIUS_RIGHT + i] * here[PSI_RIGHT + i]
-                            yaw_rate = (yaw_rate - own[RADIUS_LEFT + i] * here[PSI_LEFT + i]) / own[BASE_WIDTH + i]
+                        yaw_rate = own[GYRO_READING + i] if border > 0 else 0.0
                         reading = yaw_rate
     GYRO
                         own[GYRO_READING + i] = gyro[next_gyro] - reading
