@@ -92,7 +92,8 @@ class Progress:
             return self._text
         left = (time.monotonic() - self._began) / max(self._done, 1e-9) * (self._total - self._done)
         rest = f", about {left:.0f} s left" if self._done else ""
-        return f"{self._done:g} of {self._total:g} {self._unit}{rest}{': ' if self._text else ''}{self._text}"
+        done, total = round(self._done, 1), round(self._total, 1)
+        return f"{done:g} of {total:g} {self._unit}{rest}{': ' if self._text else ''}{self._text}"
 
 
 def leave_terminal() -> None:
