@@ -1,5 +1,6 @@
 """A wheel holds all that runs, nothing that collides with other people's packages, and nothing made by hand."""
 
+import ast
 import configparser
 import os
 import re
@@ -12,6 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 from setuptools.config.pyprojecttoml import read_configuration
+
+from cmr import msg
 
 PROJECT = Path(__file__).parent.parent
 # What pip says when it cannot fetch the build's requirements.
@@ -83,6 +86,14 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: Path, sources: Path) 
 def test_the_build_makes_a_message_class_of_every_type(wheel: Path, sources: Path) -> None:
     types = {f"{path.stem}.py" for path in (sources / "lcmtypes").glob("*.lcm")}
     assert names(wheel / "cmr" / "msg", "*.py") == types | {"__init__.py"}
+
+
+def test_a_stub_beside_each_message_class_types_its_fields(wheel: Path, sources: Path) -> None:
+    stubs = {path.stem: path.read_text() for path in (wheel / "cmr" / "msg").glob("*.pyi")}
+    assert set(stubs) == {path.stem for path in (sources / "lcmtypes").glob("*.lcm")}
+    assert "    x: Sequence[float] | NDArray[float64]\n" in stubs["waypoints_t"]
+    assert "    jpeg: bytes\n" in stubs["camera_image_t"]
+    assert "    FAILED: ClassVar[int] = 4\n" in stubs["calibration_status_t"]
 
 
 def test_every_command_of_the_wheel_is_a_function_there(wheel: Path) -> None:
@@ -157,3 +168,19 @@ def test_no_text_says_to_install_the_stranger_s_package() -> None:
 def test_the_citation_names_the_version_of_the_package() -> None:
     citation = yaml.safe_load((PROJECT / "CITATION.cff").read_text(encoding="utf-8"))
     assert citation["version"] == read_configuration(PROJECT / "pyproject.toml")["project"]["version"]
+
+
+@pytest.mark.parametrize("path", sorted((Path(msg.__file__).parent).glob("*_t.py")), ids=lambda path: path.stem)
+def test_the_fields_and_constants_of_a_stub_are_those_of_its_class(path: Path) -> None:
+    message_type = getattr(msg, path.stem)
+    [*_, stub] = ast.parse(path.with_suffix(".pyi").read_text()).body
+    assert isinstance(stub, ast.ClassDef)
+    annotated = [node for node in stub.body if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)]
+    typed = {node.target.id: node for node in annotated if isinstance(node.target, ast.Name)}
+    fields = [name for name in typed if name.islower() and not name.startswith("__")]
+    assert fields == message_type.__slots__
+    constants = {name: ast.literal_eval(node.value) for name, node in typed.items() if node.value is not None}
+    assert constants == {name: value for name, value in vars(message_type).items() if name.isupper()}
+    for name in fields:
+        holds = ast.unparse(typed[name].annotation)
+        assert type(getattr(message_type(), name)).__name__ in (holds, "list" if "Sequence" in holds else holds)
