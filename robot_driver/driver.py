@@ -6,9 +6,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
-from cmr.bus.streams import ESTOP, GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK, Stream
+from cmr.bus.message import Message
+from cmr.bus.messages import Received
+from cmr.bus.process import Outgoing
+from cmr.bus.streams import GYRO, MOTOR_DUTY, MOTOR_FEEDBACK, Stream
+from cmr.msg import estop_t, motor_command_t
 from cmr.parameters.following import ParameterFollower
 from robot_driver.battery import Thresholds
 from robot_driver.command_gate import CommandGate
@@ -59,7 +62,7 @@ class Driver:
         self.follower = ParameterFollower(settings.robot, settings.parameters)
         self.warnings = " ".join(filter(None, map(numbering_warning, (settings.port, settings.gyro_port or ""))))
         self._robot_id = settings.robot
-        self._outgoing: queue.SimpleQueue[tuple[Stream, Any]] = queue.SimpleQueue()
+        self._outgoing: queue.SimpleQueue[tuple[Stream[Message], Message]] = queue.SimpleQueue()
         self._gate = CommandGate()
         self._commanders = Commanders()
         controller_type = CONTROLLERS[settings.controller]
@@ -110,19 +113,20 @@ class Driver:
         if self.follower.poll():
             self._use_parameters()
 
-    def handle(self, utime: int, channel: str, message: Any) -> None:
+    def handle(self, utime: int, received: Received) -> None:
         """Take a message from the bus."""
-        if channel == MOTOR_COMMAND.channel(self._robot_id):
+        message = received.message
+        if isinstance(message, motor_command_t) and received.robot_id == self._robot_id:
             self._commanders.take(utime, message.left, message.right)
             self._gate.offer(
                 utime, message.left, message.right, now=self._host.seconds_since_boot(), utime=self._host.utime()
             )
-        elif channel == ESTOP.channel():
+        elif isinstance(message, estop_t):
             self._gate.take_estop(bool(message.engaged), utime, utime=self._host.utime())
-        elif self.follower.handle(utime, channel, message):
+        elif self.follower.handle(utime, received):
             self._use_parameters()
 
-    def outgoing(self) -> Iterator[tuple[Stream, int | None, Any]]:
+    def outgoing(self) -> Iterator[Outgoing]:
         """Yield what has been measured since the last call, as (stream, robot id, message)."""
         while not self._outgoing.empty():
             stream, message = self._outgoing.get()

@@ -5,7 +5,6 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from cmr.msg import gyro_t
 from robot_driver.clock import Stamps
@@ -33,7 +32,7 @@ class GyroDevice(Device):
     """
 
     def __init__(
-        self, port: SerialPort, gyro_type: type[Gyro], *, robot_id: int, sign: int, publish: Callable[[Any], None]
+        self, port: SerialPort, gyro_type: type[Gyro], *, robot_id: int, sign: int, publish: Callable[[gyro_t], None]
     ) -> None:
         self._port = port
         self._host = port.host
@@ -159,7 +158,7 @@ class GyroDevice(Device):
             for reading, time in zip(readings, fitted, strict=True)
         ]
 
-    def _message(self, reading: GyroReading, measured: int, arrived: int) -> Any:
+    def _message(self, reading: GyroReading, measured: int, arrived: int) -> gyro_t:
         pace = self._clock_fit.pace if reading.per_period and self._clock_fit else 1.0
         message = gyro_t()  # not by `make`, which takes its time: there may be 5,000 a second
         message.utime = self._stamps.next(measured)

@@ -6,10 +6,9 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 from cmr.bus.messages import make
-from cmr.msg import motor_feedback_t
+from cmr.msg import motor_duty_t, motor_feedback_t
 from robot_driver.asking import Asking
 from robot_driver.battery import Thresholds
 from robot_driver.clock import Stamps
@@ -70,8 +69,8 @@ class Motors(Device):
         wiring: Wiring,
         limits: Limits,
         thresholds: Thresholds,
-        publish: Callable[[Any], None],
-        publish_duty: Callable[[Any], None],
+        publish: Callable[[motor_feedback_t], None],
+        publish_duty: Callable[[motor_duty_t], None],
     ) -> None:
         self.fastest_wheel = FASTEST_WHEEL
         self.rhythm = Rhythm(port.host.monotonic)
@@ -340,11 +339,11 @@ class Motors(Device):
     def _feedback(
         self,
         telemetry: Telemetry,
-        answer: Answer[Any],
+        answer: Answer[tuple[int, int]],
         motion: WheelMotion,
         applied: SentDuty,
         status: int,
-    ) -> Any:
+    ) -> motor_feedback_t:
         # A jump is reported with the next believable reading, because it has itself no velocity to publish.
         jumped, self._jumps_told = self._encoders.jumps > self._jumps_told, self._encoders.jumps
         status |= telemetry.get("status", 0) | (motor_feedback_t.STATUS_ENCODER_JUMP if jumped else 0)

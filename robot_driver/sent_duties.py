@@ -1,7 +1,7 @@
 """Publishes the duties that were sent to a controller but are in no feedback, because an answer was lost."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cmr.bus.messages import make
 from cmr.msg import motor_duty_t
@@ -21,7 +21,7 @@ class SentDuties:
     The motors may have obeyed them although the controller's answer was lost.
     """
 
-    def __init__(self, robot_id: int, publish: Callable[[Any], None]) -> None:
+    def __init__(self, robot_id: int, publish: Callable[[motor_duty_t], None]) -> None:
         self._robot_id = robot_id
         self._publish = publish
         self._unreported: list[SentDuty] = []

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from cmr.bus.messages import make
-from cmr.bus.streams import ESTOP, MOTOR_FEEDBACK, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND
+from cmr.bus.messages import Received, make
+from cmr.bus.streams import ESTOP, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND
 from cmr.manoeuvres import in_sequence
 from cmr.model.command_kinds import VELOCITY
-from cmr.msg import estop_t, velocity_command_t, wheel_speed_command_t
+from cmr.msg import estop_t, motor_feedback_t, velocity_command_t, wheel_speed_command_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.commanding import command_of
 from cmr.recordings.recording import Recorder, Recording
@@ -76,10 +76,10 @@ class Bench:
         waiting, self._waiting = self._waiting, []
         for channel, message in waiting:
             self.heard.append((channel, message))
-            self.robot.handle(message.utime, channel, message)
+            self.robot.handle(message.utime, Received.on(channel, message))
         for stream, robot_id, message in self.robot.outgoing():
             self.heard.append((stream.channel(robot_id), message))
-            if stream is MOTOR_FEEDBACK:
+            if isinstance(message, motor_feedback_t):
                 self.status = message.status
 
     def wait(self, seconds: float) -> None:
@@ -119,7 +119,7 @@ def recorded(
     """Return the recording of a manoeuvre that cmr-pilot drives with the parameters that the owner knows."""
     recorder = Recorder(0)
     for channel, message in messages_of(settings, kind, manoeuvre, known):
-        recorder.handle(message.utime, channel, message)
+        recorder.handle(message.utime, Received.on(channel, message))
     return recorder.recording()
 
 

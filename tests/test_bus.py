@@ -23,6 +23,7 @@ from cmr.bus.streams import GYRO, MOTOR_COMMAND, PARAMETERS, PROCESS_STATUS
 from cmr.msg import gyro_t, motor_command_t, process_status_t
 from cmr.parameters.file import announcement
 from tests.bus_bench import PATIENCE, our_command, receive_until
+from tests.typed_messages import all_of, as_a
 
 STARTING, RUNNING, STOPPING = process_status_t.STARTING, process_status_t.RUNNING, process_status_t.STOPPING
 TINY = """
@@ -76,13 +77,30 @@ def test_bad_messages_are_counted_by_channel_and_reason_and_the_next_good_one_ar
     sender.publish("MOTOR_COMMAND_03", good)
     sender.publish("MOTOR_COMMAND_0", good)
     [received] = receive_until(bus, bool)
-    assert (received.robot_id, received.message.left) == (0, 0.25)
+    assert (received.robot_id, as_a(motor_command_t, received.message).left) == (0, 0.25)
     assert bus.rejected == {
         ("MOTOR_COMMAND_0", "corrupt"): 1,
         ("MOTOR_COMMAND_0", "foreign"): 2,
         ("MOTOR_COMMAND_3", "wrong_robot"): 1,
         ("MOTOR_COMMAND_03", "unknown_channel"): 1,
     }
+
+
+def test_a_handler_gets_each_message_with_its_stream_and_robot(url: str) -> None:
+    sender = Bus(url)
+    handled: list[tuple[int, Received]] = []
+    with Process("tiny", url) as process:
+        process.subscribe(MOTOR_COMMAND, every=True)
+        sender.publish(MOTOR_COMMAND, command(0.5, robot_id=3), 3)
+        deadline = time.monotonic() + PATIENCE
+        for _ in process.loop(rate_hz=50.0):
+            process.dispatch(lambda utime, received: handled.append((utime, received)))
+            if handled or time.monotonic() > deadline:
+                break
+    [(utime, received)] = handled
+    assert utime == received.message.utime
+    assert (received.stream, received.robot_id, received.channel) == (MOTOR_COMMAND, 3, "MOTOR_COMMAND_3")
+    assert as_a(motor_command_t, received.message).left == 0.5
 
 
 def test_what_was_not_taken_is_told_on_process_status(url: str) -> None:
@@ -95,8 +113,8 @@ def test_what_was_not_taken_is_told_on_process_status(url: str) -> None:
         for _ in process.loop(rate_hz=50.0):
             if process.bus.rejected or time.monotonic() > deadline:
                 break
-    statuses = receive_until(listener, lambda all_: any(one.message.state == STOPPING for one in all_))
-    assert statuses[-1].message.message == "Messages not taken: MOTOR_COMMAND_0 foreign 1."
+    statuses = receive_until(listener, lambda all_: any(one.state == STOPPING for one in all_of(PROCESS_STATUS, all_)))
+    assert all_of(PROCESS_STATUS, statuses)[-1].message == "Messages not taken: MOTOR_COMMAND_0 foreign 1."
 
 
 def test_after_a_stall_a_controller_gets_the_latest_of_each_channel_only(url: str) -> None:
@@ -107,7 +125,7 @@ def test_after_a_stall_a_controller_gets_the_latest_of_each_channel_only(url: st
         sender.publish(MOTOR_COMMAND, command(-count, robot_id=1), 1)
     time.sleep(0.5)
     received = bus.receive(PATIENCE)
-    assert [one.message.left for one in sorted(received, key=lambda one: one.robot_id or 0)] == [199, -199]
+    assert [one.left for one in sorted(all_of(MOTOR_COMMAND, received), key=lambda one: one.robot_id)] == [199, -199]
 
 
 def test_whoever_wants_every_message_gets_every_message_in_order(url: str) -> None:
@@ -116,7 +134,7 @@ def test_whoever_wants_every_message_gets_every_message_in_order(url: str) -> No
     for count in range(200):
         sender.publish(MOTOR_COMMAND, command(count), 0)
     received = receive_until(bus, lambda all_: len(all_) >= 200)
-    assert [one.message.left for one in received] == list(range(200))
+    assert [one.left for one in all_of(MOTOR_COMMAND, received)] == list(range(200))
 
 
 def test_a_slow_loop_gets_the_latest_only_even_while_it_listens(url: str) -> None:
@@ -146,7 +164,7 @@ def test_only_the_robot_and_the_streams_subscribed_to_arrive(url: str) -> None:
         sender.publish(MOTOR_COMMAND, command(0.5, robot_id), robot_id)
     sender.publish(GYRO, make(gyro_t, utime=1, robot_id=1, yaw_rate=0.0, valid=1, received_utime=1), 1)
     sender.publish(MOTOR_COMMAND, command(0.75, robot_id=1), 1)
-    received = receive_until(bus, lambda all_: bool(all_) and all_[-1].message.left == 0.75)
+    received = receive_until(bus, lambda all_: any(one.left == 0.75 for one in all_of(MOTOR_COMMAND, all_[-1:])))
     assert {one.channel for one in received} == {"MOTOR_COMMAND_1"}
     assert not bus.rejected
 
@@ -163,7 +181,7 @@ def test_a_late_joiner_gets_what_is_repeated_with_a_fresh_stamp(url: str) -> Non
     while not received and time.monotonic() < deadline:
         sender.publish_repeated()
         received = late.receive(0.05)
-    assert received[0].message.yaml == "text"
+    assert all_of(PARAMETERS, received)[0].yaml == "text"
     assert received[0].message.utime > joined
 
 
@@ -175,7 +193,7 @@ def test_what_is_repeated_is_sent_once_a_period_and_replaced_without_haste(url: 
         sender.publish_repeated()
     sender.publish(PARAMETERS, announcement(1, "last", 5), 1)
     received = receive_until(listener, lambda all_: any(one.robot_id == 1 for one in all_))
-    assert [one.message.yaml for one in received] == ["old", "last"]
+    assert [one.yaml for one in all_of(PARAMETERS, received)] == ["old", "last"]
 
 
 # The life of a process
@@ -189,7 +207,7 @@ def test_a_signal_ends_a_process_within_a_second_with_exit_code_130(
     listener = Bus(url)
     listener.subscribe(PROCESS_STATUS, every=True)
     with running([*arguments, url]) as process:
-        receive_until(listener, lambda all_: any(one.message.state == RUNNING for one in all_))
+        receive_until(listener, lambda all_: any(one.state == RUNNING for one in all_of(PROCESS_STATUS, all_)))
         process.send_signal(number)
         began = time.monotonic()
         _, said = process.communicate(timeout=PATIENCE)
@@ -197,7 +215,7 @@ def test_a_signal_ends_a_process_within_a_second_with_exit_code_130(
         assert process.returncode == 130
         news = [line for line in said.splitlines() if "ompil" not in line]  # which may come first, on a new computer
         assert {line.split()[-1] for line in news} <= {"ready", "stopped"}, said
-    receive_until(listener, lambda all_: any(one.message.state == STOPPING for one in all_))
+    receive_until(listener, lambda all_: any(one.state == STOPPING for one in all_of(PROCESS_STATUS, all_)))
 
 
 def test_a_process_reports_once_a_second_from_start_to_end(url: str) -> None:
@@ -206,8 +224,10 @@ def test_a_process_reports_once_a_second_from_start_to_end(url: str) -> None:
     with running([sys.executable, "-c", TINY, url]) as process:
         received = receive_until(listener, lambda all_: len(all_) >= 6)
         process.terminate()
-        received += receive_until(listener, lambda all_: bool(all_) and all_[-1].message.state == STOPPING)
-    statuses = [one.message for one in received]
+        received += receive_until(
+            listener, lambda all_: any(one.state == STOPPING for one in all_of(PROCESS_STATUS, all_[-1:]))
+        )
+    statuses = all_of(PROCESS_STATUS, received)
     states = [status.state for status in statuses]
     assert states == [STARTING, *[RUNNING] * (len(states) - 2), STOPPING]
     assert {(status.process, status.host, status.pid) for status in statuses} == {
@@ -241,8 +261,8 @@ def test_an_error_is_told_on_the_way_out_and_signals_are_as_before(url: str) -> 
     with pytest.raises(BusError):
         Process("tiny", "nonsense").__enter__()
     assert handlers == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    statuses = receive_until(listener, lambda all_: any(one.message.state == STOPPING for one in all_))
-    assert statuses[-1].message.message == "RuntimeError: wheel fell off"
+    statuses = receive_until(listener, lambda all_: any(one.state == STOPPING for one in all_of(PROCESS_STATUS, all_)))
+    assert all_of(PROCESS_STATUS, statuses)[-1].message == "RuntimeError: wheel fell off"
 
 
 def test_a_flood_neither_starves_the_loop_nor_deafens_it_to_signals(url: str) -> None:

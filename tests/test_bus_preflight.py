@@ -16,6 +16,7 @@ from cmr.bus.preflight import DEFAULT_URL, BusError, open_lcm, resolve_url, self
 from cmr.bus.process import Process
 from cmr.bus.streams import PROCESS_STATUS
 from tests.bus_bench import PATIENCE, our_command, receive_until
+from tests.typed_messages import all_of
 
 LOSE_THE_NETWORK = """
 import subprocess, sys
@@ -81,7 +82,7 @@ def test_warnings_of_the_bus_stay_on_process_status_whatever_else_is_said(url: s
         process.publish_status()
         process.message += " " + process.bus.warnings[0]
         process.publish_status()
-    texts = [one.message.message for one in receive_until(listener, lambda all_: len(all_) >= 4)]
+    texts = [one.message for one in all_of(PROCESS_STATUS, receive_until(listener, lambda all_: len(all_) >= 4))]
     assert [text.count("recv_buf_size=4194304") for text in texts] == [1, 1, 1, 1]
     assert texts[1].startswith("All is well.")
 
@@ -169,11 +170,13 @@ def test_a_command_uses_the_bus_of_the_environment(url: str) -> None:
     environment = {**os.environ, "LCM_DEFAULT_URL": url}
     process = subprocess.Popen([our_command("cmr-sim")], env=environment, stderr=subprocess.DEVNULL)
     try:
-        statuses = receive_until(listener, lambda all_: any(one.message.pid == process.pid for one in all_))
+        statuses = receive_until(
+            listener, lambda all_: any(one.pid == process.pid for one in all_of(PROCESS_STATUS, all_))
+        )
     finally:
         process.kill()
         process.wait()
-    assert {one.message.process for one in statuses if one.message.pid == process.pid} == {"cmr-sim"}
+    assert {one.process for one in all_of(PROCESS_STATUS, statuses) if one.pid == process.pid} == {"cmr-sim"}
 
 
 def test_opening_memq_needs_no_network() -> None:

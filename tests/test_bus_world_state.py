@@ -10,6 +10,7 @@ from cmr.bus.streams import WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.world.view import VIRTUAL, Robots, WorldView, world_messages
 from tests.bus_bench import receive_until
+from tests.typed_messages import all_of
 
 EPOCH = 1_700_000_000_000_000  # us
 PERIOD = 0.01  # s
@@ -29,9 +30,9 @@ def test_every_message_of_a_large_world_arrives_whole_at_100_hz(url: str, count:
         sender.publish(WORLD_STATE, message)
     received = receive_until(receiver, lambda all_: len(all_) >= messages)
     assert [one.message.utime - EPOCH for one in received] == list(range(messages))
-    for number, one in enumerate(received):
-        assert tuple(one.message.robot_id) == ids
-        found = np.array([getattr(one.message, name) for name in RobotState._fields], np.float32)
+    for number, world in enumerate(all_of(WORLD_STATE, received)):
+        assert tuple(world.robot_id) == ids
+        found = np.array([getattr(world, name) for name in RobotState._fields], np.float32)
         assert np.array_equal(found, np.roll(columns, number, axis=1))
     assert not receiver.rejected
     assert not sender.unsent
@@ -47,9 +48,9 @@ def test_a_large_world_in_packets_of_its_own_arrives_with_every_robot_once(url: 
     for part in parts:
         sender.publish(WORLD_STATE, part)
     received = receive_until(receiver, lambda all_: len(all_) >= len(parts))
-    assert sorted(i for one in received for i in one.message.robot_id) == list(range(count))
-    for one in received:
-        view.handle(EPOCH, one.channel, one.message)
+    assert sorted(i for one in all_of(WORLD_STATE, received) for i in one.robot_id) == list(range(count))
+    for one in all_of(WORLD_STATE, received):
+        view.handle(EPOCH, one)
     for i in (0, 41, 42, count - 1):
         robot = view.robot(i)
         assert robot is not None
@@ -65,6 +66,6 @@ def test_a_simulator_hears_the_worlds_of_others_and_not_its_own(url: str) -> Non
             (message,) = world_messages(EPOCH + number, Robots((robot_id,), (VIRTUAL,), state))
             bus.publish(WORLD_STATE, message)
     received = receive_until(own, lambda all_: len(all_) >= 5)
-    assert [(one.message.utime - EPOCH, *one.message.robot_id) for one in received + own.receive(0.2)] == [
+    assert [(one.utime - EPOCH, *one.robot_id) for one in all_of(WORLD_STATE, received + own.receive(0.2))] == [
         (number, 2) for number in range(5)
     ]

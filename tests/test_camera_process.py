@@ -29,6 +29,7 @@ from cmr.world.view import VIRTUAL, Robot, world_messages
 from tests.bus_bench import PATIENCE, our_command
 from tests.camera_bench import contents, floor_file, floor_of, lens_of, squares_of
 from tests.rendered_floor import FLOOR_TAGS, Box, Eye, Scene
+from tests.typed_messages import all_of
 
 SMALL = Eye(width=640, height=360, focal=460.0, centre=(324.0, 177.0))
 EPOCH = 1_700_000_000_000_000  # us
@@ -55,8 +56,8 @@ def test_poses_and_pictures_with_virtual_robots_are_told_on_the_bus(url: str, tm
             bus.publish(WORLD_STATE, message)
         received += bus.receive(0.02)
     assert (process.returncode, process.communicate()[0]) == (0, "12 pictures: robot 0 in 12.\n")
-    poses = [entry.message for entry in received if entry.stream is POSE]
-    images = [entry.message for entry in received if entry.stream is CAMERA_IMAGE]
+    poses = all_of(POSE, received)
+    images = all_of(CAMERA_IMAGE, received)
     assert [pose.utime for pose in poses] == [EPOCH + 100_000 * k for k in range(12)]
     for pose in poses:
         assert math.hypot(pose.x - robot.x, pose.y - robot.y) < 0.005

@@ -18,16 +18,20 @@ import lcm
 import numpy as np
 import pytest
 
+from cmr.bus.messages import Received
+from cmr.bus.streams import PARAMETERS, PROCESS_STATUS
 from cmr.calibration.calibrate import AVERAGE
 from cmr.calibration.calibrator import Calibrator
 from cmr.commands.demo import before_and_after
 from cmr.commands.demo import main as demo
+from cmr.msg import parameters_t, world_state_t
 from cmr.parameters.file import ParameterFile, load, parse
 from cmr.recordings import Recording
 from cmr.recordings.log import LogReader
 from cmr.world.comparison import Drive, drives_of
 from tests.emulated_drive import TRUTH
 from tests.private_bus import private_url
+from tests.typed_messages import as_a
 
 BIN = Path(sys.executable).parent
 DEMO_SECONDS = 480.0
@@ -141,8 +145,8 @@ def test_the_world_is_published_at_20_hz_or_more_and_nothing_is_rejected(runs: d
 def test_the_virtual_follower_followed_the_real_robot(runs: dict[str, Run]) -> None:
     places: dict[int, list[tuple[float, float]]] = {0: [], 11: []}
     for received in LogReader(runs["default"].log):
-        if received.channel == "WORLD_STATE":
-            message = received.message
+        message = received.message
+        if isinstance(message, world_state_t):
             for robot_id, origin, x, y in zip(message.robot_id, message.origin, message.x, message.y, strict=True):
                 if robot_id in places and origin != 2:
                     places[robot_id].append((x, y))
@@ -159,11 +163,11 @@ def test_parameters_are_in_use_everywhere_within_a_second_of_the_files_replaceme
     found_sha = ""
     announced = 0
     for received in LogReader(runs["default"].log):
-        if received.channel == "PROCESS_STATUS" and received.message.parameters_sha256:
-            status = received.message
+        status, file = received.message_of(PROCESS_STATUS), received.message_of(PARAMETERS)
+        if status is not None and status.parameters_sha256:
             in_use.setdefault(status.process, []).append((status.utime, status.parameters_sha256))
-        if received.channel == "PARAMETERS_0" and f"method: {AVERAGE}" in received.message.yaml and not found_sha:
-            found_sha, announced = received.message.sha256, received.message.sequence
+        if file is not None and file.robot_id == 0 and f"method: {AVERAGE}" in file.yaml and not found_sha:
+            found_sha, announced = file.sha256, file.sequence
     assert found_sha
     for process in ("cmr-sim", "cmr-driver", "cmr-pilot"):
         first = min(utime for utime, sha in in_use[process] if sha == found_sha)
@@ -306,7 +310,7 @@ def test_a_calibrator_killed_while_it_writes_leaves_the_old_file_or_the_new_one(
 def test_the_log_read_message_by_message_gives_what_the_live_calibrator_gathers(runs: dict[str, Run]) -> None:
     calibrator = Calibrator(0)
     for received in LogReader(runs["default"].log):
-        calibrator.handle(received.message.utime, received.channel, received.message)
+        calibrator.handle(received.message.utime, Received.on(received.channel, received.message))
     recording = calibrator.recording()
     seconds = float(np.ptp(recording.wheels.utime)) * 1e-6
     assert 55.0 < seconds < 90.0
@@ -316,7 +320,7 @@ def test_the_log_read_message_by_message_gives_what_the_live_calibrator_gathers(
 def load_nominal(log: Path) -> ParameterFile:
     """Return the parameters that were announced first in a log."""
     first = next(received for received in LogReader(log) if received.channel == "PARAMETERS_0")
-    return parse(first.message.yaml)
+    return parse(as_a(parameters_t, first.message).yaml)
 
 
 def processes_naming(folder: Path) -> list[str]:

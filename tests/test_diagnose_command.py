@@ -30,6 +30,7 @@ from tests.emulated_drive import NOMINAL, messages
 from tests.hidden_effects import hide
 from tests.logs_of_robots import write_logs
 from tests.made_up_diagnosis import BAD, DIAGNOSIS
+from tests.typed_messages import all_of
 
 PATIENCE = 60.0  # s until something that must happen is given up
 WIDEST = 120  # characters of a terminal
@@ -269,7 +270,7 @@ class Listener:
             self.bus.publish(MOTOR_FEEDBACK, drive[0], 0)
             for announced in parameters:
                 self.bus.publish(PARAMETERS, announced.announcement(sequence=now_utime()), 0)
-            statuses = [received.message for received in self.bus.receive(0.1)]
+            statuses = all_of(PROCESS_STATUS, self.bus.receive(0.1))
             said = [status.message for status in statuses if status.process == "cmr-diagnose"]
             self.heard = said[-1] if said else self.heard
 

@@ -23,6 +23,7 @@ from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE, PROCESS_STATUS, VELOCITY_COMMAND
 from cmr.msg import velocity_command_t
 from robot_driver.emulator.pseudo_terminal import Ports, PortsError
+from tests.typed_messages import all_of
 
 BUS_URL = "udpm://239.255.76.67:7698?ttl=0&recv_buf_size=4194304"
 START = [sys.executable, "-c", "from cmr.commands import emulate; raise SystemExit(emulate())"]
@@ -219,8 +220,8 @@ def test_the_pose_is_on_the_bus_at_its_rate_with_its_noise_and_strictly_later_st
         deadline = time.monotonic() + PATIENCE
         while sum(one.stream is POSE for one in received) < 200 and time.monotonic() < deadline:
             received += bus.receive(0.1)
-    poses = [one.message for one in received if one.stream is POSE]
-    statuses = [one.message for one in received if one.stream is PROCESS_STATUS]
+    poses = all_of(POSE, received)
+    statuses = all_of(PROCESS_STATUS, received)
     assert len(poses) >= 200
     assert "cmr-emulate" in {status.process for status in statuses}
     assert abs(poses[-1].utime - time.time_ns() // 1000) < 5_000_000
@@ -244,12 +245,11 @@ def test_a_robot_with_a_velocity_controller_is_commanded_on_the_bus_and_tells_wh
             command = make(velocity_command_t, utime=now_utime(), robot_id=7, v=0.2, omega=1.0)
             bus.publish(VELOCITY_COMMAND, command, 7)
             received += bus.receive(0.02)
-            if received and received[-1].stream is POSE and received[-1].message.x > 0.05:
+            if (poses := all_of(POSE, received[-1:])) and poses[0].x > 0.05:
                 break
-    told = {stream: [one.message for one in received if one.stream is stream] for stream in (MOTOR_FEEDBACK, GYRO)}
-    speeds = told[MOTOR_FEEDBACK][-1]
+    speeds = all_of(MOTOR_FEEDBACK, received)[-1]
     assert 0.04 * 0.5 * (speeds.psi_left + speeds.psi_right) == pytest.approx(0.2, rel=0.2)  # it may still set off
-    assert told[GYRO][-1].yaw_rate == pytest.approx(1.0, rel=0.2)
+    assert all_of(GYRO, received)[-1].yaw_rate == pytest.approx(1.0, rel=0.2)
 
 
 @pytest.mark.parametrize(

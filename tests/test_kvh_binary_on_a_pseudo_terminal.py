@@ -13,6 +13,7 @@ from typing import Any
 from cmr.bus.bus import Bus
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import GYRO, PROCESS_STATUS
+from cmr.msg import gyro_t
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.kvh_binary_device import KvhBinaryDevice
@@ -26,6 +27,7 @@ from robot_driver.serial_port import SerialPort
 from tests.private_bus import private_url
 from tests.test_emulator_kvh_binary import RATE, kvh_settings
 from tests.test_kvh_binary_protocol import RATES, interviewed, message
+from tests.typed_messages import as_a
 
 DRIVER = [sys.executable, "-c", "from cmr.commands import driver; raise SystemExit(driver())"]
 PATIENCE = 20.0  # s; far more than anything here takes on a loaded machine
@@ -98,10 +100,10 @@ class Listener:
         while in_turn < count or "gyro" in self.message.lower():
             assert time.monotonic() < deadline, f"waited in vain; the driver says: {self.message}"
             for received in self._bus.receive(0.1):
-                if received.stream is PROCESS_STATUS:
-                    self.message = received.message.message
+                if (status := received.message_of(PROCESS_STATUS)) is not None:
+                    self.message = status.message
                     continue
-                self.readings.append(reading := received.message)
+                self.readings.append(reading := as_a(gyro_t, received.message))
                 right = reading.valid and math.isclose(reading.yaw_rate, rate, rel_tol=1e-3)
                 in_turn = in_turn + 1 if right and reading.utime > now else 0
 

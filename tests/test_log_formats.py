@@ -46,12 +46,14 @@ def expected_rows(channel: str) -> list[Row]:
     if not any(field.counted_by for field in fields):
         return [{"logged [us]": event.utime, **{field.column: told(getattr(message, field.name)) for field in fields}}]
     rows: list[Row] = []
-    for index in range(max(message.n, 1)):
-        row: Row = {"logged [us]": event.utime, "index": index if message.n else None}
+    [counted_by] = {field.counted_by for field in fields if field.counted_by}
+    count = int(getattr(message, counted_by))
+    for index in range(max(count, 1)):
+        row: Row = {"logged [us]": event.utime, "index": index if count else None}
         for field in fields:
             value = getattr(message, field.name)
             if field.counted_by is not None:
-                value = single(field, value[index]) if message.n else None
+                value = single(field, value[index]) if count else None
             row[field.column] = value
         rows.append(row)
     return rows

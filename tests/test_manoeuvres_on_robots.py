@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmr.bus.messages import Received
 from cmr.bus.streams import WORLD_STATE
 from cmr.commands.command_line import CommandError
 from cmr.commands.pilot import main as run_pilot
@@ -14,6 +15,7 @@ from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
+from cmr.recordings.commanding import asked_by
 from cmr.world.behaviours import Behaviour, BehaviourError, make_behaviour
 from cmr.world.behaviours.manoeuvring import DriveManoeuvre
 from cmr.world.pilot import Pilot
@@ -63,9 +65,8 @@ class TestPilot:
         """Return what the pilot commands with the robot at `x` [m]."""
         utime = EPOCH + round(seconds * 1e6)
         [message] = world_messages(utime, [Robot(utime, 0, REAL, RobotState.at_rest(x))])
-        pilot.handle(utime, WORLD_STATE.name, message)
-        command = pilot.command(utime)
-        return command.left, command.right
+        pilot.handle(utime, Received.on(WORLD_STATE.name, message))
+        return asked_by(pilot.command(utime))
 
     def test_drives_the_manoeuvre_to_its_end(self, pilot: Pilot, behaviour: DriveManoeuvre) -> None:
         steps = in_sequence("steps").duties()

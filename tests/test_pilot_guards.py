@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import make
+from cmr.bus.messages import Received, make
 from cmr.bus.streams import POSE, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
-from cmr.msg import pose_xyt_t
+from cmr.msg import motor_command_t, pose_xyt_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour
@@ -19,6 +19,7 @@ from cmr.world.interaction.obstacles import Geofence
 from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, VIRTUAL, Robot, WorldView, world_messages
 from tests.emulated_drive import EPOCH, TRUTH
+from tests.typed_messages import as_a
 
 TRUE = ParameterFile(0, {"wheel_radius": Value(0.04)} | {name: Value(value) for name, value in TRUTH.items()})
 SQUARE = Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
@@ -51,15 +52,15 @@ class Bench:
         self.utime += PERIOD
         me = Robot(self.utime, 0, REAL, RobotState(x, 0.0, 0.0, psi, psi, 0.0, 0.0))
         for message in world_messages(self.utime, [me, *others]):
-            self.pilot.handle(self.utime, WORLD_STATE.name, message)
+            self.pilot.handle(self.utime, Received.on(WORLD_STATE.name, message))
         if pose:
             self.pose(x)
-        command = self.pilot.command(self.utime)
+        command = as_a(motor_command_t, self.pilot.command(self.utime))
         return command.left, command.right
 
     def pose(self, x: float, age: int = 0) -> None:
         message = make(pose_xyt_t, utime=self.utime - age, robot_id=0, x=x, y=0.0, theta=0.0)
-        self.pilot.handle(self.utime, POSE.channel(0), message)
+        self.pilot.handle(self.utime, Received.on(POSE.channel(0), message))
 
 
 def standing_at(x: float, y: float = 0.0) -> Robot:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cmr.bus.bus import Bus
-from cmr.bus.messages import make
+from cmr.bus.messages import Received, make
 from cmr.bus.streams import MOTOR_COMMAND, POSE, RANGE_SCAN, WORLD_STATE
 from cmr.commands.sim import main
 from cmr.model.motion import RobotState
@@ -31,6 +31,7 @@ from cmr.world.scanning import PERIOD, Scanner
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, world_messages
 from cmr.world.world import VirtualRobot, World
 from tests.bus_bench import PATIENCE, our_command
+from tests.typed_messages import all_of
 
 EPOCH = 1_700_000_000_000_000  # us
 PAPER = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.161}
@@ -48,7 +49,7 @@ class Bench:
         self.utime, self.real = EPOCH, real or {}
         for robot_id in {0, *self.real}:
             file = ParameterFile(robot_id, {name: Value(value) for name, value in PAPER.items()})
-            self.world.handle(EPOCH, f"PARAMETERS_{robot_id}", file.announcement(1))
+            self.world.handle(EPOCH, Received.on(f"PARAMETERS_{robot_id}", file.announcement(1)))
 
     def run(self, scanner: Scanner, steps: int = PERIOD // STEP) -> list[Any]:
         """Let so many steps pass; return the messages."""
@@ -57,7 +58,7 @@ class Bench:
             self.utime += STEP
             for robot_id, (x, y, theta) in self.real.items():
                 pose = make(pose_xyt_t, utime=self.utime, robot_id=robot_id, x=x, y=y, theta=theta)
-                self.world.handle(self.utime, POSE.channel(robot_id), pose)
+                self.world.handle(self.utime, Received.on(POSE.channel(robot_id), pose))
             self.world.advance(self.utime)
             messages += scanner.scans(self.world)
         return messages
@@ -99,7 +100,9 @@ def test_a_virtual_robot_sees_all_robots_but_itself_and_twins() -> None:
     bench = Bench(standing(10), standing(11, 2.0), real={0: (0.0, 3.0, 0.0)})
     for _ in range(10):
         drive = make(motor_command_t, utime=bench.utime + STEP, robot_id=0, left=0.1, right=0.1)
-        bench.world.handle(bench.utime + STEP, MOTOR_COMMAND.channel(0), drive)  # the twin leaves its robot
+        bench.world.handle(
+            bench.utime + STEP, Received.on(MOTOR_COMMAND.channel(0), drive)
+        )  # the twin leaves its robot
         bench.run(Scanner(), 1)
     (twin,) = [robot for robot in bench.world.robots() if robot.origin == TWIN]
     assert twin.state.x > 0.0
@@ -122,7 +125,7 @@ def test_what_others_simulate_is_seen_and_does_not_scan_here() -> None:
     others = [Robot(EPOCH, 20, VIRTUAL, RobotState.at_rest(3.0)), Robot(EPOCH, 21, REAL, RobotState.at_rest(0.0, 2.0))]
     bench.run(Scanner(), 1)
     (message,) = world_messages(bench.utime, others)
-    bench.world.handle(bench.utime, WORLD_STATE.name, message)
+    bench.world.handle(bench.utime, Received.on(WORLD_STATE.name, message))
     (scan,) = bench.run(Scanner(origins=[REAL, VIRTUAL]))
     assert scan.robot_id == 10
     assert only(np.array(scan.ranges), {AHEAD: 3.0 - 0.65 * 0.16, LEFT: 2.0 - 0.65 * 0.16})
@@ -217,15 +220,15 @@ def test_cmr_sim_tells_what_robots_see(url: str, tmp_path: Path) -> None:
         ]
     )
     try:
-        seen = {0: (math.inf,) * 4, 10: (math.inf,) * 4}
+        seen: dict[int, tuple[float, ...]] = {0: (math.inf,) * 4, 10: (math.inf,) * 4}
         deadline = time.monotonic() + PATIENCE
         while math.inf in (seen[0][0], seen[10][3]):  # each sees the other
             assert process.poll() is None
             assert time.monotonic() < deadline, seen
             utime = time.time_ns() // 1000
             bus.publish(POSE, make(pose_xyt_t, utime=utime, robot_id=0, x=-1.0, y=0.0, theta=math.pi / 2.0), 0)
-            for received in bus.receive(0.05):
-                seen[received.message.robot_id] = received.message.ranges
+            for scan in all_of(RANGE_SCAN, bus.receive(0.05)):
+                seen[scan.robot_id] = tuple(scan.ranges)
     finally:
         process.terminate()
         assert process.wait(PATIENCE) == 130

@@ -13,6 +13,7 @@ from cmr.msg import gyro_t, pose_xyt_t
 from cmr.recordings.events import Event, EventReader
 from cmr.tools.replay_changes import Changes, ChannelFilter, moved_to, offsets
 from cmr.tools.replay_tape import LogTape
+from tests.typed_messages import as_a
 
 SECOND = 1_000_000  # us
 LOGGED = 1_700_000_000 * SECOND
@@ -117,7 +118,7 @@ def test_unchanged_messages_keep_every_byte() -> None:
 
 def test_the_messages_of_a_renamed_channel_speak_of_its_robot() -> None:
     channel, data = Changes({"POSE_0": "POSE_7"}).changed(Event(0, LOGGED, "POSE_0", pose()))
-    message = decode(channel, data).message
+    message = as_a(pose_xyt_t, decode(channel, data).message)
     assert (channel, message.robot_id) == ("POSE_7", 7)
     assert (message.utime, message.x, message.y, message.theta) == (LOGGED - OLD, 1.0, 2.0, 3.0)
 
@@ -142,7 +143,7 @@ def test_moved_messages_are_as_old_as_when_they_were_logged(speed: float) -> Non
     now = LOGGED + 10**9 * SECOND
     event = Event(0, LOGGED, "GYRO_0", gyro(LOGGED - OLD))
     channel, data = Changes({}).changed(event, moved_to(now, LOGGED, speed))
-    message = decode(channel, data).message
+    message = as_a(gyro_t, decode(channel, data).message)
     assert (message.utime, message.received_utime) == (now - OLD, now - OLD + 7)
     assert (message.yaw_rate, message.valid, message.robot_id) == (0.5, 1, 0)
 

@@ -22,6 +22,7 @@ from cmr.tools.replay_player import Player
 from cmr.tools.replay_tape import LogTape
 from cmr.tools.replay_terminal import Keys, parse_keys
 from cmr.tools.stopping import Stopping, stopped_by_signals
+from tests.typed_messages import as_a
 
 pytestmark = pytest.mark.real_time
 
@@ -89,7 +90,7 @@ def test_messages_can_be_chosen_renamed_and_moved_to_now(url: str, tmp_path: Pat
     with Listener(url) as listener:
         assert main([str(path), "--lcm-url", url, *options]) == 0
         arrived = listener.messages(10)
-    messages = [decode(channel, data).message for channel, data in arrived]
+    messages = [as_a(pose_xyt_t, decode(channel, data).message) for channel, data in arrived]
     assert [message.x for message in messages] == [float(number) for number in range(0, 20, 2)]
     assert {message.robot_id for message in messages} == {7}
     assert all(before <= message.utime <= now_utime() for message in messages)

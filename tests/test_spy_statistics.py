@@ -5,6 +5,7 @@ import random
 
 import pytest
 
+from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.streams import STREAMS, Stream
 from cmr.msg import gyro_t, pose_xyt_t
@@ -101,7 +102,7 @@ def test_the_robot_is_where_it_is_looked_for() -> None:
 
 
 @pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: str(stream.name))
-def test_the_shortest_message_of_each_type_is_no_error(stream: Stream) -> None:
+def test_the_shortest_message_of_each_type_is_no_error(stream: Stream[Message]) -> None:
     statistics = Statistics()
     statistics.handle(BEGIN, stream.channel(0 if stream.per_robot else None), stream.message_type().encode())
     assert statistics.lines(BEGIN)[0].errors == 0

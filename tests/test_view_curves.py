@@ -31,7 +31,7 @@ def reading(utime: int, rate: float) -> bytes:
 def world(utime: int) -> WorldState:
     """Robot 0, its twin and robot 7, at x = 0, 1 and 7 m."""
     x = np.array([0.0, 1.0, 7.0])
-    return WorldState(utime, (np.array([0, 0, 7]), np.array([REAL, TWIN, VIRTUAL]), x, *np.zeros((6, 3))))
+    return WorldState(utime, np.array([0, 0, 7]), np.array([REAL, TWIN, VIRTUAL]), x, *np.zeros((6, 3)))
 
 
 # What can be chosen

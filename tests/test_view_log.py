@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from cmr.bus.messages import make
+from cmr.bus.streams import PARAMETERS
 from cmr.bus.world_state import WorldState
 from cmr.msg import calibration_status_t, camera_image_t, estop_t, parameters_t, process_status_t, waypoints_t
 from cmr.recordings.events import Event, EventReader, event_bytes
@@ -36,7 +37,7 @@ def drive() -> list[tuple[int, str, Any]]:
             ([1, 1], [REAL, TWIN], [x, x + apart], [0.0] * 2, [0.0] * 2, [psi] * 2, [psi] * 2, *still),
             ([2], [VIRTUAL], [2 * x], *([0.0],) * 6),
         ):
-            messages.append((utime + part[0][0], "WORLD_STATE", WorldState(utime, part)))
+            messages.append((utime + part[0][0], "WORLD_STATE", WorldState(utime, *part)))
     for second in range(LENGTH):
         utime = BEGIN + second * SECOND + 30_000
         for number, process in enumerate(("cmr-sim", "cmr-driver", "cmr-diagnose")):
@@ -125,7 +126,7 @@ def test_after_a_jump_all_is_as_if_it_had_been_played(log: Path, seconds: float)
 def test_a_jump_reads_little_of_a_long_log(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     playback = playback_of(log)
     decoded: list[str] = []
-    monkeypatch.setattr(playback.state.__class__, "handle", lambda _self, _utime, channel, _m: decoded.append(channel))
+    monkeypatch.setattr(playback.state.__class__, "handle", lambda _self, _utime, one: decoded.append(one.channel))
     playback.jump(BEGIN + 90 * SECOND)
     # Two parts each: of the minute before, four in a second lately, two before; three seconds at full rate for rates.
     assert decoded.count("WORLD_STATE") <= 2 * (12 * 4 + 48 * 2) + 2 * 3 * 20 + 10
@@ -208,7 +209,9 @@ def test_of_the_parameters_the_newest_version_counts_whoever_says_another(log: P
     for moment in (51.5, 52.5):
         playback = playback_of(log)
         playback.jump(BEGIN + int(moment * SECOND))
-        assert playback.state.latest["PARAMETERS"][1].message.sha256 == "1" * 8
+        newest = playback.state.newest(PARAMETERS, 1)
+        assert newest is not None
+        assert newest.sha256 == "1" * 8
 
 
 def test_what_happened_has_its_marks(log: Path) -> None:

@@ -24,6 +24,7 @@ from cmr.msg import camera_image_t
 from cmr.recordings.events import Event, event_bytes
 from cmr.view.look import TITLE
 from tests.bus_bench import our_command
+from tests.typed_messages import all_of
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = [
@@ -88,10 +89,10 @@ class World(threading.Thread):
         ids, still = np.arange(ROBOTS), np.zeros(ROBOTS)
         while not self._ended.wait(0.1):
             now = now_utime()
-            columns = (ids, ids % 2, np.sin(now / 1e6 + ids), 0.3 * ids, still, still, still, still, still)
-            self._bus.publish(WORLD_STATE, WorldState(now, columns))
+            x, y = np.sin(now / 1e6 + ids), np.linspace(0.0, 0.3 * (ROBOTS - 1), ROBOTS)
+            self._bus.publish(WORLD_STATE, WorldState(now, ids, ids % 2, x, y, *[still] * 5))
             self._bus.publish(CAMERA_IMAGE, camera_image(now, "ceiling", 64, 36))
-            self.stops += sum(bool(received.message.engaged) for received in self._bus.receive(0.0))
+            self.stops += sum(bool(message.engaged) for message in all_of(ESTOP, self._bus.receive(0.0)))
 
     def __enter__(self) -> "World":
         self.start()

@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cmr import msg
+from cmr.bus.message import Message
 from cmr.bus.messages import REASONS, Received, RejectedMessage, decode, make
 from cmr.bus.streams import LARGEST_ROBOT_ID, LCM_CHANNEL_NAME_LIMIT, MOTOR_COMMAND, STREAMS, Stream, identify
+from tests.typed_messages import as_a
 
 LCM_TYPES = sorted((Path(__file__).parent.parent / "lcmtypes").glob("*.lcm"))
 
@@ -52,7 +54,7 @@ robot_ids = st.integers(0, LARGEST_ROBOT_ID)
 streams = st.sampled_from(STREAMS)
 
 
-def sample(stream: Stream, robot_id: int = 7) -> tuple[str, bytes]:
+def sample(stream: Stream[Message], robot_id: int = 7) -> tuple[str, bytes]:
     """Return a channel of the stream and a valid message for it, with entries in every array and string."""
     message_type = stream.message_type
     fields: dict[str, Any] = {}
@@ -67,7 +69,7 @@ def sample(stream: Stream, robot_id: int = 7) -> tuple[str, bytes]:
     return channel, make(message_type, **fields).encode()
 
 
-def decodes_or_is_rejected(channel: str, data: bytes, stream: Stream) -> None:
+def decodes_or_is_rejected(channel: str, data: bytes, stream: Stream[Message]) -> None:
     """Any exception but RejectedMessage fails the test."""
     try:
         received = decode(channel, data)
@@ -129,14 +131,14 @@ def test_every_field_and_constant_is_explained_above_its_line(path: Path) -> Non
 
 
 @given(streams, robot_ids)
-def test_every_channel_name_fits_lcm(stream: Stream, robot_id: int) -> None:
+def test_every_channel_name_fits_lcm(stream: Stream[Message], robot_id: int) -> None:
     longest = stream.channel(LARGEST_ROBOT_ID if stream.per_robot else None)
     name = stream.channel(robot_id if stream.per_robot else None)
     assert len(name.encode()) <= len(longest.encode()) <= LCM_CHANNEL_NAME_LIMIT
 
 
 @given(streams, robot_ids)
-def test_a_channel_name_tells_its_stream_and_robot(stream: Stream, robot_id: int) -> None:
+def test_a_channel_name_tells_its_stream_and_robot(stream: Stream[Message], robot_id: int) -> None:
     robot = robot_id if stream.per_robot else None
     assert identify(stream.channel(robot)) == (stream, robot)
     assert re.fullmatch(stream.pattern, stream.channel(robot))
@@ -191,7 +193,7 @@ def test_any_other_name_is_none_of_ours_or_exactly_ours(name: str) -> None:
 def test_make_counts_the_arrays_and_keeps_them_whole() -> None:
     message = make(msg.waypoints_t, utime=1, robot_id=2, x=[1.0, 2.0, 3.0], y=[4.0, 5.0, 6.0])
     assert message.n == 3
-    decoded = decode("WAYPOINTS_2", message.encode()).message
+    decoded = as_a(msg.waypoints_t, decode("WAYPOINTS_2", message.encode()).message)
     assert (decoded.n, decoded.x, decoded.y) == (3, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
     assert make(msg.waypoints_t, utime=1, robot_id=2, x=[], y=[]).n == 0
 
@@ -216,7 +218,7 @@ def test_make_names_fields_that_are_missing_or_unknown(message_type: Any, fields
 
 
 @pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream.name)
-def test_a_valid_message_arrives_as_it_was_sent(stream: Stream) -> None:
+def test_a_valid_message_arrives_as_it_was_sent(stream: Stream[Message]) -> None:
     channel, data = sample(stream)
     received = decode(channel, data)
     assert (received.stream, received.robot_id) == (stream, 7 if stream.per_robot else None)
@@ -224,20 +226,20 @@ def test_a_valid_message_arrives_as_it_was_sent(stream: Stream) -> None:
 
 
 @given(streams, st.binary(max_size=300), st.booleans())
-def test_random_bytes_never_raise_anything_else(stream: Stream, data: bytes, fingerprint: bool) -> None:
+def test_random_bytes_never_raise_anything_else(stream: Stream[Message], data: bytes, fingerprint: bool) -> None:
     channel = sample(stream)[0]
     start = stream.message_type._get_packed_fingerprint() if fingerprint else b""
     decodes_or_is_rejected(channel, start + data, stream)
 
 
 @given(streams, st.data())
-def test_a_truncated_message_never_raises_anything_else(stream: Stream, choose: st.DataObject) -> None:
+def test_a_truncated_message_never_raises_anything_else(stream: Stream[Message], choose: st.DataObject) -> None:
     channel, data = sample(stream)
     decodes_or_is_rejected(channel, data[: choose.draw(st.integers(0, len(data) - 1))], stream)
 
 
 @given(streams, st.data())
-def test_flipped_bytes_never_raise_anything_else(stream: Stream, choose: st.DataObject) -> None:
+def test_flipped_bytes_never_raise_anything_else(stream: Stream[Message], choose: st.DataObject) -> None:
     channel, data = sample(stream)
     flipped = bytearray(data)
     for place in choose.draw(st.lists(st.integers(0, len(data) - 1), min_size=1, max_size=8)):
@@ -273,8 +275,23 @@ def test_feedback_from_before_it_told_when_the_duty_was_sent_is_read_as_before()
     stream = next(stream for stream in STREAMS if stream.name == "MOTOR_FEEDBACK")
     channel, data = sample(stream)
     before = bytes.fromhex("17ee2f1946253fa0") + data[8:-8]
-    message = decode(channel, before).message
+    message = as_a(msg.motor_feedback_t, decode(channel, before).message)
     assert (message.utime, message.received_utime, message.applied_utime) == (1, 1, 0)
-    assert decode(channel, before + b"more").message.applied_utime == 0
+    assert as_a(msg.motor_feedback_t, decode(channel, before + b"more").message).applied_utime == 0
     with pytest.raises(RejectedMessage, match="corrupt"):
         decode(channel, before[:-1])
+
+
+@pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream.name)
+def test_a_received_message_knows_its_stream_and_robot_and_type(stream: Stream[Message]) -> None:
+    channel, data = sample(stream)
+    received = decode(channel, data)
+    assert received.message_of(stream) is received.message
+    assert not any(received.message_of(other) for other in STREAMS if other is not stream)
+    assert Received.of(stream, received.message, received.robot_id) == received
+    assert Received.on(channel, received.message) == received
+
+
+def test_a_message_is_received_on_no_channel_that_is_not_ours() -> None:
+    with pytest.raises(ValueError, match="NOBODYS is not a channel of CMR"):
+        Received.on("NOBODYS", msg.estop_t())

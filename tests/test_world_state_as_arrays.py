@@ -12,6 +12,7 @@ from cmr.msg import world_state_t
 from cmr.world.behaviours.path_following import SEARCH_AHEAD, look_around, pursue
 from cmr.world.behaviours.paths import TARGET, Paths
 from cmr.world.view import VIRTUAL, Numbers, Robot, Robots, numbers_of, world_messages
+from tests.typed_messages import all_of
 
 EPOCH = 1_700_000_000_000_000  # us
 
@@ -32,7 +33,9 @@ def test_what_is_read_as_arrays_is_what_the_generated_class_reads(n: int, seed: 
 @pytest.mark.parametrize("largest", [None, 100, 1400])
 def test_messages_in_parts_have_the_bytes_of_messages_in_one(largest: int | None) -> None:
     robots = [Robot(EPOCH, i, VIRTUAL, RobotState(*(float(i) + field for field in range(7)))) for i in range(100)]
-    messages = [decode(WORLD_STATE.name, one.encode()).message for one in world_messages(EPOCH, robots, largest)]
+    messages = all_of(
+        WORLD_STATE, [decode(WORLD_STATE.name, one.encode()) for one in world_messages(EPOCH, robots, largest)]
+    )
     assert np.concatenate([one.robot_id for one in messages]).tolist() == list(range(100))
     assert np.concatenate([one.domega_right for one in messages]).tolist() == [robot.state[6] for robot in robots]
 

@@ -13,6 +13,7 @@ import numpy as np
 from cmr.bus.bus import Bus
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.msg import process_status_t, world_state_t
 from cmr.parameters.file import ParameterFile, Value
 from tests.bus_bench import PATIENCE, our_command
 from tests.private_bus import private_url
@@ -134,8 +135,9 @@ def _listen(buses: tuple[Bus, Bus], record: Record) -> None:
     for number, bus in enumerate(buses):
         for received in bus.receive(0.002):
             message, arrived = received.message, now_utime()
-            if received.stream is PROCESS_STATUS:
+            if isinstance(message, process_status_t):
                 record.said.add(message.message)
+            if not isinstance(message, world_state_t):
                 continue
             for i, robot_id in enumerate(message.robot_id):
                 sighting = Sighting(arrived, message.utime, float(message.x[i]), float(message.y[i]))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cmr.bus.messages import Received
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
 from cmr.diagnosis.live import Watcher
 from cmr.parameters.file import ParameterFile, Value
@@ -51,7 +52,7 @@ def messages(
     return sorted(rolled + turned + others, key=lambda message: message[0])
 
 
-def _of(stream: Stream, signal: Signal, robot_id: int) -> list[Message]:
+def _of(stream: Stream[Any], signal: Signal, robot_id: int) -> list[Message]:
     columns = {name: values.tolist() for name, values in signal.fields.items() if not name.startswith("ticks")}
     result: list[Message] = []
     for utime, *values in zip(signal.utime.tolist(), *columns.values(), strict=True):
@@ -74,7 +75,7 @@ def follow(file: ParameterFile | None = TRUE) -> Callable[[int], ParameterFollow
         result = ParameterFollower(robot_id)
         if file is not None:
             announced = replace(file, robot_id=robot_id).announcement(1)
-            result.handle(announced.utime, PARAMETERS.channel(robot_id), announced)
+            result.handle(announced.utime, Received.on(PARAMETERS.channel(robot_id), announced))
         return result
 
     return follower
@@ -86,7 +87,7 @@ def watch(heard: Iterable[Message], watcher: Watcher | None = None, every: int =
     said: Said = []
     due = 0
     for utime, channel, message in heard:
-        watcher.handle(utime, channel, message)
+        watcher.handle(utime, Received.on(channel, message))
         if utime >= due:
             due = utime + every
             said += [(_seconds(utime), sentence) for sentence in watcher.advance(utime)]
@@ -202,5 +203,5 @@ def halted(left: bool = True, right: bool = True) -> Recording:
 
 
 def handled(watcher: Watcher, utime: int, channel: str, message: Any) -> list[str]:
-    watcher.handle(utime, channel, message)
+    watcher.handle(utime, Received.on(channel, message))
     return watcher.advance(utime)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
 from cmr.model.command_kinds import DUTY
@@ -39,7 +40,7 @@ class ConversionError(Exception):
 class Event:
     """One message for the log, and the stream it belongs to."""
 
-    stream: Stream
+    stream: Stream[Message]
     message: Any
 
 
@@ -50,7 +51,7 @@ class Batch:
     The column `utime` does not decrease.
     """
 
-    stream: Stream
+    stream: Stream[Message]
     columns: dict[str, NDArray[Any]]
     constants: dict[str, int]
 
@@ -83,7 +84,7 @@ class Conversion:
         # At equal times commands stay before feedback, as the batches are.
         yield from heapq.merge(*(batch.events() for batch in self._batches), key=lambda event: event.message.utime)
 
-    def times(self) -> list[tuple[Stream, NDArray[np.int64]]]:
+    def times(self) -> list[tuple[Stream[Message], NDArray[np.int64]]]:
         """Return each stream with the times of its messages [us], in the order in which they begin."""
         ordered = sorted(self._batches, key=lambda batch: int(batch.utime[0]))
         parameters = np.array([self._parameters.message.utime], np.int64)
@@ -211,7 +212,9 @@ class _Converter:
         self._skip(POSE, STALE, ~stale)
         return self._batch(POSE, table, values, keep & ~stale)
 
-    def _usable(self, stream: Stream, group: Group) -> tuple[Table, dict[str, Floats], dict[str, NDArray[Any]]]:
+    def _usable(
+        self, stream: Stream[Message], group: Group
+    ) -> tuple[Table, dict[str, Floats], dict[str, NDArray[Any]]]:
         """Return the group's rows with a number for every signal: table, signals in our units, and as recorded."""
         tables = self._source.tables
         table = tables[group.table]
@@ -235,13 +238,13 @@ class _Converter:
         }
         return table, ours, raw
 
-    def _skip(self, stream: Stream, reason: str, keep: NDArray[np.bool_]) -> None:
+    def _skip(self, stream: Stream[Message], reason: str, keep: NDArray[np.bool_]) -> None:
         if not keep.all():
             self._source.skipped[stream.channel(self._robot_id), reason] += int((~keep).sum())
 
     def _batch(
         self,
-        stream: Stream,
+        stream: Stream[Message],
         table: Table,
         fields: dict[str, NDArray[Any]],
         keep: NDArray[np.bool_] | None = None,

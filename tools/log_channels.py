@@ -5,6 +5,7 @@ from collections import Counter
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from cmr.bus.message import Message
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import Stream, identify
 from cmr.recordings.batch import layout_of
@@ -33,7 +34,7 @@ class Channel(NamedTuple):
     """
 
     name: str
-    stream: Stream
+    stream: Stream[Message]
     robot_id: int | None
     fingerprint: bytes
     size: int

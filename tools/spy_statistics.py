@@ -5,6 +5,7 @@ from collections import deque
 from functools import cache
 from typing import Any, NamedTuple
 
+from cmr.bus.message import Message
 from cmr.bus.older import as_of_today
 from cmr.bus.streams import Stream, identify
 from cmr.tools.replay_changes import FINGERPRINT_BYTES, TYPES
@@ -138,12 +139,12 @@ def _line(name: str, state: _Channel, now: int) -> Line:
     )
 
 
-def _fingerprint(stream: Stream) -> bytes:
+def _fingerprint(stream: Stream[Message]) -> bytes:
     return bytes(stream.message_type._get_packed_fingerprint())
 
 
 @cache
-def _least_bytes(stream: Stream) -> int:
+def _least_bytes(stream: Stream[Message]) -> int:
     """Return how many bytes every message of a stream has at least: those of all that precedes arrays and strings."""
     message: Any = stream.message_type()
     return len(message.encode())

@@ -3,8 +3,8 @@
 import select
 import time
 from collections import Counter, deque
-from typing import Any
 
+from cmr.bus.message import Message
 from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test, warnings
 from cmr.bus.streams import WORLD_STATE, Stream
@@ -35,7 +35,7 @@ class Bus:
         self._hears_worlds = False
         self._repeated: dict[str, _Repeated] = {}
 
-    def subscribe(self, stream: Stream, robot_id: int | None = None, *, every: bool = False) -> None:
+    def subscribe(self, stream: Stream[Message], robot_id: int | None = None, *, every: bool = False) -> None:
         """Receive this stream: of one robot, or of all where `robot_id` is None.
 
         `every` keeps every message; otherwise only the latest of each channel is received, which is what a
@@ -48,11 +48,11 @@ class Bus:
             self._every.add(stream.name)
         self._hears_worlds |= stream is WORLD_STATE
 
-    def publish(self, stream: Stream, message: Any, robot_id: int | None = None) -> None:
+    def publish(self, stream: Stream[Message], message: Message, robot_id: int | None = None) -> None:
         """Send a message once. Where the network is gone it is lost, as any message can be, and counted."""
         self._send(stream.channel(robot_id), message)
 
-    def repeat(self, stream: Stream, message: Any, robot_id: int | None = None, *, period: float) -> None:
+    def repeat(self, stream: Stream[Message], message: Message, robot_id: int | None = None, *, period: float) -> None:
         """Send a message every `period` seconds from `publish_repeated`, until another takes its place.
 
         LCM keeps nothing for late joiners; `utime` is brought up to date at each repetition. What is repeated
@@ -90,7 +90,7 @@ class Bus:
             if received.stream.name in self._every or last[received.channel] == index
         ]
 
-    def _send(self, channel: str, message: Any) -> None:
+    def _send(self, channel: str, message: Message) -> None:
         data = message.encode()
         if channel == WORLD_STATE.name and self._hears_worlds:
             self._own.append(data)
@@ -112,7 +112,7 @@ class Bus:
 class _Repeated:
     """A message to send again and again."""
 
-    def __init__(self, message: Any, period: float) -> None:
+    def __init__(self, message: Message, period: float) -> None:
         self.message = message
         self.period = period
         self.due = 0.0

@@ -1,8 +1,7 @@
 """The emergency stop as every process obeys it: latched until it is released."""
 
-from typing import Any
-
-from cmr.bus.streams import ESTOP
+from cmr.bus.messages import Received
+from cmr.msg import estop_t
 
 
 class EmergencyStop:
@@ -12,8 +11,9 @@ class EmergencyStop:
         self.engaged = False
         self.reason = ""
 
-    def handle(self, _utime: int, channel: str, message: Any) -> None:
+    def handle(self, _utime: int, received: Received) -> None:
         """Take an estop_t; other messages are passed over."""
-        if channel == ESTOP.name:
+        message = received.message
+        if isinstance(message, estop_t):
             self.engaged = bool(message.engaged)
             self.reason = f"{message.source}: {message.reason}" if self.engaged else ""

@@ -12,10 +12,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from textwrap import dedent
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from cmr.bus.message import Message
 from cmr.bus.streams import identify
-from cmr.msg import robot_state_t
+from cmr.msg import robot_state_t, world_state_t
 
 INDEX = "index"  # column that numbers the elements of a message's arrays
 BRACKETS = re.compile(r"\[([^\[]*)\]?\s*$")  # at the end of a comment; a range in it may hold a bracket: (-pi, pi]
@@ -48,7 +49,7 @@ class Field:
 
 
 @cache
-def fields_of(message_type: Any) -> tuple[Field, ...]:
+def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
     """Return the fields of a generated message class, in their order on the wire.
 
     Raises TypeError for arrays of fixed length or of several dimensions, which none of our types has.
@@ -57,9 +58,9 @@ def fields_of(message_type: Any) -> tuple[Field, ...]:
     fields: dict[str, Field] = {}
     described = zip(message_type.__slots__, message_type.__typenames__, message_type.__dimensions__, strict=True)
     for name, wire_type, dimensions in described:
-        if dimensions is not None and (len(dimensions) > 1 or not isinstance(dimensions[0], str)):
+        counted_by, *more = dimensions or (None,)
+        if more or isinstance(counted_by, int):
             raise TypeError(f"{message_type.__name__}.{name}: no array that another field counts")
-        counted_by = dimensions[0] if dimensions else None
         if wire_type == "byte" and counted_by is not None:
             wire_type, counted_by = BYTES, None
         unit = _unit(comments[name], name, fields) if wire_type not in ("string", BYTES) else ""
@@ -72,7 +73,7 @@ def text_of_bytes(data: bytes) -> str:
     return b64encode(bytes(data)).decode("ascii")
 
 
-def _comments(message_type: Any) -> dict[str, str]:
+def _comments(message_type: type[Message]) -> dict[str, str]:
     """Return the comment of each field; fields declared together share the one above them."""
     [function] = ast.parse(dedent(inspect.getsource(message_type.__init__))).body
     assert isinstance(function, ast.FunctionDef)
@@ -129,7 +130,7 @@ def unit_of(name: FieldName) -> str:
     return (fields_on(name.channel) or {})[name.field].unit
 
 
-def number_in(message: Any, name: FieldName) -> float:
+def number_in(message: Message, name: FieldName) -> float:
     """Return the number in a field of a message; NaN where it has no such element, or is not about the robot."""
     value = getattr(message, name.field)
     if name.element is None:
@@ -139,8 +140,10 @@ def number_in(message: Any, name: FieldName) -> float:
     return float(value[name.element]) if name.element < len(value) else math.nan
 
 
-def _places(message: Any, name: FieldName) -> Iterator[int]:
+def _places(message: Message, name: FieldName) -> Iterator[int]:
     """Yield the places in the arrays of a message that are of the robot, or twin, that is meant."""
+    if not isinstance(message, world_state_t):
+        return
     for place, robot_id in enumerate(message.robot_id):
         if robot_id == name.element and (message.origin[place] == robot_state_t.TWIN) == (name.whose == "twin"):
             yield place

@@ -1,15 +1,20 @@
 """Make, encode and decode messages; whatever is not ours or is damaged is named, never passed on."""
 
 import time
+from collections.abc import Callable, Sized
 from functools import cache
-from typing import Any, NamedTuple
+from operator import attrgetter
+from typing import NamedTuple
 
+from cmr.bus.message import M, Message
 from cmr.bus.older import as_of_today
 from cmr.bus.streams import Stream, identify
 from cmr.bus.world_state import WorldState
 from cmr.msg import world_state_t
 
-DECODERS = {world_state_t: WorldState.decode}  # faster than those of the generated classes
+# Faster than those of the generated classes.
+DECODERS: dict[type[Message], Callable[[bytes], Message]] = {world_state_t: WorldState.decode}
+ROBOT_OF = attrgetter("robot_id")  # of the messages whose channel belongs to one robot
 
 
 class RejectedMessage(Exception):  # noqa: N818 - it is a finding, not a failure of the program
@@ -29,9 +34,29 @@ class Received(NamedTuple):
     """One decoded message: the channel it came on, the stream that channel belongs to, and the robot (None: all)."""
 
     channel: str
-    stream: Stream
+    stream: Stream[Message]
     robot_id: int | None
-    message: Any
+    message: Message
+
+    @classmethod
+    def of(cls, stream: Stream[M], message: M, robot_id: int | None = None) -> "Received":
+        """Return a message as it is received from a stream, of a robot where each has its own channel."""
+        return cls(stream.channel(robot_id), stream, robot_id, message)
+
+    @classmethod
+    def on(cls, channel: str, message: Message) -> "Received":
+        """Return a message as it is received on a channel.
+
+        Raises ValueError when the channel is not ours.
+        """
+        identity = identify(channel)
+        if identity is None:
+            raise ValueError(f"{channel} is not a channel of CMR")
+        return cls(channel, *identity, message)
+
+    def message_of(self, stream: Stream[M]) -> M | None:
+        """Return the message if it came on a channel of this stream; None otherwise."""
+        return self.message if isinstance(self.message, stream.message_type) else None
 
 
 def now_utime() -> int:
@@ -39,7 +64,7 @@ def now_utime() -> int:
     return time.time_ns() // 1000
 
 
-def make(message_type: Any, **fields: Any) -> Any:
+def make(message_type: type[M], **fields: object) -> M:
     """Return a message of `message_type` with these fields; `n` follows from the arrays.
 
     The generated classes accept any attribute and truncate arrays silently; this does neither.
@@ -52,7 +77,10 @@ def make(message_type: Any, **fields: Any) -> Any:
         if wrong:
             raise TypeError(f"{message_type.__name__}: fields missing or unknown: {', '.join(sorted(wrong))}")
     for count_field in set(counted.values()):
-        lengths = {name: len(fields[name]) for name, field in counted.items() if field == count_field}
+        arrays = {name: fields[name] for name, field in counted.items() if field == count_field}
+        lengths = {name: len(array) for name, array in arrays.items() if isinstance(array, Sized)}
+        if len(lengths) < len(arrays):
+            raise TypeError(f"{message_type.__name__}: no arrays: {', '.join(arrays.keys() - lengths.keys())}")
         if len(set(lengths.values())) > 1:
             raise ValueError(f"{message_type.__name__}: arrays differ in length: {lengths}")
         fields[count_field] = next(iter(lengths.values()))
@@ -62,10 +90,10 @@ def make(message_type: Any, **fields: Any) -> Any:
 
 
 @cache
-def _fields(message_type: Any) -> tuple[frozenset[str], dict[str, str]]:
+def _fields(message_type: type[Message]) -> tuple[frozenset[str], dict[str, str]]:
     """Return the names of all fields, and of those that are arrays with the field that counts their entries."""
     dimensions = dict(zip(message_type.__slots__, message_type.__dimensions__, strict=True))
-    return frozenset(dimensions), {name: length[0] for name, length in dimensions.items() if length is not None}
+    return frozenset(dimensions), {name: str(length[0]) for name, length in dimensions.items() if length is not None}
 
 
 def decode(channel: str, data: bytes) -> Received:
@@ -85,6 +113,6 @@ def decode(channel: str, data: bytes) -> Received:
         message = DECODERS.get(stream.message_type, stream.message_type.decode)(data)
     except Exception as error:  # the generated decoder raises whatever its parts raise on damaged bytes
         raise RejectedMessage("corrupt", f"{channel}: {error}") from error
-    if robot_id is not None and message.robot_id != robot_id:
-        raise RejectedMessage("wrong_robot", f"{channel} carries a message of robot {message.robot_id}")
+    if robot_id is not None and ROBOT_OF(message) != robot_id:
+        raise RejectedMessage("wrong_robot", f"{channel} carries a message of robot {ROBOT_OF(message)}")
     return Received(channel, stream, robot_id, message)

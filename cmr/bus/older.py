@@ -3,8 +3,9 @@
 A log, or a driver, that is older than the field says nothing of it: it is 0 then.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from cmr.bus.message import Message
 from cmr.msg import motor_feedback_t
 
 FINGERPRINT_BYTES = 8
@@ -14,7 +15,7 @@ class Older(NamedTuple):
     """How a type was: its encoded `size` [bytes, fingerprint included], and its name of today."""
 
     size: int
-    message_type: Any
+    message_type: type[Message]
 
 
 OLDER = {

@@ -4,11 +4,12 @@ import os
 import signal
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import FrameType, TracebackType
-from typing import Any
+from typing import TypeAlias
 
 from cmr.bus.bus import Bus
+from cmr.bus.message import Message
 from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, Stream
 from cmr.msg import process_status_t
@@ -18,6 +19,8 @@ LONGEST_WAIT = 0.1  # s; a signal is noticed within this time
 NAP = 0.01  # s; what arrives meanwhile is taken at once, as waking up for a message costs more than taking it
 STATUS_PERIOD = 1.0  # s
 EXIT_INTERRUPTED = 130
+Outgoing: TypeAlias = tuple[Stream[Message], int | None, Message]  # a message, and the robot whose channel it goes on
+SignalHandler: TypeAlias = Callable[[int, FrameType | None], object] | int | None  # as `signal` returns and takes it
 
 
 class Timer:
@@ -60,7 +63,7 @@ class Process:
         self._turns = 0
         self._report = Timer(STATUS_PERIOD)
         self._status_sent = time.monotonic()
-        self._old_handlers: dict[int, Any] = {}
+        self._old_handlers: dict[int, SignalHandler] = {}
 
     def __enter__(self) -> "Process":
         self.bus = Bus(self._url)
@@ -115,12 +118,12 @@ class Process:
         received, self._received = self._received, []
         return self.bus.latest(received)
 
-    def dispatch(self, handle: Callable[[int, str, Any], object]) -> None:
-        """Hand what has arrived to `handle(utime, channel, message)`, oldest first."""
+    def dispatch(self, handle: Callable[[int, Received], object]) -> None:
+        """Hand what has arrived to `handle(utime, received)`, oldest first."""
         for received in self.received():
-            handle(received.message.utime, received.channel, received.message)
+            handle(received.message.utime, received)
 
-    def publish_all(self, messages: list[tuple[Stream, int | None, Any]]) -> None:
+    def publish_all(self, messages: Iterable[Outgoing]) -> None:
         """Send messages given as (stream, robot id or None, message)."""
         for stream, robot_id, message in messages:
             self.publish(stream, message, robot_id)

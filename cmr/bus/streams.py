@@ -2,9 +2,10 @@
 
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Generic
 
 from cmr import msg
+from cmr.bus.message import M_co, Message
 
 LCM_CHANNEL_NAME_LIMIT = 63  # bytes; LCM refuses longer names
 LARGEST_ROBOT_ID = 2**31 - 1  # what the int32 of the messages holds
@@ -14,7 +15,7 @@ SELF_TESTS = (SELF_TEST, "LCM_SELF_TEST")  # and LCM's own; whatever comes there
 
 
 @dataclass(frozen=True)
-class Stream:
+class Stream(Generic[M_co]):
     """One kind of channel.
 
     `name` is the whole channel name, or its beginning where each robot has a channel of its own
@@ -23,7 +24,7 @@ class Stream:
     """
 
     name: str
-    message_type: Any
+    message_type: type[M_co]
     per_robot: bool
     rate_hz: float | None
     owner: str
@@ -66,7 +67,7 @@ CALIBRATION_STATUS = Stream("CALIBRATION_STATUS", msg.calibration_status_t, True
 PROCESS_STATUS = Stream("PROCESS_STATUS", msg.process_status_t, False, 1.0, "every process")
 ESTOP = Stream("ESTOP", msg.estop_t, False, 10.0, "whoever engages it, while engaged")
 
-STREAMS = (
+STREAMS: tuple[Stream[Message], ...] = (
     MOTOR_COMMAND,
     WHEEL_SPEED_COMMAND,
     VELOCITY_COMMAND,
@@ -89,7 +90,7 @@ _BY_NAME = {stream.name: stream for stream in STREAMS}
 _ROBOT_CHANNEL = re.compile(r"([A-Z_]+)_(0|[1-9][0-9]{0,9})")
 
 
-def identify(channel: str) -> tuple[Stream, int | None] | None:
+def identify(channel: str) -> tuple[Stream[Message], int | None] | None:
     """Return the stream and the robot id of a channel name; None if it is none of ours."""
     stream = _BY_NAME.get(channel)
     if stream is not None and not stream.per_robot:

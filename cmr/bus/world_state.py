@@ -3,9 +3,10 @@
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.msg import world_state_t
 
@@ -13,7 +14,9 @@ HEAD = struct.Struct(">8sqi")  # the type's fingerprint, utime and n
 FINGERPRINT = world_state_t._get_packed_fingerprint()
 FLOATS_PER_ROBOT = 7  # x to domega_right
 BYTES_PER_ROBOT = 4 + 1 + 4 * FLOATS_PER_ROBOT
-Kind: TypeAlias = np.dtype[Any]
+Kind: TypeAlias = np.dtype[np.int32] | np.dtype[np.int8]
+WholeNumbers: TypeAlias = Sequence[int] | NDArray[np.int64]
+Numbers: TypeAlias = Sequence[float] | NDArray[np.float64]
 ID, ORIGIN, FLOAT = np.dtype(">i4"), np.dtype("i1"), np.dtype(">f4")
 MOST_REMEMBERED = 100  # sets of ids or origins that are kept as bytes
 
@@ -21,12 +24,13 @@ MOST_REMEMBERED = 100  # sets of ids or origins that are kept as bytes
 class WorldState(world_state_t):
     """A world_state_t whose fields may be arrays, and are arrays where it was decoded: of int64 and float64.
 
-    `columns` are all fields that have an entry for each robot, in their order.
+    `state` are all further fields that have an entry for each robot, from x to domega_right.
     """
 
-    def __init__(self, utime: int, columns: Sequence[Any]) -> None:
-        self.utime, self.n = utime, len(columns[0])
-        self.robot_id, self.origin, self.x, self.y, self.theta, *wheels = columns
+    def __init__(self, utime: int, robot_id: WholeNumbers, origin: WholeNumbers, *state: Numbers) -> None:
+        self.utime, self.n = utime, len(robot_id)
+        self.robot_id, self.origin = robot_id, origin
+        self.x, self.y, self.theta, *wheels = state
         self.psi_left, self.psi_right, self.domega_left, self.domega_right = wheels
 
     def encode(self) -> bytes:
@@ -51,10 +55,10 @@ class WorldState(world_state_t):
         ids = np.ndarray(n, ID, data, HEAD.size).astype(np.int64)
         kinds = np.ndarray(n, ORIGIN, data, origins).astype(np.int64)
         columns = np.ndarray((FLOATS_PER_ROBOT, n), FLOAT, data, floats).astype(np.float64)
-        return WorldState(utime, (ids, kinds, *columns))
+        return WorldState(utime, ids, kinds, *columns)
 
 
-def _bytes_of(numbers: Any, kind: Kind) -> bytes:
+def _bytes_of(numbers: WholeNumbers, kind: Kind) -> bytes:
     """Return ids or origins as they lie in a message; a tuple, which comes again at each step, is converted once."""
     return _bytes_of_tuple(numbers, kind) if isinstance(numbers, tuple) else np.asarray(numbers).astype(kind).tobytes()
 

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, VELOCITY_COMMAND, Stream, identify
+from cmr.bus.message import Message
+from cmr.bus.messages import Received, make, now_utime
+from cmr.bus.streams import PARAMETERS, VELOCITY_COMMAND, Stream
 from cmr.calibration.calibrate import AVERAGE, PAPER, calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
@@ -21,10 +22,10 @@ from cmr.calibration.running import RunningFit
 from cmr.calibration.segments import LEAD
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.model.velocity_controller import VelocityController
-from cmr.msg import calibration_status_t
+from cmr.msg import calibration_status_t, motor_feedback_t
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import COMMAND_SIGNALS, KEPT, LAST_NUMBER, RobotMessages
-from cmr.recordings.commanding import FIELDS, TAKEN
+from cmr.recordings.commanding import COMMANDS, asked_by
 from cmr.recordings.recording import Recorder, Recording
 from cmr.recordings.signal import SECONDS
 
@@ -75,22 +76,22 @@ class Calibrator:
         self._forgotten = 0
         self.left_out = 0.0  # s of a log that follow the manoeuvre
 
-    def handle(self, utime: int, channel: str, message: Any) -> None:
+    def handle(self, utime: int, received: Received) -> None:
         """Take one message; those of other robots, and those after the manoeuvre, are passed over."""
-        stream, robot_id = identify(channel) or (None, None)
-        if stream not in HEARD or robot_id != self.robot_id or self.complete:
+        if received.stream not in HEARD or received.robot_id != self.robot_id or self.complete:
             return
-        self._recorder.handle(utime, channel, message)
+        self._recorder.handle(utime, received)
         self._latest = max(self._latest, utime)
         if self._onset is None and self._latest > self._forgotten + FORGET:
             # A robot may be parked for hours before it drives.
             self._recorder.forget(self._latest - FORGET // 2)
             self._forgotten = self._latest
-        if stream is MOTOR_FEEDBACK:
+        message = received.message
+        if isinstance(message, motor_feedback_t):
             self._has_wheels = True
             self._watch(utime, message.psi_left, message.psi_right)
-        elif stream in TAKEN and not self._has_wheels:
-            self._watch(utime, *self._asked(stream, *(getattr(message, name) for name in FIELDS[stream.name])))
+        elif isinstance(message, COMMANDS) and not self._has_wheels:
+            self._watch(utime, *self._asked(received.stream, *asked_by(message)))
 
     @classmethod
     def of(cls, messages: RobotMessages, nominal: ParameterFile | None = None) -> "Calibrator":
@@ -189,7 +190,7 @@ class Calibrator:
         told = found.told if found else {}
         return {name: Estimate(one.value, one.std * self._caution) for name, one in told.items()}
 
-    def status(self) -> Any:
+    def status(self) -> calibration_status_t:
         """Return the calibration_status_t message of this moment."""
         fields: dict[str, float] = {}
         found = self.result or self.preview
@@ -234,7 +235,7 @@ class Calibrator:
         columns = (wheels.utime, wheels.columns["psi_left"], wheels.columns["psi_right"])
         yield from zip(*(column.tolist() for column in columns), strict=True)
 
-    def _asked(self, stream: Stream, first: Any, second: Any) -> tuple[Any, Any]:
+    def _asked(self, stream: Stream[Message], first: Any, second: Any) -> tuple[Any, Any]:
         """Return what commands ask of the wheels of both sides: duties, or speeds.
 
         Turns of the body go by the width that is known; without one, commands say nothing.

@@ -3,10 +3,10 @@
 import math
 from bisect import bisect_right
 from collections import deque
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cmr.camera.lens import Floats
-from cmr.msg import robot_state_t
+from cmr.msg import robot_state_t, world_state_t
 
 REAL: int = robot_state_t.REAL
 VIRTUAL: int = robot_state_t.VIRTUAL
@@ -55,7 +55,7 @@ class Tracks:
         self.trail = trail
         self._tracks: dict[tuple[int, int], Track] = {}
 
-    def handle(self, utime: int, message: Any) -> None:
+    def handle(self, utime: int, message: world_state_t) -> None:
         """Take a world_state_t, the whole world or a part of it."""
         columns: list[Floats] = [getattr(message, name) for name in ("robot_id", "origin", "x", "y", "theta")]
         for robot_id, origin, x, y, theta in zip(*(list(map(float, column)) for column in columns), strict=True):

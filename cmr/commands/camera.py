@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cmr.bus.messages import make
+from cmr.bus.messages import Received, make
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CAMERA_IMAGE, POSE, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parse_seconds, parser
 from cmr.distribution import how_to_install
-from cmr.msg import camera_image_t, pose_xyt_t, process_status_t
+from cmr.msg import camera_image_t, pose_xyt_t, process_status_t, waypoints_t, world_state_t
 from cmr.progress import Progress
 
 if TYPE_CHECKING:
@@ -178,12 +178,13 @@ class _Showing:
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(WAYPOINTS)
 
-    def handle(self, utime: int, channel: str, message: Any) -> None:
+    def handle(self, utime: int, received: Received) -> None:
         """Take a message from the bus."""
-        if channel == WORLD_STATE.name:
+        message = received.message
+        if isinstance(message, world_state_t):
             self._tracks.handle(utime, message)
-        else:
-            self._waypoints[channel] = self._make_waypoints(message.x, message.y)
+        elif isinstance(message, waypoints_t):
+            self._waypoints[received.channel] = self._make_waypoints(list(message.x), list(message.y))
 
     def publish(self, seen: "Seen") -> None:
         """Publish the poses in a picture, and the picture if it is time for one."""

@@ -8,7 +8,6 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import lcm
 import numpy as np
@@ -21,7 +20,7 @@ from cmr.commands.command_line import CommandError, parser
 from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
 from cmr.configuration import results
 from cmr.model.parameters import DEFINITIONS
-from cmr.msg import calibration_status_t, process_status_t, waypoints_t
+from cmr.msg import calibration_status_t, process_status_t, waypoints_t, world_state_t
 from cmr.parameters.file import ParameterFile, Value, load
 from cmr.progress import Progress
 from cmr.scenario.children import Children, our_command
@@ -195,7 +194,7 @@ class _Demo:
         self._states: dict[str, int] = {}
         self._parameters_in_use = ""
         self._parameters_before = ""
-        self._calibration: Any = None
+        self._calibration: calibration_status_t | None = None
         self._last_motion = 0
         process.subscribe(WORLD_STATE)
         process.subscribe(PROCESS_STATUS, every=True)
@@ -229,6 +228,7 @@ class _Demo:
         self._drive("first drive, with the nominal parameters")
         self._wait(self._calibrated, FIT, "the calibration")
         self._wait(self._new_parameters_in_use, 5.0, "cmr-sim to use the new parameters")
+        assert self._calibration is not None, "the calibration was waited for"
         print(f"calibrated: {self._calibration.message} Path error of the fit: ", end="")
         print(f"{self._calibration.path_rmse_before:.3f} m before, {self._calibration.path_rmse_after:.3f} m after")
         self._drive("second drive, with the parameters found")
@@ -270,12 +270,12 @@ class _Demo:
     def _listen(self) -> None:
         for received in self._process.received():
             message = received.message
-            if received.stream is WORLD_STATE:
-                self._world.handle(message.utime, received.channel, message)
+            if isinstance(message, world_state_t):
+                self._world.handle(message.utime, message)
                 self._note_motion()
-            elif received.stream is CALIBRATION_STATUS:
+            elif isinstance(message, calibration_status_t):
                 self._calibration = message
-            elif received.stream is PROCESS_STATUS:
+            elif isinstance(message, process_status_t):
                 self._states[message.process] = message.state
                 if message.process == "cmr-sim":
                     self._parameters_in_use = message.parameters_sha256

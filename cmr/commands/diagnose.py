@@ -10,9 +10,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 from types import FrameType
 
+from cmr.bus.message import Message
 from cmr.bus.preflight import open_lcm, resolve_url
 from cmr.bus.process import Process
-from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE
+from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
 from cmr.commands.command_line import CommandError, add_json, add_logs, logs_of, parse_count, parse_robot_id, parser
 from cmr.commands.first_use import ESTIMATOR, announce_compiling, compile_first
 from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform
@@ -21,10 +22,10 @@ from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.parameters.following import ParameterFollower
 from cmr.progress import Progress
-from cmr.recordings.commanding import TAKEN
+from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.recordings.recording import RecordingError
 
-WATCHED = (*TAKEN, MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
+WATCHED: tuple[Stream[Message], ...] = (*COMMANDS_OF.values(), MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 WATCH_RATE = 20.0  # Hz
 LIVE = "live.txt"
 

@@ -3,10 +3,11 @@
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from cmr.bus.messages import make
-from cmr.bus.process import Process, Timer
+from cmr.bus.message import Message
+from cmr.bus.messages import Received, make
+from cmr.bus.process import Outgoing, Process, Timer
 from cmr.bus.streams import (
     ESTOP,
     GYRO,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from cmr.world.interaction.range_sensor import RangeSensor
     from cmr.world.scanning import Scanner
 
+HEARD: tuple[Stream[Message], ...] = (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP, WORLD_STATE)
 STEP_RATE = 100.0  # Hz
 DEFAULT_PARAMETERS = Path(__file__).parents[1] / "scenario" / "shipped" / "parameters" / "robot_0.yaml"
 PACKET = 1400  # bytes; more than that is split by a real network
@@ -63,10 +65,10 @@ def main(arguments: list[str]) -> int:
     lateness = Lateness()
     told = 0
     with Process("cmr-sim", options.lcm_url) as process:
-        for stream in (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP, WORLD_STATE):
+        for stream in HEARD:
             process.subscribe(stream, every=True)
-        for stream in COMMANDS_OF.values():
-            process.subscribe(stream)
+        for commands in COMMANDS_OF.values():
+            process.subscribe(commands)
         for follower in world.parameters.values():
             if follower.by_default:
                 process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
@@ -116,7 +118,7 @@ def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loa
     if cast:
         world.view.geofence = cast.geofence
         for robot_id, message in cast.waypoints:
-            world.handle(message.utime, WAYPOINTS.channel(robot_id), message)
+            world.handle(message.utime, Received.of(WAYPOINTS, message, robot_id))
     return world, loader
 
 
@@ -347,8 +349,8 @@ def _cast(path: Path) -> "Cast":
         raise CommandError(str(error)) from error
 
 
-def _state_messages(world: World, largest: int | None) -> list[tuple[Stream, int | None, Any]]:
-    messages: list[tuple[Stream, int | None, Any]] = [
+def _state_messages(world: World, largest: int | None) -> list[Outgoing]:
+    messages: list[Outgoing] = [
         (WORLD_STATE, None, message) for message in world_messages(world.utime, world.everybody(), largest)
     ]
     for robot in world.real():

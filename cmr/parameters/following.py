@@ -3,10 +3,9 @@
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from cmr.bus.messages import now_utime
-from cmr.bus.streams import PARAMETERS
+from cmr.bus.messages import Received, now_utime
+from cmr.msg import parameters_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, announcement, parse, sha256_of
 
 POLL_PERIOD = 0.2  # s; a replaced file is in use within a second, with room to spare
@@ -76,9 +75,10 @@ class ParameterFollower:
         self._file_problem = self._content_problem
         return changed
 
-    def handle(self, _utime: int, channel: str, message: Any) -> bool:
+    def handle(self, _utime: int, received: Received) -> bool:
         """Take an announcement (parameters_t); tell whether the parameters in use changed."""
-        if channel != PARAMETERS.channel(self.robot_id):
+        channel, message = received.channel, received.message
+        if not isinstance(message, parameters_t) or received.robot_id != self.robot_id:
             return False
         if sha256_of(message.yaml) != message.sha256:
             self._announcement_problem = self._kept(f"{channel}: the announced sha256 does not fit the content")
@@ -89,7 +89,7 @@ class ParameterFollower:
         changed, self._announcement_problem = self._adopt(message.yaml, message.sha256, message.sequence, channel)
         return changed
 
-    def announcement(self) -> Any | None:
+    def announcement(self) -> parameters_t | None:
         """Return the parameters_t message that announces the parameters in use; None without parameters."""
         return announcement(self.robot_id, self._text, self.sequence) if self._text else None
 

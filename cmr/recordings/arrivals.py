@@ -6,10 +6,11 @@ The one place that says which messages become samples of a recording: live messa
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 
+from cmr.bus.message import Message
 from cmr.bus.streams import (
     GYRO,
     MOTOR_COMMAND,
@@ -21,12 +22,18 @@ from cmr.bus.streams import (
     Stream,
 )
 from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
+from cmr.msg import motor_command_t, parameters_t, velocity_command_t, wheel_speed_command_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
 from cmr.recordings.signal import Floats, Mask, Signal, Times, no_times
 
+Command: TypeAlias = motor_command_t | wheel_speed_command_t | velocity_command_t
 NOT_FINITE = "not a finite number"  # why a message is no sample
 # The stream of each kind of command.
-COMMANDS_OF = {DUTY: MOTOR_COMMAND, WHEEL_SPEED: WHEEL_SPEED_COMMAND, VELOCITY: VELOCITY_COMMAND}
+COMMANDS_OF: dict[str, Stream[Command]] = {
+    DUTY: MOTOR_COMMAND,
+    WHEEL_SPEED: WHEEL_SPEED_COMMAND,
+    VELOCITY: VELOCITY_COMMAND,
+}
 LAST_NUMBER = 2**63 - 1  # later than any message
 
 
@@ -38,7 +45,7 @@ class Kept:
     the field `flag` is 0. `measured` marks streams that only a real robot has.
     """
 
-    stream: Stream
+    stream: Stream[Message]
     fields: tuple[str, ...]
     finite: tuple[str, ...]
     flag: str | None = None
@@ -150,7 +157,7 @@ class Announcements:
         self.taken: list[tuple[int, ParameterFile]] = []
         self._sequence = -1
 
-    def take(self, number: int, channel: str, message: Any) -> None:
+    def take(self, number: int, channel: str, message: parameters_t) -> None:
         """Take one announcement, a parameters_t."""
         self.utime.append(message.utime)
         self.number.append(number)

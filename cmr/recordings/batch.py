@@ -8,10 +8,10 @@ from collections import Counter, defaultdict
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from cmr.bus.message import Message
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.older import as_of_today
 from cmr.bus.streams import PARAMETERS, SELF_TESTS, identify
@@ -33,7 +33,7 @@ WIRE_TYPES = {
 
 
 @cache
-def layout_of(message_type: Any) -> np.dtype[Any]:
+def layout_of(message_type: type[Message]) -> np.dtype[np.void]:
     """Return how an encoded message of this generated class lies in memory: fingerprint, then its fields.
 
     Raises TypeError for a class that is not of fixed size.
@@ -94,11 +94,12 @@ class AnnouncementGatherer:
     def take(self, number: int, data: bytes) -> None:
         """Decode one encoded message."""
         try:
-            message = decode(self._channel, data).message
+            message = decode(self._channel, data).message_of(PARAMETERS)
         except RejectedMessage as rejected:
             self._rejected[self._channel, rejected.reason] += 1
         else:
-            self.announcements.take(number, self._channel, message)
+            if message is not None:
+                self.announcements.take(number, self._channel, message)
 
 
 class LogGatherer:

@@ -3,48 +3,56 @@
 What commanded speeds stand for says the robot's own velocity controller.
 """
 
-from typing import Any
-
 from cmr.bus.messages import make
-from cmr.bus.streams import MOTOR_COMMAND, WHEEL_SPEED_COMMAND, Stream
 from cmr.model.command_kinds import DUTY, WHEEL_SPEED
 from cmr.model.velocity_controller import VelocityController
-from cmr.recordings.arrivals import COMMAND_SIGNALS, COMMANDS_OF, KEPT
+from cmr.msg import motor_command_t, velocity_command_t, wheel_speed_command_t
+from cmr.recordings.arrivals import Command
 
-TAKEN = tuple(COMMANDS_OF.values())  # streams of commands
-FIELDS = {KEPT[name].stream.name: KEPT[name].fields for name in COMMAND_SIGNALS}
+COMMANDS = (motor_command_t, wheel_speed_command_t, velocity_command_t)  # the types of a Command
 
 
-def duties_of(stream: Stream, message: Any, controller: VelocityController | None) -> tuple[float, float] | None:
-    """Return the duties (left, right) that a command stands for; `stream` is one of TAKEN.
+def asked_by(command: Command) -> tuple[float, float]:
+    """Return the two numbers of a command: duties, or wheel speeds [rad/s], of left and right, or v and omega."""
+    if isinstance(command, motor_command_t):
+        return command.left, command.right
+    if isinstance(command, wheel_speed_command_t):
+        return command.psi_left, command.psi_right
+    return command.v, command.omega
+
+
+def duties_of(command: Command, controller: VelocityController | None) -> tuple[float, float] | None:
+    """Return the duties (left, right) that a command stands for.
 
     None where speeds are commanded and no controller is known that would turn them into anything.
     """
-    if stream is MOTOR_COMMAND:
-        return message.left, message.right
+    if isinstance(command, motor_command_t):
+        return command.left, command.right
     if controller is None:
         return None
-    told = (getattr(message, name) for name in FIELDS[stream.name])
-    left, right = (controller.duties if stream is WHEEL_SPEED_COMMAND else controller.duties_of_body)(*told)
+    of_wheels = isinstance(command, wheel_speed_command_t)
+    left, right = (controller.duties if of_wheels else controller.duties_of_body)(*asked_by(command))
     return float(left), float(right)
 
 
-def asks_to_move(stream: Stream, message: Any) -> bool:
-    """Tell whether a command is another than to stand; `stream` is one of TAKEN."""
-    return any(getattr(message, name) for name in FIELDS[stream.name])
+def asks_to_move(command: Command) -> bool:
+    """Tell whether a command is another than to stand."""
+    return any(asked_by(command))
 
 
 def command_of(
     kind: str, utime: int, robot_id: int, duties: tuple[float, float], controller: VelocityController | None
-) -> Any:
+) -> Command:
     """Return the message of a kind that stands for these duties; zero is zero whoever takes it.
 
     Speeds other than zero need the robot's velocity controller.
     """
-    stream, values = COMMANDS_OF[kind], duties
-    if kind != DUTY:
-        values = (0.0, 0.0)
-        if controller is not None:
-            values = (controller.wheel_speeds if kind == WHEEL_SPEED else controller.body_velocity)(*duties)
-    fields = dict(zip(FIELDS[stream.name], map(float, values), strict=True))
-    return make(stream.message_type, utime=utime, robot_id=robot_id, **fields)
+    if kind == DUTY:
+        return make(motor_command_t, utime=utime, robot_id=robot_id, left=float(duties[0]), right=float(duties[1]))
+    values = (0.0, 0.0)
+    if controller is not None:
+        values = (controller.wheel_speeds if kind == WHEEL_SPEED else controller.body_velocity)(*duties)
+    first, second = map(float, values)
+    if kind == WHEEL_SPEED:
+        return make(wheel_speed_command_t, utime=utime, robot_id=robot_id, psi_left=first, psi_right=second)
+    return make(velocity_command_t, utime=utime, robot_id=robot_id, v=first, omega=second)

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from cmr.bus.streams import PARAMETERS
+from cmr.bus.message import Message
+from cmr.bus.messages import Received
 from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
+from cmr.msg import parameters_t
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
 from cmr.recordings.batch import read_robots
@@ -178,17 +180,17 @@ class Recorder:
     def __init__(self, robot_id: int) -> None:
         self.robot_id = robot_id
         self._announcements = Announcements()
-        self._announcing = PARAMETERS.channel(robot_id)
         self._columns = {kept.stream.channel(robot_id): _Columns(kept) for kept in KEPT.values()}
         self._number = 0
 
-    def handle(self, _utime: int, channel: str, message: Any) -> None:
+    def handle(self, _utime: int, received: Received) -> None:
         """Take one message; those of other robots and other streams are passed over."""
-        columns = self._columns.get(channel)
+        message = received.message
+        columns = self._columns.get(received.channel)
         if columns is not None:
             columns.add(self._number, message)
-        elif channel == self._announcing:
-            self._announcements.take(self._number, channel, message)
+        elif isinstance(message, parameters_t) and received.robot_id == self.robot_id:
+            self._announcements.take(self._number, received.channel, message)
         self._number += 1
 
     def forget(self, before: int) -> None:
@@ -221,10 +223,10 @@ class _Columns:
 
     def __init__(self, kept: Kept) -> None:
         self._names = kept.columns
-        self._fields: list[Callable[[Any], float]] = [attrgetter(name) for name in kept.columns]
+        self._fields: list[Callable[[Message], float]] = [attrgetter(name) for name in kept.columns]
         self._times, self._values = array("q"), array("d")
 
-    def add(self, number: int, message: Any) -> None:
+    def add(self, number: int, message: Message) -> None:
         self._times.extend((message.utime, number))
         self._values.extend([field(message) for field in self._fields])
 

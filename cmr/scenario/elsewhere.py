@@ -4,7 +4,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from cmr.msg import process_status_t
 from cmr.scenario.jobs import PILOT, RECORDER, SIM, Job
@@ -22,13 +21,13 @@ class Elsewhere:
     def __init__(
         self,
         jobs: Sequence[Job],
-        statuses: Mapping[tuple[str, int], Any],
+        statuses: Mapping[tuple[str, int], process_status_t],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._wanted = Counter(_program(job) for job in jobs)
         self._movers = frozenset(_program(job) for job in jobs if job.role in (PILOT, SIM))
         self._statuses, self._clock = statuses, clock
-        self._heard: dict[tuple[str, int], tuple[Any, float]] = {}  # what each said last, and when [s]
+        self._heard: dict[tuple[str, int], tuple[process_status_t, float]] = {}  # what each said last, and when [s]
         self._greeted: set[tuple[str, int]] = set()
         self.is_needed = bool(jobs)
         self.has_sim = any(job.role == SIM for job in jobs)
@@ -54,7 +53,7 @@ class Elsewhere:
         self._greeted |= movers
         return bool(fresh)
 
-    def _in_service(self) -> list[Any]:
+    def _in_service(self) -> list[process_status_t]:
         """Return what those said last that are there; one that says nothing any more has died or is out of reach."""
         now = self._clock()
         for key, status in self._statuses.items():

@@ -4,9 +4,9 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from cmr.bus.estop import EmergencyStop
+from cmr.bus.messages import Received
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.msg import process_status_t
@@ -160,10 +160,10 @@ class LiveRun:
         self._process.state = process_status_t.DEGRADED if down else ready
         self._process.message = f"Not running: {', '.join(down)}." if down else ""
 
-    def _hear(self, utime: int, channel: str, message: Any) -> None:
-        self.watch.handle(utime, channel, message)
+    def _hear(self, utime: int, received: Received) -> None:
+        self.watch.handle(utime, received)
         stop, was_engaged = self._emergency_stop, self._emergency_stop.engaged
-        stop.handle(utime, channel, message)
+        stop.handle(utime, received)
         if stop.engaged != was_engaged:
             self.say(f"ESTOP is engaged by {stop.reason}." if stop.engaged else "ESTOP is released.")
 

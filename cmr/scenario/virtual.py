@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from cmr.bus.messages import make, now_utime
 from cmr.model.parameters import RobotParameters
@@ -28,7 +27,7 @@ class Cast:
     """
 
     robots: tuple[VirtualRobot, ...] = ()
-    waypoints: tuple[tuple[int, Any], ...] = ()  # robot id and waypoints_t
+    waypoints: tuple[tuple[int, waypoints_t], ...] = ()
     obstacles: Obstacles = field(default_factory=Obstacles.none)
     geofence: Geofence | None = None
     own_parameters: Mapping[int, RobotParameters] = field(default_factory=dict)
@@ -86,7 +85,7 @@ def virtual_robots(scenario: Scenario) -> list[VirtualRobot]:
     ]
 
 
-def waypoints_message(robot_id: int, points: tuple[Point, ...]) -> Any:
+def waypoints_message(robot_id: int, points: tuple[Point, ...]) -> waypoints_t:
     """Return the waypoints_t that sends a robot along these points."""
     x, y = ([point[axis] for point in points] for axis in (0, 1))
     return make(waypoints_t, utime=now_utime(), robot_id=robot_id, x=x, y=y)

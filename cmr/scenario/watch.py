@@ -6,18 +6,19 @@ It knows no bus: messages go in by `handle`.
 import math
 import socket
 from collections import deque
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
-from cmr.msg import process_status_t
+from cmr.bus.messages import Received
+from cmr.msg import process_status_t, world_state_t
 from cmr.scenario.plan import Point, Pose
 from cmr.scenario.scenario import Scenario
 from cmr.team.metrics import passed
 from cmr.world.view import OLDEST, TWIN
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+Floats: TypeAlias = NDArray[np.float64]
 
 LOOK_PERIOD = 100_000  # us between two looks at where robots are, and at first between the places that are kept
 MOST_SAMPLES = 6_000  # then every second one is dropped, and half as many are kept from then on
@@ -59,19 +60,20 @@ class TeamWatch:
         self._period = LOOK_PERIOD
         self.sample_utime: list[int] = []
         self.samples: list[Floats] = []  # (2, robots): x and y [m] at each of these moments
-        self.statuses: dict[int, Any] = {}  # the last process_status_t of each process here, by pid
-        self.statuses_elsewhere: dict[tuple[str, int], Any] = {}  # of those on other machines, by host and pid
+        self.statuses: dict[int, process_status_t] = {}  # the last of each process here, by pid
+        self.statuses_elsewhere: dict[tuple[str, int], process_status_t] = {}  # elsewhere: by host and pid
         self._host = socket.gethostname()
         self._goals = {robot.robot_id: robot.waypoints for robot in scenario.robots if robot.waypoints}
         self._next = dict.fromkeys(self._goals, 0)
         self.reached_utime: dict[int, int] = {}  # when a robot was at its last waypoint
         self._anchor = np.full((2, count), np.nan)
 
-    def handle(self, utime: int, channel: str, message: Any) -> None:
+    def handle(self, utime: int, received: Received) -> None:
         """Take WORLD_STATE or PROCESS_STATUS."""
-        if channel == WORLD_STATE.name:
+        message = received.message
+        if isinstance(message, world_state_t):
             self._take_world(utime, message)
-        elif channel == PROCESS_STATUS.name:
+        elif isinstance(message, process_status_t):
             if message.host == self._host:
                 self._take_status(message)
             else:
@@ -147,12 +149,12 @@ class TeamWatch:
         status = self.statuses.get(pid)
         return status is not None and status.state == process_status_t.DEGRADED
 
-    def _take_status(self, status: Any) -> None:
+    def _take_status(self, status: process_status_t) -> None:
         self.statuses[status.pid] = status
         if status.state != process_status_t.STOPPING:  # the last rate is that of a moment
             self._fastest[status.pid] = max(self.loop_rate(status.pid), float(status.loop_rate_hz))
 
-    def _take_world(self, utime: int, message: Any) -> None:
+    def _take_world(self, utime: int, message: world_state_t) -> None:
         ids = np.asarray(message.robot_id, dtype=np.int64)
         places = np.searchsorted(self.ids, ids).clip(max=len(self.ids) - 1)
         known = (self.ids[places] == ids) & (np.asarray(message.origin) != TWIN)
@@ -193,7 +195,7 @@ class TeamWatch:
         moved = fresh | (step > JITTER)
         self._anchor[:, moved] = places[:, moved]
 
-    def _note_nearest(self, places: Floats, present: np.ndarray[Any, np.dtype[np.intp]], utime: int) -> None:
+    def _note_nearest(self, places: Floats, present: NDArray[np.intp], utime: int) -> None:
         if len(present) < 2:
             return
         from scipy.spatial import cKDTree

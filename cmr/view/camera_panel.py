@@ -3,6 +3,7 @@
 import numpy as np
 import viser
 
+from cmr.msg import camera_image_t
 from cmr.view.inputs import write
 from cmr.view.state import Heard, ViewState
 
@@ -18,7 +19,7 @@ class CameraPanel:
         with self._folder:
             self._choice = gui.add_dropdown("camera", (NO_CAMERA,), initial_value=NO_CAMERA, visible=False)
             self._image = gui.add_image(np.zeros((1, 1, 3), np.uint8), label="", format="jpeg")
-        self._shown: Heard | None = None
+        self._shown: Heard[camera_image_t] | None = None
 
     def show(self, state: ViewState) -> None:
         """Show the last picture of the chosen camera if it is another than before."""
@@ -44,7 +45,7 @@ class CameraPanel:
         self._choice.visible = len(names) > 1
 
 
-def caption(heard: Heard, now: int) -> str:
+def caption(heard: Heard[camera_image_t], now: int) -> str:
     """Return what stands above a picture: of which camera it is, its size, and its age [`now`: us] if it is old."""
     message, age = heard.message, (now - heard.utime) / 1e6
     told = f"{message.camera}, {message.width} x {message.height}"

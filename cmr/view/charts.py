@@ -1,14 +1,16 @@
 """Curves over time in the panels: calibration estimates with their intervals, and the distance of robot and twin."""
 
 import math
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import viser
 from viser import uplot
 
 from cmr.model.velocity_controller import VelocityController
+from cmr.msg import calibration_status_t
 from cmr.view.robots import Floats
+from cmr.view.state import Heard
 from cmr.view.words import CONFIDENCE, ESTIMATES, estimated
 
 BAND = "rgba(53, 116, 226, 0.25)"
@@ -91,7 +93,9 @@ def ticks(low: float, high: float) -> tuple[tuple[float, ...], tuple[str, ...]]:
     return tuple(place * step for place in places), tuple(f"{place * step:.{digits}f}" for place in places)
 
 
-def estimates(history: Any, controller: VelocityController | None = None) -> dict[str, Floats]:
+def estimates(
+    history: Sequence[Heard[calibration_status_t]], controller: VelocityController | None = None
+) -> dict[str, Floats]:
     """Return by parameter the columns of its chart, from what was heard of a calibration over time.
 
     Parameters that a robot with this velocity controller, or without one, does not have are not known.
@@ -106,6 +110,6 @@ def estimates(history: Any, controller: VelocityController | None = None) -> dic
     return result
 
 
-def distances(history: Any, now: int) -> Floats:
+def distances(history: Iterable[tuple[int, float]], now: int) -> Floats:
     """Return the columns of the chart of a robot's distance [cm] from its twin, over seconds until now."""
     return np.array([[(utime - now) / 1e6, 100 * distance] for utime, distance in history]).T

@@ -1,10 +1,8 @@
 """The drives around the calibrations of a log, found while it is read, so that no jump has to read them again."""
 
-from typing import Any
-
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import CALIBRATION_STATUS, WORLD_STATE
-from cmr.msg import calibration_status_t
+from cmr.msg import calibration_status_t, world_state_t
 from cmr.recordings.events import Event
 from cmr.view.drives import Calibrations, Drives
 from cmr.view.robots import RobotTable
@@ -30,12 +28,13 @@ class DriveWatch:
             received = decode(event.channel, event.data)
         except RejectedMessage:
             return
-        if received.stream is WORLD_STATE:
-            self._take_world(utime, received.message)
-        elif received.robot_id is not None:
-            self._take_calibration(utime, received.robot_id, received.message.state)
+        message = received.message
+        if isinstance(message, world_state_t):
+            self._take_world(utime, message)
+        elif isinstance(message, calibration_status_t):
+            self._take_calibration(utime, message.robot_id, message.state)
 
-    def _take_world(self, utime: int, message: Any) -> None:
+    def _take_world(self, utime: int, message: world_state_t) -> None:
         if utime - self._begun > PARTS_WITHIN:  # all parts of the one before are there
             if self._drives.due(self._begun):
                 self._drives.sample(self._begun, *self._table.present(self._begun).fresh().with_twins())

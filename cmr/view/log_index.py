@@ -5,8 +5,9 @@ import time
 from array import array
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from cmr.bus.message import Message
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import (
     CALIBRATION_STATUS,
@@ -16,10 +17,9 @@ from cmr.bus.streams import (
     SELF_TESTS,
     WAYPOINTS,
     WORLD_STATE,
-    Stream,
     identify,
 )
-from cmr.msg import calibration_status_t
+from cmr.msg import calibration_status_t, estop_t, parameters_t, process_status_t
 from cmr.recordings.events import CHUNK, HEADER, Event, EventReader
 from cmr.view.drives import Calibrations
 from cmr.view.log_drives import PARTS_WITHIN, DriveWatch
@@ -204,41 +204,37 @@ class LogIndex:
         self._drive_watch.take(utime, event)
 
 
+MARKED = (ESTOP, PARAMETERS, CALIBRATION_STATUS, PROCESS_STATUS)  # streams on which there is what is worth a mark
+
+
 class _Watch:
     """Finds what is worth a mark."""
 
     def __init__(self, marks: list[Mark]) -> None:
         self._marks = marks
-        self._tell = {
-            ESTOP.name: _estop,
-            PARAMETERS.name: _parameters,
-            CALIBRATION_STATUS.name: _calibration,
-            PROCESS_STATUS.name: _diagnosis,
-        }
-        self._streams: dict[str, Stream | None] = {}
+        self._is_marked: dict[str, bool] = {}  # by channel
         self._bytes: dict[str, bytes] = {}
         self._told: dict[str, str] = {}
         self._versions: dict[int, int] = {}  # of each robot's parameters, the newest until now
 
     def take(self, utime: int, event: Event) -> None:
         """Look at one event."""
-        if event.channel not in self._streams:
+        if event.channel not in self._is_marked:
             identity = identify(event.channel)
-            self._streams[event.channel] = identity[0] if identity and identity[0].name in self._tell else None
-        stream = self._streams[event.channel]
+            self._is_marked[event.channel] = identity is not None and identity[0] in MARKED
         content = event.data[UTIME_BYTES.stop :]
-        if stream is None or self._bytes.get(event.channel) == content:
+        if not self._is_marked[event.channel] or self._bytes.get(event.channel) == content:
             return
         self._bytes[event.channel] = content
         try:
             message = decode(event.channel, event.data).message
         except RejectedMessage:
             return
-        if stream is PARAMETERS and message.sequence < self._versions.setdefault(message.robot_id, message.sequence):
-            return  # said by a process that has not heard of the newer ones yet
-        if stream is PARAMETERS:
+        if isinstance(message, parameters_t):
+            if message.sequence < self._versions.setdefault(message.robot_id, message.sequence):
+                return  # said by a process that has not heard of the newer ones yet
             self._versions[message.robot_id] = message.sequence
-        told = self._tell[stream.name](message)
+        told = _mark_of(message)
         if told is None or told[1] == self._told.get(event.channel, ""):
             return
         self._told[event.channel] = told[1]
@@ -246,23 +242,30 @@ class _Watch:
             self._marks.append(Mark(utime, *told))
 
 
-def _estop(message: Any) -> tuple[str, str]:
+def _mark_of(message: Message) -> tuple[str, str] | None:
+    """Return the kind and the sentence of what a message tells; None where it tells nothing of this."""
+    if isinstance(message, estop_t):
+        return _estop(message)
+    if isinstance(message, parameters_t):
+        return "parameters", f"Robot {message.robot_id} has parameters {message.sha256[:8]}"
+    if isinstance(message, calibration_status_t):
+        return _calibration(message)
+    return _diagnosis(message) if isinstance(message, process_status_t) else None
+
+
+def _estop(message: estop_t) -> tuple[str, str]:
     if message.engaged:
         return "stop", f"Emergency stop by {message.source}: {message.reason}"
     return "released", f"Emergency stop released by {message.source}: {message.reason}"
 
 
-def _parameters(message: Any) -> tuple[str, str]:
-    return "parameters", f"Robot {message.robot_id} has parameters {message.sha256[:8]}"
-
-
-def _calibration(message: Any) -> tuple[str, str]:
+def _calibration(message: calibration_status_t) -> tuple[str, str]:
     words = {calibration_status_t.DONE: "calibrated", calibration_status_t.FAILED: "failed"}
     word = words.get(message.state, "")
     return word, f"Calibration of robot {message.robot_id}: {message.message}" if word else ""
 
 
-def _diagnosis(message: Any) -> tuple[str, str] | None:
+def _diagnosis(message: process_status_t) -> tuple[str, str] | None:
     if message.process != DIAGNOSIS:
         return None
     is_news = "Watching" not in message.message and "Waiting" not in message.message

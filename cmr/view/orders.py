@@ -1,16 +1,13 @@
 """What the page can order on the bus: the emergency stop, its release, and a figure-eight."""
 
-from typing import Any
-
-from cmr.bus.messages import make
-from cmr.bus.streams import ESTOP, WAYPOINTS, Stream
+from cmr.bus.messages import Received, make
+from cmr.bus.process import Outgoing
+from cmr.bus.streams import ESTOP, WAYPOINTS
 from cmr.msg import estop_t, waypoints_t
 
 SOURCE = "cmr-view"
 RELEASES = 5  # messages, as one can be lost
 FIGURE_EIGHT = 0.7  # m from its crossing to each tip
-
-Outgoing = tuple[Stream, int | None, Any]
 
 
 class Orders:
@@ -27,9 +24,10 @@ class Orders:
         self._releases = 0
         self._outgoing: list[Outgoing] = []
 
-    def handle(self, _utime: int, channel: str, message: Any) -> None:
+    def handle(self, _utime: int, received: Received) -> None:
         """Take a message from the bus, our own among them."""
-        if channel != ESTOP.name:
+        message = received.message
+        if not isinstance(message, estop_t):
             return
         if message.engaged:
             # Our own repetitions come back even after we have released; they engage nothing again.

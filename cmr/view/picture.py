@@ -1,13 +1,14 @@
 """A description of the scene, as arrays that any renderer can draw; it knows of none."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.bus.streams import RANGE_SCAN
+from cmr.bus.streams import RANGE_SCAN, WAYPOINTS
 from cmr.colours import REAL_COLOUR
+from cmr.msg import range_scan_t
 from cmr.view import shapes
 from cmr.view.robots import REAL, TWIN, VIRTUAL, Integers, Robots
 from cmr.view.state import ViewState
@@ -118,8 +119,8 @@ def waypoints(state: ViewState, robots: Robots) -> Lines:
     """Return the paths that robots were told, red, with a mark where each ends; of robots that have left, none."""
     parts = [np.empty((0, 2, 2))]
     there = set(robots.robot_id.tolist())
-    for heard in (heard for robot_id, heard in state.latest["WAYPOINTS"].items() if robot_id in there):
-        points = _finite(np.array([heard.message.x, heard.message.y], float).T)
+    for waypoints in (state.newest(WAYPOINTS, robot_id) for robot_id in state.latest[WAYPOINTS.name].keys() & there):
+        points = _finite(np.array([waypoints.x, waypoints.y], float).T) if waypoints else np.empty((0, 2))
         if len(points):
             parts += [shapes.chain(points), shapes.circle(float(points[-1, 0]), float(points[-1, 1]), 0.04, 12)]
     return _of_one_colour(shapes.at_height(np.concatenate(parts), WAYPOINT_HEIGHT), RED)
@@ -134,7 +135,7 @@ def rays(state: ViewState, robot_id: int) -> Lines:
     return Lines(ends, np.broadcast_to(np.array(RAY_COLOURS, np.uint8), ends.shape))
 
 
-def _ray_ends(scan: Any, place: tuple[float, float, float]) -> Floats:
+def _ray_ends(scan: range_scan_t, place: tuple[float, float, float]) -> Floats:
     x, y, theta = place
     ranges = np.asarray(scan.ranges, float)
     angles = theta + scan.angle_first + scan.angle_step * np.arange(len(ranges))

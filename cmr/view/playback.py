@@ -127,13 +127,13 @@ class Playback:
 
     def _show(self, moment: int, event: Event) -> None:
         try:
-            message = decode(event.channel, event.data).message
+            received = decode(event.channel, event.data)
         except RejectedMessage:
             return
-        if event.channel == WORLD_STATE.name and moment - self._world_begun > PARTS_WITHIN:
+        if received.stream is WORLD_STATE and moment - self._world_begun > PARTS_WITHIN:
             self._end_world()
             self._world_begun = moment
-        self.state.handle(moment, event.channel, message)
+        self.state.handle(moment, received)
 
     def _end_world(self) -> None:
         """Let time pass until the last WORLD_STATE, all parts of which are there."""

@@ -1,11 +1,11 @@
 """Where all robots are, as arrays: from WORLD_STATE, and for those whom no simulator knows from other channels."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.msg import robot_state_t
+from cmr.msg import pose_xyt_t, robot_state_t, world_state_t
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -73,7 +73,7 @@ class RobotTable:
         self._heard = np.empty(0, np.int64)
         self._source = np.empty(0, np.int64)
 
-    def take_world(self, utime: int, message: Any) -> None:
+    def take_world(self, utime: int, message: world_state_t) -> None:
         """Take a WORLD_STATE, or a part of one, that came at `utime` [us]."""
         ids, origins = np.asarray(message.robot_id, np.int64), np.asarray(message.origin, np.int64)
         rows = self._rows(ids, origins)
@@ -82,12 +82,12 @@ class RobotTable:
         self._heard[rows] = utime
         self._source[rows] = WORLD
 
-    def take_state(self, utime: int, message: Any) -> None:
+    def take_state(self, utime: int, message: robot_state_t) -> None:
         """Take a ROBOT_STATE_N; it counts where no WORLD_STATE tells of the robot."""
         state = (message.x, message.y, message.theta, message.psi_left, message.psi_right)
         self._take_one(utime, message.robot_id, message.origin, state, ESTIMATE)
 
-    def take_pose(self, utime: int, message: Any) -> None:
+    def take_pose(self, utime: int, message: pose_xyt_t) -> None:
         """Take a POSE_N of a real robot; it counts where nobody estimates its state."""
         state = (message.x, message.y, message.theta, np.nan, np.nan)
         self._take_one(utime, message.robot_id, REAL, state, MEASURED)

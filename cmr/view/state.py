@@ -1,14 +1,26 @@
 """What is shown, as it is at one moment: from messages, whether they come from the bus or from a log."""
 
 from collections import deque
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 
-from cmr.bus import streams
 from cmr.bus.estop import EmergencyStop
-from cmr.bus.streams import identify
-from cmr.msg import calibration_status_t, process_status_t
+from cmr.bus.message import M, M_co, Message
+from cmr.bus.messages import Received
+from cmr.bus.streams import PARAMETERS, Stream, identify
+from cmr.msg import (
+    calibration_status_t,
+    camera_image_t,
+    parameters_t,
+    pose_xyt_t,
+    process_status_t,
+    range_scan_t,
+    robot_state_t,
+    waypoints_t,
+    world_state_t,
+)
 from cmr.view.drives import Drives
 from cmr.view.robots import GONE_AFTER, Robots, RobotTable
 from cmr.view.traffic import Traffic
@@ -24,11 +36,12 @@ SILENT_FOR = 60_000_000  # us after which a process or camera that says nothing 
 DIAGNOSIS = "cmr-diagnose"
 
 
-class Heard(NamedTuple):
+@dataclass(frozen=True)
+class Heard(Generic[M_co]):
     """A message and when it came [us]."""
 
     utime: int
-    message: Any
+    message: M_co
 
 
 class ViewState:
@@ -45,34 +58,31 @@ class ViewState:
         self.trails = Trails()
         self.traffic = Traffic()
         self.estop = EmergencyStop()
-        self.processes: dict[tuple[str, str, int], Heard] = {}
-        self.latest: dict[str, dict[int, Heard]] = {name: {} for name in LATEST_OF}
-        self.cameras: dict[str, Heard] = {}
-        self.calibrations: dict[int, deque[Heard]] = {}
+        self.processes: dict[tuple[str, str, int], Heard[process_status_t]] = {}
+        self.latest: dict[str, dict[int, Heard[Message]]] = {name: {} for name in LATEST_OF}
+        self.cameras: dict[str, Heard[camera_image_t]] = {}
+        self.calibrations: dict[int, deque[Heard[calibration_status_t]]] = {}
         self.divergence: dict[int, deque[tuple[int, float]]] = {}
         self.drives = Drives()
 
-    def handle(self, utime: int, channel: str, message: Any) -> None:
+    def handle(self, utime: int, received: Received) -> None:
         """Take a message that came at `utime` [us]."""
-        stream, robot_id = identify(channel) or (None, None)
-        if stream is None:
-            return
-        if robot_id is not None and stream.name in self.latest and not self._is_outdated(stream, robot_id, message):
-            self.latest[stream.name][robot_id] = Heard(utime, message)
-        if stream is streams.WORLD_STATE:
+        robot_id, message, name = received.robot_id, received.message, received.stream.name
+        if robot_id is not None and name in self.latest and not self._is_outdated(robot_id, message):
+            self.latest[name][robot_id] = Heard(utime, message)
+        self.estop.handle(utime, received)
+        if isinstance(message, world_state_t):
             self.robots.take_world(utime, message)
-        elif stream is streams.ROBOT_STATE:
+        elif isinstance(message, robot_state_t):
             self.robots.take_state(utime, message)
-        elif stream is streams.POSE:
+        elif isinstance(message, pose_xyt_t):
             self.robots.take_pose(utime, message)
-        elif stream is streams.ESTOP:
-            self.estop.handle(utime, channel, message)
-        elif stream is streams.PROCESS_STATUS:
+        elif isinstance(message, process_status_t):
             self.processes[message.process, message.host, message.pid] = Heard(utime, message)
-        elif stream is streams.CAMERA_IMAGE:
+        elif isinstance(message, camera_image_t):
             self.cameras[message.camera] = Heard(utime, message)
-        elif stream is streams.CALIBRATION_STATUS and robot_id is not None:
-            self._take_calibration(robot_id, Heard(utime, message))
+        elif isinstance(message, calibration_status_t):
+            self._take_calibration(message.robot_id, Heard(utime, message))
 
     def advance(self, now: int) -> None:
         """Let time pass until `now` [us]."""
@@ -113,23 +123,24 @@ class ViewState:
             f"{name}_{robot_id}": heard.message.n
             for name in WITH_ARRAYS
             for robot_id, heard in self.latest[name].items()
+            if isinstance(heard.message, (range_scan_t, waypoints_t))
         }
 
     def diagnosis(self) -> str:
         """Return what the live diagnosis says; empty where none runs."""
         return " ".join(told.message.message for (name, _, _), told in self.processes.items() if name == DIAGNOSIS)
 
-    def newest(self, stream: streams.Stream, robot_id: int) -> Any:
+    def newest(self, stream: Stream[M], robot_id: int) -> M | None:
         """Return the last message of a robot on one of the streams LATEST_OF; None if there was none."""
         heard = self.latest[stream.name].get(robot_id)
-        return None if heard is None else heard.message
+        return heard.message if heard is not None and isinstance(heard.message, stream.message_type) else None
 
-    def _is_outdated(self, stream: streams.Stream, robot_id: int, message: Any) -> bool:
+    def _is_outdated(self, robot_id: int, message: Message) -> bool:
         """Tell whether these are parameters of which a newer version is known: who says them has not heard of it."""
-        known = self.newest(stream, robot_id) if stream is streams.PARAMETERS else None
-        return known is not None and bool(message.sequence < known.sequence)
+        known = self.newest(PARAMETERS, robot_id) if isinstance(message, parameters_t) else None
+        return known is not None and isinstance(message, parameters_t) and message.sequence < known.sequence
 
-    def _take_calibration(self, robot_id: int, told: Heard) -> None:
+    def _take_calibration(self, robot_id: int, told: Heard[calibration_status_t]) -> None:
         history = self.calibrations.setdefault(robot_id, deque(maxlen=MOST_ESTIMATES))
         if history and told.message.progress < history[-1].message.progress and told.message.state == 0:
             history.clear()  # another drive begins

@@ -1,24 +1,23 @@
 """The panels' contents as HTML: tables and sentences. Whatever comes from the bus is escaped."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from html import escape
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from cmr.bus.message import Message
 from cmr.bus.streams import (
     GYRO,
-    MOTOR_COMMAND,
     MOTOR_FEEDBACK,
     PARAMETERS,
-    VELOCITY_COMMAND,
-    WHEEL_SPEED_COMMAND,
     Stream,
 )
 from cmr.model.parameters import DEFINITIONS
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, VelocityController, response_of, response_stds
-from cmr.msg import calibration_status_t, motor_feedback_t, process_status_t
+from cmr.msg import calibration_status_t, motor_command_t, motor_feedback_t, process_status_t, wheel_speed_command_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
+from cmr.recordings.arrivals import COMMANDS_OF, Command
 from cmr.view.drawing import bar, distance, paths_drawing
 from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.state import ViewState
@@ -60,11 +59,15 @@ ESTIMATES = (
     ("base_width", "m"),
 )
 MEANINGS = {name: parameter.meaning for name, parameter in {**DEFINITIONS, **CONTROLLER_DEFINITIONS}.items()}
-COMMAND_WORDS: dict[Stream, Callable[[Any], str]] = {
-    MOTOR_COMMAND: lambda told: f"left {told.left:+.2f}, right {told.right:+.2f} duty",
-    WHEEL_SPEED_COMMAND: lambda told: f"left {told.psi_left:+.2f}, right {told.psi_right:+.2f} rad/s",
-    VELOCITY_COMMAND: lambda told: f"{told.v:+.2f} m/s, turning {told.omega:+.2f} rad/s",
-}
+
+
+def command_words(command: Command) -> str:
+    """Return what a command asks for, with units."""
+    if isinstance(command, motor_command_t):
+        return f"left {command.left:+.2f}, right {command.right:+.2f} duty"
+    if isinstance(command, wheel_speed_command_t):
+        return f"left {command.psi_left:+.2f}, right {command.psi_right:+.2f} rad/s"
+    return f"{command.v:+.2f} m/s, turning {command.omega:+.2f} rad/s"
 
 
 def status_words(status: int) -> str:
@@ -123,10 +126,10 @@ def robot(state: ViewState, robot_id: int) -> str:
 
 def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
     """Yield what a robot's own channels say."""
-    for stream, words in COMMAND_WORDS.items():
+    for stream in COMMANDS_OF.values():
         command = state.newest(stream, robot_id)
         if command is not None:
-            yield "command", words(command) + _ago(state, stream, robot_id)
+            yield "command", command_words(command) + _ago(state, stream, robot_id)
     feedback = state.newest(MOTOR_FEEDBACK, robot_id)
     if feedback is not None:
         silence = _ago(state, MOTOR_FEEDBACK, robot_id)
@@ -181,7 +184,7 @@ class Estimate(NamedTuple):
     std: float
 
 
-def estimated(message: Any, controller: VelocityController | None) -> dict[str, Estimate]:
+def estimated(message: calibration_status_t, controller: VelocityController | None) -> dict[str, Estimate]:
     """Return what a calibration_status_t tells of the parameters that are known, by the names of the robot's file."""
     values = {name: getattr(message, name) for name in ESTIMATED if math.isfinite(getattr(message, name))}
     stds = {name: getattr(message, f"{name}_std") for name in values}
@@ -193,13 +196,13 @@ def estimated(message: Any, controller: VelocityController | None) -> dict[str, 
     return {name: Estimate(value, stds[name]) for name, value in values.items()}
 
 
-def _ago(state: ViewState, stream: Stream, robot_id: int) -> str:
+def _ago(state: ViewState, stream: Stream[Message], robot_id: int) -> str:
     """Return how old what a robot said last on a stream is, in words; empty where it is fresh."""
     age = (state.now - state.latest[stream.name][robot_id].utime) / 1e6
     return f" {age:.0f} s ago" if age > SILENT else ""
 
 
-def calibration(message: Any, controller: VelocityController | None = None) -> str:
+def calibration(message: calibration_status_t, controller: VelocityController | None = None) -> str:
     """Return what a calibration_status_t says, of a robot that has this velocity controller."""
     rows: list[tuple[object, ...]] = [("state", CALIBRATION_STATES.get(message.state, message.state))]
     known = estimated(message, controller)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cmr.bus.streams import POSE, WORLD_STATE
-from cmr.recordings.commanding import TAKEN, asks_to_move
+from cmr.msg import pose_xyt_t, world_state_t
+from cmr.recordings.commanding import COMMANDS, asks_to_move
 from cmr.recordings.log import LogReader
 from cmr.recordings.recording import Floats, Times
 from cmr.world.view import WorldView
@@ -40,14 +40,16 @@ def drives_of(log: Path, robot_id: int) -> list[Drive]:
     view = WorldView()
     for received in LogReader(log):
         message = received.message
-        if received.stream is WORLD_STATE:
-            view.handle(message.utime, received.channel, message)
+        if isinstance(message, world_state_t):
+            view.handle(message.utime, message)
             twin = view.twin(robot_id)
             if twin is not None and twin.utime == message.utime:
                 twins.append((message.utime, twin.state.x, twin.state.y))
-        elif received.channel == POSE.channel(robot_id):
+        elif received.robot_id != robot_id:
+            continue
+        elif isinstance(message, pose_xyt_t):
             poses.append((message.utime, message.x, message.y))
-        elif received.stream in TAKEN and received.robot_id == robot_id and asks_to_move(received.stream, message):
+        elif isinstance(message, COMMANDS) and asks_to_move(message):
             driven.append(message.utime)
     pauses = np.flatnonzero(np.diff(driven) > REST_BEFORE_DRIVE) + 1
     spans = [(int(part[0]), int(part[-1])) for part in np.split(np.array(driven, np.int64), pauses) if len(part)]

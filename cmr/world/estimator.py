@@ -6,16 +6,18 @@ chapters 5.4 and 7.
 """
 
 from collections import deque
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE, identify
+from cmr.bus.messages import Received
 from cmr.model.body import arc, forward, turn, wrap
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
+from cmr.msg import gyro_t, motor_feedback_t, pose_xyt_t
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+Floats: TypeAlias = NDArray[np.float64]
 POSE_STD = (0.01, 0.01, 0.02)  # m, m, rad: motion capture or lidar SLAM
 SLIP_STD = 0.03  # m per square root of metre travelled
 TURN_STD = {"gyro": 0.01, "wheels": 0.1}  # rad per square root of second with a gyro; of radian turned without one
@@ -63,19 +65,19 @@ class Estimator:
         """Whether the estimate may be shown: a pose has been seen, or waited for long enough."""
         return self.located or (self._first_utime is not None and self.utime - self._first_utime >= PATIENCE)
 
-    def handle(self, _utime: int, channel: str, message: Any) -> None:
+    def handle(self, _utime: int, received: Received) -> None:
         """Take MOTOR_FEEDBACK_N, GYRO_N or POSE_N of this robot."""
-        stream, robot_id = identify(channel) or (None, None)
-        if robot_id != self.robot_id:
+        if received.robot_id != self.robot_id:
             return
-        if stream is MOTOR_FEEDBACK:
+        message = received.message
+        if isinstance(message, motor_feedback_t):
             self._roll(message)
-        elif stream is GYRO and message.valid:
+        elif isinstance(message, gyro_t) and message.valid:
             self._yaw_rate, self._gyro_utime = message.yaw_rate, message.utime
-        elif stream is POSE:
+        elif isinstance(message, pose_xyt_t):
             self._correct(message)
 
-    def _roll(self, message: Any) -> None:
+    def _roll(self, message: motor_feedback_t) -> None:
         """Carry the estimate on by what the wheels have done since the last feedback."""
         self._first_utime = min(message.utime, self._first_utime or message.utime)
         dt = (message.utime - self._feedback_utime) * 1e-6
@@ -116,7 +118,7 @@ class Estimator:
         while self._history[0][0] < self._feedback_utime - HISTORY:
             self._history.popleft()
 
-    def _correct(self, message: Any) -> None:
+    def _correct(self, message: pose_xyt_t) -> None:
         """Correct the estimate by a measured pose."""
         measured = np.array([message.x, message.y, message.theta])
         if not np.all(np.isfinite(measured)):

@@ -1,12 +1,12 @@
 """What keeps a real robot from harm whatever its behaviour says: its geofence, its poses, and robots in its way."""
 
 import math
-from typing import Any
 
 import numpy as np
 
 from cmr.model.body import forward
 from cmr.model.parameters import RobotParameters
+from cmr.msg import pose_xyt_t
 from cmr.world.interaction.obstacles import Geofence
 from cmr.world.view import Robot, WorldView
 
@@ -53,7 +53,7 @@ class PoseGuard:
         self._news = False
         self._heard = 0
 
-    def take(self, message: Any) -> None:
+    def take(self, message: pose_xyt_t) -> None:
         """Take a pose_xyt_t; one that is no number is none, and the same one again is no news."""
         if not math.isfinite(message.x + message.y + message.theta):
             return

@@ -5,16 +5,18 @@ did not send itself is owned twice, which both simulators then say.
 """
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.model.motion import RobotState
+from cmr.msg import world_state_t
 from cmr.world.view import Robots, numbers_of
 
 Members: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # robot ids, and their origins
-Times: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+Times: TypeAlias = NDArray[np.int64]
+Floats: TypeAlias = NDArray[np.float64]
 
 LOST = 1_000_000  # us; a robot of which nothing newer was heard is no longer shown
 MEMORY = 10_000_000  # us for which it is known what was sent; no network keeps a message for longer
@@ -52,7 +54,7 @@ class Others:
         while abs(utime - (oldest := next(iter(self._sent)))) > MEMORY:
             del self._sent[oldest]
 
-    def handle(self, now: int, message: Any) -> Robots | None:
+    def handle(self, now: int, message: world_state_t) -> Robots | None:
         """Take a world_state_t at `now` [us]; return the robots in it that are news from others, None if none are.
 
         Messages may come late, twice or in another order than they were sent.

@@ -1,17 +1,16 @@
 """Drive a real robot by a behaviour, from what WORLD_STATE says of the world."""
 
 import math
-from typing import Any
 
 from cmr.bus.estop import EmergencyStop
-from cmr.bus.messages import now_utime
-from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
+from cmr.bus.messages import Received, now_utime
 from cmr.model.body import forward
 from cmr.model.command_kinds import DUTY, VELOCITY
 from cmr.model.parameters import RobotParameters
-from cmr.msg import motor_feedback_t
+from cmr.msg import motor_feedback_t, parameters_t, pose_xyt_t, waypoints_t, world_state_t
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
+from cmr.recordings.arrivals import Command
 from cmr.recordings.commanding import command_of
 from cmr.world.behaviours import AnyBehaviour, TeamBehaviour
 from cmr.world.behaviours.team import Alone
@@ -72,19 +71,22 @@ class Pilot:
         if self._keep_clear:
             load()
 
-    def handle(self, utime: int, channel: str, message: Any) -> None:
+    def handle(self, utime: int, received: Received) -> None:
         """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N or ESTOP."""
-        self._estop.handle(utime, channel, message)
-        if channel == WORLD_STATE.name:
-            self._world.handle(utime, channel, message)
-        elif channel == POSE.channel(self.robot_id):
+        self._estop.handle(utime, received)
+        message = received.message
+        if isinstance(message, world_state_t):
+            self._world.handle(utime, message)
+        elif received.robot_id != self.robot_id:
+            return
+        elif isinstance(message, pose_xyt_t):
             self._poses.take(message)
-        elif channel == MOTOR_FEEDBACK.channel(self.robot_id):
+        elif isinstance(message, motor_feedback_t):
             if message.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
                 self._zeros_to_send = FIRST_ZEROS
-        elif channel == PARAMETERS.channel(self.robot_id):
-            self.parameters.handle(utime, channel, message)
-        elif channel == WAYPOINTS.channel(self.robot_id):
+        elif isinstance(message, parameters_t):
+            self.parameters.handle(utime, received)
+        elif isinstance(message, waypoints_t):
             self.behaviour.take_waypoints(list(message.x), list(message.y))
 
     @property
@@ -93,14 +95,14 @@ class Pilot:
         known = self.parameters.parameters
         return self._kind or (VELOCITY if known is not None and known.has_velocity_controller else DUTY)
 
-    def command(self, utime: int) -> Any:
+    def command(self, utime: int) -> Command:
         """Return the command of this moment, of this `kind`; zero whenever the robot must not, or need not, move."""
         duties = self._decide(utime)
         known = self.parameters.parameters
         controller = known.velocity_controller if known is not None and any(duties) else None
         return command_of(self.kind, utime, self.robot_id, duties, controller)
 
-    def stop(self) -> Any:
+    def stop(self) -> Command:
         """Return the command that ends a drive."""
         return command_of(self.kind, now_utime(), self.robot_id, (0.0, 0.0), None)
 

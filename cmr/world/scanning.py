@@ -6,9 +6,10 @@ what is real; what is sent for it is what that laser cannot see, virtual robots 
 
 import struct
 from collections.abc import Iterable
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.msg import range_scan_t
 from cmr.world.fleet import STEP
@@ -17,7 +18,7 @@ from cmr.world.interaction.range_sensor import RangeSensor
 from cmr.world.view import REAL, VIRTUAL
 from cmr.world.world import World
 
-Indices: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+Indices: TypeAlias = NDArray[np.int64]
 
 PERIOD = 100_000  # us between two scans of a robot
 HEAD = struct.Struct(">qidddi")  # all fields but the ranges, as they lie on the wire
@@ -26,7 +27,7 @@ HEAD = struct.Struct(">qidddi")  # all fields but the ranges, as they lie on the
 class RangeScan(range_scan_t):
     """A range_scan_t whose ranges are an array: it encodes to the same bytes at a fraction of the cost."""
 
-    def __init__(self, utime: int, robot_id: int, sensor: RangeSensor, ranges: Any) -> None:
+    def __init__(self, utime: int, robot_id: int, sensor: RangeSensor, ranges: NDArray[np.float64]) -> None:
         self.utime, self.robot_id = utime, robot_id
         self.angle_first, self.angle_step, self.range_max = sensor.first, sensor.step, sensor.reach
         self.n, self.ranges = len(ranges), ranges

@@ -5,10 +5,11 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cmr.bus.world_state import BYTES_PER_ROBOT, HEAD, WorldState
 from cmr.model.motion import RobotState
-from cmr.msg import robot_state_t
+from cmr.msg import robot_state_t, world_state_t
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.lazy_module import LazyModule
 from cmr.world.surroundings import Floats, Indices, Members, Surroundings
@@ -51,7 +52,7 @@ class Numbers(tuple[int, ...]):
         return numbers
 
 
-def numbers_of(values: Any) -> Numbers:
+def numbers_of(values: ArrayLike) -> Numbers:
     """Return numbers from an array or a list; for the same ones, the same object."""
     return _numbers(np.asarray(values, np.int64).tobytes())
 
@@ -143,7 +144,7 @@ class WorldView:
         self.utime = max(self.utime, utime) if self.utime - utime <= OLDEST else utime  # or a clock was set back
         self._surroundings = None
 
-    def handle(self, utime: int, _channel: str, message: Any) -> None:
+    def handle(self, utime: int, message: world_state_t) -> None:
         """Take a world_state_t, the whole world or a part of it."""
         state = RobotState(*(getattr(message, name) for name in RobotState._fields))
         self.take(utime, Robots(numbers_of(message.robot_id), numbers_of(message.origin), state))
@@ -238,6 +239,6 @@ def world_messages(utime: int, robots: Robots | list[Robot], largest: int | None
     part = count if largest is None else max((largest - HEAD.size) // BYTES_PER_ROBOT, 1)
     columns = (everybody.robot_id, everybody.origin, *everybody.state)
     if part >= count:
-        return [WorldState(utime, columns)] if count else []
+        return [WorldState(utime, *columns)] if count else []
     arrays = [np.asarray(column) for column in columns]
-    return [WorldState(utime, [a[first : first + part] for a in arrays]) for first in range(0, count, part)]
+    return [WorldState(utime, *(a[first : first + part] for a in arrays)) for first in range(0, count, part)]

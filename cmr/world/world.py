@@ -7,28 +7,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from cmr.bus.estop import EmergencyStop
-from cmr.bus.streams import (
-    GYRO,
-    MOTOR_FEEDBACK,
-    PARAMETERS,
-    POSE,
-    WAYPOINTS,
-    WORLD_STATE,
-    Stream,
-    identify,
-)
+from cmr.bus.message import Message
+from cmr.bus.messages import Received
 from cmr.model.body import wrap
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
+from cmr.msg import gyro_t, motor_feedback_t, parameters_t, pose_xyt_t, waypoints_t, world_state_t
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
-from cmr.recordings.commanding import TAKEN, duties_of
+from cmr.recordings.commanding import COMMANDS, duties_of
 from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
 from cmr.world.commands import CommandMemory
 from cmr.world.deciding import Deciding
@@ -41,6 +33,7 @@ from cmr.world.process_noise import ProcessNoise
 from cmr.world.reaction import Reaction
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
+MEASURED = (motor_feedback_t, pose_xyt_t, gyro_t)  # what only real robots send
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
 MOST_STEPS_AT_ONCE = 10  # made up in one turn, so that a world that was held up is seen while it catches up
 NO_BODIES = np.zeros((3, 0))
@@ -152,23 +145,23 @@ class World:
         """The ids of the real robots heard of so far."""
         return sorted(self._real)
 
-    def handle(self, utime: int, channel: str, message: Any) -> None:
+    def handle(self, utime: int, received: Received) -> None:
         """Take one message from the bus or from a log."""
-        self.estop.handle(utime, channel, message)
-        stream, robot_id = identify(channel) or (None, None)
-        if stream is WORLD_STATE:
+        self.estop.handle(utime, received)
+        robot_id, message = received.robot_id, received.message
+        if isinstance(message, world_state_t):
             self._take_others(message)
-        if stream is None or robot_id is None:
+        if robot_id is None:
             return
-        if stream is PARAMETERS:
-            if self._parameters_of(robot_id).handle(utime, channel, message):
+        if isinstance(message, parameters_t):
+            if self._parameters_of(robot_id).handle(utime, received):
                 self._take_over(robot_id)
         elif robot_id in self._virtual:
-            self._handle_virtual(stream, robot_id, message)
-        elif stream in (MOTOR_FEEDBACK, POSE, GYRO) and self._estimates(robot_id):
-            self._real_robot(robot_id).estimator.handle(utime, channel, message)
-        elif stream in TAKEN and robot_id in self._real:
-            duties = duties_of(stream, message, self._controller_of(robot_id))
+            self._handle_virtual(robot_id, message)
+        elif isinstance(message, MEASURED) and self._estimates(robot_id):
+            self._real_robot(robot_id).estimator.handle(utime, received)
+        elif isinstance(message, COMMANDS) and robot_id in self._real:
+            duties = duties_of(message, self._controller_of(robot_id))
             if duties is not None:
                 self._real[robot_id].commands.take(utime, *duties)
 
@@ -250,7 +243,7 @@ class World:
             bodies.append((robot.state.x, robot.state.y, body_radius(base_width)))
         return np.array(bodies, dtype=float).reshape(-1, 3).T if bodies else NO_BODIES
 
-    def _take_others(self, message: Any) -> None:
+    def _take_others(self, message: world_state_t) -> None:
         """Show what another simulator says of its robots; before the first turn nobody knows what time it is."""
         news = self.others.handle(self._time, message) if self._time else None
         if news is not None:
@@ -315,16 +308,16 @@ class World:
         own = self._own_parameters
         return together([model if origin == TWIN else own.get(robot_id, model) for robot_id, origin in keys])
 
-    def _handle_virtual(self, stream: Stream, robot_id: int, message: Any) -> None:
+    def _handle_virtual(self, robot_id: int, message: Message) -> None:
         behaviour = self._virtual[robot_id].behaviour
-        if stream is WAYPOINTS:
+        if isinstance(message, waypoints_t):
             x, y = list(message.x), list(message.y)
             if isinstance(behaviour, TeamBehaviour):
                 behaviour.take_waypoints(robot_id, x, y)
             else:
                 behaviour.take_waypoints(x, y)
-        elif stream in TAKEN and isinstance(behaviour, Behaviour):
-            duties = duties_of(stream, message, self._controller_of(self._virtual[robot_id].parameters_of))
+        elif isinstance(message, COMMANDS) and isinstance(behaviour, Behaviour):
+            duties = duties_of(message, self._controller_of(self._virtual[robot_id].parameters_of))
             if duties is not None:
                 behaviour.take_command(message.utime, *duties)
 

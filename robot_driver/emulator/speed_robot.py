@@ -4,12 +4,14 @@ What may move it is decided as in cmr-driver, by the same code.
 """
 
 import math
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
-from cmr.bus.messages import make
-from cmr.bus.streams import ESTOP, GYRO, MOTOR_FEEDBACK, POSE, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND, Stream
+from cmr.bus.message import Message
+from cmr.bus.messages import Received, make
+from cmr.bus.process import Outgoing
+from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND, Stream
 from cmr.model.command_kinds import VELOCITY, WHEEL_SPEED
-from cmr.msg import gyro_t, motor_feedback_t, pose_xyt_t
+from cmr.msg import estop_t, gyro_t, motor_feedback_t, pose_xyt_t, velocity_command_t, wheel_speed_command_t
 from cmr.plant.commanded import wheel_speeds_of
 from robot_driver.clock import Stamps
 from robot_driver.command_gate import CommandGate
@@ -19,9 +21,11 @@ from robot_driver.emulator.settings import Settings
 from robot_driver.encoders import FASTEST_WHEEL, WheelEncoders
 from robot_driver.host import THIS_COMPUTER, Host
 
-COMMANDS: dict[str, Stream] = {VELOCITY: VELOCITY_COMMAND, WHEEL_SPEED: WHEEL_SPEED_COMMAND}
-
-Outgoing: TypeAlias = tuple[Stream, int | None, Any]  # a message, and the robot whose it is
+Command: TypeAlias = wheel_speed_command_t | velocity_command_t
+COMMANDS: dict[str, Stream[Command]] = {
+    VELOCITY: VELOCITY_COMMAND,
+    WHEEL_SPEED: WHEEL_SPEED_COMMAND,
+}
 
 
 class SpeedRobot:
@@ -35,7 +39,7 @@ class SpeedRobot:
     ) -> None:
         self.gate = CommandGate(largest=math.inf)  # too fast is as fast as it can
         self.plant = Plant(settings, settings.plant_of_speeds)
-        self._robot_id, self._stream, self._host = robot_id, COMMANDS[commands], host
+        self._robot_id, self._command_type, self._host = robot_id, COMMANDS[commands].message_type, host
         self._gyro = YawGyro(settings, self.plant)
         self._encoders = WheelEncoders(round(settings.robot.ticks_per_turn))
         self._stamps = Stamps(host.utime_at), Stamps(host.utime_at)
@@ -51,12 +55,12 @@ class SpeedRobot:
         """Note that the process is alive; to be called before messages are handled."""
         self.gate.note_turn(self._host.seconds_since_boot())
 
-    def handle(self, utime: int, channel: str, message: Any) -> None:
+    def handle(self, utime: int, received: Received) -> None:
         """Take a message from the bus; a command takes effect when it was decided, unless that has passed."""
-        now = self._host.utime()
-        if channel == ESTOP.channel():
+        now, message = self._host.utime(), received.message
+        if isinstance(message, estop_t):
             self.gate.take_estop(bool(message.engaged), utime, utime=now)
-        elif channel == self._stream.channel(self._robot_id):
+        elif isinstance(message, self._command_type) and received.robot_id == self._robot_id:
             speeds = self._wheel_speeds(message)
             if self.gate.offer(utime, *speeds, now=self._host.seconds_since_boot(), utime=now):
                 self._go_on(self._now() - max(now - utime, 0) / 1e6)
@@ -70,11 +74,11 @@ class SpeedRobot:
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
-    def _wheel_speeds(self, message: Any) -> tuple[float, float]:
+    def _wheel_speeds(self, command: Command) -> tuple[float, float]:
         """Return the wheel speeds (left, right) that a command asks for (rad/s)."""
-        if self._stream is WHEEL_SPEED_COMMAND:
-            return message.psi_left, message.psi_right
-        return wheel_speeds_of(self.plant.parameters, message.v, message.omega)
+        if isinstance(command, wheel_speed_command_t):
+            return command.psi_left, command.psi_right
+        return wheel_speeds_of(self.plant.parameters, command.v, command.omega)
 
     def _status(self) -> int:
         return self.gate.drive(self._host.seconds_since_boot()).status
@@ -150,5 +154,5 @@ class SpeedRobot:
                 POSE, make(pose_xyt_t, utime=utime, robot_id=self._robot_id, x=pose.x, y=pose.y, theta=pose.theta)
             )
 
-    def _tell(self, stream: Stream, message: Any) -> None:
+    def _tell(self, stream: Stream[Message], message: Message) -> None:
         self._outgoing.append((stream, self._robot_id, message))

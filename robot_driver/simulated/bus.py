@@ -2,14 +2,15 @@
 
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 import lcm
 
+from cmr.bus.message import Message
+from cmr.bus.messages import Received
 from cmr.bus.streams import Stream
 from robot_driver.simulated.host import SimulatedHost
 
-Inbox = list[tuple[str, Any]]  # channel, message
+Inbox = list[Received]
 
 
 class SimulatedBus:
@@ -37,15 +38,16 @@ class SimulatedBus:
             self._inboxes.setdefault(channel, []).append(inbox)
         return inbox
 
-    def publish(self, stream: Stream, message: Any, robot_id: int) -> None:
+    def publish(self, stream: Stream[Message], message: Message, robot_id: int) -> None:
         """Send a message to all who listen and to the log."""
         channel = self._channels.get((stream.name, robot_id))
         if channel is None:
             channel = stream.channel(robot_id if stream.per_robot else None)
             self._channels[stream.name, robot_id] = channel
         self._log.write_event(self._host.utime(), channel, message.encode())
+        received = Received(channel, stream, robot_id if stream.per_robot else None, message)
         for inbox in self._inboxes.get(channel, ()):
-            inbox.append((channel, message))
+            inbox.append(received)
 
 
 def taken(inbox: Inbox) -> Inbox:

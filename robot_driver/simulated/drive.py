@@ -1,15 +1,15 @@
 """The log of a whole drive in simulated time: pilot, driver, bytes, controller, plant, encoders and gyro, and back."""
 
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 from random import Random
-from typing import Any
 
-from cmr.bus.messages import make
+from cmr.bus.messages import Received, make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, WORLD_STATE
-from cmr.msg import gyro_t, motor_command_t, pose_xyt_t
+from cmr.msg import gyro_t, motor_command_t, parameters_t, pose_xyt_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour, make_behaviour
@@ -107,16 +107,16 @@ class SimulatedDrive:
         robot = RobotInTime(plant, devices, host.arrive, adapters=adapters, motion_capture=capture, on_pose=publish)
         host.plug_in(robot, adapters)
 
-    def _announcement(self) -> Any:
+    def _announcement(self) -> parameters_t:
         robot = self.settings.robot
         names = ("wheel_radius", "k2_over_k3", "k1", "base_width")
         values = {name: Value(getattr(robot, name)) for name in names}
         true = ParameterFile(self.robot_id, values, written=datetime.fromtimestamp(START_UTIME // 10**6, timezone.utc))
-        result = (self.believed or true).announcement(START_UTIME)
+        result: parameters_t = (self.believed or true).announcement(START_UTIME)
         result.utime = START_UTIME
         return result
 
-    def _drive(self, host: SimulatedHost, bus: SimulatedBus, done: Any) -> None:
+    def _drive(self, host: SimulatedHost, bus: SimulatedBus, done: threading.Event) -> None:
         """Be cmr-driver."""
         settings = driver.Settings(
             port=MOTOR,
@@ -130,30 +130,30 @@ class SimulatedDrive:
         with driver.Driver(settings, host) as running:
             for _ in steadily(host, DRIVER_RATE, done):
                 running.turn()
-                for channel, message in taken(inbox):
-                    running.handle(message.utime, channel, message)
+                for received in taken(inbox):
+                    running.handle(received.message.utime, received)
                 for stream, robot_id, message in running.outgoing():
                     bus.publish(stream, message, robot_id or 0)
                 running.problems()
 
-    def _steer(self, host: SimulatedHost, bus: SimulatedBus, done: Any) -> None:
+    def _steer(self, host: SimulatedHost, bus: SimulatedBus, done: threading.Event) -> None:
         """Be cmr-pilot, and what of cmr-sim it needs: the estimate of the robot."""
         behaviour = make_behaviour(self.behaviour, self.behaviour_settings)
         pilot = Pilot(self.robot_id, behaviour, ParameterFollower(self.robot_id), keep_clear=False)
         announcement = self._announcement()
-        pilot.handle(announcement.utime, PARAMETERS.channel(self.robot_id), announcement)
+        pilot.handle(announcement.utime, Received.of(PARAMETERS, announcement, self.robot_id))
         pilot.prepare()
         estimator = Estimator(self.robot_id)
         parameters = pilot.parameters.parameters
         estimator.parameters = parameters.robot_parameters if parameters else None
         inbox = bus.subscribe(*(stream.channel(self.robot_id) for stream in (MOTOR_FEEDBACK, GYRO, POSE)))
         for utime in steadily(host, PILOT_RATE, done):
-            for channel, message in without_superseded_rates(taken(inbox)):
-                estimator.handle(message.utime, channel, message)
-                pilot.handle(message.utime, channel, message)
+            for received in without_superseded_rates(taken(inbox)):
+                estimator.handle(received.message.utime, received)
+                pilot.handle(received.message.utime, received)
             me = Robot(estimator.utime, self.robot_id, REAL, estimator.state)
             for world in world_messages(me.utime, [me]) if estimator.known else ():
-                pilot.handle(world.utime, WORLD_STATE.name, world)
+                pilot.handle(world.utime, Received.of(WORLD_STATE, world))
             bus.publish(MOTOR_COMMAND, pilot.command(utime), self.robot_id)
             if isinstance(behaviour, Behaviour) and behaviour.finished:
                 break
@@ -164,14 +164,15 @@ class SimulatedDrive:
 def without_superseded_rates(messages: Inbox) -> Inbox:
     """Return the messages without those of the gyro that another one follows: an estimate takes the newest rate."""
     kept: Inbox = []
-    for channel, message in messages:
-        if kept and kept[-1][0] == channel and isinstance(message, gyro_t) and message.valid:
+    for received in messages:
+        message = received.message
+        if kept and kept[-1].channel == received.channel and isinstance(message, gyro_t) and message.valid:
             kept.pop()
-        kept.append((channel, message))
+        kept.append(received)
     return kept
 
 
-def steadily(host: SimulatedHost, rate: float, done: Any) -> Iterator[int]:
+def steadily(host: SimulatedHost, rate: float, done: threading.Event) -> Iterator[int]:
     """Yield the time of day (us) so many times a second, until it is `done`."""
     due = host.monotonic()
     while not done.is_set():

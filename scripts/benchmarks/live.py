@@ -45,7 +45,7 @@ while True:
     robots.advance()
     states = robots.states()
     pairs_within(states.x, states.y, 2.0)
-    bus.publish("WORLD_STATE", WorldState(now_utime(), (ids, origins, *states)).encode())
+    bus.publish("WORLD_STATE", WorldState(now_utime(), ids, origins, *states).encode())
 """  # nobody decides, meets or listens
 LONGEST_START = 180.0  # s; a compiler may have to run first
 
@@ -103,7 +103,7 @@ def command(robots: int, seconds: float, folder: str) -> list[str]:
 def _first_motion(bus: Bus, process: "subprocess.Popen[bytes]") -> float:
     """Wait until robots move; return when that was."""
     begin = time.monotonic()
-    while not any(any(received.message.psi_left) for received in bus.receive(0.1)):
+    while not any(any(world.psi_left) for one in bus.receive(0.1) if (world := one.message_of(WORLD_STATE))):
         if process.poll() is not None or time.monotonic() > begin + LONGEST_START:
             raise RuntimeError("cmr-sim did not get its robots to move; run it by hand to see why")
     return time.monotonic()

@@ -81,7 +81,7 @@ def _world(seconds: float, utime: int, ids: Any, origins: Any) -> WorldState:
     """Return robots on circles; their twins are 3 cm beside them."""
     angle, radius, zeros = 0.3 * seconds / (1 + ids % 7) + ids, 0.5 + 0.2 * (ids % 23), np.zeros(len(ids))
     x, y = radius * np.cos(angle) + 0.03 * (origins == 2), radius * np.sin(angle)
-    return WorldState(utime, (ids, origins, x, y, angle + np.pi / 2, zeros + 5.0, zeros + 6.0, zeros, zeros))
+    return WorldState(utime, ids, origins, x, y, angle + np.pi / 2, zeros + 5.0, zeros + 6.0, zeros, zeros)
 
 
 def _status(process: str, utime: int) -> Any:

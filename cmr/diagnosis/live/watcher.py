@@ -6,18 +6,19 @@ come less than LATEST later than those of the wheels with the same time stamp.
 
 import math
 from collections.abc import Callable
-from typing import Any
 
-from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream, identify
+from cmr.bus.messages import Received
+from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS
 from cmr.diagnosis.live.hearing import Hearing
 from cmr.diagnosis.live.robot import RobotWatch
 from cmr.diagnosis.live.second import AROUND, SECOND, observe
 from cmr.diagnosis.live.twin import Twin
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
+from cmr.msg import gyro_t, motor_feedback_t, parameters_t, pose_xyt_t
 from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
-from cmr.recordings.commanding import TAKEN, duties_of
+from cmr.recordings.commanding import COMMANDS, duties_of
 
 LATEST = 1_000_000  # us by which messages may be late
 LONGEST_GAP = 3_000_000  # us without feedback, or in which its clock goes back, after which it is another drive
@@ -46,15 +47,15 @@ class Watcher:
         if robot_id is not None:
             self._robot(robot_id)
 
-    def handle(self, utime: int, channel: str, message: Any) -> None:
+    def handle(self, utime: int, received: Received) -> None:
         """Take one message from the bus or from a log."""
-        stream, robot_id = identify(channel) or (None, None)
-        if stream is None or robot_id is None or self._robot_id not in (None, robot_id):
+        robot_id = received.robot_id
+        if robot_id is None or self._robot_id not in (None, robot_id):
             return
-        if stream is MOTOR_FEEDBACK:
-            self._robot(robot_id).roll(utime, message)
-        elif robot_id in self._robots or stream is PARAMETERS:
-            self._robot(robot_id).take(stream, utime, channel, message)
+        if isinstance(received.message, motor_feedback_t):
+            self._robot(robot_id).roll(utime, received.message)
+        elif robot_id in self._robots or received.stream is PARAMETERS:
+            self._robot(robot_id).take(utime, received)
 
     def advance(self, utime: int) -> list[str]:
         """Let time pass, look for replaced parameter files, and return what is to be said since the last call."""
@@ -113,7 +114,7 @@ class _Robot:
         self._said_at = 0  # us
         self.look_for_parameters()
 
-    def roll(self, utime: int, message: Any) -> None:
+    def roll(self, utime: int, message: motor_feedback_t) -> None:
         """Take a MOTOR_FEEDBACK_N; its time stamps are the clock of the watch."""
         if not -LATEST <= utime - self.heard <= LONGEST_GAP:
             self._hearing, self._twin = Hearing(), None
@@ -127,18 +128,19 @@ class _Robot:
             self._begin += SECOND
             self._hearing.keep(self._begin - AROUND, self.heard + LONGEST_GAP)
 
-    def take(self, stream: Stream, utime: int, channel: str, message: Any) -> None:
+    def take(self, utime: int, received: Received) -> None:
         """Take any other message of the robot."""
-        if stream is PARAMETERS:
-            self.follower.handle(utime, channel, message)
+        message = received.message
+        if isinstance(message, parameters_t):
+            self.follower.handle(utime, received)
             self.look_for_parameters()
-        elif stream in TAKEN:
-            duties = duties_of(stream, message, self._controller)
+        elif isinstance(message, COMMANDS):
+            duties = duties_of(message, self._controller)
             if duties is not None:
                 self._hearing.take("commands", utime, duties)
-        elif stream is GYRO and message.valid:
+        elif isinstance(message, gyro_t) and message.valid:
             self._hearing.take("gyro", utime, (message.yaw_rate,))
-        elif stream is POSE:
+        elif isinstance(message, pose_xyt_t):
             self._hearing.take("poses", utime, (message.x, message.y, message.theta))
 
     def look_for_parameters(self) -> None:
