@@ -4,7 +4,7 @@ import os
 import sys
 import time
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cmr.news import is_quiet
 
@@ -79,10 +79,10 @@ class Progress:
         """Write a line on stderr that stays, in amber on a terminal; also after --quiet."""
         self._write(text, style="yellow")
 
-    def _write(self, text: str, **looks: Any) -> None:
-        if self._rich is not None or (looks and sys.stderr.isatty()):
+    def _write(self, text: str, style: str | None = None) -> None:
+        if self._rich is not None or (style and sys.stderr.isatty()):
             console = self._rich.console if self._rich is not None else _console()
-            console.print(text, highlight=False, markup=False, soft_wrap=True, **looks)
+            console.print(text, highlight=False, markup=False, soft_wrap=True, style=style)
         else:
             print(text, file=sys.stderr, flush=True)
 

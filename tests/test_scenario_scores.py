@@ -90,7 +90,7 @@ def test_a_live_run_is_measured_by_the_metrics_of_its_scenario() -> None:
     assert found["time_to_goal"] == pytest.approx(1.9)
     assert found["minimum_separation"] == pytest.approx(0.7)
     assert found["path_spread"] < 0.3
-    document = {"metrics": found, "waypoints_reached": True}
+    document: Any = {"metrics": found, "waypoints_reached": True, "unreliable": ""}
     assert metrics_in_words(document).startswith("formation error 0.2 m, time to goal 1.9 s, ")
     assert "time to goal over 1.9 s, " in metrics_in_words(document | {"waypoints_reached": False})
     assert list(metrics_of(live(team(("time_to_goal",))))) == ["time_to_goal"]

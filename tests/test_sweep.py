@@ -19,7 +19,7 @@ from distributed import Client, KilledWorker, LocalCluster
 from cmr.parameters.file import ParameterFile, Value
 from cmr.sweep import experiment
 from cmr.sweep.cluster import ClusterError, perform, workers
-from cmr.sweep.journal import Journal, JournalError
+from cmr.sweep.journal import Journal, JournalError, Result
 from cmr.sweep.planning import plan
 from cmr.sweep.settings import SettingError, setting_of
 from cmr.sweep.table import medians, write_parquet, write_tables
@@ -123,7 +123,7 @@ def test_a_key_that_is_not_there_is_named(scenario: Path, setting: str, said: st
 
 def test_a_result_lands_once_and_is_there_after_a_crash_in_mid_line(tmp_path: Path) -> None:
     path = tmp_path / "out" / "runs.jsonl"
-    numbers = {"a": 0.1 + 0.2, "b": math.nan, "c": "text"}
+    numbers: Result = {"a": 0.1 + 0.2, "b": math.nan, "c": "text"}
     with Journal(path) as journal:
         journal.add("first", numbers)
         journal.add("first", {"a": 7.0})
@@ -180,6 +180,7 @@ def test_a_killed_worker_costs_no_run_and_every_result_comes_once(client: Client
         assert key not in found
         found[key] = result
         if len(found) == 4:
+            assert isinstance(result, dict)
             os.kill(result["pid"], signal.SIGKILL)  # one that is at work, on a busy machine, too
     assert set(found) == set(jobs)
     assert {key: result["sum"] for key, result in found.items()} == {

@@ -129,7 +129,7 @@ def test_virtual_robots_alone_can_be_swept(scenario: Path) -> None:  # noqa: F81
     scenario.write_text(scenario.read_text().replace("emulated", "virtual"))
     (one,) = plan(scenario, [], seeds=1)
     result = experiment.perform(one.experiment, one.seed)
-    assert result["minimum_separation"] > 0.0
+    assert float(result["minimum_separation"] or 0.0) > 0.0
 
 
 def test_workers_are_to_be_processes_of_one_thread() -> None:

@@ -10,7 +10,6 @@ from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,7 +203,7 @@ def _lines(path: Path, source: Source, progress: Progress) -> Iterator[str]:
     """Yield the lines of a file; of a truncated one those that are there."""
     before = 0
     with path.open("rb") as file:
-        content: Any = gzip.GzipFile(fileobj=file) if path.suffix == ".gz" else file
+        content = gzip.GzipFile(fileobj=file) if path.suffix == ".gz" else file
         text = io.TextIOWrapper(content, encoding="utf-8-sig", errors="replace", newline="")
         try:
             for count, line in enumerate(text):

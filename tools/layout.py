@@ -32,7 +32,7 @@ class LayoutError(Exception):
     """The layout cannot be used; the text says which part and what is allowed."""
 
 
-def parse_layout(text: str) -> np.dtype[Any]:
+def parse_layout(text: str) -> np.dtype[np.void]:
     """Return the record of a struct written as LCM members: `int64_t utime; float gyro[3], accel[3];`.
 
     `struct name { ... }` around them, comments, and types without `_t` are accepted.
@@ -64,7 +64,7 @@ def _parse_member(member: str) -> list[tuple[str, str, tuple[int, ...]]]:
     return fields
 
 
-def column_names(layout: np.dtype[Any]) -> tuple[str, ...]:
+def column_names(layout: np.dtype[np.void]) -> tuple[str, ...]:
     """Return the columns that `decode` gives: a member's name, or name[0], name[1] ... of an array."""
     names: list[str] = []
     for member in layout.names or ():
@@ -74,7 +74,7 @@ def column_names(layout: np.dtype[Any]) -> tuple[str, ...]:
 
 
 def decode(
-    layout: np.dtype[Any], messages: bytes | bytearray, wanted: Collection[str] | None = None
+    layout: np.dtype[np.void], messages: bytes | bytearray, wanted: Collection[str] | None = None
 ) -> dict[str, NDArray[Any]]:
     """Return one array of shape (number of messages,) for each wanted column, in the member's own number type.
 
@@ -93,6 +93,6 @@ def decode(
     return columns
 
 
-def message_bytes(layout: np.dtype[Any]) -> int:
+def message_bytes(layout: np.dtype[np.void]) -> int:
     """Return the length of a message of this layout, fingerprint included."""
     return FINGERPRINT_BYTES + layout.itemsize

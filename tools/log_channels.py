@@ -3,7 +3,7 @@
 import struct
 from collections import Counter
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cmr.bus.message import Message
 from cmr.bus.messages import RejectedMessage, decode
@@ -41,7 +41,7 @@ class Channel(NamedTuple):
     robot: bytes
     robot_at: int
 
-    def check(self, data: bytes) -> Any:
+    def check(self, data: bytes) -> Message | None:
         """Return the message, decoded, where its size varies; None where it does not: then the bytes are as they are.
 
         Raises Rejected when it cannot be used.

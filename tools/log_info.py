@@ -4,12 +4,12 @@ from array import array
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.bus.streams import ESTOP
+from cmr.bus.message import Message
+from cmr.bus.streams import ESTOP, Stream
 from cmr.recordings.events import Event
 from cmr.tools.log_channels import MOST_CHANNELS, OTHERS, Channel, Rejected, channel_of, utime_of
 
@@ -161,7 +161,7 @@ class ChannelHealth:
 
         A channel that several processes share has no usual interval, but the one that it has at least.
         """
-        stream: Any = None if self.channel is None else self.channel.stream
+        stream: Stream[Message] | None = None if self.channel is None else self.channel.stream
         if stream is None:
             return self._intervals.rhythm(None)
         if stream.rate_hz is None or stream is ESTOP:

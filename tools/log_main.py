@@ -9,7 +9,7 @@ import resource
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cmr.commands.command_line import (
     CommandError,
@@ -26,6 +26,7 @@ from cmr.commands.command_line import (
 from cmr.distribution import how_to_install
 from cmr.recordings.events import EventReader
 from cmr.tools.events import channel_chooser, damage_sentence, open_log, progress_of, reading
+from cmr.tools.log_tables import Sink
 
 NO_BUS = "accepted as by every command; logs need no bus"
 
@@ -33,7 +34,7 @@ NO_BUS = "accepted as by every command; logs need no bus"
 class Done(NamedTuple):
     """What a subcommand did: for programs, and in lines for persons."""
 
-    document: dict[str, Any]
+    document: dict[str, object]
     lines: list[str]
 
 
@@ -123,7 +124,7 @@ def _parquet(options: argparse.Namespace) -> Done:
         raise _missing(error, "Parquet files", "sweep") from error
 
 
-def _tables(options: argparse.Namespace, suffix: str, sink: Callable[[Path], Any]) -> Done:
+def _tables(options: argparse.Namespace, suffix: str, sink: Callable[[Path], Sink]) -> Done:
     """Write a file for each channel into the folder of --out."""
     from cmr.tools.log_tables import TableWriter
     from cmr.tools.writing import complete_files_or_none

@@ -8,9 +8,12 @@ import json
 import math
 import struct
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import BinaryIO
+
+import numpy as np
 
 from cmr.bus.fields import BYTES, Field, fields_of, text_of_bytes
+from cmr.bus.message import Message
 from cmr.recordings.batch import layout_of
 from cmr.recordings.events import Event
 from cmr.tools.log_channels import FOREIGN_CHANNEL, MOST_CHANNELS, Channel, LeftOut, Rejected, channel_of, utime_of
@@ -21,7 +24,7 @@ STRUCT_CODES = {"i1": "b", "i2": "h", "i4": "i", "i8": "q", "u1": "B", "f4": "f"
 JSON_TYPES = {"string": "string", "boolean": "boolean", "float": "number", "double": "number"}  # others: integer
 
 Encoder = Callable[[bytes], bytes]
-Text = Callable[[Any], str | None]
+Text = Callable[[object], str | None]
 
 
 class McapWriter:
@@ -30,7 +33,7 @@ class McapWriter:
     Raises ModuleNotFoundError without the library.
     """
 
-    def __init__(self, stream: Any) -> None:
+    def __init__(self, stream: BinaryIO) -> None:
         from mcap.writer import Writer
 
         self._writer = Writer(stream)
@@ -96,11 +99,11 @@ class McapWriter:
         return self._channels[channel.name]
 
 
-def schema_of(message_type: Any) -> dict[str, Any]:
+def schema_of(message_type: type[Message]) -> dict[str, object]:
     """Return the JSON schema of a generated message class; the descriptions are the comments of lcmtypes."""
     properties = {}
     for field in fields_of(message_type):
-        kind: dict[str, Any] = {"type": JSON_TYPES.get(field.wire_type, "integer")}
+        kind: dict[str, object] = {"type": JSON_TYPES.get(field.wire_type, "integer")}
         if field.wire_type == BYTES:
             kind = {"type": "string", "contentEncoding": "base64"}
         if field.counted_by is not None:
@@ -115,7 +118,7 @@ def encoder_of(channel: Channel) -> Encoder:
     fields = fields_of(channel.stream.message_type)
     texts = [(f'"{field.name}":', _text_of(field)) for field in fields]
 
-    def join(values: Iterable[Any]) -> bytes:
+    def join(values: Iterable[object]) -> bytes:
         parts = [(name, text(value)) for (name, text), value in zip(texts, values, strict=True)]
         return ("{" + ",".join(name + said for name, said in parts if said is not None) + "}").encode()
 
@@ -141,28 +144,36 @@ def _text_of(field: Field) -> Text:
     """Return what writes a value of the field as JSON; None stands for nothing."""
     by_type: dict[str, Text] = {"string": json.dumps, "boolean": _boolean, "float": _short_number, "double": _number}
     if field.wire_type == BYTES:
-        return lambda value: f'"{text_of_bytes(value)}"'
+        return _base64
     one = by_type.get(field.wire_type, str)
     if field.counted_by is None:
         return one
 
-    def all_of(values: Any) -> str:
-        values = values if isinstance(values, list | tuple) else values.tolist()
-        return "[" + ",".join("null" if text is None else text for text in map(one, values)) + "]"
+    def all_of(values: object) -> str:
+        listed = values.tolist() if isinstance(values, np.ndarray) else values
+        assert isinstance(listed, list | tuple), "as every array of a message"
+        return "[" + ",".join("null" if text is None else text for text in map(one, listed)) + "]"
 
     return all_of
 
 
-def _boolean(value: int) -> str:
+def _base64(value: object) -> str:
+    assert isinstance(value, bytes), "as every picture in a message"
+    return f'"{text_of_bytes(value)}"'
+
+
+def _boolean(value: object) -> str:
     return "true" if value else "false"
 
 
-def _number(value: float) -> str | None:
+def _number(value: object) -> str | None:
+    assert isinstance(value, float), "as every number with a point in a message"
     return repr(value) if math.isfinite(value) else _infinite(value)
 
 
-def _short_number(value: float) -> str | None:
+def _short_number(value: object) -> str | None:
     """Write a number of single precision, of which nine digits are enough."""
+    assert isinstance(value, float), "as every number with a point in a message"
     return f"{value:.9g}" if math.isfinite(value) else _infinite(value)
 
 

@@ -5,7 +5,6 @@ For programs, the same as one document.
 
 import math
 from datetime import datetime, timedelta, timezone
-from typing import Any
 
 from cmr.recordings.events import EventReader
 from cmr.tools.events import damage_sentence
@@ -22,7 +21,7 @@ LEGEND = (
 )
 
 
-def document(log: EventReader, health: LogHealth) -> dict[str, Any]:
+def document(log: EventReader, health: LogHealth) -> dict[str, object]:
     """Return what is known of a log that has been read, as docs/reference/json.md says."""
     return {
         "path": log.path,
@@ -36,7 +35,7 @@ def document(log: EventReader, health: LogHealth) -> dict[str, Any]:
     }
 
 
-def _of_channel(channel: ChannelHealth, health: LogHealth) -> dict[str, Any]:
+def _of_channel(channel: ChannelHealth, health: LogHealth) -> dict[str, object]:
     rhythm = channel.rhythm()
     return {
         "type": channel.type_name,

@@ -7,12 +7,13 @@ import csv
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cmr.bus.fields import BYTES, INDEX, Field, fields_of, text_of_bytes
+from cmr.bus.message import Message
 from cmr.recordings.batch import WIRE_TYPES, layout_of
 from cmr.recordings.events import Event
 from cmr.tools.log_channels import FOREIGN_CHANNEL, Channel, LeftOut, Rejected, channel_of
@@ -26,7 +27,7 @@ PARTS_OF_FIXED_SIZE, PARTS_OF_VARYING_SIZE = 1 << 15, 1 << 8  # messages that ar
 class Column(NamedTuple):
     """A column of a table: its values, shape (n,), and which of them are none, None where all are values."""
 
-    values: NDArray[Any]
+    values: NDArray[np.generic]
     is_none: NDArray[np.bool_] | None = None
 
 
@@ -136,7 +137,7 @@ def _table_of_fixed_size(channel: Channel, logged: NDArray[np.int64], data: list
 
 def _table_of_varying_size(channel: Channel, logged: NDArray[np.int64], data: list[bytes]) -> Table:
     fields = fields_of(channel.stream.message_type)
-    messages = [channel.check(each) for each in data]
+    messages = [message for each in data if (message := channel.check(each)) is not None]
     counts = {field.counted_by for field in fields if field.counted_by is not None}
     if not counts:
         return {LOGGED: Column(logged), **{field.column: _singles(field, messages) for field in fields}}
@@ -156,15 +157,19 @@ def _table_of_varying_size(channel: Channel, logged: NDArray[np.int64], data: li
     return table
 
 
-def _singles(field: Field, messages: list[Any]) -> Column:
+def _singles(field: Field, messages: list[Message]) -> Column:
     values = [getattr(message, field.name) for message in messages]
     if field.wire_type == BYTES:
         values = list(map(text_of_bytes, values))
     return Column(np.array(values, _dtype(field)))
 
 
-def _dtype(field: Field) -> Any:
-    return object if field.wire_type in ("string", BYTES) else np.dtype(WIRE_TYPES[field.wire_type]).newbyteorder("=")
+def _dtype(field: Field) -> np.dtype[np.generic]:
+    return (
+        np.dtype(object)
+        if field.wire_type in ("string", BYTES)
+        else np.dtype(WIRE_TYPES[field.wire_type]).newbyteorder("=")
+    )
 
 
 class CsvFile:
@@ -186,14 +191,22 @@ class CsvFile:
         """Do nothing: the file is complete."""
 
 
-def _texts(column: Column) -> list[Any]:
+def _texts(column: Column) -> list[object]:
     """Return the values so that they are written in full, and no longer than that."""
-    texts: list[Any] = column.values.tolist()
+    texts: list[object] = column.values.tolist()
     if column.values.dtype == np.float32:
         texts = [str(value) for value in column.values]
     if column.is_none is not None:
         texts = ["" if is_none else text for text, is_none in zip(texts, column.is_none, strict=True)]
     return texts
+
+
+class _Writer(Protocol):
+    """What is used of PyArrow's ParquetWriter."""
+
+    def write_table(self, table: object) -> None: ...
+
+    def close(self) -> None: ...
 
 
 class ParquetFile:
@@ -205,7 +218,7 @@ class ParquetFile:
 
         self._pyarrow = pyarrow
         self._path = path
-        self._writer: Any = None
+        self._writer: _Writer | None = None
 
     def write(self, table: Table) -> None:
         """Append a table as a group of rows."""

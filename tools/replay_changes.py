@@ -3,8 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from struct import Struct
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from cmr.bus.message import Message
 from cmr.bus.older import as_of_today
 from cmr.bus.streams import SELF_TESTS, STREAMS, identify
 from cmr.recordings.events import Event
@@ -35,7 +36,7 @@ class ChannelFilter:
         return self.seen[channel]
 
 
-def offsets(message_type: Any) -> dict[str, int]:
+def offsets(message_type: type[Message]) -> dict[str, int]:
     """Return where each field begins in the bytes of a message, up to the first one of variable length."""
     found: dict[str, int] = {}
     offset = FINGERPRINT_BYTES

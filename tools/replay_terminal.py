@@ -8,7 +8,6 @@ import time
 import tty
 from contextlib import suppress
 from types import TracebackType
-from typing import Any
 
 ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 READ_BYTES = 1024
@@ -35,7 +34,7 @@ class Keys:
 
     def __init__(self, descriptor: int) -> None:
         self._file = descriptor
-        self._before: list[Any] | None = None
+        self._before: list[int | list[bytes | int]] | None = None
 
     @property
     def available(self) -> bool:

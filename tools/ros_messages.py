@@ -4,12 +4,15 @@ import json
 from collections.abc import Callable
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING
 
 from cmr.tools.ros_fields import Types
 from cmr.tools.ros_records import Topic, type_name
 
-DecodeMessage = Callable[[bytes], Any]
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+DecodeMessage = Callable[[bytes], object]
 
 ROS_ENCODINGS = ("ros1", "cdr")
 IDL_RULE = "=" * 80 + "\n"  # stands before each of several IDL files in one definition
@@ -38,7 +41,7 @@ def decoder(topic: Topic, definition: str | None) -> tuple[DecodeMessage, Types 
     name = _known_name(store, topic)
     decode = store.deserialize_ros1 if topic.encoding == "ros1" else store.deserialize_cdr
 
-    def decode_ros(data: bytes) -> Any:
+    def decode_ros(data: bytes) -> object:
         try:
             return decode(data, name)
         except Exception as error:  # generated code on any bytes: whatever it raises, this message is lost
@@ -47,14 +50,14 @@ def decoder(topic: Topic, definition: str | None) -> tuple[DecodeMessage, Types 
     return decode_ros, Types(name, store.fielddefs)
 
 
-def _decode_json(data: bytes) -> Any:
+def _decode_json(data: bytes) -> object:
     try:
         return json.loads(data, object_hook=lambda content: SimpleNamespace(**content))
     except (ValueError, TypeError, RecursionError) as error:
         raise DecodeError(str(error)) from error
 
 
-def _store(topic: Topic, definition: str | None) -> Any:
+def _store(topic: Topic, definition: str | None) -> "Typestore":
     """Return a store of the topic's own types; for a bag that defines none, of those that every ROS knows."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -71,7 +74,7 @@ def _store(topic: Topic, definition: str | None) -> Any:
     return store
 
 
-def _register(store: Any, topic: Topic, definition: str) -> None:
+def _register(store: "Typestore", topic: Topic, definition: str) -> None:
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
     try:
@@ -89,7 +92,7 @@ def _register(store: Any, topic: Topic, definition: str) -> None:
         ) from error
 
 
-def _known_name(store: Any, topic: Topic) -> str:
+def _known_name(store: "Typestore", topic: Topic) -> str:
     name = type_name(topic.message_type.replace("::", "/").removesuffix("_"))
     if name not in store.fielddefs:
         raise TypeUnknownError(

@@ -5,7 +5,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 COMPRESSIONS = ("", "none", "bz2", "lz4", "zstd")
 
@@ -117,19 +117,16 @@ def decompress(compression: str, data: bytes) -> bytes:
 
 
 def _decompressor(compression: str) -> Callable[[bytes], bytes]:
-    one: Any
     if compression == "bz2":
-        one = bz2.BZ2Decompressor()
-    elif compression == "lz4":
+        return bz2.BZ2Decompressor().decompress
+    if compression == "lz4":
         import lz4.frame  # type: ignore[import-untyped]
 
-        one = lz4.frame.LZ4FrameDecompressor()
-    else:
-        import zstandard
+        decompressed: Callable[[bytes], bytes] = lz4.frame.LZ4FrameDecompressor().decompress
+        return decompressed
+    import zstandard
 
-        one = zstandard.ZstdDecompressor().decompressobj()
-    decompressed: Callable[[bytes], bytes] = one.decompress
-    return decompressed
+    return zstandard.ZstdDecompressor().decompressobj().decompress
 
 
 def places(stream: BinaryIO, start: int, pattern: re.Pattern[bytes], longest: int) -> Iterator[int]:

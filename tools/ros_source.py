@@ -5,7 +5,6 @@ from collections.abc import Callable
 from collections.abc import Mapping as Dictionary
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -132,7 +131,7 @@ class _Rows:
         self._getters = {column: getter(column) for column in columns}
         self._values = {column: array("d") for column in columns}
         self._absent = ""
-        self._takers: dict[Topic, tuple[Callable[[bytes], Any], Callable[[Message, Any], int]]] = {}
+        self._takers: dict[Topic, tuple[Callable[[bytes], object], Callable[[Message, object], int]]] = {}
         self._is_typed = False
 
     def take(self, message: Message) -> None:
@@ -155,7 +154,7 @@ class _Rows:
             return
         self._append(stamp, received, values)
 
-    def _append(self, stamp: int, received: int, values: list[Any]) -> None:
+    def _append(self, stamp: int, received: int, values: list[float]) -> None:
         taken = []
         try:
             for column, value in zip(self._values.values(), values, strict=True):
@@ -172,7 +171,7 @@ class _Rows:
     def _skip(self, reason: str) -> None:
         self.skipped[reason] = self.skipped.get(reason, 0) + 1
 
-    def _learn(self, topic: Topic) -> tuple[Callable[[bytes], Any], Callable[[Message, Any], int]]:
+    def _learn(self, topic: Topic) -> tuple[Callable[[bytes], object], Callable[[Message, object], int]]:
         """Return how to decode and stamp a topic's messages, after a check of the mapped paths."""
         what = f"{self._name} ({topic.message_type or 'of no known type'})"
         try:
@@ -193,7 +192,7 @@ class _Rows:
         elif codes != {column: values.typecode for column, values in self._values.items()}:
             raise SourceError(f"{what} has other types of numbers than the messages on that topic before")
 
-    def _stamp(self, types: Types | None, what: str) -> Callable[[Message, Any], int]:
+    def _stamp(self, types: Types | None, what: str) -> Callable[[Message, object], int]:
         """Return what reads a message's time [us] by the chosen clock."""
         if self.clock == "received":
             return lambda message, _: message.received // MICROSECOND
@@ -235,16 +234,16 @@ def _has_stamp(types: Types, header: str) -> bool:
         return False
 
 
-def _published(message: Message, _content: Any) -> int:
+def _published(message: Message, _content: object) -> int:
     if message.published is None:
         raise SourceError(f"{message.topic.name}: only MCAP files record times of publication; map time: header")
     return message.published // MICROSECOND
 
 
-def _header_clock(header: str) -> Callable[[Message, Any], int]:
+def _header_clock(header: str) -> Callable[[Message, object], int]:
     stamp_of = getter(f"{header}.stamp")
 
-    def stamp(_message: Message, content: Any) -> int:
+    def stamp(_message: Message, content: object) -> int:
         time = stamp_of(content)
         for name in ("nanosec", "nsec"):  # of ROS; of Foxglove's JSON
             with suppress(AttributeError, TypeError, ValueError, OverflowError):

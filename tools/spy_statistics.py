@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cmr.bus.message import Message
 from cmr.bus.older import as_of_today
@@ -146,7 +146,7 @@ def _fingerprint(stream: Stream[Message]) -> bytes:
 @cache
 def _least_bytes(stream: Stream[Message]) -> int:
     """Return how many bytes every message of a stream has at least: those of all that precedes arrays and strings."""
-    message: Any = stream.message_type()
+    message = stream.message_type()
     return len(message.encode())
 
 

@@ -4,6 +4,8 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from cmr.bus.fields import fields_of
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.tools.spy_statistics import Line
@@ -113,7 +115,7 @@ def document(now: int, lines: Sequence[Line], fits: Callable[[str], bool]) -> di
     return {"utime": now, "channels": {line.channel: _of_channel(line) for line in lines if fits(line.channel)}}
 
 
-def _of_channel(line: Line) -> dict[str, Any]:
+def _of_channel(line: Line) -> dict[str, object]:
     try:
         received = decode(line.channel, line.data)
     except RejectedMessage:
@@ -133,11 +135,11 @@ def _of_channel(line: Line) -> dict[str, Any]:
     }
 
 
-def _plain_value(value: Any) -> Any:
+def _plain_value(value: object) -> object:
     """Return the value of a field as JSON has it: arrays as lists, and of bytes, such as a picture, their number."""
     if isinstance(value, bytes):
         return len(value)
-    return value.tolist() if hasattr(value, "tolist") else value
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def table(lines: Sequence[Line], fits: Callable[[str], bool]) -> list[str]:
@@ -188,7 +190,7 @@ def _values(line: Line) -> str:
     return " ".join(f"{name}={_text(getattr(received.message, name), MOST_ELEMENTS, LONGEST_TEXT)}" for name in names)
 
 
-def _text(value: Any, most: int, longest: int) -> str:
+def _text(value: object, most: int, longest: int) -> str:
     if isinstance(value, str):
         return _plain(value)[:longest]
     if isinstance(value, bytes):
@@ -197,6 +199,7 @@ def _text(value: Any, most: int, longest: int) -> str:
         return f"{value:.5g}"
     if isinstance(value, (int, bool)):
         return str(int(value))
+    assert isinstance(value, Sequence | np.ndarray), "all others are arrays"
     shown = " ".join(f"{float(element):.5g}" for element in value[:most])
     return f"[{shown}{' ...' if len(value) > most else ''}]"
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cmr.estimation.commanded_speeds import correlation_of_motor, in_words_of, values_in_words_of
 from cmr.estimation.estimates import Estimate
@@ -73,13 +73,13 @@ class CalibrationResult:
         known = {name: value.value for name, value in self.nominal.values.items() if name in DEFINITIONS}
         return known | dict(self.parameters) | {name: estimate.value for name, estimate in self.estimates.items()}
 
-    def parameter_file(self, provenance: Mapping[str, Any]) -> ParameterFile:
+    def parameter_file(self, provenance: Mapping[str, object]) -> ParameterFile:
         """Return the parameter file to write: estimates with the effects in use, and nominal values of the rest."""
         values = {
             name: self._written(name, value) for name, value in values_in_words_of(self.values, self.controller).items()
         }
         in_use = effects_on(self.values)
-        found: dict[str, Any] = {"method": self.method, "samples": self.samples}
+        found: dict[str, object] = {"method": self.method, "samples": self.samples}
         if math.isfinite(self.path_rmse_after):
             found["path_rmse_m"] = round(self.path_rmse_after, 6)
         return ParameterFile(self.robot_id, values, tuple(one.name for one in in_use), {**provenance, **found})
@@ -96,7 +96,7 @@ class CalibrationResult:
             return Value(value, told[name].std)
         return given if given is not None and given.value == value else Value(value)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return what was found as plain values, for JSON: units are those of the parameter file."""
         return {
             "robot_id": self.robot_id,

@@ -1,14 +1,20 @@
 """What to print: the board for the lens, and tags for floor and robots, as PDF in their true size."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from cmr.camera.tags import FAMILY
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    Save = Callable[[Figure], None]
 
 COLUMNS, ROWS = 7, 5  # squares of the board
 CELLS_OF_SQUARE, CELLS_OF_MARKER = 9, 7  # so that squares and markers are made of the same cells
@@ -49,8 +55,8 @@ def save_board(path: Path, paper: str = "a4") -> None:
         f"cmr-camera calibrate · print at 100 %: a square is {1000.0 * SQUARE:.0f} mm wide (measure it) · "
         "glue it onto something flat"
     )
-    with _pages(path) as pages:
-        _page(pages, PAPERS[paper], board_cells(), CELL, text)
+    with _pages(path) as save:
+        _page(save, PAPERS[paper], board_cells(), CELL, text)
 
 
 def save_tags(path: Path, numbers: Sequence[int], size: float, paper: str = "a4") -> None:
@@ -60,22 +66,31 @@ def save_tags(path: Path, numbers: Sequence[int], size: float, paper: str = "a4"
     most = (high - 0.005) * TAG_CELLS / (TAG_CELLS + 2 * QUIET_CELLS)
     if size > most + 1e-9:
         raise BoardError(f"A tag of {size:g} m does not fit {paper} with white around it: {most:.3f} m at most.")
-    with _pages(path) as pages:
+    with _pages(path) as save:
         for number in numbers:
             # Upright as the tag is, so that whoever reads it knows which edge is its top.
             text = f"36h11, tag {number}\n\nblack square {1000.0 * size:.0f} mm\n(measure it)\n\n↑ top: ahead"
-            _page(pages, (wide, high), tag_cells(number), cell, text, upright=True)
+            _page(save, (wide, high), tag_cells(number), cell, text, upright=True)
 
 
-def _pages(path: Path) -> Any:
+@contextmanager
+def _pages(path: Path) -> Iterator["Save"]:
+    """Open a PDF; what it gives appends a figure as a page."""
     from matplotlib.backends.backend_pdf import PdfPages  # takes half a second, and only printing needs it
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    return PdfPages(path)
+    with PdfPages(path) as pages:
+        yield pages.savefig
 
 
 def _page(
-    pages: Any, paper: tuple[float, float], cells: NDArray[np.uint8], cell: float, text: str, *, upright: bool = False
+    save: "Save",
+    paper: tuple[float, float],
+    cells: NDArray[np.uint8],
+    cell: float,
+    text: str,
+    *,
+    upright: bool = False,
 ) -> None:
     """Add a page with rows of square cells in its middle, and text at the left, `upright` or a line along the edge."""
     from matplotlib.figure import Figure
@@ -95,4 +110,4 @@ def _page(
         )
     place, turn = ((left - QUIET_CELLS * cell) / 2.0, 0.0) if upright else (left / 2.0, 90.0)
     axes.text(place, high / 2.0, text, rotation=turn, ha="center", va="center", fontsize=8)
-    pages.savefig(figure)
+    save(figure)

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process, Timer
@@ -204,7 +204,7 @@ class Work:
         """Whether nothing is being worked at."""
         return self._thread is None or not self._thread.is_alive()
 
-    def begin(self, work: Callable[..., Any], *arguments: Any) -> None:
+    def begin(self, work: Callable[..., object], *arguments: object) -> None:
         """Begin a piece of work."""
 
         def run() -> None:
@@ -246,7 +246,7 @@ def _save(parameters: ParameterFile, path: Path) -> None:
         raise CommandError(f"{path}: cannot be written: {error.strerror}. Choose another place with --out.") from error
 
 
-def _say(robot_id: int, status: Any, so_far: Mapping[str, Estimate], averages: int, said: str) -> str:
+def _say(robot_id: int, status: calibration_status_t, so_far: Mapping[str, Estimate], averages: int, said: str) -> str:
     """Print the status for each new state, tenth that is covered, and average; return what was said."""
     kind = status.message if status.state == calibration_status_t.WAITING else ""
     saying = f"{status.state} {int(status.progress * 10)} {averages} {kind}"

@@ -5,7 +5,7 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cmr.bus.messages import Received, make
 from cmr.bus.process import Process, Timer
@@ -16,8 +16,11 @@ from cmr.msg import camera_image_t, pose_xyt_t, process_status_t, waypoints_t, w
 from cmr.progress import Progress
 
 if TYPE_CHECKING:
+    from cmr.camera.drawing import Picture
+    from cmr.camera.lens import Lens
     from cmr.camera.place import Place
-    from cmr.camera.sources import Camera, Film
+    from cmr.camera.sources import Camera, Film, Video
+    from cmr.camera.watcher import Watcher
     from cmr.camera.watching import Seen, Watching
 
 TURN_RATE = 100.0  # Hz at which what the camera's thread saw is published
@@ -161,7 +164,9 @@ def _loop(process: Process, watching: "Watching", showing: "_Showing") -> None:
 class _Showing:
     """Publishes what the camera saw, and its picture with what only the simulation knows drawn into it."""
 
-    def __init__(self, process: Process, watcher: Any, video: Any, options: argparse.Namespace) -> None:
+    def __init__(
+        self, process: Process, watcher: "Watcher", video: "Video | None", options: argparse.Namespace
+    ) -> None:
         from cmr.camera.drawing import Drawer, Waypoints
         from cmr.camera.tracks import Tracks
         from cmr.camera.watching import Latency
@@ -223,7 +228,7 @@ class _Showing:
             )
             self._process.publish(CAMERA_IMAGE, image)
 
-    def _drawn(self, seen: "Seen", place: "Place") -> Any:
+    def _drawn(self, seen: "Seen", place: "Place") -> "Picture":
         """Return the picture with the virtual robots at its moment; real ones are where the camera sees them."""
         from cmr.camera.tracks import REAL, VIRTUAL, Shown
 
@@ -271,7 +276,7 @@ def _calibrate(arguments: list[str]) -> int:
     return 0
 
 
-def _fitted(options: argparse.Namespace) -> Any:
+def _fitted(options: argparse.Namespace) -> "Lens":
     import cv2
     import numpy as np
 

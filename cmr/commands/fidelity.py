@@ -16,7 +16,7 @@ from cmr.scenario.scenario import Scenario
 from cmr.scenario.scenario import load as load_scenario
 from cmr.scenario.shipping import path_of
 from cmr.sweep.experiment import files_of, sources_digest
-from cmr.sweep.journal import Journal, JournalError
+from cmr.sweep.journal import Journal, JournalError, Result
 from cmr.sweep.stopping import end_on_signals
 from cmr.team.experiment import ExperimentError
 
@@ -186,7 +186,11 @@ def _performed(
                 progress.advance()
     except ExperimentError as error:
         raise CommandError(str(error)) from error
-    return gathered({task: journal.results[key] for task, key in keys.items()})
+    return gathered({task: _scores(journal.results[key]) for task, key in keys.items()})
+
+
+def _scores(result: Result) -> Scores:
+    return {name: value for name, value in result.items() if isinstance(value, (int, float))}
 
 
 def _key(depends_on: tuple[object, ...], task: Task) -> str:

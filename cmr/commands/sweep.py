@@ -2,15 +2,17 @@
 
 import argparse
 import time
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cmr.commands.command_line import CommandError, parser
 from cmr.commands.first_use import EMULATOR, MODEL, WORLD, compile_first
 from cmr.configuration import results
 from cmr.distribution import how_to_install
 from cmr.progress import Progress
+from cmr.sweep.settings import Value
 from cmr.sweep.stopping import end_on_signals
 
 if TYPE_CHECKING:
@@ -116,7 +118,7 @@ def _failure(run: "PlannedRun", error: BaseException) -> str:
     return f"Seed {run.seed}{values}: {type(error).__name__}: {error}".rstrip(".") + "."
 
 
-def _row(run: "PlannedRun", result: "Result") -> dict[str, Any]:
+def _row(run: "PlannedRun", result: "Result") -> "dict[str, Value]":
     return {"seed": run.seed, **run.values, **result}
 
 
@@ -167,7 +169,7 @@ def command_parser() -> argparse.ArgumentParser:
     return options
 
 
-def _number(largest: int) -> Any:
+def _number(largest: int) -> Callable[[str], int]:
     def parse(text: str) -> int:
         if not text.isascii() or not text.isdecimal() or not 1 <= int(text) <= largest:
             raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 to {largest}")

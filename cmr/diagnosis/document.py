@@ -80,7 +80,7 @@ def write_document(diagnosis: Diagnosis, path: Path) -> None:
     write_atomically(text + "\n", path)
 
 
-def extended_file(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> ParameterFile:
+def extended_file(diagnosis: Diagnosis, provenance: Mapping[str, object]) -> ParameterFile:
     """Return the parameter file of the extended model, `robot_<id>.yaml`; without any effect it is the paper's model.
 
     `provenance` tells where the data come from; method and path errors are added to it.

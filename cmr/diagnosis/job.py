@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from cmr.bus.streams import identify
 from cmr.diagnosis.result import Diagnosis
@@ -146,7 +145,7 @@ def _writing(folder: Path) -> Iterator[None]:
         raise JobError(f"{what}. Choose another place with --out.") from error
 
 
-def _write(diagnosis: Diagnosis, job: Job, provenance: dict[str, Any], tell: Telling) -> tuple[Path, ...]:
+def _write(diagnosis: Diagnosis, job: Job, provenance: dict[str, object], tell: Telling) -> tuple[Path, ...]:
     """Write what makes sense; bad data have no parameters. The report comes last: it is the least sure to succeed."""
     from cmr.diagnosis.document import extended_file, write_document
 
@@ -164,7 +163,7 @@ def _write(diagnosis: Diagnosis, job: Job, provenance: dict[str, Any], tell: Tel
     return tuple(files)
 
 
-def _provenance(job: Job, sources: Sequence[str]) -> dict[str, Any]:
+def _provenance(job: Job, sources: Sequence[str]) -> dict[str, object]:
     """Return where the parameters come from: the logs of the job that are among the sources, those of use."""
     fitted = [log for log in job.logs if str(log) in sources]
     digest = hashlib.sha256()
@@ -173,7 +172,7 @@ def _provenance(job: Job, sources: Sequence[str]) -> dict[str, Any]:
             for chunk in iter(lambda: stream.read(CHUNK), b""):
                 digest.update(chunk)
     provenance = {"log": _names(fitted), "sha256": digest.hexdigest()}
-    return provenance | ({"held_out_log": _names(job.held_out)} if job.held_out else {})
+    return {**provenance, **({"held_out_log": _names(job.held_out)} if job.held_out else {})}
 
 
 def _names(logs: Sequence[Path]) -> str:

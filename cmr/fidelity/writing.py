@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from cmr.fidelity.findings import Finding, conclusions, rows
 from cmr.fidelity.study import Scores
@@ -15,7 +14,9 @@ from cmr.files import write_atomically
 RUNS, TABLE, DOCUMENT, FIGURE = "runs.csv", "fidelity.csv", "fidelity.json", "fidelity.png"
 
 
-def write(folder: Path, scores: Mapping[str, Sequence[Scores]], findings: Sequence[Finding], about: Any) -> list[Path]:
+def write(
+    folder: Path, scores: Mapping[str, Sequence[Scores]], findings: Sequence[Finding], about: object
+) -> list[Path]:
     """Write all files into a folder, which exists; `about`, a mapping, tells how the study was made.
 
     Raises OSError when it cannot be written.
@@ -36,7 +37,7 @@ def write(folder: Path, scores: Mapping[str, Sequence[Scores]], findings: Sequen
     return [folder / name for name in (RUNS, TABLE, DOCUMENT, FIGURE)]
 
 
-def _csv(records: Iterable[Mapping[str, Any]]) -> str:
+def _csv(records: Iterable[Mapping[str, object]]) -> str:
     entries = list(records)
     text = io.StringIO()
     writer = csv.DictWriter(text, fieldnames=list(entries[0]) if entries else [], lineterminator="\n")

@@ -1,7 +1,5 @@
 """The page of a run: what happened in figures, from the document that is its report.json."""
 
-from typing import Any
-
 import numpy as np
 
 from cmr.report import density as swarm
@@ -15,6 +13,7 @@ from cmr.report.style import AFTER, INK, PAPER, REAL, REAL_OUTLINE
 from cmr.report.svg import Curve, Floats, Frame, dots, line, plot
 from cmr.report.table import table
 from cmr.scenario.plan import Disc
+from cmr.scenario.run_document import ProcessDocument, RobotDocument, RunDocument
 from cmr.team.metrics import UNITS
 
 WIDTH, TEXT = 600.0, 14.0  # so that letters are neither small on a phone nor large on a screen
@@ -30,17 +29,15 @@ UNRELIABLE = tag("span", "unreliable", class_="unreliable")
 
 METRICS = {name: name.replace("_", " ") for name in UNITS} | {"distance_driven": "driven on average"}
 
-Document = dict[str, Any]
 
-
-def run_page(document: Document) -> str:
+def run_page(document: RunDocument) -> str:
     """Return the page as HTML that needs nothing beside it."""
     content = (_paths(document), _robots(document), _processes(document), _events(document))
     title = f"Run of {document['scenario']}"
     return page_of(title, _header(document), _key_numbers(document), content)
 
 
-def _header(document: Document) -> Html:
+def _header(document: RunDocument) -> Html:
     """Return how it ended."""
     words = f"{document['scenario']}: {document['seconds']:.0f} s, then {document['ended_by']}"
     badge = tag("span", "failed" if document["failed"] else "done", class_="badge")
@@ -48,9 +45,9 @@ def _header(document: Document) -> Html:
     return tag("header", tag("h1", words), tag("p", badge, said), class_="bad" if document["failed"] else "plain")
 
 
-def _key_numbers(document: Document) -> Html:
+def _key_numbers(document: RunDocument) -> Html:
     """Return the numbers that a hurried reader wants, and whether they can be relied on."""
-    doubtful = document.get("unreliable", "")
+    doubtful = document["unreliable"]
     key = [
         _key("robots", f"{len(document['robots'])}"),
         *(
@@ -70,12 +67,12 @@ def _key(name: str, value: str, unreliable: str = "") -> Html:
     return tag("div", tag("dt", name), tag("dd", value, *([" ", UNRELIABLE] if unreliable else [])))
 
 
-def more_than(metric: str, document: Document) -> str:
+def more_than(metric: str, document: RunDocument) -> str:
     """Return "over " before the time to goals that were not reached, which is that of the run."""
     return "over " if metric == "time_to_goal" and not document["waypoints_reached"] else ""
 
 
-def _paths(document: Document) -> Section:
+def _paths(document: RunDocument) -> Section:
     """Return the map: all paths, obstacles and the geofence."""
     robots = [robot for robot in document["robots"] if robot["path"]["x"]]
     if not robots:
@@ -107,7 +104,7 @@ def _paths(document: Document) -> Section:
     return section("Paths", tag("figure", key, tag("div", picture, class_="map"), tag("figcaption", words)))
 
 
-def _lines_and_others(robots: list[Document]) -> tuple[list[Document], list[Document]]:
+def _lines_and_others(robots: list[RobotDocument]) -> tuple[list[RobotDocument], list[RobotDocument]]:
     """Return the robots that are drawn as lines, all or of a swarm the real and emulated ones, and the others."""
     if len(robots) <= MOST_LINES:
         return robots, []
@@ -115,7 +112,7 @@ def _lines_and_others(robots: list[Document]) -> tuple[list[Document], list[Docu
     return lines, robots[len(lines) :]
 
 
-def _frame(document: Document, robots: list[Document]) -> Frame:
+def _frame(document: RunDocument, robots: list[RobotDocument]) -> Frame:
     """Return a frame that holds everything, with a metre as long in x as in y."""
     xs, ys = [[value for robot in robots for value in robot["path"][axis]] for axis in ("x", "y")]
     corners = [*(document["geofence"] or ()), *(w for r in robots[:MOST_ROWS] for w in r["waypoints"])]
@@ -132,7 +129,7 @@ def _frame(document: Document, robots: list[Document]) -> Frame:
     return Frame(x=ranges[0], y=ranges[1], width=WIDTH, height=shape * inner + LABELS_Y, text=TEXT)
 
 
-def _room(frame: Frame, document: Document) -> list[Html]:
+def _room(frame: Frame, document: RunDocument) -> list[Html]:
     """Return obstacles and the geofence."""
     drawn = []
     for disc in (Disc(*disc) for disc in document["obstacles"]["discs"]):
@@ -146,7 +143,7 @@ def _room(frame: Frame, document: Document) -> list[Html]:
     return drawn
 
 
-def _path(frame: Frame, robot: Document) -> list[Html]:
+def _path(frame: Frame, robot: RobotDocument) -> list[Html]:
     """Return the path of one robot with its ends, and its waypoints."""
     x, y = _places(robot)
     virtual = robot["kind"] == "virtual"
@@ -160,7 +157,7 @@ def _path(frame: Frame, robot: Document) -> list[Html]:
     return drawn
 
 
-def _places(robot: Document) -> tuple[Floats, Floats]:
+def _places(robot: RobotDocument) -> tuple[Floats, Floats]:
     """Return a robot's x and y [m], shape (n,)."""
     return np.array(robot["path"]["x"]), np.array(robot["path"]["y"])
 
@@ -171,7 +168,7 @@ def _cross(frame: Frame, x: float, y: float) -> Html:
     return tag("path", d=steps, stroke=INK, stroke_width=1.2)
 
 
-def _robots(document: Document) -> Section:
+def _robots(document: RunDocument) -> Section:
     robots = document["robots"]
     headings = ["robot", "kind", "behaviour", "driven [m]"]
     if any(robot["waypoints"] for robot in robots):
@@ -184,7 +181,7 @@ def _robots(document: Document) -> Section:
             f"Robots {near[0]} and {near[1]} came nearest to one another: "
             f"{number(document['minimum_separation_m'], 3)} m from centre to centre, "
             f"{number(document['nearest_at_s'], 3)} s after all were ready.",
-            *([" ", UNRELIABLE] if document.get("unreliable", "") else []),
+            *([" ", UNRELIABLE] if document["unreliable"] else []),
         )
         if near
         else Html("")
@@ -192,7 +189,7 @@ def _robots(document: Document) -> Section:
     return section("Robots", nearest, table(headings, rows, numbers=(3, 5)), quiet(more) if more else Html(""))
 
 
-def _row(robot: Document) -> list[str]:
+def _row(robot: RobotDocument) -> list[str]:
     """Return what the table has of one robot."""
     count, reached = len(robot["waypoints"]), robot["goal_reached_at_s"]
     return [
@@ -202,7 +199,7 @@ def _row(robot: Document) -> list[str]:
     ]
 
 
-def _processes(document: Document) -> Section:
+def _processes(document: RunDocument) -> Section:
     rows = [
         [
             process["name"],
@@ -218,12 +215,12 @@ def _processes(document: Document) -> Section:
     return section("Processes", table(headings, rows, numbers=(1, 3, 4)))
 
 
-def _late_cycles(process: Document) -> Html | str:
+def _late_cycles(process: ProcessDocument) -> Html | str:
     if process["overruns"] is None:
         return ""
     return joined(f"{process['overruns']}", *([" ", UNRELIABLE] if process["unreliable"] else []))
 
 
-def _events(document: Document) -> Section:
+def _events(document: RunDocument) -> Section:
     rows = [[f"{event['at_s']:.1f} s", event["words"]] for event in document["events"]]
     return section("What happened", table(("after its start", "event"), rows) if rows else Html(""))

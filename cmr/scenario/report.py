@@ -4,7 +4,6 @@ import json
 import math
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from cmr.scenario.keeping_up import Pace, in_words, is_too_late, what_was_too_sl
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.measuring import measure
 from cmr.scenario.page import more_than, run_page
+from cmr.scenario.run_document import PathDocument, ProcessDocument, RobotDocument, RunDocument
 from cmr.scenario.supervisor import State
 from cmr.scenario.watch import Floats, TeamWatch
 from cmr.team.metrics import UNITS
@@ -24,7 +24,7 @@ FEWEST_POINTS = 20  # of a path
 MOVES_ROBOTS = (SIM, DRIVER, PILOT, EMULATOR)  # roles of processes that have to keep time
 
 
-def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> dict[str, Any]:
+def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> RunDocument:
     """Write report.json and report.html into a folder; `began` is the time of day [s since the epoch].
 
     Returns what is in report.json.
@@ -37,7 +37,7 @@ def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> 
     return document
 
 
-def document_of(run: LiveRun, outcome: Outcome, began: float) -> dict[str, Any]:
+def document_of(run: LiveRun, outcome: Outcome, began: float) -> RunDocument:
     """Return what was measured: lengths in m, times in s since all robots were ready."""
     watch, scenario = run.watch, run.scenario
     first = watch.first_utime or (watch.sample_utime[0] if watch.sample_utime else 0)
@@ -77,11 +77,11 @@ def metrics_of(run: LiveRun) -> dict[str, float]:
     return {name: number for name in chosen if (number := _number(measured.get(name, math.nan))) is not None}
 
 
-def metrics_in_words(document: dict[str, Any]) -> str:
+def metrics_in_words(document: RunDocument) -> str:
     """Return the metrics of a run as a person reads them; a goal that was not reached took more than the run."""
     return ", ".join(
         f"{name.replace('_', ' ')} {more_than(name, document)}{value:.3g} {UNITS[name]}"
-        f"{' (unreliable)' if document.get('unreliable', '') else ''}"
+        f"{' (unreliable)' if document['unreliable'] else ''}"
         for name, value in document["metrics"].items()
     )
 
@@ -95,7 +95,7 @@ def mean_rate(watch: TeamWatch) -> float:
     return counted / span if span > 0.0 else 0.0
 
 
-def _robots(run: LiveRun, first: int) -> list[dict[str, Any]]:
+def _robots(run: LiveRun, first: int) -> list[RobotDocument]:
     watch = run.watch
     paths: Floats = np.array(watch.samples, dtype=float).reshape(-1, 2, len(watch.ids))
     step = max(math.ceil(len(paths) / max(MOST_POINTS // len(watch.ids), FEWEST_POINTS)), 1)
@@ -117,11 +117,11 @@ def _robots(run: LiveRun, first: int) -> list[dict[str, Any]]:
     ]
 
 
-def _path(seconds: Floats, places: Floats) -> dict[str, list[float]]:
+def _path(seconds: Floats, places: Floats) -> PathDocument:
     """Return times [s] and places [m] of a robot while it was seen."""
     seen = np.isfinite(places[:, 0])
-    columns = {"t": seconds[seen].round(2), "x": places[seen, 0].round(4), "y": places[seen, 1].round(4)}
-    return {name: values.tolist() for name, values in columns.items()}
+    t, (x, y) = seconds[seen].round(2), places[seen].round(4).T
+    return {"t": t.tolist(), "x": x.tolist(), "y": y.tolist()}
 
 
 def _paces(run: LiveRun) -> list[Pace]:
@@ -135,8 +135,8 @@ def _pace(run: LiveRun, state: State) -> Pace | None:
     return None if late is None else Pace(state.job.name, run.watch.loop_rate(state.pid), late)
 
 
-def _processes(run: LiveRun, seconds: float) -> list[dict[str, Any]]:
-    rows = []
+def _processes(run: LiveRun, seconds: float) -> list[ProcessDocument]:
+    rows: list[ProcessDocument] = []
     for name, state in run.supervisor.states.items():
         status, pace = run.watch.statuses.get(state.pid), _pace(run, state)
         rows.append(

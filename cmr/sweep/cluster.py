@@ -11,13 +11,14 @@ from asyncio import CancelledError
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from threading import Event, Thread
-from typing import Any
+from typing import TypeVar
 
 import dask
 from distributed import Client, LocalCluster, as_completed
 from distributed.utils import LoopRunner
 from tornado.ioloop import IOLoop
 
+R = TypeVar("R")
 PATIENCE = 10.0  # s to reach a scheduler
 LOOK = 5.0  # s between two looks at whether somebody works
 AHEAD = 3  # runs handed out for each thread; the others wait here
@@ -120,7 +121,9 @@ def _look(client: Client, say: Callable[[], None], over: Event) -> None:
                 return
 
 
-def perform(client: Client, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]) -> Iterator[tuple[str, Any]]:
+def perform(
+    client: Client, work: Callable[..., R], jobs: Mapping[str, tuple[object, ...]]
+) -> Iterator[tuple[str, R | BaseException]]:
     """Do `work(*arguments)` for each job and yield (key, result) as they are done; an exception in place of a result.
 
     A job whose worker died is done again elsewhere. One that outlived four workers is given up: the result is then
@@ -136,11 +139,11 @@ def perform(client: Client, work: Callable[..., Any], jobs: Mapping[str, tuple[A
 
 
 def _performed(
-    client: Client, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]
-) -> Iterator[tuple[str, Any]]:
+    client: Client, work: Callable[..., R], jobs: Mapping[str, tuple[object, ...]]
+) -> Iterator[tuple[str, R | BaseException]]:
     waiting = iter(jobs.items())
     running = as_completed(with_results=True, raise_errors=False)
-    names: dict[Any, str] = {}
+    names: dict[object, str] = {}
     unpacked = _unpacked_there()
     while True:
         if client.scheduler is None:
@@ -153,10 +156,11 @@ def _performed(
             running.add(future)
         if not names:
             return
-        future, result = next(running)
-        if isinstance(result, CancelledError):
-            raise result
-        result = _without_trace(result)
+        future, came = next(running)
+        failure = _failure_of(came)
+        if isinstance(failure, CancelledError):
+            raise failure
+        result: R | BaseException = came if failure is None else failure
         if isinstance(result, ImportError):
             raise ClusterError(
                 f"{str(result).rstrip('.')}. Install the same CMR on all computers, give PYTHONPATH to workers that "
@@ -166,14 +170,14 @@ def _performed(
         future.release()
 
 
-def _unpacked_there() -> Callable[[bytes], Any]:
+def _unpacked_there() -> Callable[[bytes], object]:
     """Return a function that needs nothing of ours where it is called.
 
     A worker that cannot even read what it is told to do, as it lacks a module, would end without a word. This function
     is read anywhere, as Dask sends those inside others as they are, and says what is lacking, and on which computer.
     """
 
-    def unpacked(packed: bytes) -> Any:
+    def unpacked(packed: bytes) -> object:
         import pickle
         from socket import gethostname
 
@@ -186,7 +190,8 @@ def _unpacked_there() -> Callable[[bytes], Any]:
     return unpacked
 
 
-def _without_trace(result: Any) -> Any:
-    """Return a result as it is; of a failure, as Dask gives it (kind, error, trace), the error."""
-    failed = isinstance(result, tuple) and len(result) == 3 and isinstance(result[1], BaseException)
-    return result[1] if failed else result
+def _failure_of(result: object) -> BaseException | None:
+    """Return the error of a failure, which Dask gives as it is or as (kind, error, trace); None of a result."""
+    if isinstance(result, tuple) and len(result) == 3:
+        result = result[1]
+    return result if isinstance(result, BaseException) else None

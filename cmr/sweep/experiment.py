@@ -9,13 +9,13 @@ from inspect import getfile
 from pathlib import Path
 from socket import gethostname
 from threading import Lock
-from typing import Any
 
 import robot_driver
 from cmr.distribution import version
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.scenario.ending import why_only_live
 from cmr.scenario.scenario import Scenario
+from cmr.sweep.journal import Result
 from cmr.team.casting import Cast
 from cmr.team.experiment import TeamRun, run
 from cmr.team.hidden import Laboratory, believed_of
@@ -76,7 +76,7 @@ def _check(scenario: Scenario) -> None:
         raise ExperimentError(f"{scenario.name}: {only_live}.")
 
 
-def perform(experiment: Experiment, seed: int) -> dict[str, Any]:
+def perform(experiment: Experiment, seed: int) -> Result:
     """Return the metrics of one run [SI units], how long it took in its own time, and a digest of all paths.
 
     Real and emulated robots are moved by a plant that differs from robot to robot and from seed to seed.

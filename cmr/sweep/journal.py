@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from cmr.files import folder_for_results
 
-Result: TypeAlias = dict[str, Any]  # numbers and texts by name
+Result: TypeAlias = dict[str, float | str | bool | None]  # numbers and texts by name
 
 
 class JournalError(Exception):
@@ -57,7 +57,7 @@ class Journal:
         self._stream.close()
         self._made.close()
 
-    def add(self, key: str, result: Mapping[str, Any]) -> None:
+    def add(self, key: str, result: Mapping[str, float | str | bool | None]) -> None:
         """Keep the result of a run; one that is there already stays as it is."""
         if key in self.results:
             return

@@ -10,7 +10,7 @@ import yaml
 
 from cmr.scenario.plan import BehaviourPlan
 
-Value: TypeAlias = float | int | str | bool | list[Any] | dict[str, Any] | None
+Value: TypeAlias = float | int | str | bool | list[object] | dict[str, object] | None
 SEED = "seed"  # of the scenario; varied in a way of its own
 NOTHING = ("null", "~")  # as YAML has it: the scenario without this key
 
@@ -84,7 +84,7 @@ def combinations(settings: Sequence[Setting]) -> list[dict[str, Value]]:
     return [dict(zip(paths, values, strict=True)) for values in product(*(setting.values for setting in settings))]
 
 
-def with_settings(document: Mapping[str, Any], values: Mapping[str, Value]) -> dict[str, Any]:
+def with_settings(document: Mapping[str, object], values: Mapping[str, Value]) -> dict[str, Any]:
     """Return a scenario, as YAML reads it, with other values at some paths.
 
     Raises SettingError naming the part of a path that is not there, and what is.
@@ -114,9 +114,9 @@ def _put(place: Any, last: str, value: Value, path: str, where: str) -> None:
         place[_key(place, last, path, where)] = value
 
 
-def _key(place: Any, part: str, path: str, where: str) -> Any:
+def _key(place: object, part: str, path: str, where: str) -> object:
     """Return the key or the index of a part of a path; robots are known by their ids."""
-    there: dict[str, Any] = {}
+    there: dict[str, object] = {}
     if isinstance(place, dict):
         there = {str(key): key for key in place}
     elif isinstance(place, list):
@@ -128,12 +128,12 @@ def _key(place: Any, part: str, path: str, where: str) -> Any:
     return there[part]
 
 
-def _name(entry: Any, index: int) -> Any:
+def _name(entry: object, index: int) -> object:
     """Return what an entry of a list is called: a robot's id, a group's first id, otherwise its number from 0 on."""
     return entry.get("id", entry.get("first_id", index)) if isinstance(entry, dict) else index
 
 
-def _taken_apart(behaviour: str) -> dict[str, Any]:
+def _taken_apart(behaviour: str) -> dict[str, object]:
     """Return `name,key=value,...` as a mapping."""
     name, *pairs = behaviour.split(",")
     settings = {key.strip(): value.strip() for key, _, value in (pair.partition("=") for pair in pairs)}

@@ -2,23 +2,26 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.sweep.settings import Value
 from cmr.team.metrics import UNITS
 
 LONGEST_LABELS = 80  # characters of all labels together that stand side by side
 SMALLEST_SPAN = 0.01  # of the values, that an axis shows: what differs by less, as by rounding, is to look the same
+Row: TypeAlias = Mapping[str, Value]  # settings and results of a run by name
 PAGE, WIDEST = 12.0, 60.0  # inches: of panels side by side, and of one with many combinations
 
 
 def write_tables(
-    rows: Sequence[Mapping[str, Any]], settings: Sequence[str], metrics: Sequence[str], out: Path, name: str
+    rows: Sequence[Row], settings: Sequence[str], metrics: Sequence[str], out: Path, name: str
 ) -> list[str]:
     """Write runs.parquet and summary.png below `out`; return lines that say what was found, and where it is."""
     shown = [metric for metric in metrics if all(metric in row for row in rows)]
@@ -28,7 +31,7 @@ def write_tables(
     return [*medians(rows, settings, shown), f"{table}: a row for each of {len(rows)} runs", f"{picture}: a picture"]
 
 
-def write_parquet(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+def write_parquet(rows: Sequence[Row], path: Path) -> None:
     """Write a row for each run; the file is whole or not there. Settings of mixed kinds become texts."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     columns = {name: _column([row.get(name) for row in rows]) for name in names}
@@ -37,19 +40,17 @@ def write_parquet(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     temporary.replace(path)
 
 
-def _column(values: list[Any]) -> list[Any]:
+def _column(values: list[Value]) -> list[Value]:
     kinds = {type(value) for value in values if value is not None}
     return values if len(kinds) < 2 or kinds == {int, float} else [str(value) for value in values]
 
 
-def draw_summary(
-    rows: Sequence[Mapping[str, Any]], settings: Sequence[str], metrics: Sequence[str], title: str, path: Path
-) -> None:
+def draw_summary(rows: Sequence[Row], settings: Sequence[str], metrics: Sequence[str], title: str, path: Path) -> None:
     """Write a picture: for each metric, how it is spread over the seeds, beside one another for each combination."""
-    groups: dict[str, list[Mapping[str, Any]]] = {}
+    groups: dict[str, list[Row]] = {}
     for row in rows:
         groups.setdefault("\n".join(f"{key} = {row[key]}" for key in settings) or "all seeds", []).append(row)
-    shown = [name for name in metrics if any(np.isfinite(row[name]) for row in rows)]
+    shown = [name for name in metrics if any(np.isfinite(_measured(row, name)) for row in rows)]
     crowded = len(groups) * max(map(len, groups)) > LONGEST_LABELS
     width = float(np.clip((0.4 if crowded else 1.4) * len(groups) + 1.5, 3.6, WIDEST))
     across = max(1, min(len(shown), int(PAGE / width)))
@@ -60,14 +61,22 @@ def draw_summary(
     )
     panels = list(figure.subplots(down, across, squeeze=False).flat)
     for axes, name in zip(panels, shown, strict=False):
-        _draw_metric(axes, name, [[row[name] for row in members] for members in groups.values()])
+        _draw_metric(axes, name, [[_measured(row, name) for row in members] for members in groups.values()])
         axes.set_xticks(range(len(groups)), list(groups), rotation=90 if crowded else 0, fontsize=8)
     for axes in panels[len(shown) :]:
         axes.set_visible(False)
     figure.savefig(path, dpi=120)
 
 
-def _draw_metric(axes: Any, name: str, groups: Sequence[Sequence[float]]) -> None:
+def _measured(row: Row, name: str) -> float:
+    """Return a metric of a run. Raises TypeError where it is no number."""
+    value = row[name]
+    if not isinstance(value, (int, float)):
+        raise TypeError(f"{name} is {value!r}, no number")
+    return float(value)
+
+
+def _draw_metric(axes: Axes, name: str, groups: Sequence[Sequence[float]]) -> None:
     """Draw one metric: each run of each group as a point, and beside them the median and the middle 90 %."""
     finite = [values[np.isfinite(values)] for values in (np.array(group, dtype=float) for group in groups)]
     spread = [place + np.linspace(-0.25, 0.1, len(values)) for place, values in enumerate(finite)]
@@ -86,16 +95,16 @@ def _draw_metric(axes: Any, name: str, groups: Sequence[Sequence[float]]) -> Non
     axes.grid(axis="y", alpha=0.3)
 
 
-def medians(rows: Sequence[Mapping[str, Any]], settings: Sequence[str], metrics: Sequence[str]) -> list[str]:
+def medians(rows: Sequence[Row], settings: Sequence[str], metrics: Sequence[str]) -> list[str]:
     """Return a line for each combination of settings: the median of each metric over the seeds, with its unit."""
-    groups: dict[str, list[Mapping[str, Any]]] = {}
+    groups: dict[str, list[Row]] = {}
     for row in rows:
         groups.setdefault(repr([row[key] for key in settings]), []).append(row)  # a value may be a list
     return [_median_line({key: group[0][key] for key in settings}, group, metrics) for group in groups.values()]
 
 
-def _median_line(values: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], metrics: Sequence[str]) -> str:
-    numbers = {name: [row[name] for row in rows if np.isfinite(row[name])] for name in metrics}
+def _median_line(values: Row, rows: Sequence[Row], metrics: Sequence[str]) -> str:
+    numbers = {name: [value for row in rows if np.isfinite(value := _measured(row, name))] for name in metrics}
     told = [f"{name} {np.median(found):.4g} {UNITS.get(name, '')}" for name, found in numbers.items() if found]
     away = sum(row.get("waypoints_reached") is False for row in rows)
     if away and "time_to_goal" in metrics:

@@ -10,7 +10,6 @@ taken, without correlations, which a file does not tell.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +84,7 @@ def drawn_from(paths: Sequence[Path], robot_ids: Sequence[int], seed: int) -> di
     return {robot_id: population.draw(seed, robot_id) for robot_id in robot_ids}
 
 
-def _table(names: Sequence[str], robots: Sequence[Mapping[str, Any]]) -> Floats:
+def _table(names: Sequence[str], robots: Sequence[Mapping[str, object]]) -> Floats:
     """Return the robots' values, shape (n, p).
 
     Where a robot lacks an effect, what switches it on is neutral; what only says when or where it acts is as others

@@ -3,6 +3,6 @@
 from typing import Any
 
 
-def write(handle: Any, value: Any) -> None:
+def write(handle: Any, value: object) -> None:
     """Put a value into an input of a page."""
     handle.value = value

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import viser
@@ -100,7 +100,7 @@ class Page:
         """Choose a robot, as by a click on it."""
         write(self._robot, robot_id)
 
-    def wish(self, what: str, value: Any = None) -> None:
+    def wish(self, what: str, value: object = None) -> None:
         """Ask for something, if the visitor may."""
         if self.permission.asks(what):
             self._wishes.put(Wish(what, self.client.client_id, value))
@@ -204,10 +204,10 @@ class Page:
         self._trail_seconds = gui.add_slider("trails [s]", 0, 60, 1, 10)
         self._mode.on_update(self._change_mode)
 
-    def _change_mode(self, _event: Any) -> None:
+    def _change_mode(self, _event: object) -> None:
         self._mode_changed = True
 
-    def _take_token(self, _event: Any) -> None:
+    def _take_token(self, _event: object) -> None:
         if self._token.value and self.permission.try_token(self._token.value):
             write(self._token, "")
             self._show_permission()
@@ -226,12 +226,12 @@ class Page:
         with modal:
             self.client.gui.add_markdown("Robots that are commanded will move again.")
             yes, no = self.client.gui.add_button("reset", color="red"), self.client.gui.add_button("leave it engaged")
-        yes.on_click(self._closing(modal, lambda: self.wish(RELEASE)))
-        no.on_click(self._closing(modal, lambda: None))
+        yes.on_click(self._closing(modal.close, lambda: self.wish(RELEASE)))
+        no.on_click(self._closing(modal.close, lambda: None))
 
-    def _closing(self, modal: Any, act: Callable[[], None]) -> Callable[[Any], None]:
-        def close(_event: Any) -> None:
+    def _closing(self, close_modal: Callable[[], None], act: Callable[[], None]) -> Callable[[object], None]:
+        def close(_event: object) -> None:
             act()
-            modal.close()
+            close_modal()
 
         return close

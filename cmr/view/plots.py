@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from html import escape
-from typing import Any
 
 import numpy as np
 import viser
@@ -33,7 +32,7 @@ FULL = f"There are {MOST_PLOTS} plots; remove one before you add another."
 class Plots:
     """Lets a visitor choose signals, and draws them."""
 
-    def __init__(self, gui: viser.GuiApi, container: Any, windows: Sequence[str]) -> None:
+    def __init__(self, gui: viser.GuiApi, container: viser.GuiTabHandle, windows: Sequence[str]) -> None:
         self._gui, self._container = gui, container
         self.window = windows[0]
         self.chosen: list[FieldName] = []
@@ -75,14 +74,14 @@ class Plots:
             self._channel.options = options
             write(self._channel, chosen)
 
-    def _take_channel(self, event: Any) -> None:
+    def _take_channel(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         source = self._sources.get(self._channel.value)
         if event.client_id is not None:
             self._names = {str(name): name for name in source.signals()} if source else {}
             self._signal.options = (SIGNAL, *self._names)
             write(self._signal, SIGNAL)
 
-    def _take_signal(self, event: Any) -> None:
+    def _take_signal(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         name = self._names.get(self._signal.value)
         if event.client_id is None or name is None:
             return
@@ -90,10 +89,10 @@ class Plots:
         if name not in self.chosen and len(self.chosen) < MOST_PLOTS:
             self.chosen = [*self.chosen, name]
 
-    def _take_window(self, _event: Any) -> None:
+    def _take_window(self, _event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         self.window = self._window.value
 
-    def _take_remove(self, event: Any) -> None:
+    def _take_remove(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         if event.client_id is not None and self._remove.value != REMOVE:
             self.chosen = [name for name in self.chosen if str(name) != self._remove.value]
             write(self._remove, REMOVE)

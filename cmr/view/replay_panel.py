@@ -4,7 +4,6 @@ import math
 import re
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import viser
 
@@ -64,7 +63,7 @@ class ReplayPanel:
         gui.add_command(f"back {step}", hotkey="arrowleft").on_trigger(self._stepping(-STEP_BY_KEY))
         gui.add_command(f"on {step}", hotkey="arrowright").on_trigger(self._stepping(STEP_BY_KEY))
 
-    def _stepping(self, seconds: float) -> Callable[[Any], None]:
+    def _stepping(self, seconds: float) -> Callable[[object], None]:
         return lambda _event: self._ask(JUMP, self._playback.position + int(seconds * 1e6))
 
     def show(self) -> None:
@@ -107,20 +106,20 @@ class ReplayPanel:
         minutes, seconds = divmod(self._seconds(mark.utime), 60.0)
         return f"{number + 1}. {minutes:.0f}:{seconds:04.1f} {mark.sentence[:80]}"
 
-    def _slide(self, event: Any) -> None:
+    def _slide(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
         if event.client_id is not None:
             self._touched = time.monotonic()
             self._ask(JUMP, self._playback.index.begin + int(self._slider.value * 1e6))
 
-    def _type(self, event: Any) -> None:
+    def _type(self, event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
         if event.client_id is not None:
             self._typed, self._wanted = time.monotonic(), seconds_of(self._time.value)
 
-    def _change_speed(self, event: Any) -> None:
+    def _change_speed(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         if event.client_id is not None:
             self._ask(SPEED, float(self._speed.value))
 
-    def _choose_event(self, event: Any) -> None:
+    def _choose_event(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
         if event.client_id is None or self._events.value == CHOOSE:
             return
         number = int(self._events.value.split(".", 1)[0]) - 1

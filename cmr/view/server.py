@@ -10,10 +10,10 @@ import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from queue import Empty
-from typing import Any
 
 import viser
 
+from cmr.bus.fields import FieldName
 from cmr.view.camera import INITIAL
 from cmr.view.opening import MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
 from cmr.view.page import REFUSED, Surroundings, refuse
@@ -194,7 +194,7 @@ class PageServer:
 
     def _want_curves(self) -> None:
         """Let everything that is shown keep the signals that its visitors plot."""
-        showings: dict[int, tuple[Showing, list[Any]]] = {id(self._showing): (self._showing, [])}
+        showings: dict[int, tuple[Showing, list[FieldName]]] = {id(self._showing): (self._showing, [])}
         for visit in self.visits.values():
             showings.setdefault(id(visit.showing), (visit.showing, []))[1].extend(visit.page.plotted)
         for showing, names in showings.values():

@@ -1,7 +1,7 @@
 """What a page shows and how wishes are fulfilled: the live world, or a log that is played."""
 
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from cmr.bus.messages import now_utime
 from cmr.recordings.events import EventReader
@@ -134,9 +134,12 @@ class LogShowing:
     def fulfil(self, wish: Wish, utime: int) -> None:
         """Do what a visitor wishes."""
         _stop_or_release(self.orders, wish, utime)
-        acts: dict[str, Any] = {PAUSE: self._pause, SPEED: self._set_speed, JUMP: self._playback.jump}
-        if wish.what in acts:
-            acts[wish.what](wish.value)
+        if wish.what == PAUSE:
+            self._pause()
+        elif wish.what == SPEED:
+            self._playback.speed = wish.value
+        elif wish.what == JUMP:
+            self._playback.jump(wish.value)
 
     def head(self) -> str:
         """Return where the log is and who is there."""
@@ -161,15 +164,12 @@ class LogShowing:
         """Return what is played."""
         return f"Plays {self.name}."
 
-    def _pause(self, _value: Any) -> None:
+    def _pause(self) -> None:
         if self._playback.at_end:
             self._playback.jump(self._playback.index.begin)
             self._playback.paused = False
         else:
             self._playback.paused = not self._playback.paused
-
-    def _set_speed(self, speed: float) -> None:
-        self._playback.speed = speed
 
 
 def crowd(state: ViewState) -> str:

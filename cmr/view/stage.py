@@ -1,7 +1,6 @@
 """The scene that all visitors see, drawn with viser."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import viser
@@ -29,9 +28,16 @@ class Instances:
     """
 
     def __init__(
-        self, scene: viser.SceneApi, name: str, mesh: shapes.Mesh, plain: shapes.Mesh | None = None, **look: Any
+        self,
+        scene: viser.SceneApi,
+        name: str,
+        mesh: shapes.Mesh,
+        plain: shapes.Mesh | None = None,
+        *,
+        flat_shading: bool = False,
+        opacity: float | None = None,
     ) -> None:
-        self._scene, self._name, self._look = scene, name, look
+        self._scene, self._name, self._look = scene, name, (flat_shading, opacity)
         self._mesh, self._plain = mesh, plain or mesh
         self._handle: viser.BatchedMeshHandle | None = None
         self._on_click: Callable[[int, int], None] | None = None
@@ -67,12 +73,13 @@ class Instances:
             lod="off",
             cast_shadow=False,
             receive_shadow=False,
-            **self._look,
+            flat_shading=self._look[0],
+            opacity=self._look[1],
         )
         if self._on_click is not None:
             self._handle.on_click(self._clicked)
 
-    def _clicked(self, event: Any) -> None:
+    def _clicked(self, event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
         if self._on_click is not None and event.instance_index is not None:
             self._on_click(event.client_id, event.instance_index)
 

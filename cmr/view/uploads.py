@@ -5,10 +5,11 @@ refuse before anything is kept.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 import viser
 from viser import _messages
+from viser.infra import ClientId
 
 from cmr.view import words
 from cmr.view.opening import RefusedLog
@@ -17,6 +18,7 @@ DROP = "Drop an event log, such as run.lcm, anywhere on this page. It is played 
 LAST = 1e18  # in the order of what is on a page, which otherwise is that of time
 Check = Callable[[int], None]
 Take = Callable[[str, bytes], None]
+M = TypeVar("M", bound=_messages.Message)
 
 
 class Upload:
@@ -42,11 +44,11 @@ class Upload:
         if self.button.disabled == allowed:
             self.button.disabled = not allowed
 
-    def _replace(self, message: Any, ours: Any) -> None:
+    def _replace(self, message: type[M], ours: Callable[[ClientId, M], None]) -> None:
         self._gui._websock_interface.unregister_handler(message)
         self._gui._websock_interface.register_handler(message, ours)
 
-    def _start(self, client_id: Any, message: Any) -> None:
+    def _start(self, client_id: ClientId, message: _messages.FileTransferStartUpload) -> None:
         try:
             self._check(message.size_bytes)
         except RefusedLog as refused:
@@ -55,14 +57,14 @@ class Upload:
         else:
             self._gui._handle_file_transfer_start(client_id, message)
 
-    def _part(self, client_id: Any, message: Any) -> None:
+    def _part(self, client_id: ClientId, message: _messages.FileTransferPart) -> None:
         state = self._gui._current_file_upload_states.get(message.transfer_uuid)
         if state is not None and state["transferred_bytes"] + len(message.content) > state["total_bytes"]:
             self._gui._current_file_upload_states.pop(message.transfer_uuid, None)  # more than was announced
         else:
             self._gui._handle_file_transfer_part(client_id, message)
 
-    def _end_progress(self, message: Any) -> None:
+    def _end_progress(self, message: _messages.FileTransferStartUpload) -> None:
         """Let the browser end its display of progress, and have its button again."""
         self._gui._websock_interface.queue_message(
             _messages.FileTransferPartAck(
@@ -73,7 +75,7 @@ class Upload:
             )
         )
 
-    def _arrived(self, _event: Any) -> None:
+    def _arrived(self, _event: object) -> None:
         sent = self.button.value
         self.button._impl.value = viser.UploadedFile("", b"")  # or it would stay in memory
         try:

@@ -1,6 +1,6 @@
 """A follower: drives where its leader drove, at a distance."""
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Follow(Seeker):
         self._trails = Paths()
         self._leaders = Leaders(self.memory)
 
-    def adopt(self, robot_id: int, settings: dict[str, Any]) -> None:
+    def adopt(self, robot_id: int, settings: dict[str, object]) -> None:
         """Let one robot have a leader, or a gap, of its own."""
         self._leaders.adopt(robot_id, settings)
 

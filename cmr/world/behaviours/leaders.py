@@ -1,7 +1,5 @@
 """Who goes by whom: the leaders of robots that each may have one of their own."""
 
-from typing import Any
-
 import numpy as np
 
 from cmr.world.behaviours.team import Indices, Memory
@@ -15,7 +13,7 @@ class Leaders:
         self._memory = memory
         self._known: tuple[Indices, Members, Indices] | None = None
 
-    def adopt(self, robot_id: int, settings: dict[str, Any]) -> None:
+    def adopt(self, robot_id: int, settings: dict[str, object]) -> None:
         """Let one robot have a leader, or whatever else is remembered of each, of its own."""
         row, self._known = self._memory.row(robot_id), None
         for name, value in settings.items():

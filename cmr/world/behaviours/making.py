@@ -2,9 +2,9 @@
 
 import inspect
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib import import_module
-from typing import Any, TypeAlias, get_args
+from typing import TypeAlias, get_args
 
 from cmr.world.behaviours.behaviour import Behaviour, BehaviourError
 from cmr.world.behaviours.team import TeamBehaviour
@@ -42,12 +42,13 @@ def make_behaviours(descriptions: Mapping[int, tuple[str, Mapping[str, str]]]) -
     They can when they have the same name and settings, apart from settings that it takes for each robot.
     Raises BehaviourError as make_behaviour does.
     """
-    shared: dict[Any, TeamBehaviour] = {}
+    shared: dict[object, TeamBehaviour] = {}
     made: dict[int, AnyBehaviour] = {}
     for robot_id, (description, settings) in descriptions.items():
         kind = _kind(description)
         values = _values(kind, description, settings)
-        own = {name: values[name] for name in values if issubclass(kind, TeamBehaviour) and name in kind.per_robot}
+        per_robot = kind.per_robot if issubclass(kind, TeamBehaviour) else ()
+        own = {name: values[name] for name in values if name in per_robot}
         key = (kind, *sorted((name, value) for name, value in values.items() if name not in own))
         behaviour = shared.get(key)
         if behaviour is None or own:
@@ -56,13 +57,13 @@ def make_behaviours(descriptions: Mapping[int, tuple[str, Mapping[str, str]]]) -
                 made[robot_id] = alone
                 continue
             behaviour = shared.setdefault(key, alone)
-        if isinstance(behaviour, TeamBehaviour) and kind.per_robot:
-            behaviour.adopt(robot_id, _with_defaults(kind, own))
+        if per_robot:
+            behaviour.adopt(robot_id, _with_defaults(kind, per_robot, own))
         made[robot_id] = behaviour
     return made
 
 
-def _kind(description: str) -> Any:
+def _kind(description: str) -> type[AnyBehaviour]:
     """Return the class of a behaviour."""
     target = SHIPPED.get(description) or _of_packages().get(description, description)
     module_name, _colon, class_name = target.partition(":")
@@ -91,7 +92,7 @@ def _told(names: Mapping[str, str]) -> str:
     return f"of packages: {', '.join(sorted(names))}; " if names else ""
 
 
-def _values(kind: Any, description: str, settings: Mapping[str, str]) -> dict[str, float | str]:
+def _values(kind: type[AnyBehaviour], description: str, settings: Mapping[str, str]) -> dict[str, float | str]:
     """Return the settings as the constructor takes them."""
     allowed = inspect.signature(kind).parameters
     unknown = set(settings) - set(allowed)
@@ -100,7 +101,7 @@ def _values(kind: Any, description: str, settings: Mapping[str, str]) -> dict[st
     return {name: _value(name, text, allowed[name].annotation) for name, text in settings.items()}
 
 
-def _made(kind: Any, description: str, values: Mapping[str, float | str]) -> AnyBehaviour:
+def _made(kind: type[AnyBehaviour], description: str, values: Mapping[str, float | str]) -> AnyBehaviour:
     try:
         behaviour: AnyBehaviour = kind(**values)
     except (ValueError, TypeError) as error:
@@ -108,10 +109,12 @@ def _made(kind: Any, description: str, values: Mapping[str, float | str]) -> Any
     return behaviour
 
 
-def _with_defaults(kind: Any, own: Mapping[str, float | str]) -> dict[str, Any]:
+def _with_defaults(
+    kind: type[AnyBehaviour], per_robot: Iterable[str], own: Mapping[str, float | str]
+) -> dict[str, object]:
     """Return the values of all settings that robots may have of their own."""
     parameters = inspect.signature(kind).parameters
-    return {name: own.get(name, parameters[name].default) for name in kind.per_robot}
+    return {name: own.get(name, parameters[name].default) for name in per_robot}
 
 
 def _value(name: str, text: str, annotation: object) -> float | str:

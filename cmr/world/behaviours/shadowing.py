@@ -1,6 +1,6 @@
 """A shadow: does as its leader does, in a place of its own, turns on the spot included."""
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Shadow(TeamBehaviour):
         self._memory = Memory(leader=leader, tracked=0.0, turn=0.0, shift_x=0.0, shift_y=0.0)
         self._leaders = Leaders(self._memory)
 
-    def adopt(self, robot_id: int, settings: dict[str, Any]) -> None:
+    def adopt(self, robot_id: int, settings: dict[str, object]) -> None:
         """Let one robot have a leader of its own."""
         self._leaders.adopt(robot_id, settings)
 
