@@ -178,7 +178,7 @@ def test_a_robot_sent_over_the_geofence_stops_inside_of_it(goal: str) -> None:
     bench.world.geofence = Geofence([(-1.0, -1.0), (2.0, -1.0), (2.0, 2.0), (-1.0, 2.0)])
     for _ in bench.run(12.0):
         assert bench.world.geofence.contains(bench.x, bench.y).all()
-    assert bench.world.geofence.distance(bench.x, bench.y)[0] < 0.1
+    assert np.asarray(bench.world.geofence.distance(bench.x, bench.y))[0] < 0.1
     assert abs(bench.speed[0]) < 0.01
 
 

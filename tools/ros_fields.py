@@ -6,7 +6,7 @@ A step may choose one of an array: by its index (`data[2]`), by the message's ow
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -83,14 +83,14 @@ def _stepper(step: Step) -> Callable[[Any], Any]:
     return partial(_named, step)
 
 
-def _member(name: str, parent: Any) -> Any:
+def _member(name: str, parent: object) -> Any:
     try:
         return getattr(parent, name)
     except AttributeError:
         raise AbsentError(f"no {name!r}; there is {_listed(_members(parent))}") from None
 
 
-def _yaw(name: str, parent: Any) -> Any:
+def _yaw(name: str, parent: object) -> Any:
     if hasattr(parent, name):
         return getattr(parent, name)
     return heading(*(_member(part, parent) for part in "xyzw"))
@@ -104,7 +104,7 @@ def heading(x: float, y: float, z: float, w: float) -> float:
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
-def _element(step: Step, index: int, parent: Any) -> Any:
+def _element(step: Step, index: int, parent: object) -> Any:
     values = _member(step.name, parent)
     try:
         return values[index]
@@ -113,7 +113,7 @@ def _element(step: Step, index: int, parent: Any) -> Any:
         raise AbsentError(f"no {step}; {step.name} has {size} elements") from None
 
 
-def _named(step: Step, parent: Any) -> Any:
+def _named(step: Step, parent: object) -> Any:
     names = list(_member("name", parent))
     if step.chosen not in names:
         raise AbsentError(f"no {step}; names there are {_listed(map(str, names))}")
@@ -124,7 +124,7 @@ def _named(step: Step, parent: Any) -> Any:
     return values[index]
 
 
-def _between_frames(step: Step, parent: str, child: str, message: Any) -> Any:
+def _between_frames(step: Step, parent: str, child: str, message: object) -> Any:
     pairs = []
     for transform in _member(step.name, message):
         pair = transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/")
@@ -134,12 +134,12 @@ def _between_frames(step: Step, parent: str, child: str, message: Any) -> Any:
     raise AbsentError(f"no {step}; transforms there are {_listed(pairs)}")
 
 
-def _members(value: Any) -> list[str]:
+def _members(value: object) -> list[str]:
     members = getattr(value, "__dataclass_fields__", None) or getattr(value, "__dict__", {})
     return [name for name in members if not name.startswith("_")]
 
 
-def _listed(names: Any) -> str:
+def _listed(names: Iterable[str]) -> str:
     names = list(dict.fromkeys(map(plain, names)))
     more = ", ..." if len(names) > MOST_NAMES else ""
     return ", ".join(names[:MOST_NAMES]) + more or "nothing"

@@ -6,7 +6,6 @@ gives the same numbers as the drive itself.
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from cmr.calibration.result import CalibrationResult
 from cmr.calibration.running import RunningFit
 from cmr.calibration.segments import LEAD
 from cmr.estimation.estimates import Estimate, EstimationError
-from cmr.model.velocity_controller import VelocityController
+from cmr.model.velocity_controller import Q, VelocityController
 from cmr.msg import calibration_status_t, motor_feedback_t
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import COMMAND_SIGNALS, KEPT, LAST_NUMBER, RobotMessages
@@ -235,7 +234,7 @@ class Calibrator:
         columns = (wheels.utime, wheels.columns["psi_left"], wheels.columns["psi_right"])
         yield from zip(*(column.tolist() for column in columns), strict=True)
 
-    def _asked(self, stream: Stream[Message], first: Any, second: Any) -> tuple[Any, Any]:
+    def _asked(self, stream: Stream[Message], first: Q, second: Q) -> tuple[Q, Q]:
         """Return what commands ask of the wheels of both sides: duties, or speeds.
 
         Turns of the body go by the width that is known; without one, commands say nothing.

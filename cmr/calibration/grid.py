@@ -1,7 +1,7 @@
 """The paper's grid search: every candidate drives the whole path; the nearest to the real path wins."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -175,7 +175,7 @@ def _point(axes: Axes, index: int) -> dict[str, float]:
     return {name: float(axis[i]) for name, axis, i in zip(names, axes, at, strict=True)}
 
 
-def axes_for(segments: list[Segment], wheel_radius: float, base_width: float | None) -> tuple[Any, Any, Any]:
+def axes_for(segments: list[Segment], wheel_radius: float, base_width: float | None) -> tuple[Floats, Floats, Floats]:
     """Choose the grid's axes from the data alone, so that a wrong nominal value cannot mislead the search.
 
     `base_width` fixes that axis where the robot did not turn. Raises EstimationError when commands and motion

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cmr.estimation.encoders import moved_on, tick_of, within_tick
 from cmr.model.motion import RobotState, Trajectory, drive
@@ -111,7 +111,7 @@ class Segment:
         """Whether the robot moved when the segment began, so that its wheel speeds are known only roughly."""
         return max(self.start_psi_std) > 0.0
 
-    def simulate(self, parameters: RobotParameters, psi: tuple[Any, Any] | None = None) -> Trajectory:
+    def simulate(self, parameters: RobotParameters, psi: tuple[ArrayLike, ArrayLike] | None = None) -> Trajectory:
         """Drive the recorded duties with the motor model; the trajectory at all borders.
 
         `psi` are wheel speeds at the start [rad/s], arrays of candidates perhaps, in place of the measured ones.

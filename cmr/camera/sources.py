@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -186,7 +186,7 @@ class Video:
         if path.suffix.lower() not in CODES:
             raise SourceError(f"{path}: a video's name ends with {', '.join(CODES)}.")
         self._path, self._rate = path, rate
-        self._writer: Any = None
+        self._writer: cv2.VideoWriter | None = None
         self._first = self._written = 0
         self._size = (0, 0)
 

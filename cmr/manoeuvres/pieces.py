@@ -7,7 +7,7 @@ the duties of both sides. Its last knot is its end. It begins wherever the piece
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,13 @@ class Duties:
         """How long they last [s]."""
         return float(self.time[-1])
 
-    def at(self, time: Any) -> tuple[Any, Any]:
+    @overload
+    def at(self, time: float) -> tuple[np.float64, np.float64]: ...
+
+    @overload
+    def at(self, time: NDArray[np.floating]) -> tuple[Floats, Floats]: ...
+
+    def at(self, time: float | NDArray[np.floating]) -> tuple[np.float64 | Floats, np.float64 | Floats]:
         """Return the duties (left, right) at times [s]; before the beginning and after the end they are zero."""
         return np.interp(time, self.time, self.left), np.interp(time, self.time, self.right)
 

@@ -8,7 +8,6 @@ A package adds effects by an entry point of the group `cmr.effects`, each pointi
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
@@ -61,7 +60,7 @@ def definition(name: str) -> ParameterDefinition:
     raise KeyError(f"unknown parameter {name}; known: {', '.join(DEFINITIONS)}")
 
 
-def effects_on(values: Mapping[str, Any]) -> list[Effect]:
+def effects_on(values: Mapping[str, object]) -> list[Effect]:
     """Return the effects that these parameter values, by name, switch on; generic terms come last.
 
     Raises KeyError for a name that is no parameter.
@@ -76,7 +75,7 @@ def typical(effect: Effect) -> dict[str, float]:
     return {parameter.name: float(parameter.typical or 0.0) for parameter in effect.parameters}
 
 
-def with_effects(parameters: RobotParameters, values: Mapping[str, Any]) -> RobotParameters:
+def with_effects(parameters: RobotParameters, values: Mapping[str, object]) -> RobotParameters:
     """Return the parameters with these values, by name, in place of their own."""
     return RobotParameters.of({**parameters.values, **values})
 

@@ -103,7 +103,7 @@ def _average(row, time, duty, dt, delay, step, first, last):  # type: ignore[no-
             since, left, right = until, duty[number, 0], duty[number, 1]
 
 
-def fixed_delays(values: Mapping[str, Any]) -> Floats | None:
+def fixed_delays(values: Mapping[str, Floats]) -> Floats | None:
     """Return by how long [s] commands are late for each candidate, (C,); None where chance acts on any of them.
 
     `values` of parameters, by name, are arrays (C,).
@@ -117,11 +117,11 @@ def fixed_delays(values: Mapping[str, Any]) -> Floats | None:
     return np.asarray(lowest["delay"], np.float64)
 
 
-def _packet(given: Mapping[str, Any], random: float) -> dict[str, Any]:
+def _packet(given: Mapping[str, Floats], random: float) -> dict[str, Floats]:
     """Return what becomes of a command whose random numbers are all the same; arrays (C,) by name."""
     neutral = {name: DEFINITIONS[name].neutral for name in _late_parameters()}
     zero = np.zeros(len(next(iter(given.values()))))
-    drawn = {"random_number": lambda *_stream: random, "seed": 0, "count": 0, "robot": 0}
+    drawn: dict[str, Any] = {"random_number": lambda *_stream: random, "seed": 0, "count": 0, "robot": 0}
     stage = evaluated(tuple(effect.name for effect in late(CATALOGUE.values())), "packet")
     return stage({**neutral, **given, **drawn, "delay": zero, "lost": zero > 0.0})
 

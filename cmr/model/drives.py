@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from cmr.model.commands import PROFILE, fill_profiles
 if TYPE_CHECKING:
     from cmr.model.observer import Observations
 
+S = TypeVar("S", bound=np.generic)
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 MOST_PROFILES = 16  # that are kept: candidates mostly have the same few delays
@@ -120,6 +121,6 @@ def ends_of(counts: Sequence[int] | Indices) -> Indices:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def _joined(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
+def _joined(arrays: Sequence[NDArray[S]]) -> NDArray[S]:
     """Return the rows of all arrays in one, which compiled functions take."""
     return np.ascontiguousarray(arrays[0] if len(arrays) == 1 else np.concatenate(arrays))

@@ -6,7 +6,6 @@ composed of the statements of all entries, and the documentation prints them.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from cmr.model.command_kinds import KINDS
 from cmr.model.parameters import ParameterDefinition
@@ -77,7 +76,7 @@ class Effect:
         """Whether the effect changes what sensors say and leaves the motion alone."""
         return all(STAGES[stage].of_sensors for stage in self.equations)
 
-    def is_on(self, values: Mapping[str, Any]) -> bool:
+    def is_on(self, values: Mapping[str, object]) -> bool:
         """Tell whether any of these values, by parameter name, switches the effect on."""
         return any(
             not parameter.is_neutral(values[parameter.name])

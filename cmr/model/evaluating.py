@@ -5,12 +5,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.statements import OF_A_SIDE, SIDES, Statements, changed_by
 
-Evaluated = Callable[[Mapping[str, Any]], dict[str, Any]]
+Floats = NDArray[np.float64]
+Evaluated = Callable[[Mapping[str, ArrayLike | None]], dict[str, Floats]]
 FUNCTIONS = {name: getattr(np, name) for name in ("exp", "cos", "sin", "sqrt", "floor", "where", "sign", "inf", "pi")}
 
 
@@ -21,9 +22,9 @@ def evaluated(effects: tuple[str, ...], stage: str, side: str | None = None) -> 
     lines = statements.of(stage) if side is None else statements.of_side(stage, side)
     code = compile("\n".join(lines), f"<stage {stage}>", "exec")
 
-    def run(variables: Mapping[str, Any]) -> dict[str, Any]:
+    def run(variables: Mapping[str, ArrayLike | None]) -> dict[str, Floats]:
         names = {name: f"{name}_{side}" if side and name in OF_A_SIDE else name for name in variables}
-        scope = {names[name]: value for name, value in variables.items()}
+        scope: dict[str, Any] = {names[name]: value for name, value in variables.items()}
         with np.errstate(divide="ignore", invalid="ignore"):
             exec(code, dict(FUNCTIONS, min=np.minimum, max=np.maximum), scope)
         return {name: scope[names[name]] for name in variables}
@@ -31,7 +32,7 @@ def evaluated(effects: tuple[str, ...], stage: str, side: str | None = None) -> 
     return run
 
 
-def mean_radii(values: Mapping[str, Any]) -> NDArray[np.float64]:
+def mean_radii(values: Mapping[str, Floats]) -> NDArray[np.float64]:
     """Return the radius of each side's wheels [m] with all effects, on average over a turn: shape (2, C), left, right.
 
     `values` of parameters, by name, are arrays (C,); those that are missing are neutral.
@@ -42,7 +43,7 @@ def mean_radii(values: Mapping[str, Any]) -> NDArray[np.float64]:
     return np.stack([one["radius"].mean(axis=0) for one in sides])
 
 
-def slip_time(values: Mapping[str, Any]) -> NDArray[np.float64]:
+def slip_time(values: Mapping[str, Floats]) -> NDArray[np.float64]:
     """Return for how much of a wheel's acceleration [s] the ground lags behind the wheel, (C,), the same on both sides.
 
     `values` of parameters, by name, are arrays (C,); those that are missing are neutral.
@@ -65,5 +66,5 @@ def _of_radii() -> tuple[str, ...]:
 
 
 @cache
-def _neutral_radii() -> dict[str, Any]:
+def _neutral_radii() -> dict[str, float | None]:
     return {known.name: known.neutral for name in _of_radii() for known in CATALOGUE[name].parameters}

@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cmr.model import composed_loops, elementary, step_helpers
 from cmr.model.cache import cache_folder
@@ -38,7 +38,7 @@ class ExtendedModel:
         self.row = {name: index for index, name in enumerate(rows_of(self.effects, self.definitions))}
         self.module: Any = composed_module(compose(self.effects, self.definitions), composed_loops)
 
-    def on(self, values: Mapping[str, Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    def on(self, values: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell for which robots the values, by name, switch on any effect on the motion."""
         return self._differs([p for effect in self.effects for p in effect.parameters if p.switches], values, shape)
 
@@ -56,7 +56,7 @@ class ExtendedModel:
         return Candidates(self, values, len(start[0])).begun(start, time)
 
     def _differs(
-        self, definitions: Sequence[ParameterDefinition], values: Mapping[str, Any], shape: tuple[int, ...]
+        self, definitions: Sequence[ParameterDefinition], values: Mapping[str, ArrayLike], shape: tuple[int, ...]
     ) -> NDArray[np.bool_]:
         result = np.zeros(shape, dtype=bool)
         for definition in definitions:
@@ -146,7 +146,7 @@ def drive(
     right: Floats,
     dt: Floats,
     values: Mapping[str, Floats],
-    start: Sequence[Floats],
+    start: Sequence[Floats] | Floats,
     at: NDArray[np.int64],
     time: float = 0.0,
     seed: int = 0,

@@ -1,7 +1,6 @@
 """The robots of a fleet that move by the extended model."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ class ExtendedGroup:
         self._luck[: len(robots)] = robots
         # Robots that follow one another are read as a slice, which costs less than looking up each.
         first, last = int(robots[0]), int(robots[-1])
-        self._columns: Any = slice(first, last + 1) if last - first + 1 == len(robots) else robots
+        self._columns: slice | NDArray[np.int64] = slice(first, last + 1) if last - first + 1 == len(robots) else robots
 
     def remember(self, before: "ExtendedGroup", stays: NDArray[np.bool_], duty: Floats) -> None:
         """Take over the memory of the robots that were in the group before, as far as `stays` tells by index.

@@ -1,9 +1,10 @@
 """Many simulated robots, each with parameters of its own, advanced by one call."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cmr.model import paper
 from cmr.model.motion import LARGEST_HALF_TURN, RobotState, half_turn
@@ -16,6 +17,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 POSE_AND_SPEED = 5  # x, y, theta, psi_left, psi_right
 ROOM = 16  # robots for which there is room at first; it doubles whenever it is used up
+
+Index: TypeAlias = int | Sequence[int] | NDArray[np.int64] | slice  # of robots in a fleet
 
 
 class Fleet:
@@ -60,14 +63,14 @@ class Fleet:
         )
         return added
 
-    def place(self, index: Any, state: RobotState) -> None:
+    def place(self, index: Index, state: RobotState) -> None:
         """Put robots into another state; what they are commanded stays, and their time begins anew."""
         for row, values in zip(self._state, state[:POSE_AND_SPEED], strict=True):
             row[index] = values
         self._placed[index] = True
         self._changed = True
 
-    def set_parameters(self, index: Any, parameters: RobotParameters) -> None:
+    def set_parameters(self, index: Index, parameters: RobotParameters) -> None:
         """Let robots move by other parameters from now on; their states stay.
 
         Raises KeyError for an effect's parameter that the catalogue does not have.
@@ -81,7 +84,7 @@ class Fleet:
             numbers_of_all[index] = parameters.effects.get(name, _neutral(name))
         self._changed = True
 
-    def command(self, index: Any, left: Any, right: Any) -> None:
+    def command(self, index: Index, left: ArrayLike, right: ArrayLike) -> None:
         """Drive robots with these duties, in [-1, 1], from now on."""
         self._duty[0, index] = left
         self._duty[1, index] = right
@@ -101,7 +104,7 @@ class Fleet:
                 self._extended.advance(self._steps)
             self._steps += 1
 
-    def states(self, index: Any = None) -> RobotState:
+    def states(self, index: Index | None = None) -> RobotState:
         """Return the states as arrays, of all robots without an index; headings lie in (-pi, pi]."""
         states = np.empty((len(RobotState._fields), self._count))
         paper.read(self._state, self._duty, self._parameters, states)
@@ -181,5 +184,5 @@ def _neutral(name: str) -> float:
     return float(definition(name).neutral or 0.0)
 
 
-def _one_each(value: Any, shape: tuple[int, ...]) -> Floats:
+def _one_each(value: ArrayLike, shape: tuple[int, ...]) -> Floats:
     return np.broadcast_to(np.asarray(value, dtype=float), shape).ravel()

@@ -6,13 +6,18 @@ with the two-point Gauss-Legendre rule, whose error over a 10 ms step is some na
 """
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.body import arc, forward, turn
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 
+Floats: TypeAlias = NDArray[np.float64]
+Quantity: TypeAlias = float | Floats  # a number, or one for each candidate
+Borders: TypeAlias = NDArray[np.int64]
+Spans: TypeAlias = tuple[Floats, Floats, Floats]  # duties of left and right, and how long they last [s]
 LARGEST_HALF_TURN = 0.3  # rad between the middle of a step and its Gauss points; beyond, steps are split
 LONGEST_PART = 0.025  # s; errors grow with the fourth power
 MOST_PARTS = 1000  # into which a step is split; absurd parameters must not take for ever
@@ -43,16 +48,16 @@ class Trajectory(NamedTuple):
     turned since the start.
     """
 
-    x: Any
-    y: Any
-    theta: Any
-    psi_left: Any
-    psi_right: Any
-    angle_left: Any
-    angle_right: Any
+    x: Floats
+    y: Floats
+    theta: Floats
+    psi_left: Floats
+    psi_right: Floats
+    angle_left: Floats
+    angle_right: Floats
 
 
-def step(state: RobotState, left: Any, right: Any, parameters: RobotParameters, dt: float) -> RobotState:
+def step(state: RobotState, left: ArrayLike, right: ArrayLike, parameters: RobotParameters, dt: float) -> RobotState:
     """Return the state after `dt` [s] of constant duties `left` and `right`.
 
     What effects remember (lags, heat, gaps, delayed commands) begins anew at each call: for more than one step of
@@ -72,7 +77,7 @@ def step(state: RobotState, left: Any, right: Any, parameters: RobotParameters, 
     return RobotState(*(values.reshape(everything[0].shape)[()] for values in fleet.states()))
 
 
-def wheel_speeds(duty: Any, dt: Any, parameters: RobotParameters, psi: Any) -> Any:
+def wheel_speeds(duty: Floats, dt: Floats, parameters: RobotParameters, psi: ArrayLike) -> Floats:
     """Return the speeds of one side's wheels over a drive that starts at speed `psi`.
 
     `duty` and `dt` have shape (T,); the result has shape (T + 1, candidates...), candidates as the parameters
@@ -88,12 +93,12 @@ def wheel_speeds(duty: Any, dt: Any, parameters: RobotParameters, psi: Any) -> A
 
 
 def drive(
-    left: Any,
-    right: Any,
-    dt: Any,
+    left: ArrayLike,
+    right: ArrayLike,
+    dt: ArrayLike,
     parameters: RobotParameters,
     start: RobotState,
-    at: Any = None,
+    at: ArrayLike | None = None,
     *,
     time: float = 0.0,
     seed: int = 0,
@@ -107,8 +112,8 @@ def drive(
     span counts as one command. Raises KeyError for an effect's parameter that the catalogue does not have.
     """
     shape = np.broadcast_shapes(*(np.shape(value) for value in (*parameters.values.values(), *start[:5])))
-    borders = np.arange(len(dt) + 1) if at is None else np.ascontiguousarray(at, dtype=np.int64)
     spans = (_floats(left), _floats(right), _floats(dt))
+    borders = np.arange(len(spans[2]) + 1) if at is None else np.ascontiguousarray(at, dtype=np.int64)
     places = _lanes(start[:5], shape)
     paper = _lanes(parameters, shape)
     if not parameters.effects:
@@ -118,7 +123,7 @@ def drive(
     return Trajectory(*recorded.reshape(len(recorded), len(borders), *shape))
 
 
-def _drive_paper(spans: tuple[Any, Any, Any], parameters: Any, start: Any, at: Any) -> Any:
+def _drive_paper(spans: Spans, parameters: Floats, start: Floats, at: Borders) -> Floats:
     """Drive candidates of the paper's model, given as rows; return what is recorded, (7, len(at), candidates)."""
     from cmr.model import paper
 
@@ -130,15 +135,15 @@ def _drive_paper(spans: tuple[Any, Any, Any], parameters: Any, start: Any, at: A
 
 
 def _drive_mixed(
-    spans: tuple[Any, Any, Any],
-    paper: Any,
-    effects: Mapping[str, Any],
+    spans: Spans,
+    paper: Floats,
+    effects: Mapping[str, ArrayLike],
     shape: tuple[int, ...],
-    start: Any,
-    at: Any,
+    start: Floats,
+    at: Borders,
     time: float,
     seed: int,
-) -> Any:
+) -> Floats:
     """Drive candidates, those with effects by the extended model and the others by the paper's."""
     from cmr.model import extended
     from cmr.model.catalogue import definition
@@ -158,45 +163,47 @@ def _drive_mixed(
     return recorded
 
 
-def _columns(rows: Any, chosen: Any) -> Any:
+def _columns(rows: Floats, chosen: NDArray[np.bool_]) -> Floats:
     return np.ascontiguousarray(rows[:, chosen])
 
 
-def parts_of(dt: Any, wheel_radius: Any, base_width: Any, fastest: Any) -> Any:
+def parts_of(dt: Floats, wheel_radius: Quantity, base_width: Quantity, fastest: Quantity) -> NDArray[np.int64]:
     """Return in how many parts spans `dt` [s] are integrated: short ones, in which no robot turns far.
 
     `fastest` [rad/s] bounds the wheel speeds. One part is enough where commands come often; long spans, or wrong
     parameters, need more.
     """
     half_turn_in_a_second = np.max(half_turn(1.0, wheel_radius, base_width, fastest), initial=0.0)
-    parts = np.ceil(np.abs(dt) * np.maximum(half_turn_in_a_second / LARGEST_HALF_TURN, 1.0 / LONGEST_PART))
-    return np.clip(np.nan_to_num(parts, nan=1.0), 1.0, MOST_PARTS).astype(np.int64)
+    parts: Floats = np.ceil(np.abs(dt) * np.maximum(half_turn_in_a_second / LARGEST_HALF_TURN, 1.0 / LONGEST_PART))
+    bounded: Floats = np.clip(np.nan_to_num(parts, nan=1.0), 1.0, MOST_PARTS)
+    return bounded.astype(np.int64)
 
 
-def half_turn(dt: Any, wheel_radius: Any, base_width: Any, fastest: Any) -> Any:
+def half_turn(dt: Quantity, wheel_radius: Quantity, base_width: Quantity, fastest: Quantity) -> Floats:
     """Return by how much [rad] a robot turns at most between the middle of a span `dt` [s] and a Gauss point."""
-    return wheel_radius / base_width * fastest * dt / np.sqrt(3.0)
+    return np.asarray(wheel_radius / base_width * fastest * dt / np.sqrt(3.0), np.float64)
 
 
-def _lanes(values: Iterable[Any], shape: tuple[int, ...]) -> Any:
+def _lanes(values: Iterable[ArrayLike], shape: tuple[int, ...]) -> Floats:
     """Return values that broadcast to `shape` as rows of one array, one candidate a column."""
     return np.array([np.broadcast_to(value, shape).ravel() for value in values], dtype=float)
 
 
-def _floats(values: Any) -> Any:
+def _floats(values: ArrayLike) -> Floats:
     return np.ascontiguousarray(values, dtype=float)
 
 
-def _largest(arrays: Iterable[Any]) -> float:
+def _largest(arrays: Iterable[Floats]) -> float:
     return max((float(np.max(np.abs(array), initial=0.0)) for array in arrays), default=0.0)
 
 
-def roll(angle_left: Any, angle_right: Any, parameters: RobotParameters, start: RobotState) -> Trajectory:
+def roll(angle_left: ArrayLike, angle_right: ArrayLike, parameters: RobotParameters, start: RobotState) -> Trajectory:
     """Follow the wheels: the path (dead reckoning) of measured wheel angles, without any motor model.
 
     `angle_left`, `angle_right` [rad] are cumulative and have shape (T + 1,); so have the results, with candidates
     behind. Wheel speeds are not known and come back as NaN.
     """
+    angle_left, angle_right = np.asarray(angle_left, float), np.asarray(angle_right, float)
     candidates = max(np.ndim(value) for value in (*parameters, *start))
     in_time = (slice(None), *(np.newaxis,) * candidates)
     left, right = np.diff(angle_left)[in_time], np.diff(angle_right)[in_time]
@@ -208,7 +215,7 @@ def roll(angle_left: Any, angle_right: Any, parameters: RobotParameters, start: 
     return Trajectory(x, y, theta, unknown, unknown, angle_left, angle_right)
 
 
-def _accumulate(first: Any, increments: Any) -> Any:
+def _accumulate(first: ArrayLike, increments: Floats) -> Floats:
     """Return the running sum of `increments` along time, from `first` on; one entry longer than `increments`."""
     total = np.empty((len(increments) + 1, *np.broadcast_shapes(increments.shape[1:], np.shape(first))))
     total[0] = first

@@ -23,7 +23,7 @@ class ParameterDefinition:
     typical: float | None = None
     switches: bool = True
 
-    def is_neutral(self, value: Any) -> bool:
+    def is_neutral(self, value: object) -> bool:
         """Tell whether the value, or each of an array of values, is the neutral one."""
         import numpy as np  # half of the time that cmr-driver would take to start, which needs no arrays
 

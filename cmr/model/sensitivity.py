@@ -1,12 +1,13 @@
 """How a simulated drive changes with its parameters: one drive with additional lanes, not one drive each."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cmr.model.catalogue import definition
-from cmr.model.motion import RobotState, Trajectory, drive
+from cmr.model.motion import Floats, RobotState, Trajectory, drive
 from cmr.model.parameters import RobotParameters
 
 RELATIVE_STEP = 1e-4  # of the value or of the typical size, whichever is larger
@@ -20,13 +21,13 @@ class Sensitivities(NamedTuple):
 
 
 def sensitivities(
-    left: Any,
-    right: Any,
-    dt: Any,
+    left: Floats,
+    right: Floats,
+    dt: Floats,
     parameters: RobotParameters,
     start: RobotState,
     names: Sequence[str],
-    at: Any = None,
+    at: ArrayLike | None = None,
     *,
     time: float = 0.0,
     seed: int = 0,
@@ -62,7 +63,7 @@ def _stencil(name: str, value: float) -> tuple[tuple[float, float], tuple[float,
     return (step, -step), (0.0, 0.5 / step, -0.5 / step)
 
 
-def _derivatives(array: Any, weights: Sequence[tuple[float, float, float]]) -> Any:
+def _derivatives(array: Floats, weights: Sequence[tuple[float, float, float]]) -> Floats:
     columns = [
         here * array[:, 0] + first * array[:, 1 + 2 * k] + second * array[:, 2 + 2 * k]
         for k, (here, first, second) in enumerate(weights)

@@ -6,30 +6,38 @@ stamps. Noise is not part of the model.
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.evaluating import Evaluated, evaluated
-from cmr.model.motion import Trajectory
+from cmr.model.motion import Floats, Trajectory
 from cmr.model.parameters import RobotParameters
 from cmr.model.statements import SIDES
+
+Times: TypeAlias = NDArray[np.floating]  # s
 
 
 class Readings(NamedTuple):
     """What the sensors say, each at its own times: wheel angles [rad], yaw rate [rad/s], pose [m, m, rad]."""
 
-    angle_left: Any
-    angle_right: Any
-    yaw_rate: Any
-    x: Any
-    y: Any
-    theta: Any
+    angle_left: Floats
+    angle_right: Floats
+    yaw_rate: Floats
+    x: Floats
+    y: Floats
+    theta: Floats
 
 
 def read_sensors(
-    time: Any, motion: Trajectory, parameters: RobotParameters, encoder_time: Any, gyro_time: Any, pose_time: Any
+    time: Times,
+    motion: Trajectory,
+    parameters: RobotParameters,
+    encoder_time: Times,
+    gyro_time: Times,
+    pose_time: Times,
 ) -> Readings:
     """Return what the sensors say of one robot's motion.
 
@@ -54,7 +62,7 @@ def read_sensors(
     return Readings(sides["left"], sides["right"], gyro["reading"], *pose)
 
 
-def _turned(at: Any, time: Any, angle: Any, psi: Any) -> Any:
+def _turned(at: Floats, time: Times, angle: Floats, psi: Floats) -> Floats:
     """Return the angles [rad] of a wheel at some times [s]: cubic between those at which angle and speed are known."""
     before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
     span, step = time[before + 1] - time[before], angle[before + 1] - angle[before]
@@ -63,12 +71,14 @@ def _turned(at: Any, time: Any, angle: Any, psi: Any) -> Any:
     return angle[before] + share * step + share * (1.0 - share) * bend
 
 
-def encoder_reading(values: Mapping[str, Any], side: str, angle: Any) -> Any:
+def encoder_reading(values: Mapping[str, ArrayLike], side: str, angle: Floats) -> Floats:
     """Return what the encoder of a side ("left", "right") says at a wheel angle [rad]; parameter `values` by name."""
     return _stage("encoder", side)({**_neutral(), **values, "time": np.zeros(1), "reading": angle})["reading"]
 
 
-def pose_seen(time: Any, motion: Trajectory, parameters: RobotParameters, pose_time: Any) -> tuple[Any, Any, Any]:
+def pose_seen(
+    time: Times, motion: Trajectory, parameters: RobotParameters, pose_time: Times
+) -> tuple[Floats, Floats, Floats]:
     """Return the external pose x, y, theta at its stamped times; arguments as in `read_sensors`."""
     values = {**_values(parameters), "time": np.asarray(pose_time)}
     moment = _stage("pose_time")({**values, "moment": np.asarray(pose_time)})["moment"]
@@ -77,18 +87,18 @@ def pose_seen(time: Any, motion: Trajectory, parameters: RobotParameters, pose_t
     return pose["x"], pose["y"], pose["theta"]
 
 
-def yaw_rate(time: Any, theta: Any) -> Any:
+def yaw_rate(time: Times, theta: Floats) -> Floats:
     """Return the yaw rate [rad/s] at each time, from the headings, which must not be wrapped."""
     return np.gradient(theta, time)
 
 
-def _values(parameters: RobotParameters) -> dict[str, Any]:
+def _values(parameters: RobotParameters) -> dict[str, ArrayLike | None]:
     """Return all parameters by name, neutral ones too."""
     return {**_neutral(), **parameters.values}
 
 
 @cache
-def _neutral() -> dict[str, Any]:
+def _neutral() -> dict[str, ArrayLike | None]:
     """Return the neutral value of each of the sensors' parameters."""
     return {
         parameter.name: parameter.neutral

@@ -1,13 +1,12 @@
 """What each effect does to a figure-eight, large enough to see."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from cmr.model.catalogue import typical, with_effects
 from cmr.model.effect import Effect
-from cmr.model.motion import RobotState, Trajectory, drive, roll
+from cmr.model.motion import Floats, RobotState, Trajectory, drive, roll
 from cmr.model.parameters import RobotParameters
 from cmr.model.sensors import Readings, read_sensors
 
@@ -28,13 +27,13 @@ class Showcase:
     effect: Effect
     factor: float
     values: dict[str, float]
-    time: Any
+    time: Floats
     without: Trajectory
     motion: Trajectory
     seen: Readings
 
 
-def figure_eight() -> tuple[Any, Any]:
+def figure_eight() -> tuple[Floats, Floats]:
     """Return the duties of one lap, one for each step."""
     time = np.arange(round(LAP / DT)) * DT
     yaw_rate = SWING * 2.0 * np.pi / LAP * np.sin(2.0 * np.pi * time / LAP)
@@ -56,7 +55,7 @@ def _at(effect: Effect, factor: float) -> Showcase | None:
     parameters = with_effects(ROBOT, values)
     duties = figure_eight()
     spans = np.full(len(duties[0]), DT)
-    time = np.arange(len(spans) + 1) * DT
+    time: Floats = np.arange(len(spans) + 1, dtype=float) * DT
     without = drive(*duties, spans, ROBOT, RobotState.at_rest())
     motion = drive(*duties, spans, parameters, RobotState.at_rest())
     return Showcase(

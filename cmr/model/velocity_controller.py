@@ -17,10 +17,15 @@ battery or friction, has no place in the model of these robots: `Effect.with_com
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, TypeVar
 
 from cmr.model.parameters import ParameterDefinition
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+Q = TypeVar("Q", float, "NDArray[np.float64]")  # a number, or an array of them
 CONTROLLER_DEFINITIONS = {
     definition.name: definition
     for definition in (
@@ -58,27 +63,27 @@ class VelocityController:
     base_width: float
     top_wheel_speed: float
 
-    def duties(self, left: Any, right: Any) -> tuple[Any, Any]:
+    def duties(self, left: Q, right: Q) -> tuple[Q, Q]:
         """Return the duties, within [-1, 1], that stand for commanded wheel speeds [rad/s]."""
         import numpy as np  # parameter files, which name these parameters, are read without it
 
         top = self.top_wheel_speed
         return np.clip(left / top, -1.0, 1.0), np.clip(right / top, -1.0, 1.0)
 
-    def duties_of_body(self, v: Any, omega: Any) -> tuple[Any, Any]:
+    def duties_of_body(self, v: Q, omega: Q) -> tuple[Q, Q]:
         """Return the duties, within [-1, 1], that stand for a commanded body speed [m/s] and turn rate [rad/s]."""
         return self.duties(*self.wheels_of_body(v, omega))
 
-    def wheels_of_body(self, v: Any, omega: Any) -> tuple[Any, Any]:
+    def wheels_of_body(self, v: Q, omega: Q) -> tuple[Q, Q]:
         """Return the wheel speeds [rad/s] that a body speed [m/s] and a turn rate [rad/s] ask for."""
         difference = 0.5 * self.base_width * omega
         return (v - difference) / self.wheel_radius, (v + difference) / self.wheel_radius
 
-    def wheel_speeds(self, left: Any, right: Any) -> tuple[Any, Any]:
+    def wheel_speeds(self, left: Q, right: Q) -> tuple[Q, Q]:
         """Return the wheel speeds [rad/s] that duties stand for."""
         return left * self.top_wheel_speed, right * self.top_wheel_speed
 
-    def body_velocity(self, left: Any, right: Any) -> tuple[Any, Any]:
+    def body_velocity(self, left: Q, right: Q) -> tuple[Q, Q]:
         """Return the body speed [m/s] and turn rate [rad/s] that duties stand for."""
         rim = self.top_wheel_speed * self.wheel_radius
         return 0.5 * rim * (left + right), rim * (right - left) / self.base_width

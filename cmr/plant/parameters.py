@@ -183,6 +183,6 @@ def as_record(parameters: PlantParameters) -> Any:
     return as_records(parameters)[0]
 
 
-def as_records(parameters: PlantParameters) -> Any:
+def as_records(parameters: PlantParameters) -> NDArray[np.void]:
     """Return an array of one record: to hand it over from Python takes a twentieth of the time of the record."""
     return np.array([tuple(parameters)], dtype=_RECORD)

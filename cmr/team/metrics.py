@@ -6,7 +6,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,5 +109,5 @@ def _to_path(x: Floats, y: Floats, path_x: Floats, path_y: Floats) -> Floats:
     squared = np.maximum(dx**2 + dy**2, 1e-12)
     from_x, from_y = x[:, None] - path_x[:-1], y[:, None] - path_y[:-1]
     share = np.clip((from_x * dx + from_y * dy) / squared, 0.0, 1.0)
-    distance: Any = np.hypot(from_x - share * dx, from_y - share * dy).min(axis=1)
+    distance = np.hypot(from_x - share * dx, from_y - share * dy).min(axis=1)
     return np.asarray(distance, dtype=float)

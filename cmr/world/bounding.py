@@ -1,16 +1,14 @@
 """Duties as robots can take them."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cmr.world.lazy_module import LazyModule
 
 bounding_loops = LazyModule("cmr.world.bounding_loops")
 
 
-def bounded(duties: Any) -> NDArray[np.float64]:
+def bounded(duties: ArrayLike) -> NDArray[np.float64]:
     """Return duties (n, 2) clipped to [-1, 1]; a robot of which one is no number stands."""
     sides = np.ascontiguousarray(np.asarray(duties, dtype=float).T)
     within = np.empty(sides.shape)

@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -13,6 +14,10 @@ from cmr.world.bounding import bounded
 from cmr.world.interaction.body import body_radius
 from cmr.world.interaction.obstacles import Floats, Obstacles
 from cmr.world.view import TWIN, Robots, numbers_of
+
+if TYPE_CHECKING:
+    from cmr.model.fleet import Fleet as Model
+    from cmr.world.interaction.contacts import Contacts
 
 STEP = 10_000  # us; one step of the simulation
 EARLY = STEP // 2  # us; turns come a little sooner or later, and each is to make its one step
@@ -41,13 +46,13 @@ class Fleet:
         self._moved = False  # since `_robots` was noted
 
     @cached_property
-    def _model(self) -> Any:
+    def _model(self) -> "Model":
         from cmr.model.fleet import Fleet as Model  # imports Numba, which takes half a second
 
         return Model(STEP * 1e-6)
 
     @cached_property
-    def _contacts(self) -> Any:
+    def _contacts(self) -> "Contacts":
         from cmr.world.interaction.contacts import Contacts  # the same
 
         return Contacts(self._obstacles)
@@ -74,7 +79,7 @@ class Fleet:
         self._model.set_parameters(self._indices(keys), parameters)
         self._measure()
 
-    def command(self, first: int, duties: Any) -> None:
+    def command(self, first: int, duties: ArrayLike) -> None:
         """Drive robots with these duties (n, 2) from now on: those from index `first` on in the order of `robots`.
 
         Duties are clipped to [-1, 1]; a robot of which one is no number stands.

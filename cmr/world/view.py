@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Iterator
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from cmr.bus.world_state import BYTES_PER_ROBOT, HEAD, WorldState
 from cmr.model.motion import RobotState
@@ -37,7 +37,7 @@ class Numbers(tuple[int, ...]):
     def __hash__(self) -> int:
         return self._hash
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[np.generic]:
         """Return the numbers as NumPy wants them."""
         return np.array(self._array, dtype, copy=copy)
 

@@ -7,7 +7,7 @@ look, so nobody runs into anybody, and somebody can always go.
 """
 
 import math
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +113,7 @@ class Crossing:
         # The right of who comes from (x, y) is (-y, x): turned by a quarter, as the heading is (-x, -y).
         _, x, y = np.array(waiting).T
         away = np.hypot(x, y)
-        from_right: Any = np.greater(np.outer(-y, x) + np.outer(x, y), RIGHT * np.outer(away, away))
+        from_right = np.greater(np.outer(-y, x) + np.outer(x, y), RIGHT * np.outer(away, away))
         blocked = from_right.any(axis=1).tolist()
         free = [robot_id for robot_id, waits in zip(robot_ids, blocked, strict=True) if not waits]
         return min(free or robot_ids, key=lambda robot_id: (self._came[robot_id], robot_id) if free else (0, robot_id))

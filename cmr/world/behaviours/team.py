@@ -43,7 +43,7 @@ class TeamBehaviour(ABC):
     def take_waypoints(self, robot_id: int, x: list[float], y: list[float]) -> None:  # noqa: B027 - few have waypoints
         """Take a path for one robot, as points [m; world frame]; an empty one means stop. Ignored unless overridden."""
 
-    def adopt(self, robot_id: int, settings: dict[str, Any]) -> None:  # noqa: B027 - few settings differ
+    def adopt(self, robot_id: int, settings: dict[str, object]) -> None:  # noqa: B027 - few settings differ
         """Take one robot's values of the settings named in `per_robot`."""
 
     def prepare(self) -> None:  # noqa: B027 - most have nothing to load

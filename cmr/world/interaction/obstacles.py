@@ -1,10 +1,9 @@
 """What stands in the way, and where robots may be: discs, walls, and the polygon of a geofence."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 FURTHEST = 1e6  # m; what lies further from the origin is a mistake
@@ -56,22 +55,24 @@ class Geofence:
         self._dx, self._dy = self._next_x - self._x, self._next_y - self._y
         self._refuse_crossings()
 
-    def contains(self, x: Any, y: Any) -> Any:
+    def contains(self, x: ArrayLike, y: ArrayLike) -> np.bool_ | NDArray[np.bool_]:
         """Return whether points [m] lie inside; False for what is no number. Shapes as x and y broadcast."""
-        x, y = (np.asarray(values, dtype=float)[..., np.newaxis] for values in (x, y))
+        at_x, at_y = (np.asarray(values, dtype=float)[..., np.newaxis] for values in (x, y))
         # A ray from the point along +x crosses an odd number of sides exactly if the point is inside.
-        spans = (self._y > y) != (self._next_y > y)
+        spans = (self._y > at_y) != (self._next_y > at_y)
         with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = self._x + (y - self._y) * self._dx / self._dy
-        return (np.count_nonzero(spans & (x < crossing), axis=-1) % 2 == 1)[()]
+            crossing = self._x + (at_y - self._y) * self._dx / self._dy
+        inside: np.bool_ | NDArray[np.bool_] = (np.count_nonzero(spans & (at_x < crossing), axis=-1) % 2 == 1)[()]
+        return inside
 
-    def distance(self, x: Any, y: Any) -> Any:
+    def distance(self, x: ArrayLike, y: ArrayLike) -> np.float64 | NDArray[np.float64]:
         """Return how far [m] points are from the border, whichever side they are on; NaN for what is no number."""
-        x, y = (np.asarray(values, dtype=float)[..., np.newaxis] for values in (x, y))
-        along = ((x - self._x) * self._dx + (y - self._y) * self._dy) / (self._dx**2 + self._dy**2)
+        at_x, at_y = (np.asarray(values, dtype=float)[..., np.newaxis] for values in (x, y))
+        along = ((at_x - self._x) * self._dx + (at_y - self._y) * self._dy) / (self._dx**2 + self._dy**2)
         share = np.clip(along, 0.0, 1.0)
-        away = np.hypot(self._x + share * self._dx - x, self._y + share * self._dy - y)
-        return np.min(away, axis=-1)[()]
+        away = np.hypot(self._x + share * self._dx - at_x, self._y + share * self._dy - at_y)
+        nearest: np.float64 | NDArray[np.float64] = np.min(away, axis=-1)[()]
+        return nearest
 
     def _refuse_crossings(self) -> None:
         """Raise ObstacleError where a side has no length, or meets one that is not its neighbour."""
