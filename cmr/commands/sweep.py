@@ -12,13 +12,12 @@ from cmr.commands.first_use import EMULATOR, MODEL, WORLD, compile_first
 from cmr.configuration import results
 from cmr.distribution import how_to_install
 from cmr.progress import Progress
-from cmr.sweep.settings import Value
 from cmr.sweep.stopping import end_on_signals
 
 if TYPE_CHECKING:
     from cmr.sweep.journal import Journal, Result
     from cmr.sweep.planning import PlannedRun
-    from cmr.sweep.settings import Setting
+    from cmr.sweep.settings import Setting, Value
 
 MOST_SEEDS = 1_000_000
 MOST_WORKERS = 4096

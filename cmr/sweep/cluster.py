@@ -157,9 +157,9 @@ def _performed(
         if not names:
             return
         future, came = next(running)
+        if isinstance(came, CancelledError):
+            raise came
         failure = _failure_of(came)
-        if isinstance(failure, CancelledError):
-            raise failure
         result: R | BaseException = came if failure is None else failure
         if isinstance(result, ImportError):
             raise ClusterError(
