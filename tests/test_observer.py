@@ -9,6 +9,7 @@ from cmr.model.commands import Commands
 from cmr.model.motion import RobotState, drive
 from cmr.model.observer import MOTION, RESTART, Gains, Observations, Observer, observe
 from cmr.model.parameters import RobotParameters
+from cmr.recordings.signal import Floats
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
 FREE = Gains(0.0, 0.0, 0.0, 0.0)
@@ -114,6 +115,15 @@ def test_a_reading_at_the_moment_of_a_command_is_the_same_whatever_rounding_make
     robot = {**ROBOT, "longitudinal_slip": 0.02}
     readings = [observe(given, {**robot, "gyro_latency": late}, FREE).gyro[1:] for late in (0.0, 1e-12)]
     assert np.max(np.abs(readings[0] - readings[1])) < 1e-9
+
+
+@pytest.mark.parametrize("given", [np.empty((0, 2)), np.tile([3.0, 5.0], (STEPS, 1))], ids=["driven", "rolling"])
+def test_the_first_reading_of_a_robot_in_motion_is_its_yaw_rate(given: Floats) -> None:
+    start = (0.0, 0.0, 0.0, 3.0, 5.0)
+    moving = replace(observations(), start=start, given=given, gyro_time=np.zeros(1), gyro=np.zeros(1))
+    yaw_rate = (5.0 - 3.0) * ROBOT["wheel_radius"] / ROBOT["base_width"]
+    said = observe(moving, ROBOT, FREE)
+    assert said.gyro[0, 0] == pytest.approx(-yaw_rate, rel=1e-3)
 
 
 def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:

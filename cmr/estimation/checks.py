@@ -10,7 +10,7 @@ from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
 from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
 from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
-from cmr.recordings.checks import check
+from cmr.recordings.checks import check, late_wheels_in_all
 from cmr.recordings.findings import Finding, Findings, counted
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.late_wheels import together, with_wheels_in_time
@@ -77,9 +77,12 @@ def looked_at(
     """
     names = list(names) or [f"{otherwise} {number + 1}" for number in range(len(recordings))]
     found = [check(recording, wheels_late) for recording in recordings]
-    late = together(one.wheels_late for one in found)
-    if wheels_late is None and late is not None and len(recordings) > 1:
-        found = [check(recording, late) for recording in recordings]
+    if wheels_late is None and len(recordings) > 1:
+        late = together(one.wheels_late for one in found)
+        if not any(one.lag("gyro") for one in found):
+            late = late_wheels_in_all([one.cleaned(each) for one, each in zip(found, recordings, strict=True)])
+        if late is not None:
+            found = [check(recording, late) for recording in recordings]
     return [
         _looked_at(recording, findings, number, name)
         for number, (recording, findings, name) in enumerate(zip(recordings, found, names, strict=True))

@@ -206,7 +206,8 @@ def observe(
                 now = border * dt
                 # Within a step, or each part of it, the yaw rate changes along a line, which has the right mean and the
                 # right end. Between two it may jump, as commands do; a reading there shows the one before.
-                while next_gyro < last_gyro and gyro_time[next_gyro] <= now + EARLY * dt:
+                # One at the very beginning is taken with the first step, whose line begins there.
+                while border > 0 and next_gyro < last_gyro and gyro_time[next_gyro] <= now + EARLY * dt:
                     time = began + gyro_time[next_gyro]
                     # Nearly always all candidates look back to the same step, and take a few instructions together.
                     earliest, latest = inf, -inf
@@ -239,7 +240,7 @@ def observe(
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     for i in range(filled):
     GYRO_NUMBERS
-                        yaw_rate = own[GYRO_READING + i] if border > 0 else 0.0
+                        yaw_rate = own[GYRO_READING + i]
                         reading = yaw_rate
     GYRO
                         own[GYRO_READING + i] = gyro[next_gyro] - reading

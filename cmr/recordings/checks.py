@@ -3,7 +3,7 @@
 No parameter of the robot is needed, and nothing but NumPy: a calibration that starts with it starts at once.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from cmr.recordings.findings import Finding, Findings, counted
 from cmr.recordings.gyro_checks import gyro_findings
 from cmr.recordings.heading_checks import turned_headings
 from cmr.recordings.held_poses import held_poses
+from cmr.recordings.joining import one_after_another
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.late_wheels import IN_TIME, late_wheels, with_wheels_in_time
 from cmr.recordings.path_faults import PathFaults, path_faults
@@ -51,6 +52,15 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
     return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late)
+
+
+def late_wheels_in_all(recordings: Sequence[Recording]) -> Lag | None:
+    """Return how late the wheels of one robot tell, from all its recordings at once; None if they need not be late.
+
+    Many short ones tell together what none of them tells.
+    """
+    joined = one_after_another(recordings)
+    return _late(joined, lags_of(joined), rates_of(joined))
 
 
 def _late(recording: Recording, lags: list[Lag], rates: Mapping[str, float]) -> Lag | None:
