@@ -57,8 +57,9 @@ OF_MODEL = (
 # are rows of one array, as the model's are: only so does the compiler see that none overlap, and vectorises.
 CHANGING = (
     *("offset_x", "offset_y", "offset_theta", "offset_left", "offset_right", "offset_yaw_rate"),
-    *("before_left", "before_right", "error_left", "error_right"),
-    *("at_x", "at_y", "at_theta", "error_x", "error_y", "error_theta", "gyro_at", "gyro_reading"),
+    *("before_left", "before_right", "half", "middle_left", "middle_right", "error_left", "error_right"),
+    *("bow_before_left", "bow_before_right", "bow_left", "bow_right"),
+    *("at_time", "at_x", "at_y", "at_theta", "error_x", "error_y", "error_theta", "gyro_at", "gyro_reading"),
 )
 GIVEN = (
     *("gain_angle", "gain_psi", "gain_position", "gain_theta"),

@@ -36,6 +36,22 @@ def known(duty, held):
     return held if np.isnan(duty) else duty
 
 
+@inlined
+def beside_line(step, lane, share, dt):
+    """Return by how much the heading at a share of a step lies beside the line between its ends [rad]."""
+    if not 0.0 < share < 1.0:
+        return 0.0
+    split = step[SPLIT_AT, lane]
+    if share < split:
+        along, part, growth = share / split, split, step[GROWTH_BEFORE, lane]
+        beside = along
+    else:
+        along, part, growth = (share - split) / (1.0 - split), 1.0 - split, step[GROWTH, lane]
+        beside = 1.0 - along
+    beside *= split * (1.0 - split) * (step[MEAN_BEFORE, lane] - step[MEAN, lane]) if split > 0.0 else 0.0
+    return dt * (beside - 0.5 * part * growth * along * (1.0 - along))
+
+
 @compiled(
     "void(f8[::1], f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
     "f8[:, ::1], f8[::1], u1[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
@@ -144,6 +160,12 @@ def observe(
                         here[DT:COEFFICIENTS_END] = before
                         advance(here, work, varying, filled)
                         for i in range(LANES):
+                            own[HALF + i] = shares[i]
+                            own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
+                            way_left = own[MIDDLE_LEFT + i] - own[BEFORE_LEFT + i]
+                            way_right = own[MIDDLE_RIGHT + i] - own[BEFORE_RIGHT + i]
+                            own[BOW_BEFORE_LEFT + i] = shares[i] * dt * here[PSI_LEFT + i] - way_left
+                            own[BOW_BEFORE_RIGHT + i] = shares[i] * dt * here[PSI_RIGHT + i] - way_right
                             turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
                             newest[SPLIT_AT, i], newest[MEAN_BEFORE, i] = shares[i], turning[i]
                             newest[GROWTH_BEFORE, i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
@@ -157,6 +179,14 @@ def observe(
                         advance(here, work, varying, filled)
                         for i in range(LANES):
                             newest[SPLIT_AT, i] = 0.0
+                            own[HALF + i] = 0.0
+                            own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i]
+                    for i in range(LANES):
+                        length = (1.0 - own[HALF + i]) * dt
+                        way_left = here[ANGLE_LEFT + i] - own[MIDDLE_LEFT + i]
+                        way_right = here[ANGLE_RIGHT + i] - own[MIDDLE_RIGHT + i]
+                        own[BOW_LEFT + i] = length * here[PSI_LEFT + i] - way_left
+                        own[BOW_RIGHT + i] = length * here[PSI_RIGHT + i] - way_right
                     for i in range(LANES):
                         turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
                         growing[i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
@@ -203,6 +233,7 @@ def observe(
                 else:
                     for i in range(filled):
                         own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
+                        own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
                 now = border * dt
                 # Within a step, or each part of it, the yaw rate changes along a line, which has the right mean and the
                 # right end. Between two it may jump, as commands do; a reading there shows the one before.
@@ -252,8 +283,19 @@ def observe(
                     share = 1.0 - (now - wheel_time[next_wheel]) / dt
                     use_left, use_right = wheel_use[next_wheel, 0] > 0, wheel_use[next_wheel, 1] > 0
                     for i in range(filled):
-                        reading_left = own[BEFORE_LEFT + i] + share * (here[ANGLE_LEFT + i] - own[BEFORE_LEFT + i])
-                        reading_right = own[BEFORE_RIGHT + i] + share * (here[ANGLE_RIGHT + i] - own[BEFORE_RIGHT + i])
+                        # Within a step, or each part of it, the speed changes along a line: the angle is a parabola.
+                        half = own[HALF + i]
+                        early = share < half
+                        along = share / half if early else (share - half) / (1.0 - half)
+                        bent = along * (1.0 - along)
+                        begin = own[BEFORE_LEFT + i] if early else own[MIDDLE_LEFT + i]
+                        end = own[MIDDLE_LEFT + i] if early else here[ANGLE_LEFT + i]
+                        bow = own[BOW_BEFORE_LEFT + i] if early else own[BOW_LEFT + i]
+                        reading_left = begin + along * (end - begin) - bow * bent
+                        begin = own[BEFORE_RIGHT + i] if early else own[MIDDLE_RIGHT + i]
+                        end = own[MIDDLE_RIGHT + i] if early else here[ANGLE_RIGHT + i]
+                        bow = own[BOW_BEFORE_RIGHT + i] if early else own[BOW_RIGHT + i]
+                        reading_right = begin + along * (end - begin) - bow * bent
     ENCODER_NUMBERS
     ENCODER
                         error_left = wheel[next_wheel, 0] - reading_left
@@ -266,8 +308,10 @@ def observe(
                         rolled_left, rolled_right = own[GAIN_ANGLE + i] * error_left, own[GAIN_ANGLE + i] * error_right
                         here[ANGLE_LEFT + i] += rolled_left
                         own[BEFORE_LEFT + i] += rolled_left
+                        own[MIDDLE_LEFT + i] += rolled_left
                         here[ANGLE_RIGHT + i] += rolled_right
                         own[BEFORE_RIGHT + i] += rolled_right
+                        own[MIDDLE_RIGHT + i] += rolled_right
                         here[PSI_LEFT + i] += own[GAIN_PSI + i] * error_left
                         here[PSI_RIGHT + i] += own[GAIN_PSI + i] * error_right
                         own[OFFSET_LEFT + i] += own[GAIN_PSI + i] * error_left
@@ -293,7 +337,6 @@ def observe(
                     next_wheel += 1
                 while next_pose < last_pose and pose_time[next_pose] <= now:
                     time = began + pose_time[next_pose]
-                    restart = pose_use[next_pose] == 0
                     for i in range(filled):
                         moment = time
     POSE_TIME_NUMBERS
@@ -306,6 +349,8 @@ def observe(
                         own[AT_X + i] = one[0, i] + share * (other[0, i] - one[0, i]) + own[OFFSET_X + i]
                         own[AT_Y + i] = one[1, i] + share * (other[1, i] - one[1, i]) + own[OFFSET_Y + i]
                         own[AT_THETA + i] = one[2, i] + share * (other[2, i] - one[2, i]) + own[OFFSET_THETA + i]
+                        own[AT_THETA + i] += beside_line(other, i, share, dt)
+                        own[AT_TIME + i] = moment - began
                     for i in range(filled):
     POSE_NUMBERS
                         at_x, at_y, at_theta = own[AT_X + i], own[AT_Y + i], own[AT_THETA + i]
@@ -328,6 +373,9 @@ def observe(
                         east_x, east_y = (east_x - x) / NEARBY, (east_y - y) / NEARBY
                         north_x, north_y = (north_x - x) / NEARBY, (north_y - y) / NEARBY
                         stretched = 0.5 * (east_x * east_x + east_y * east_y + north_x * north_x + north_y * north_y)
+                        # Nobody knows what the robot did before the beginning: each pose of then is a new one.
+                        restart = own[AT_TIME + i] < -EARLY * dt and own[GAIN_POSITION + i] > 0.0
+                        restart = restart or pose_use[next_pose] == 0
                         followed = (1.0 if restart else own[GAIN_POSITION + i]) / max(1.0, stretched)
                         move_x = followed * (east_x * error_x + east_y * error_y)
                         move_y = followed * (north_x * error_x + north_y * error_y)
