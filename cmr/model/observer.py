@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.model import observer_loops
+from cmr.model import observer_helpers, observer_loops
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.command_kinds import DUTY
 from cmr.model.commands import Commands, fixed_delays
@@ -268,7 +268,7 @@ def _module(model: ExtendedModel, dt: float) -> Any:
 
 def _source(model: ExtendedModel, history: int) -> str:
     """Return the source of the observer with all effects of the catalogue."""
-    loops = observer_loops.LOOPS
+    loops = observer_helpers.HELPERS + observer_loops.LOOPS
     for place, lines in _sensor_lines().items():
         loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
     rows = (*CHANGING, *GIVEN, *_sensor_parameters())

@@ -13,45 +13,6 @@ from cmr.model.step_helpers import sign
 '''
 
 LOOPS = '''
-
-NEARBY = 1e-3  # m
-EARLY = 1e-3  # of a step: smaller differences between times do not count
-# Duty; a step is split for larger changes, and takes the mean command for smaller ones. For a change D at the share s
-# of a step dt, the mean puts the angle of a wheel k2_over_k3 D dt^2 s (1 - s) / 2 off: 3e-5 rad.
-SMALL = 0.02
-SPLIT, FIRST, LAST = 0, 1, 3  # columns of a profile of commands; left, with right behind it
-# What is kept of each step behind the pose: the share after which it was split, the mean yaw rate before that and by
-# how much it grew there, then the same behind.
-SPLIT_AT, MEAN_BEFORE, GROWTH_BEFORE, MEAN, GROWTH = 3, 4, 5, 6, 7
-
-@inlined
-def where(condition, yes, no):
-    """Return one of two values."""
-    return yes if condition else no
-
-
-@inlined
-def known(duty, held):
-    """Return a duty, or where it is not known, as before the first command, that which held the speed at the start."""
-    return held if np.isnan(duty) else duty
-
-
-@inlined
-def beside_line(step, lane, share, dt):
-    """Return by how much the heading at a share of a step lies beside the line between its ends [rad]."""
-    if not 0.0 < share < 1.0:
-        return 0.0
-    split = step[SPLIT_AT, lane]
-    if share < split:
-        along, part, growth = share / split, split, step[GROWTH_BEFORE, lane]
-        beside = along
-    else:
-        along, part, growth = (share - split) / (1.0 - split), 1.0 - split, step[GROWTH, lane]
-        beside = 1.0 - along
-    beside *= split * (1.0 - split) * (step[MEAN_BEFORE, lane] - step[MEAN, lane]) if split > 0.0 else 0.0
-    return dt * (beside - 0.5 * part * growth * along * (1.0 - along))
-
-
 @compiled(
     "void(f8[::1], f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
     "f8[:, ::1], f8[::1], u1[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
@@ -71,7 +32,7 @@ def observe(
     stride = OWN + len(varying) * LANES
     packets = np.empty(ring * 3 * LANES)
     duty = np.empty((2, LANES))
-    past = np.empty((HISTORY, 8, LANES))
+    past = np.zeros((HISTORY, KEPT_OF_STEPS, LANES))
     own = np.empty(OWN_ROWS * LANES)
     for block in range((robots + LANES - 1) // LANES):
         here = rows[block * stride : (block + 1) * stride]
@@ -82,7 +43,7 @@ def observe(
         prepare(here, stride, dt)
         whole = here[DT:COEFFICIENTS_END].copy()
         before, behind = whole.copy(), whole.copy()
-        shares, turning, growing = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
+        shares, turning, growing, curving = np.zeros(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
         for i in range(LANES):
             for row in range(len(numbers)):
                 own[GAIN_ANGLE + row * LANES + i] = numbers[row, block * LANES + i]
@@ -111,7 +72,7 @@ def observe(
                     rolled, along = 0.5 * ago * (left + right), here[THETA + i] - 0.5 * turned
                     past[h, 0, i], past[h, 1, i] = here[X + i] - rolled * cos(along), here[Y + i] - rolled * sin(along)
                     past[h, 2, i] = here[THETA + i] - turned
-                    for row in range(SPLIT_AT, 8):
+                    for row in range(SPLIT_AT, KEPT_OF_STEPS):
                         past[h, row, i] = 0.0
             for border in range(steps + 1):
                 newest = past[border % HISTORY]
@@ -168,7 +129,9 @@ def observe(
                             own[BOW_BEFORE_RIGHT + i] = shares[i] * dt * here[PSI_RIGHT + i] - way_right
                             turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
                             newest[SPLIT_AT, i], newest[MEAN_BEFORE, i] = shares[i], turning[i]
-                            newest[GROWTH_BEFORE, i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
+                            grown = STEEP * (work[YAW_RATE_SECOND + i] - work[YAW_RATE_FIRST + i])
+                            newest[GROWTH_BEFORE, i] = grown
+                            newest[CURVE_BEFORE, i] = 6.0 * (work[YAW_RATE_END + i] - turning[i]) - 3.0 * grown
                             duties = commands[profile[block * LANES + min(i, filled - 1)], first_step + border - 1]
                             here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
                             here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
@@ -189,7 +152,8 @@ def observe(
                         own[BOW_RIGHT + i] = length * here[PSI_RIGHT + i] - way_right
                     for i in range(LANES):
                         turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
-                        growing[i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
+                        growing[i] = STEEP * (work[YAW_RATE_SECOND + i] - work[YAW_RATE_FIRST + i])
+                        curving[i] = 6.0 * (work[YAW_RATE_END + i] - turning[i]) - 3.0 * growing[i]
                     if len(speeds) > 0:
                         # Given speeds are means over steps; at a border the wheels turn half as one step says, half
                         # as the next.
@@ -199,6 +163,7 @@ def observe(
                             faster_right = own[SCALE_RIGHT + i] * (then[1] - speeds[border - 1, 1])
                             growing[i] = own[RADIUS_RIGHT + i] * faster_right - own[RADIUS_LEFT + i] * faster_left
                             growing[i] /= own[BASE_WIDTH + i]
+                            curving[i] = 0.0
                     for i in range(filled):
                         newest[0, i] = here[X + i] - own[OFFSET_X + i]
                         newest[1, i] = here[Y + i] - own[OFFSET_Y + i]
@@ -213,7 +178,7 @@ def observe(
                         own[OFFSET_YAW_RATE + i] = offset
                         newest[MEAN_BEFORE, i] -= offset
                         newest[MEAN, i] = turning[i] - offset
-                        newest[GROWTH, i] = growing[i]
+                        newest[GROWTH, i], newest[CURVE, i] = growing[i], curving[i]
                     if comes and not splits:
                         # The mean command leads to the same end, but within the step the yaw rate bends where one
                     # comes.
@@ -230,14 +195,20 @@ def observe(
                             newest[GROWTH_BEFORE, i] = share * growth - bend
                             newest[MEAN, i] = mean - share * (slips - 0.5 * growth)
                             newest[GROWTH, i] = (1.0 - share) * growth + bend
+                            curve, rest = curving[i], 1.0 - share
+                            newest[MEAN_BEFORE, i] += (0.25 * rest * rest + TWELFTH * (share * share - 1.0)) * curve
+                            newest[MEAN, i] += (0.25 * share * share + TWELFTH * (rest * rest - 1.0)) * curve
+                            newest[GROWTH_BEFORE, i] -= share * rest * curve
+                            newest[GROWTH, i] += share * rest * curve
+                            newest[CURVE_BEFORE, i], newest[CURVE, i] = share * share * curve, rest * rest * curve
                 else:
                     for i in range(filled):
                         own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
                         own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
                 now = border * dt
-                # Within a step, or each part of it, the yaw rate changes along a line, which has the right mean and the
-                # right end. Between two it may jump, as commands do; a reading there shows the one before.
-                # One at the very beginning is taken with the first step, whose line begins there.
+                # Within a step, or each part of it, the yaw rate changes along a parabola, with the right mean, slope
+                # and end. Between two it may jump, as commands do; a reading there shows the one before.
+                # One at the very beginning is taken with the first step, which begins there.
                 while border > 0 and next_gyro < last_gyro and gyro_time[next_gyro] <= now + EARLY * dt:
                     time = began + gyro_time[next_gyro]
                     # Nearly always all candidates look back to the same step, and take a few instructions together.
@@ -254,20 +225,13 @@ def observe(
                     if earliest - EARLY > step - 1.0 or step == 1:
                         one = past[step % HISTORY]
                         for i in range(filled):
-                            share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
-                            along = (share / split if split > 0.0 else 0.0) - 0.5
-                            reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
-                            earlier = one[MEAN_BEFORE, i] + along * one[GROWTH_BEFORE, i]
-                            reading = earlier if split > 0.0 and share <= split + EARLY else reading
+                            reading = yaw_rate_within(one, i, own[GYRO_AT + i] - step + 1.0)
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     else:
                         for i in range(filled):
                             step = min(max(int(np.ceil(own[GYRO_AT + i] - EARLY)), 1), border)
                             one = past[step % HISTORY]
-                            share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
-                            reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
-                            if split > 0.0 and share <= split + EARLY:
-                                reading = one[MEAN_BEFORE, i] + (share / split - 0.5) * one[GROWTH_BEFORE, i]
+                            reading = yaw_rate_within(one, i, own[GYRO_AT + i] - step + 1.0)
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     for i in range(filled):
     GYRO_NUMBERS
