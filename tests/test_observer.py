@@ -150,10 +150,10 @@ def test_readings_between_borders_are_those_of_finer_steps(gyro_latency: float) 
     coarse = observe(silent, robot, FREE)
     fine = observe(replace(silent, dt=0.0025, steps=2400), robot, FREE)
     later = read > 0.1
-    assert np.max(np.abs(coarse.wheel - fine.wheel)[later]) < 3e-4  # rad; 5e-3 on straight lines
-    assert np.max(np.abs(coarse.gyro - fine.gyro)[later]) < 0.01  # rad/s; 0.06 on straight lines
+    assert np.max(np.abs(coarse.wheel - fine.wheel)[later]) < 3e-4  # rad; 6e-3 on straight lines
+    assert np.max(np.abs(coarse.gyro - fine.gyro)[later]) < 1e-3  # rad/s; 7e-3 and 12e-3 on straight lines
     heading = coarse.pose[:, 2] - fine.pose[:, 2]
-    assert np.max(np.abs(heading)[later]) < 2e-4  # rad; 1e-3 on straight lines
+    assert np.max(np.abs(heading)[later]) < 1e-4  # rad; 1.5e-3 on straight lines
 
 
 def test_poses_from_before_the_beginning_leave_no_error_behind() -> None:
