@@ -110,8 +110,8 @@ def with_clocks_set(recording: Recording, findings: Findings | None = None) -> t
     """
     findings = check(recording) if findings is None else findings
     notes = []
-    if findings.even_stamps is not None:
-        recording = findings.even_stamps.of(recording)
+    for stamps in findings.even_stamps:
+        recording = stamps.of(recording)
     if findings.wheels_late is not None:
         recording = with_wheels_in_time(recording, findings.wheels_late)
     lag = findings.lag("poses")

@@ -71,8 +71,12 @@ def encoder_reading(values: Mapping[str, Any], side: str, angle: Any) -> Any:
 def pose_seen(time: Any, motion: Trajectory, parameters: RobotParameters, pose_time: Any) -> tuple[Any, Any, Any]:
     """Return the external pose x, y, theta at its stamped times; arguments as in `read_sensors`."""
     values = {**_values(parameters), "time": np.asarray(pose_time)}
-    moment = _stage("pose_time")({**values, "moment": np.asarray(pose_time)})["moment"]
-    place = {name: np.interp(moment, time, getattr(motion, name)) for name in ("x", "y", "theta")}
+    seen = _stage("pose_time")({**values, "moment": np.asarray(pose_time), "spread": 0.0})
+    moments = [seen["moment"] + way * seen["spread"] for way in (-1.0, 1.0)]
+    place = {
+        name: 0.5 * sum(np.interp(moment, time, getattr(motion, name)) for moment in moments)
+        for name in ("x", "y", "theta")
+    }
     pose = _stage("pose")({**values, **place})
     return pose["x"], pose["y"], pose["theta"]
 

@@ -127,6 +127,14 @@ STAGES = {
     "gyro": Stage(
         SENSOR, {"reading": "yaw rate [rad/s]"}, {"time": "[s]", "yaw_rate": "the true one"}, of_sensors=True
     ),
-    "pose_time": Stage(SENSOR, {"moment": "that a stamped time shows [s]"}, {"time": "the stamp [s]"}, of_sensors=True),
+    "pose_time": Stage(
+        SENSOR,
+        {
+            "moment": "that a stamped time shows [s]",
+            "spread": "before and after it: the pose is the mean of both [s]",
+        },
+        {"time": "the stamp [s]"},
+        of_sensors=True,
+    ),
     "pose": Stage(SENSOR, {"x": "[m]", "y": "[m]", "theta": "[rad]"}, {"time": "[s]"}, of_sensors=True),
 }

@@ -3,7 +3,7 @@
 No parameter of the robot is needed, and nothing but NumPy: a calibration that starts with it starts at once.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -30,7 +30,8 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     late_wheels.IN_TIME where they are not.
     """
     even = even_stamps(recording)
-    recording = recording if even is None else even.of(recording)
+    for stamps in even:
+        recording = stamps.of(recording)
     damaged = damaged_samples(recording)
     stale = _over_all(stale_poses(_without(recording, [damaged])), [damaged], recording)
     sound = _without(recording, [damaged, stale])
@@ -59,7 +60,7 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     findings += motion_findings(sound)
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
-    return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late, even)
+    return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late, tuple(even))
 
 
 def _late(recording: Recording, lags: list[Lag], rates: Mapping[str, float]) -> Lag | None:
@@ -126,14 +127,14 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
     ]
 
 
-def _stamps_finding(even: EvenStamps | None) -> Finding:
-    sentence = "The wheels were read when their stamps say."
-    if even is not None:
-        sentence = (
-            f"The wheels were read at even intervals, but their stamps vary by {1000 * even.jitter:.1f} ms (standard "
-            "deviation): the stamps were evened out."
-        )
-    return Finding("uneven_stamps", int(even is not None), sentence)
+def _stamps_finding(even: Sequence[EvenStamps]) -> Finding:
+    uneven = " and ".join(f"the {one.signal} by {1000 * one.jitter:.1f} ms" for one in even)
+    return Finding(
+        "uneven_stamps",
+        len(even),
+        f"What was taken at even intervals is stamped unevenly: {uneven} (standard deviation). The stamps were evened "
+        "out.",
+    )
 
 
 def _wheels_finding(late: Lag | None) -> Finding:

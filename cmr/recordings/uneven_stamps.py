@@ -1,112 +1,116 @@
-"""Find wheels that were read at even intervals but stamped unevenly, and even their stamps out.
+"""Find wheels and poses that were taken at even intervals but stamped unevenly, and even their stamps out.
 
-Many bases count their encoders by a timer, and a busy computer stamps what arrives a few milliseconds late, now more,
-now less. Speeds from such stamps are noisy, and noisy wheels make a gyro seem to read too little in turns (regression
-dilution). The motion shows which stamps are true: a wheel that was read later has turned further. Where it has not, the
-reading is as old as its neighbours say.
+Many bases count their encoders by a timer, and cameras take pictures by one, while a busy computer stamps what arrives
+a few milliseconds late, now more, now less. Speeds from such stamps are noisy, and what is noisy seems to change less
+than it does (regression dilution; W. A. Fuller, Measurement Error Models, 1987, section 1.1): a gyro seems to read too
+little in turns, wheels seem to be too small. The motion shows which stamps are true: a wheel that was read later has
+turned further. Where it has not, the reading is as old as its neighbours say.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
+from cmr.recordings.pieces import Numbers
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
+from cmr.recordings.robust import running_median, spread
+from cmr.recordings.signal import SECONDS, Floats, Signal, Times
 from cmr.recordings.wheel_angles import speeds_are_averages, wheel_angles
 
+WHEELS, POSES = "wheels", "poses"
 LEAST = 0.05  # of the interval: a smaller standard deviation of the stamps does no harm
 FEWEST = 50  # readings in a stretch without a pause
-NEIGHBOURS = 51  # readings whose median stamp tells when the one in their middle was read
+NEIGHBOURS = 25  # readings before, and as many after; their median stamp shows when the one between was taken
 AROUND = 9  # intervals over which the speed of a wheel is averaged
 HALF, SURELY = 0.5, 3.0  # share of the unevenness that is in the motion, and standard deviations of it
+FARTHEST = 6.0  # standard deviations of what a robot came further than usual; more is a jump of the tracker
 LONGEST = 1.5  # times the usual interval; in a longer one, readings are missing
 
 
 @dataclass(frozen=True)
 class EvenStamps:
-    """When wheels were read, `utime` (n,) [us], which were stamped uneven by `jitter` [s], a standard deviation."""
+    """When readings of a `signal` were taken, `utime` (n,) [us], and the deviation of their stamps, `jitter` [s]."""
 
+    signal: str
     utime: Times
     jitter: float
 
     def of(self, recording: Recording) -> Recording:
         """Return the recording with these stamps. Speeds that are averages since the reading before go with them."""
-        wheels = recording.wheels
-        fields = dict(wheels.fields)
-        if speeds_are_averages(wheels):
-            before, now = np.diff(wheels.utime, prepend=0), np.diff(self.utime, prepend=0)
+        signal = recording.signals[self.signal]
+        fields = dict(signal.fields)
+        if self.signal == WHEELS and speeds_are_averages(signal):
+            before, now = np.diff(signal.utime, prepend=0), np.diff(self.utime, prepend=0)
             before[:1] = now[:1] = 1
             fields |= {name: fields[name] * before / now for name in ("psi_left", "psi_right")}
-        return replace(recording, wheels=replace(wheels, utime=self.utime, fields=fields))
+        even = replace(signal, utime=self.utime, fields=fields)
+        return replace(recording, wheels=even) if self.signal == WHEELS else replace(recording, poses=even)
 
 
-def even_stamps(recording: Recording) -> EvenStamps | None:
-    """Return when the wheels were read, where their stamps are more uneven than that; None where they are not.
+def even_stamps(recording: Recording) -> list[EvenStamps]:
+    """Return when wheels and poses were taken, of those whose stamps are more uneven than that.
 
     The driver of CMR stamps its readings when they are taken: they may be uneven, and are true.
     """
-    wheels = recording.wheels
-    if recording.driven_on_the_bus or len(wheels) < FEWEST:
+    wheels, poses = recording.wheels, recording.poses
+    found = []
+    if not recording.driven_on_the_bus:
+        found.append(_even(recording, WHEELS, wheel_angles(wheels) if len(wheels) >= FEWEST else ()))
+    found.append(_even(recording, POSES, (poses["x"], poses["y"])))
+    return [one for one in found if one is not None]
+
+
+def _even(recording: Recording, name: str, ways: Sequence[Floats]) -> EvenStamps | None:
+    """Return when a signal was taken; `ways` (n,) each are how far something had come at each reading, in one unit."""
+    signal = recording.signals[name]
+    if len(signal) < FEWEST:
         return None
-    begins = recording.pieces.borders(wheels.utime)
-    uneven = _unevenness(wheels, begins)
+    piece = recording.pieces.number(signal.utime)
+    intervals = np.diff(signal.utime)[np.diff(piece) == 0] * SECONDS
+    usual = intervals[intervals <= LONGEST * np.median(intervals)] if len(intervals) else intervals
+    if not len(usual) or np.std(usual) < LEAST * np.mean(usual):
+        return None
+    uneven = _unevenness(signal, piece, float(np.mean(usual)))
     jitter = float(np.std(uneven))
-    if jitter < LEAST * _usual_interval(wheels, begins):
+    share, std = _share_in_motion(signal, uneven, ways)
+    if jitter < LEAST * np.mean(usual) or share + SURELY * std > HALF:
         return None
-    share, std = _share_in_motion(wheels, begins, uneven)
-    if share + SURELY * std > HALF:
-        return None
-    utime = wheels.utime - np.round((1.0 - np.clip(share, 0.0, 1.0)) * uneven / SECONDS).astype(np.int64)
-    return EvenStamps(utime, jitter) if np.all(np.diff(utime) > 0) else None
+    utime = signal.utime - np.round((1.0 - np.clip(share, 0.0, 1.0)) * uneven / SECONDS).astype(np.int64)
+    return EvenStamps(name, utime, jitter) if np.all(np.diff(utime) > 0) else None
 
 
-def _usual_interval(wheels: Signal, begins: Mask) -> float:
-    """Return the mean interval [s] of the readings, without pauses and where none is missing."""
-    intervals = np.diff(wheels.utime)[~begins[1:]] * SECONDS
-    return float(np.mean(intervals[intervals <= LONGEST * np.median(intervals)])) if len(intervals) else 0.0
-
-
-def _unevenness(wheels: Signal, begins: Mask) -> Floats:
-    """Return how much later [s] each reading is stamped than its neighbours say, shape (n,); 0 in short stretches.
+def _unevenness(signal: Signal, piece: Numbers, interval: float) -> Floats:
+    """Return how much later [s] each reading is stamped than its neighbours say, shape (n,); 0 in short pieces.
 
     Beside readings at even intervals, stamps wander by the jitter, drift with the clock and step where readings are
     missing. A running median follows the drift and the steps, and passes over the jitter.
     """
-    interval = _usual_interval(wheels, begins)
-    result = np.zeros(len(wheels))
-    borders = [0, *np.flatnonzero(begins).tolist(), len(wheels)]
-    for first, last in pairwise(borders):
-        if last - first >= FEWEST:
-            late = (wheels.utime[first:last] - wheels.utime[first]) * SECONDS - interval * np.arange(last - first)
-            result[first:last] = late - _running_median(late)
-    return result
+    begins, counts = np.unique(piece, return_index=True, return_counts=True)[1:]
+    number = np.arange(len(signal)) - np.repeat(begins, counts)
+    late = (signal.utime - np.repeat(signal.utime[begins], counts)) * SECONDS - interval * number
+    uneven = late - running_median(late, NEIGHBOURS, piece)
+    return np.where(np.repeat(counts, counts) >= FEWEST, uneven, 0.0)
 
 
-def _running_median(values: Floats) -> Floats:
-    """Return the median of the NEIGHBOURS around each value, shape (n,); values are mirrored at the ends."""
-    mirrored = np.pad(values, NEIGHBOURS // 2, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(mirrored, NEIGHBOURS)
-    return np.asarray(np.median(windows, axis=1))
+def _share_in_motion(signal: Signal, uneven: Floats, ways: Sequence[Floats]) -> tuple[float, float]:
+    """Return which share of the stamps' unevenness [s] is in the motion, and its standard deviation.
 
-
-def _share_in_motion(wheels: Signal, begins: Mask, uneven: Floats) -> tuple[float, float]:
-    """Return which share of the stamps' unevenness [s] is in the motion of the wheels, and its standard deviation.
-
-    It is the slope of how much further than usual a wheel turned between two readings, against how much further it
-    should have turned at its speed, had it been read when it was stamped: 1 for true stamps, 0 for even readings.
+    It is the slope of how much further than usual a robot came between two readings, against how much further it should
+    have come at its speed, had they been taken when they were stamped: 1 for true stamps, 0 for even readings.
     """
-    intervals = np.diff(wheels.utime) * SECONDS
-    longer = np.diff(uneven)
-    whole = ~begins[1:] & (intervals <= LONGEST * np.median(intervals)) & (uneven[1:] != 0.0) & (uneven[:-1] != 0.0)
+    intervals, longer = np.diff(signal.utime) * SECONDS, np.diff(uneven)
+    whole = (intervals <= LONGEST * np.median(intervals)) & (uneven[1:] != 0.0) & (uneven[:-1] != 0.0)
     around = np.ones(AROUND)
     expected, found = [], []
-    for angle in wheel_angles(wheels):
-        turned = np.diff(angle)
-        speed = np.convolve(turned, around, "same") / np.convolve(intervals, around, "same")
+    for way in ways:
+        came = np.diff(way)
+        speed = np.convolve(came, around, "same") / np.convolve(intervals, around, "same")
         expected.append((speed * longer)[whole])
-        found.append((turned - speed * (intervals - longer))[whole])
+        found.append((came - speed * (intervals - longer))[whole])
     x, y = np.concatenate(expected), np.concatenate(found)
+    true = np.abs(y) <= FARTHEST * spread(y)  # trackers jump
+    x, y = x[true], y[true]
     squares = float(x @ x)
     if squares <= 0.0:
         return 1.0, np.inf

@@ -1,6 +1,7 @@
 """What the emulated robot's yaw gyro and an external motion capture measure, with their errors, before any wire."""
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from random import Random
 
@@ -49,15 +50,20 @@ class MotionCapture:
         self._position_noise = noise.position if noise.enabled else 0.0
         self._heading_noise = noise.heading if noise.enabled else 0.0
         self._random = Random(f"{settings.seed} pose")
+        self._seen: deque[tuple[float, float, float, float]] = deque()  # time, x, y, theta: over which poses are means
 
     def wake(self, time: float) -> Pose:
         """Measure now, at `time`; with a latency the pose is ready, and stamped, later than that."""
         self.wake_time += self._period
         p, gauss = self._plant.parameters, self._random.gauss
-        x, y, theta = seen(p, self._plant.x, self._plant.y, self._plant.theta)
+        self._seen.append((time, *seen(p, self._plant.x, self._plant.y, self._plant.theta)))
+        while self._seen[0][0] < time - 2.0 * math.sqrt(3.0) * p.pose_smoothing:
+            self._seen.popleft()
+        # pose_smoothing: the mean over h before and h after a moment, where h is sqrt(3) times its standard deviation.
+        shown, x, y, theta = (math.fsum(values) / len(self._seen) for values in zip(*self._seen, strict=True))
         x += self._position_noise * gauss(0.0, 1.0)
         y += self._position_noise * gauss(0.0, 1.0)
         theta += self._heading_noise * gauss(0.0, 1.0)
-        ready = time + p.pose_latency
+        stamp = shown + p.pose_latency
         # clock_skew: the cameras' clock shows (1 + e) t at time t.
-        return Pose(ready * (1.0 + p.clock_skew), ready, x, y, math.remainder(theta, 2.0 * math.pi))
+        return Pose(stamp * (1.0 + p.clock_skew), max(stamp, time), x, y, math.remainder(theta, 2.0 * math.pi))

@@ -160,6 +160,21 @@ POSE_LATENCY = Effect(
     confused_with={"electrical_lag": "compare encoders with pose", "clock_skew": "a longer run"},
 )
 
+POSE_SMOOTHING = Effect(
+    name="pose_smoothing",
+    group=GROUP,
+    cause="The tracker smooths its poses: each is a mean over {pose_smoothing:.3f} s (standard deviation).",
+    equations={"pose_time": "spread = spread + pose_smoothing"},
+    parameters=(
+        ParameterDefinition(
+            "pose_smoothing", "s", "standard deviation of the moments that a pose is a mean of", 0.0, 1.0, 0.0, 0.1
+        ),
+    ),
+    needs="turns, and changes of speed",
+    shows_in="the pose, to the inside of turns; it looks like smaller wheels",
+    confused_with={"wheel_radius_scale": "longer straight runs", "pose_offset": "turns at other speeds"},
+)
+
 POSE_OFFSET = Effect(
     name="pose_offset",
     group=GROUP,
@@ -224,6 +239,7 @@ EFFECTS = (
     GYRO_LATENCY,
     CLOCK_SKEW,
     POSE_LATENCY,
+    POSE_SMOOTHING,
     POSE_OFFSET,
     POSE_HEADING_OFFSET,
     POSE_DISTORTION,
