@@ -131,13 +131,8 @@ def pose_time(p: PlantParameters, time: Floats) -> Floats:
 def pose(
     p: PlantParameters, time: Floats, true: tuple[Floats, Floats, Floats], noise: Noise, random: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
-    """Return what the external localisation says of a robot at the true poses x, y, theta.
-
-    pose_smoothing: the mean over the time from h before to h after, where h is sqrt(3) times its standard deviation.
-    """
-    x, y, theta = seen(p, *true)
-    if p.pose_smoothing:
-        x, y, theta = (mean_around(time, values, math.sqrt(3.0) * p.pose_smoothing) for values in (x, y, theta))
+    """Return what the external localisation says of a robot at the true poses x, y, theta."""
+    x, y, theta = (filtered(time, values, p.pose_smoothing) for values in seen(p, *true))
     x = x + noise.position * correlated(time, noise.pose_time, random)
     y = y + noise.position * correlated(time, noise.pose_time, random)
     theta = theta + noise.heading * correlated(time, noise.pose_time, random)
@@ -159,20 +154,22 @@ def seen(p: PlantParameters, x: Number, y: Number, theta: Number) -> tuple[Numbe
     return x * stretch, y * stretch, theta
 
 
-def mean_around(time: Floats, values: Floats, half: float) -> Floats:
-    """Return the means of `values`, linear between their times, from `half` [s] before each time to `half` after it.
+def filtered(time: Floats, values: Floats, constant: float) -> Floats:
+    """Return what a filter makes of `values`, linear between their times, that begins at the first of them.
 
-    The time ends with the values: there, less is averaged.
+    pose_smoothing: dy/dt = (x - y) / T.
     """
-    fine = np.linspace(time[0], time[-1], 20 * len(time))
-    value = np.interp(fine, time, values)
-    area = np.append(0.0, np.cumsum(0.5 * (value[1:] + value[:-1]) * np.diff(fine)))
-    reach = np.minimum(half, np.minimum(time - time[0], time[-1] - time))
-    inside = reach > 0.0
     result = values.copy()
-    begin, end = (np.interp(time[inside] + way * reach[inside], fine, area) for way in (-1.0, 1.0))
-    result[inside] = (end - begin) / (2.0 * reach[inside])
+    if constant > 0.0:
+        for k, seconds in enumerate(np.diff(time)):
+            result[k + 1] = filtered_on(result[k], (values[k], values[k + 1]), seconds, constant)
     return result
+
+
+def filtered_on(before: float, values: tuple[float, float], seconds: float, constant: float) -> float:
+    """Return what a filter shows that has shown `before`, while what it filters went along a line between `values`."""
+    behind = constant * (values[1] - values[0]) / seconds  # in the end
+    return values[1] - behind + (before - values[0] + behind) * math.exp(-seconds / constant)
 
 
 def correlated(time: Floats, memory: float, random: np.random.Generator) -> Floats:

@@ -160,19 +160,24 @@ POSE_LATENCY = Effect(
     confused_with={"electrical_lag": "compare encoders with pose", "clock_skew": "a longer run"},
 )
 
+# A first-order filter shows the robot late by its time constant on average, with a standard deviation of as much.
 POSE_SMOOTHING = Effect(
     name="pose_smoothing",
     group=GROUP,
-    cause="The tracker smooths its poses: each is a mean over {pose_smoothing:.3f} s (standard deviation).",
-    equations={"pose_time": "spread = spread + pose_smoothing"},
+    cause="The tracker smooths its poses with a time constant of {pose_smoothing:.3f} s.",
+    equations={
+        "pose_time": """
+            moment = moment - pose_smoothing
+            spread = spread + pose_smoothing
+        """
+    },
     parameters=(
-        ParameterDefinition(
-            "pose_smoothing", "s", "standard deviation of the moments that a pose is a mean of", 0.0, 1.0, 0.0, 0.1
-        ),
+        ParameterDefinition("pose_smoothing", "s", "time constant of the filter of the poses", 0.0, 0.6, 0.0, 0.05),
     ),
     needs="turns, and changes of speed",
-    shows_in="the pose, to the inside of turns; it looks like smaller wheels",
-    confused_with={"wheel_radius_scale": "longer straight runs", "pose_offset": "turns at other speeds"},
+    shows_in="the pose, late and to the inside of turns; it looks like late poses and smaller wheels",
+    confused_with={"pose_latency": "faster turns", "wheel_radius_scale": "longer straight runs"},
+    beside="pose_latency",
 )
 
 POSE_OFFSET = Effect(
