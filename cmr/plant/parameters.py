@@ -161,7 +161,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "gyro_drift": {"gyro_drift": 0.012},
     "gyro_latency": {"gyro_latency": 0.02},
     "pose_latency": {"pose_latency": 0.04},
-    "pose_smoothing": {"pose_smoothing": 0.05},
+    "pose_smoothing": {"pose_smoothing": 0.1},
     "clock_skew": {"clock_skew": 5e-4},
     "pose_offset": {"pose_offset": 0.012},
     "pose_heading_offset": {"pose_heading_offset": 0.05},

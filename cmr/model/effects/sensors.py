@@ -160,19 +160,13 @@ POSE_LATENCY = Effect(
     confused_with={"electrical_lag": "compare encoders with pose", "clock_skew": "a longer run"},
 )
 
-# A first-order filter shows the robot late by its time constant on average, with a standard deviation of as much.
 POSE_SMOOTHING = Effect(
     name="pose_smoothing",
     group=GROUP,
     cause="The tracker smooths its poses with a time constant of {pose_smoothing:.3f} s.",
-    equations={
-        "pose_time": """
-            moment = moment - pose_smoothing
-            spread = spread + pose_smoothing
-        """
-    },
+    equations={"pose_time": "filtered = filtered + pose_smoothing"},
     parameters=(
-        ParameterDefinition("pose_smoothing", "s", "time constant of the filter of the poses", 0.0, 0.6, 0.0, 0.05),
+        ParameterDefinition("pose_smoothing", "s", "time constant of the filter of the poses", 0.0, 0.35, 0.0, 0.1),
     ),
     needs="turns, and changes of speed",
     shows_in="the pose, late and to the inside of turns; it looks like late poses and smaller wheels",
