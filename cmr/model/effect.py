@@ -39,6 +39,7 @@ class Effect:
     `shows_in` where, and `confused_with` maps the names of other effects to the manoeuvre that tells them apart.
     Parameters that are `given` say under which circumstances the effect acts: they are told, not found, and switch
     nothing on.
+    An effect that is never alone is looked for `beside` another one: once that was found.
     The effect may show `with_commands` of these kinds: a velocity controller in the robot makes up for many. Where
     speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
     `{parameter_acceleration}` the acceleration from rest in rad/s^2.
@@ -54,6 +55,7 @@ class Effect:
     confused_with: Mapping[str, str] = field(default_factory=dict)
     memory: tuple[Memory, ...] = ()
     given: tuple[ParameterDefinition, ...] = ()
+    beside: str = ""
     with_commands: tuple[str, ...] = KINDS
     cause_of_speed: str = ""
 

@@ -9,6 +9,7 @@ from numpy import floor
 
 from cmr.model.compiled import compiled, inlined
 from cmr.model.elementary import cos, exp, sin
+from cmr.model.stages import FILTER_AGES, FILTER_WEIGHTS
 from cmr.model.step_helpers import sign
 '''
 
@@ -302,19 +303,23 @@ def observe(
                 while next_pose < last_pose and pose_time[next_pose] <= now:
                     time = began + pose_time[next_pose]
                     for i in range(filled):
-                        moment = time
+                        moment, filtered = time, 0.0
     POSE_TIME_NUMBERS
     POSE_TIME
-                        # A moment still to come lies on the line through the last two borders.
-                        position = max(border + (moment - began - now) / dt, border - (HISTORY - 2.0))
-                        first = min(int(floor(position)), border - 1)
-                        share = position - first
-                        one, other = past[first % HISTORY], past[(first + 1) % HISTORY]
-                        own[AT_X + i] = one[0, i] + share * (other[0, i] - one[0, i]) + own[OFFSET_X + i]
-                        own[AT_Y + i] = one[1, i] + share * (other[1, i] - one[1, i]) + own[OFFSET_Y + i]
-                        own[AT_THETA + i] = one[2, i] + share * (other[2, i] - one[2, i]) + own[OFFSET_THETA + i]
-                        own[AT_THETA + i] += beside_line(other, i, share, dt)
-                        own[AT_TIME + i] = moment - began
+                        own[AT_X + i], own[AT_Y + i] = own[OFFSET_X + i], own[OFFSET_Y + i]
+                        own[AT_THETA + i], own[AT_TIME + i] = own[OFFSET_THETA + i], moment - filtered - began
+                        for number in range(len(FILTER_AGES) if filtered > 0.0 else 1):
+                            part = FILTER_WEIGHTS[number] if filtered > 0.0 else 1.0
+                            at = moment - FILTER_AGES[number] * filtered if filtered > 0.0 else moment
+                            # A moment still to come lies on the line through the last two borders.
+                            position = max(border + (at - began - now) / dt, border - (HISTORY - 2.0))
+                            first = min(int(floor(position)), border - 1)
+                            share = position - first
+                            one, other = past[first % HISTORY], past[(first + 1) % HISTORY]
+                            own[AT_X + i] += part * (one[0, i] + share * (other[0, i] - one[0, i]))
+                            own[AT_Y + i] += part * (one[1, i] + share * (other[1, i] - one[1, i]))
+                            turned = one[2, i] + share * (other[2, i] - one[2, i]) + beside_line(other, i, share, dt)
+                            own[AT_THETA + i] += part * turned
                     for i in range(filled):
     POSE_NUMBERS
                         at_x, at_y, at_theta = own[AT_X + i], own[AT_Y + i], own[AT_THETA + i]

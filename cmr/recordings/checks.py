@@ -18,6 +18,7 @@ from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
 from cmr.recordings.stale_poses import stale_poses
 from cmr.recordings.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
+from cmr.recordings.uneven_stamps import EvenStamps, even_stamps
 from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
 
 __all__ = ["Finding", "Findings", "check"]
@@ -29,6 +30,9 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     How late the wheels tell is found, unless it is known from other recordings of the robot: `wheels_late`, which is
     late_wheels.IN_TIME where they are not.
     """
+    even = even_stamps(recording)
+    for stamps in even:
+        recording = stamps.of(recording)
     damaged = damaged_samples(recording)
     stale = _over_all(stale_poses(_without(recording, [damaged])), [damaged], recording)
     sound = _without(recording, [damaged, stale])
@@ -47,11 +51,17 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     turned = turned_headings(plausible, faults, pose_lag)
     findings = [*_pose_findings(faults), turned, *sensors, *gyro]
     findings = [_over_all(finding, [damaged, stale], recording) for finding in findings]
-    findings += [damaged, stale, _wheels_finding(late), *_lag_findings(lags, rates, slowest_response(recording))]
+    findings += [
+        damaged,
+        stale,
+        _stamps_finding(even),
+        _wheels_finding(late),
+        *_lag_findings(lags, rates, slowest_response(recording)),
+    ]
     findings += motion_findings(sound)
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
-    return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late)
+    return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late, tuple(even))
 
 
 def late_wheels_in_all(recordings: Sequence[Recording]) -> Lag | None:
@@ -125,6 +135,16 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
             {"poses": faults.held} if held else {},
         ),
     ]
+
+
+def _stamps_finding(even: Sequence[EvenStamps]) -> Finding:
+    uneven = " and ".join(f"the {one.signal} by {1000 * one.jitter:.1f} ms" for one in even)
+    return Finding(
+        "uneven_stamps",
+        len(even),
+        f"What was taken at even intervals is stamped unevenly: {uneven} (standard deviation). The stamps were evened "
+        "out.",
+    )
 
 
 def _wheels_finding(late: Lag | None) -> Finding:

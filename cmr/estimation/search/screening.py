@@ -54,7 +54,8 @@ def screen(
     problem: Problem, values: Mapping[str, float], names: Sequence[str], selected: Sequence[str], noise: Noise | None
 ) -> Screening:
     """Score all effects but those `selected`, beside the free parameters `names` at `values`."""
-    attempts = trials(problem.excitation, [effect for effect in problem.effects if effect.name not in selected])
+    others = [one for one in problem.effects if one.name not in selected and one.beside in ("", *selected)]
+    attempts = trials(problem.excitation, others)
     steps = [inward(name, values[name], step_of(name, values[name], problem.excitation)) for name in names]
     sets = [dict(values)]
     sets += [{**values, name: values[name] + step} for name, step in zip(names, steps, strict=True)]
