@@ -28,7 +28,7 @@ def why_not_writable(folder: Path) -> str:
     """Return why nothing can be written into a folder, which may have to be made first; empty if it can."""
     nearest = next(one for one in (folder, *folder.absolute().parents) if one.exists())
     if not nearest.is_dir():
-        return f"{nearest} is a file, not a folder"
+        return f"{'it' if nearest == folder else nearest} is a file, not a folder"
     return "" if os.access(nearest, os.W_OK | os.X_OK) else os.strerror(errno.EACCES)
 
 

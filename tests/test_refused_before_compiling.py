@@ -29,15 +29,15 @@ REFUSED: list[tuple[Main, str, str]] = [
     (diagnose, f"--live --lcm-url {NO_BUS}", "not a multicast address"),
     (diagnose, "nothing.lcm --out found", "nothing.lcm: cannot be opened"),
     (diagnose, "run.lcm --robot 9 --out found", "nothing measured of robot 9"),
-    (diagnose, "run.lcm --out a_file", "a_file is a file, not a folder"),
+    (diagnose, "run.lcm --out a_file", "a_file: cannot be written: it is a file, not a folder"),
     (calibrate, "nothing.lcm", "nothing.lcm: cannot be opened"),
     (calibrate, "--log a_file", "no MOTOR_FEEDBACK_N or POSE_N in it"),
     (calibrate, "run.lcm --robot 9", "nothing measured of robot 9"),
-    (calibrate, "run.lcm --out a_file/robot_0.yaml", "a_file is a file, not a folder"),
+    (calibrate, "run.lcm --out a_file/robot_0.yaml", "a_file: cannot be written: it is a file, not a folder"),
     (calibrate, "run.lcm --picture nowhere/found.png", "nowhere is not a folder"),
     (demo, f"--lcm-url {NO_BUS}", "not a multicast address"),
-    (demo, "--out a_file", "a_file is a file, not a folder"),
-    (sweep, "line --seeds 1 --out a_file", "a_file is a file, not a folder"),
+    (demo, "--out a_file", "a_file: cannot be written: it is a file, not a folder"),
+    (sweep, "line --seeds 1 --out a_file", "a_file: cannot be written: it is a file, not a folder"),
 ]
 ELSEWHERE = """
 duration: 5

@@ -93,7 +93,7 @@ def value_axis(low: float, high: float, label: str = "") -> uplot.Axis:
 
 
 def ticks(low: float, high: float) -> tuple[tuple[float, ...], tuple[str, ...]]:
-    """Return round numbers between two, three to six, as numbers and with all digits that tell them apart.
+    """Return round numbers between two, three to six, as numbers and with all digits that distinguish them.
 
     The browser itself writes three digits at most, which are too few for a k1.
     """

@@ -40,7 +40,7 @@ class Surroundings(NamedTuple):
     """What a page has besides what it shows.
 
     `curve_windows` are the spans of time of its plots; `back_to` names what other visitors see, where this one sees a
-    log of his own; `has_robots` tells whether there is a bus with robots that can be stopped, `has_fence` whether a
+    log of his own; `has_robots` says whether there is a bus with robots that can be stopped, `has_fence` whether a
     geofence is drawn.
     """
 
