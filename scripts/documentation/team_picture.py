@@ -3,6 +3,7 @@
 The real robots are emulated. The floor is rendered with them on it, and the virtual ones are drawn into its picture.
 """
 
+import math
 import subprocess
 from collections.abc import Iterable
 from pathlib import Path
@@ -22,7 +23,8 @@ from cmr.scenario.children import our_command
 from tests.camera_bench import CARRIED, lens_of
 from tests.rendered_floor import Box, Eye, Scene, Sheet
 
-MOMENT = 15.0  # s after the log's beginning
+DRIVEN = 10_000_000  # us that the leader has driven in the picture
+LEADER, SET_OFF = 10, 0.02  # m from its start
 TRAIL = 4_000_000  # us, in the camera's picture
 SCENARIO = """
 about: A wedge of six behind a virtual leader; three of them are real (here emulated)
@@ -48,7 +50,7 @@ TAGS = tuple(
 )
 
 
-def drive(folder: Path, parameters: Path) -> tuple[Path, Path]:
+def drive_team(folder: Path, parameters: Path) -> tuple[Path, Path]:
     """Let the team drive for half a minute; return its scenario's file and its log."""
     scenario = folder / "team.yaml"
     scenario.write_text(SCENARIO.format(parameters=parameters, place=PLACE))
@@ -56,10 +58,11 @@ def drive(folder: Path, parameters: Path) -> tuple[Path, Path]:
     return scenario, folder / "team" / "run.lcm"
 
 
-def with_camera(log: Path, path: Path) -> None:
-    """Write a log again with one picture of the camera in it, just before MOMENT."""
+def with_camera(log: Path, path: Path) -> float:
+    """Write a log again with one picture of the camera in it; return how many seconds after the log's beginning."""
     events = list(EventReader(log))
-    seen = [event for event in events if event.utime <= events[0].utime + 1e6 * MOMENT - 20_000]
+    moment = next(event.utime for event in events if _has_set_off(event)) + DRIVEN
+    seen = [event for event in events if event.utime <= moment]
     picture = _picture(seen)
     _, jpeg = cv2.imencode(".jpg", picture)
     height, width = picture.shape[:2]
@@ -67,6 +70,17 @@ def with_camera(log: Path, path: Path) -> None:
     image = make(camera_image_t, utime=utime, camera="ceiling", width=width, height=height, jpeg=jpeg.tobytes())
     taken = Event(seen[-1].number, utime, CAMERA_IMAGE.name, image.encode())
     path.write_bytes(b"".join(map(event_bytes, [*seen, taken, *events[len(seen) :]])))
+    return (utime - events[0].utime) * 1e-6 + 0.02  # the picture is there
+
+
+def _has_set_off(event: Event) -> bool:
+    """Return whether this is the world after the leader has set off; it starts at the origin."""
+    if event.channel != WORLD_STATE.name:
+        return False
+    world = decode(event.channel, event.data).message
+    return any(
+        math.hypot(x, y) > SET_OFF for who, x, y in zip(world.robot_id, world.x, world.y, strict=True) if who == LEADER
+    )
 
 
 def _picture(seen: Iterable[Event]) -> Picture:
