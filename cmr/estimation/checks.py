@@ -100,7 +100,7 @@ def _looked_at(recording: Recording, findings: Findings, number: int, name: str)
 def with_clocks_set(recording: Recording, findings: Findings | None = None) -> tuple[Recording, Findings, str]:
     """Return the recording with the clocks of poses and commands set by that of the wheels, the findings, and a note.
 
-    Wheels that report late are set right before. `findings` are those of its check, where that was made.
+    Wheels that tell late are set right before. `findings` are those of its check, where that was made.
 
     The checks are those of the recording as it came, so that what was wrong is reported; they allow for a late clock.
     Only a clock that is far off is touched, or one that shows what has not happened yet. A pose that is a little late
