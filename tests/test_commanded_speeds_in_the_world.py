@@ -118,7 +118,10 @@ def test_an_emergency_stop_holds_for_twins_whatever_they_are_commanded(kind: str
 
 def pilot_of(folder: Path, parameters: ParameterFile, kind: str | None = None) -> Pilot:
     parameters.save(folder / "robot_0.yaml")
-    return Pilot(0, Follow(leader=10, gap=0.5), ParameterFollower(0, folder / "robot_0.yaml"), kind=kind)
+    pilot = Pilot(0, Follow(leader=10, gap=0.5), ParameterFollower(0, folder / "robot_0.yaml"), kind=kind)
+    if parameters is MOTORS:  # others need no driver
+        pilot.handle(EPOCH, MOTOR_FEEDBACK.channel(0), feedback(EPOCH))
+    return pilot
 
 
 def piloted(pilot: Pilot, utime: int) -> Any:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmr.bus.messages import make
+from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import (
     ESTOP,
@@ -55,9 +56,10 @@ def main(arguments: list[str]) -> int:
             f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
         )
     cast = _cast(options.scenario) if options.scenario else None
-    compile_first([MODEL, WORLD])
     world, loader = _world(options, cast)
     scanner = _scanner(options, cast)
+    check_bus(options.lcm_url)
+    compile_first([MODEL, WORLD])
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()

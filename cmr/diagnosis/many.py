@@ -65,7 +65,7 @@ def _named(logs: Sequence[Path], robot_id: int | None) -> Iterator[tuple[Path, i
 
 
 def distinct_names(logs: Sequence[Path]) -> list[str]:
-    """Return the logs' names without endings; of logs of the same name with the folders that tell them apart."""
+    """Return the logs' names without endings; of logs of the same name with the folders that distinguish them."""
     places = [log.resolve().with_suffix("").parts[1:] for log in logs]
     return ["_".join(place[-_needed(place, places) :]) for place in places]
 

@@ -31,7 +31,7 @@ MOVED = (
 )
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
 REPEATS = ("poses_held", "stale_poses")  # checks that set aside what is true, but older than its time stamp
-FEWEST = 2  # readings of a sensor from which it tells of a motion
+FEWEST = 2  # readings of a sensor from which on it shows a motion
 SHORTEST = 5.0  # s; what is named from less is chance
 DRIVE = "Drive a figure-eight, or cmr-pilot's rich_drive, and record it."
 LONG_ENOUGH = (
@@ -52,8 +52,8 @@ PATH, TURN = "a path (POSE_N)", "a turn (POSE_N or GYRO_N)"
 class Checked:
     """A recording that was looked at, without what cannot be true, and with the clock of its poses set right.
 
-    `name` tells a person which it is. `findings` are those of the recording as it came, `note` is a sentence on what
-    was changed. `segments` are its parts between gaps that tell of a motion. `useless` is a sentence on why nothing can
+    `name` is for a person. `findings` are those of the recording as it came, `note` is a sentence on what
+    was changed. `segments` are its parts between gaps that show a motion. `useless` is a sentence on why nothing can
     be concluded from it, empty if something can.
     """
 
@@ -73,7 +73,7 @@ def looked_at(
 ) -> list[Checked]:
     """Look at recordings of one robot; without `names` they are numbered.
 
-    `wheels_late` says how late its wheels tell, if that is known (see `check`); else it is found, the same for all.
+    `wheels_late` says how late its wheels report, if that is known (see `check`); else it is found, the same for all.
     """
     names = list(names) or [f"{otherwise} {number + 1}" for number in range(len(recordings))]
     found = [check(recording, wheels_late) for recording in recordings]
@@ -106,7 +106,7 @@ def with_clocks_set(recording: Recording, findings: Findings | None = None) -> t
     Wheels that report late, or were stamped unevenly, are set right before. `findings` are those of its check, where
     that was made.
 
-    The checks are those of the recording as it came, so that what was wrong stays told; they allow for a late clock.
+    The checks are those of the recording as it came, so that what was wrong is reported; they allow for a late clock.
     Only a clock that is far off is touched, or one that shows what has not happened yet. A pose that is a little late
     may be the fault of the localisation, and is then a finding about it; so may be a command. A clock that runs at
     another rate is no constant lag: it is left to be found as such.
@@ -146,7 +146,7 @@ def _commands_moved(lag: float, by: float) -> str:
 
 
 def _skewed(recording: Recording) -> bool:
-    """Tell whether the lag of the poses is surely another one in the second half of a recording than in the first."""
+    """Return whether the lag of the poses is surely another one in the second half of a recording than in the first."""
     first, last = int(recording.wheels.utime[0]), int(recording.wheels.utime[-1])
     middle = (first + last) // 2
     halves = [recording.between(first, middle), recording.between(middle, last)]
@@ -158,7 +158,7 @@ def _skewed(recording: Recording) -> bool:
 
 
 def _tells(segment: Segment) -> bool:
-    """Tell whether a segment says what drove the robot, and how it moved."""
+    """Return whether a segment says what drove the robot, and how it moved."""
     observations = segment.observations
     return (
         max(len(observations.wheel_time), len(observations.commands.time)) >= FEWEST
@@ -212,7 +212,7 @@ def _why_useless(recording: Recording, cleaned: Recording, findings: Findings, s
 
 
 def _why_no_motion(recording: Recording, cleaned: Recording, findings: Findings) -> str:
-    """Return why nothing tells how the robot moved."""
+    """Return why nothing says how the robot moved."""
     lost = [name for name in ("poses", "gyro") if len(cleaned.signals[name]) < FEWEST]
     set_aside = [sentence for name in lost for sentence in _why_set_aside(findings, name)]
     if set_aside:
@@ -264,13 +264,13 @@ def require_of_use_held_out(looked: Sequence[Checked], *, path: bool) -> None:
 
 
 def _has_window(looked: Checked, path: bool) -> bool:
-    """Tell whether there is a window over which free runs can be measured; with `path`, one with poses."""
+    """Return whether there is a window over which free runs can be measured; with `path`, one with poses."""
     observations = [segment.observations for segment in looked.segments]
     return any(len(windows_of(one, WINDOW).begin) for one in observations if len(one.pose) or not path)
 
 
 def findings_of(looked: Sequence[Checked]) -> tuple[Finding, ...]:
-    """Return what the checks found; where there are several recordings, each sentence tells in which.
+    """Return what the checks found; where there are several recordings, each sentence says in which.
 
     A check that found nothing in any of them stands there once.
     """

@@ -6,7 +6,7 @@ import viser
 from cmr.view.inputs import write
 from cmr.view.state import Heard, ViewState
 
-STALE = 2.0  # s after which the age of a picture is told
+STALE = 2.0  # s after which the age of a picture is shown
 NO_CAMERA = "no camera"
 
 

@@ -16,7 +16,7 @@ Outgoing = tuple[Stream, int | None, Any]
 class Orders:
     """Turns orders into messages. `handle` hears ESTOP, `due` returns what is to be sent at each turn.
 
-    A stop is repeated until anybody releases it. `stopped` tells whether the emergency stop is engaged, and `reason`
+    A stop is repeated until anybody releases it. `stopped` says whether the emergency stop is engaged, and `reason`
     by whom and why.
     """
 

@@ -1,7 +1,6 @@
 """The panels of one visitor's page, and what only that visitor sees of the scene."""
 
 import time
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,7 +40,7 @@ class Surroundings(NamedTuple):
     """What a page has besides what it shows.
 
     `curve_windows` are the spans of time of its plots; `back_to` names what other visitors see, where this one sees a
-    log of his own; `has_robots` tells whether there is a bus with robots that can be stopped, `has_fence` whether a
+    log of his own; `has_robots` says whether there is a bus with robots that can be stopped, `has_fence` whether a
     geofence is drawn.
     """
 
@@ -69,6 +68,7 @@ class Page:
         self._surroundings = surroundings
         self._camera = Camera(client)
         self._mode_changed = False
+        self._question: Any = None  # a dialog that is open over the page
         self._overview_due: float | None = time.monotonic() + SETTLED
         gui = client.gui
         self._head = gui.add_html("")
@@ -173,7 +173,7 @@ class Page:
         stop = gui.add_button("EMERGENCY STOP", color="red", hint="or press Esc")
         release = gui.add_button("reset emergency stop ...", color="gray")
         stop.on_click(lambda _event: self.wish(STOP))
-        gui.add_command("EMERGENCY STOP", hotkey="escape").on_trigger(lambda _event: self.wish(STOP))
+        gui.add_command("EMERGENCY STOP", hotkey="escape").on_trigger(lambda _event: self._take_escape())
         release.on_click(lambda _event: self._ask_release())
         if self._replay is None:
             eight = gui.add_button("start figure-eight", hint="of the chosen robot")
@@ -222,16 +222,26 @@ class Page:
         if not self.permission.granted:
             self.wish(RELEASE)  # which is refused
             return
-        modal = self.client.gui.add_modal("Reset the emergency stop?")
-        with modal:
+        if self._question is not None:
+            return
+        self._question = self.client.gui.add_modal("Reset the emergency stop?")
+        with self._question:
             self.client.gui.add_markdown("Robots that are commanded will move again.")
             yes, no = self.client.gui.add_button("reset", color="red"), self.client.gui.add_button("leave it engaged")
-        yes.on_click(self._closing(modal, lambda: self.wish(RELEASE)))
-        no.on_click(self._closing(modal, lambda: None))
+        yes.on_click(lambda _event: self._answer(RELEASE))
+        no.on_click(lambda _event: self._answer(None))
 
-    def _closing(self, modal: Any, act: Callable[[], None]) -> Callable[[Any], None]:
-        def close(_event: Any) -> None:
-            act()
-            modal.close()
+    def _answer(self, wished: str | None) -> None:
+        """Close the question; do what was wished, if it was not just to be closed."""
+        question, self._question = self._question, None
+        if question is not None:
+            question.close()
+        if wished is not None:
+            self.wish(wished)
 
-        return close
+    def _take_escape(self) -> None:
+        """Close the question that is open; otherwise stop the robots."""
+        if self._question is None:
+            self.wish(STOP)
+        else:
+            self._answer(None)

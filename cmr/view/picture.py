@@ -115,7 +115,7 @@ def trails(trail: Trail) -> Lines:
 
 
 def waypoints(state: ViewState, robots: Robots) -> Lines:
-    """Return the paths that robots were told, red, with a mark where each ends; of robots that have left, none."""
+    """Return the paths that robots were given, red, with a mark where each ends; of robots that have left, none."""
     parts = [np.empty((0, 2, 2))]
     there = set(robots.robot_id.tolist())
     for heard in (heard for robot_id, heard in state.latest["WAYPOINTS"].items() if robot_id in there):

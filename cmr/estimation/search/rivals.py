@@ -30,7 +30,7 @@ def rivals_of(
 ) -> tuple[str, ...]:
     """Return the effects that explain the data as well as one of those in the model, beside all others in it.
 
-    To first order, the screening beside the model tells which; these are then fitted. What a data sheet
+    To first order, the screening beside the model says which; these are then fitted. What a data sheet
     says is a rival only if it explains as much.
     """
     name = one.candidate.effect.name

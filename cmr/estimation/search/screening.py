@@ -38,7 +38,7 @@ class Score:
 class Screening:
     """The noise, the best score of each effect, best first, and the inflation of scores.
 
-    `traces` tells by effect how much of its typical size would show: the sum of squared white errors that it makes.
+    `traces` says by effect how much of its typical size would show: the sum of squared white errors that it makes.
     `linear` is what all `trials` do together, to first order.
     """
 
@@ -213,7 +213,7 @@ def _score(trial: Trial, size: float, pull: float) -> Score:
 
 
 def one_sided(trial: Trial) -> bool:
-    """Tell whether the effect has one sign only."""
+    """Return whether the effect has one sign only."""
     switches = [
         definition(name)
         for name, value in trial.values.items()
