@@ -5,7 +5,7 @@ from typing import Any
 
 from cmr.bus.messages import make
 from cmr.bus.streams import STREAMS
-from cmr.msg import gyro_t, motor_feedback_t
+from cmr.msg import gyro_t
 from cmr.recordings.events import Event
 
 START = 1_700_000_000_000_000  # us
@@ -76,9 +76,3 @@ def gyro_readings(first: int, count: int, channel: str = "GYRO_4") -> list[Event
         )
         for number in range(first, first + count)
     ]
-
-
-def feedback(robot_id: int = 0) -> Any:
-    """What a driver says of motors that are well."""
-    fields = {**FIELDS["MOTOR_FEEDBACK"], "status": 0}
-    return make(motor_feedback_t, utime=START, robot_id=robot_id, **fields)

@@ -118,10 +118,7 @@ def test_an_emergency_stop_holds_for_twins_whatever_they_are_commanded(kind: str
 
 def pilot_of(folder: Path, parameters: ParameterFile, kind: str | None = None) -> Pilot:
     parameters.save(folder / "robot_0.yaml")
-    pilot = Pilot(0, Follow(leader=10, gap=0.5), ParameterFollower(0, folder / "robot_0.yaml"), kind=kind)
-    if parameters is MOTORS:  # others need no driver
-        pilot.handle(EPOCH, MOTOR_FEEDBACK.channel(0), feedback(EPOCH))
-    return pilot
+    return Pilot(0, Follow(leader=10, gap=0.5), ParameterFollower(0, folder / "robot_0.yaml"), kind=kind)
 
 
 def piloted(pilot: Pilot, utime: int) -> Any:

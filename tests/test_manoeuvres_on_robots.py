@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.bus.streams import MOTOR_FEEDBACK, WORLD_STATE
+from cmr.bus.streams import WORLD_STATE
 from cmr.commands.command_line import CommandError
 from cmr.commands.pilot import main as run_pilot
 from cmr.commands.robots import behaviour_of, numbered, virtual_robots
@@ -20,7 +20,6 @@ from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, Robot, WorldView, world_messages
 from cmr.world.world import World
 from tests.driven_manoeuvres import DT, LARGE, duties_of, motion_of
-from tests.small_log import feedback
 
 EPOCH = 1_800_000_000_000_000  # us
 PARAMETERS = ParameterFile(0, {name: Value(value) for name, value in TYPICAL.values.items()})
@@ -57,9 +56,7 @@ class TestPilot:
 
     @pytest.fixture
     def pilot(self, behaviour: DriveManoeuvre, file: Path) -> Pilot:
-        result = Pilot(0, behaviour, ParameterFollower(0, file))
-        result.handle(EPOCH, MOTOR_FEEDBACK.channel(0), feedback())
-        return result
+        return Pilot(0, behaviour, ParameterFollower(0, file))
 
     @staticmethod
     def command(pilot: Pilot, seconds: float, x: float = 0.0) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from cmr.bus.messages import make
-from cmr.bus.streams import ESTOP, MOTOR_FEEDBACK, WORLD_STATE
+from cmr.bus.streams import ESTOP, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.msg import estop_t, motor_feedback_t
 from cmr.parameters.file import ParameterFile, Value
@@ -15,7 +15,6 @@ from cmr.world.behaviours import Follow
 from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, VIRTUAL, Robot, world_messages
 from tests.emulated_drive import EPOCH, TRUTH, messages
-from tests.small_log import feedback
 
 TRUE = ParameterFile(0, {"wheel_radius": Value(0.04)} | {name: Value(value) for name, value in TRUTH.items()})
 
@@ -24,9 +23,7 @@ TRUE = ParameterFile(0, {"wheel_radius": Value(0.04)} | {name: Value(value) for 
 def pilot(tmp_path: Path) -> Pilot:
     file = tmp_path / "robot_0.yaml"
     TRUE.save(file)
-    result = Pilot(0, Follow(leader=10, gap=0.5), ParameterFollower(0, file))
-    result.handle(EPOCH, MOTOR_FEEDBACK.channel(0), feedback())
-    return result
+    return Pilot(0, Follow(leader=10, gap=0.5), ParameterFollower(0, file))
 
 
 def world_at(utime: int) -> Any:
@@ -60,19 +57,8 @@ def test_it_stops_when_the_world_falls_silent(pilot: Pilot) -> None:
     assert (late.left, late.right) == (0.0, 0.0)
 
 
-def test_it_waits_for_the_driver_so_that_no_twin_drives_off_alone(tmp_path: Path) -> None:
-    file = tmp_path / "robot_0.yaml"
-    TRUE.save(file)
-    pilot = Pilot(0, Follow(leader=10, gap=0.5), ParameterFollower(0, file))
-    assert drive(pilot, EPOCH).left == 0.0
-    assert pilot.waiting_for == "the driver of robot 0 (MOTOR_FEEDBACK_0)"
-    pilot.handle(EPOCH, MOTOR_FEEDBACK.channel(0), feedback())
-    assert drive(pilot, EPOCH).left > 0.05
-
-
 def test_it_stands_still_without_parameters(tmp_path: Path) -> None:
     pilot = Pilot(0, Follow(leader=10), ParameterFollower(0, tmp_path / "missing.yaml"))
-    pilot.handle(EPOCH, MOTOR_FEEDBACK.channel(0), feedback())
     assert drive(pilot, EPOCH).left == 0.0
     assert "parameters" in pilot.waiting_for
 

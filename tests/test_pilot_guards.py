@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cmr.bus.messages import make
-from cmr.bus.streams import MOTOR_FEEDBACK, POSE, WORLD_STATE
+from cmr.bus.streams import POSE, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.msg import pose_xyt_t
@@ -19,7 +19,6 @@ from cmr.world.interaction.obstacles import Geofence
 from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, VIRTUAL, Robot, WorldView, world_messages
 from tests.emulated_drive import EPOCH, TRUTH
-from tests.small_log import feedback
 
 TRUE = ParameterFile(0, {"wheel_radius": Value(0.04)} | {name: Value(value) for name, value in TRUTH.items()})
 SQUARE = Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
@@ -43,7 +42,6 @@ class Bench:
         file = folder / "robot_0.yaml"
         TRUE.save(file)
         self.pilot = Pilot(0, behaviour or StraightOn(), ParameterFollower(0, file), **options)
-        self.pilot.handle(EPOCH, MOTOR_FEEDBACK.channel(0), feedback())
         self.utime = EPOCH
 
     def turn(

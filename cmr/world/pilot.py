@@ -33,8 +33,7 @@ class Pilot:
     Inside of a `geofence`, `margin` [m] from its border, it drives; once it was elsewhere, it stands for good, as
     `left_fence` says. With a geofence, or once poses were heard, it stands while they are missing. With `keep_clear` it
     stops before robots in its way, real and virtual ones. `kind` of cmr.model.command_kinds is what it commands; by
-    default (v, omega) to a robot whose parameters have a velocity controller, duties to others, once the robot's driver
-    was heard.
+    default (v, omega) to a robot whose parameters have a velocity controller, duties to others.
     """
 
     def __init__(
@@ -59,7 +58,6 @@ class Pilot:
         self._world.geofence = geofence
         self._estop = EmergencyStop()
         self._zeros_to_send = 0
-        self._has_driver = False
         self._kind = kind
 
     @property
@@ -82,7 +80,6 @@ class Pilot:
         elif channel == POSE.channel(self.robot_id):
             self._poses.take(message)
         elif channel == MOTOR_FEEDBACK.channel(self.robot_id):
-            self._has_driver = True
             if message.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
                 self._zeros_to_send = FIRST_ZEROS
         elif channel == PARAMETERS.channel(self.robot_id):
@@ -124,8 +121,6 @@ class Pilot:
             self.waiting_for = f"robot {self.robot_id} in WORLD_STATE (from cmr-sim and its driver)"
         elif without_poses or model is None:
             self.waiting_for = without_poses or without_model
-        elif self.kind == DUTY and not self._has_driver:  # nobody would move the robot: only its twin would drive off
-            self.waiting_for = f"the driver of robot {self.robot_id} ({MOTOR_FEEDBACK.channel(self.robot_id)})"
         else:
             return self._drive(utime, me, model)
         return 0.0, 0.0
