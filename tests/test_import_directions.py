@@ -12,8 +12,9 @@ RECORDED = {*BUS, "parameters", "model", "recordings"}
 # Which packages of cmr each may know beside itself.
 KNOWN: dict[str, set[str]] = {
     "colours": set(),
-    "configuration": set(),
+    "configuration": {"document"},
     "distribution": set(),
+    "document": set(),
     "files": set(),
     "news": set(),
     "progress": {"news"},
@@ -24,15 +25,15 @@ KNOWN: dict[str, set[str]] = {
     "model": set(),
     "plant": set(),  # the judge of the model, with which it shares no code
     "bus": {"msg", "configuration", "news"},
-    "parameters": {*BUS, "files", "model"},
-    "camera": {"msg", "files"},
+    "parameters": {*BUS, "document", "files", "model"},
+    "camera": {"msg", "document", "files"},
     "manoeuvres": {"model"},
     "recordings": {*BUS, "parameters", "model"},
     "estimation": {*RECORDED, "manoeuvres"},
     "calibration": {*RECORDED, "colours", "manoeuvres", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
     "diagnosis": {*RECORDED, "report", "distribution", "colours", "files", "threads", "manoeuvres", "estimation"},
-    "scenario": {*RECORDED, "files", "progress", "report", "world", "team"},
+    "scenario": {*RECORDED, "document", "files", "progress", "report", "world", "team"},
     "team": {*RECORDED, "plant", "world"},
     "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
     "sweep": {*RECORDED, "files", "distribution", "colours", "progress", "scenario", "team", "world"},
@@ -54,7 +55,7 @@ KNOWN: dict[str, set[str]] = {
     },
     "robot_log": {*RECORDED, "calibration", "diagnosis", "distribution", "progress"},
     "__main__": {"commands"},
-    "tools": {*RECORDED, "files", "colours", "commands", "distribution", "progress"},
+    "tools": {*RECORDED, "document", "files", "colours", "commands", "distribution", "progress"},
 }
 DRIVER = {
     *BUS,

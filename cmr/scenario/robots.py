@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple, cast
 
 from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.document import Item, Place, Section
 from cmr.model.command_kinds import KINDS as COMMAND_KINDS
-from cmr.scenario.document import Item, Place, Section
 from cmr.scenario.plan import KINDS, BehaviourPlan, DriverPlan, EmulatorPlan, Kind, Point, RobotPlan
 from cmr.scenario.starts import starts_of
 from cmr.world.behaviours import BehaviourError, make_behaviour
