@@ -4,7 +4,7 @@ All files that people write are read by it: scenarios, settings of the emulated 
 files and the configuration. Each has a subclass of `DocumentError`. `cmr.structure` makes dataclasses of its values.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
@@ -35,6 +35,7 @@ class DocumentError(Exception):
     between: ClassVar[str] = "."  # keys
     after: ClassVar[str] = ": "  # keys, before the words
     unknown: ClassVar[str] = "is not known here. Known are: {known}"
+    section: ClassVar[str] = "mapping"  # what a mapping inside the file is called
     not_yaml: ClassVar[str] = "is not YAML"
 
     def __init__(self, words: str, *keys: str) -> None:
@@ -201,7 +202,8 @@ class Section:
     def __init__(self, item: Item, known: Sequence[str]) -> None:
         self.place = item.place
         if not item.is_mapping:
-            raise self.place.error(f"must be a mapping with some of: {', '.join(known)}")
+            kind = self.place.kind.section if self.place.key else "mapping"
+            raise self.place.error(f"must be a {kind} with some of: {', '.join(known)}")
         self._items = dict(item.entries())
         for key, value in self._items.items():
             if key not in known:
@@ -210,8 +212,13 @@ class Section:
     def __contains__(self, key: str) -> bool:
         return self.get(key) is not None
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
     def __getitem__(self, key: str) -> Item:
-        return self.need(key)
+        if key not in self._items:
+            raise self.place._replace(key=_joined(self.place, key)).error("is missing")
+        return self._items[key]
 
     def get(self, key: str) -> Item | None:
         """Return the value of a key; None where it is absent or null."""
@@ -226,8 +233,8 @@ class Section:
         return item
 
 
-def read_file(path: Path, kind: type[DocumentError]) -> Item:
-    """Return the document of a YAML file.
+def read_file(path: Path, kind: type[DocumentError], *, may_be_empty: bool = False) -> Item:
+    """Return the document of a YAML file; one that says nothing is an empty mapping where it `may_be_empty`.
 
     Raises the error of this kind when it cannot be read or is not YAML, or empty.
     """
@@ -237,10 +244,10 @@ def read_file(path: Path, kind: type[DocumentError]) -> Item:
         raise kind(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise kind(f"{path}: cannot be read: it is not UTF-8 text") from error
-    return read(text, str(path), kind)
+    return read(text, str(path), kind, may_be_empty=may_be_empty)
 
 
-def read(text: str, source: str, kind: type[DocumentError]) -> Item:
+def read(text: str, source: str, kind: type[DocumentError], *, may_be_empty: bool = False) -> Item:
     """Return the document of a YAML text; `source` names it in errors.
 
     Raises the error of this kind when it is not YAML, or empty.
@@ -249,19 +256,29 @@ def read(text: str, source: str, kind: type[DocumentError]) -> Item:
     try:
         node = yaml.compose(text, Loader=LOADER) if _depth(text) <= DEEPEST else None
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
+        plain = _in_plain_words(text) or error
+        mark = plain.problem_mark or plain.context_mark
         at = place._replace(line=mark.line + 1 if mark else 1)
-        raise at.error(f"{kind.not_yaml}: {error.problem or error.context}") from error
+        raise at.error(f"{kind.not_yaml}: {plain.problem or plain.context}") from error
     except (yaml.YAMLError, ValueError) as error:
         raise place.error(f"{kind.not_yaml}: {' '.join(str(error).split())}") from error
+    if may_be_empty and (node.tag == NULL if node is not None else not text.strip() or not _depth(text)):
+        node = yaml.MappingNode("tag:yaml.org,2002:map", [], yaml.Mark(source, 0, 0, 0, "", 0))
     if node is None:
         raise place.error("is empty, or nested too deeply")
     return Item(node, _place(node, place, ""))
 
 
-def is_blank(text: str) -> bool:
-    """Tell whether a YAML text says nothing, which some files may; raises nothing."""
-    return all(line.strip() in ("", "---") or line.lstrip().startswith("#") for line in text.splitlines())
+def _in_plain_words(text: str) -> yaml.MarkedYAMLError | None:
+    """Return what the loader that is not in C finds wrong with a text; it names the character and what it expected."""
+    try:
+        for _ in yaml.parse(text, Loader=yaml.SafeLoader):
+            pass
+    except yaml.MarkedYAMLError as error:
+        return error
+    except yaml.YAMLError:
+        pass
+    return None
 
 
 def _depth(text: str) -> int:
