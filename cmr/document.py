@@ -29,7 +29,8 @@ UNREADABLE = (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError
 class DocumentError(Exception):
     """A file cannot be used; the text names file, line and key, and says what is allowed.
 
-    Whoever checks values without their file names the `keys` that lead to the value, and has `placed` add the rest.
+    Whoever checks values without their file names the `keys` that lead to the value, and has `placed` add the rest; the
+    line is that of the key `inside`, where there is one that the words name themselves.
     """
 
     between: ClassVar[str] = "."  # keys
@@ -37,16 +38,21 @@ class DocumentError(Exception):
     unknown: ClassVar[str] = "is not known here. Known are: {known}"
     section: ClassVar[str] = "mapping"  # what a mapping inside the file is called
     not_yaml: ClassVar[str] = "is not YAML"
+    empty: ClassVar[str] = "is empty"
 
-    def __init__(self, words: str, *keys: str) -> None:
+    def __init__(self, words: str, *keys: str, inside: str = "") -> None:
         super().__init__(_said(self, "", keys, words))
         self.words = words
         self.keys = keys
+        self.inside = inside
         self.is_placed = False
 
     def placed(self, root: "Item") -> "DocumentError":
         """Return the error with file and line of its keys in the document; itself where it has them."""
-        return self if self.is_placed else root.found(self.keys).error(self.words)
+        if self.is_placed:
+            return self
+        line = root.found((*self.keys, self.inside) if self.inside else self.keys).line
+        return root.found(self.keys)._replace(line=line).error(self.words)
 
 
 class Place(NamedTuple):
@@ -102,7 +108,10 @@ class Item:
         try:
             return SafeConstructor().construct_document(self._node)
         except UNREADABLE as error:
-            raise self.place.error(f"cannot be read: {' '.join(str(error).split())}") from error
+            mark = error.problem_mark if isinstance(error, yaml.MarkedYAMLError) else None
+            place = self.place._replace(line=mark.line + 1) if mark else self.place
+            words = error.problem if isinstance(error, yaml.MarkedYAMLError) else str(error)
+            raise place.error(f"cannot be read: {' '.join(str(words).split())}") from error
 
     def over(self, below: "Item") -> "Item":
         """Return the same mapping with the values of another one where it says nothing."""
@@ -120,6 +129,11 @@ class Item:
         for name, item in _entries(self._node, self.place).items():
             entries[name] = item.over(entries[name]) if name in entries else item
         return list(entries.items())
+
+    def check_keys(self) -> None:
+        """Raise the document's error if a mapping has a key twice, at any depth; `value` takes the last of them."""
+        for _, item in self.entries() if self.is_mapping else ():
+            item.check_keys()
 
     def items(self) -> "list[Item]":
         """Return the elements of a list."""
@@ -254,7 +268,9 @@ def read(text: str, source: str, kind: type[DocumentError], *, may_be_empty: boo
     """
     place = Place(source, 1, "", kind)
     try:
-        node = yaml.compose(text, Loader=LOADER) if _depth(text) <= DEEPEST else None
+        if _depth(text) > DEEPEST:
+            raise place.error(f"{kind.not_yaml}: nested too deeply, more than {DEEPEST} mappings and lists")
+        node = yaml.compose(text, Loader=LOADER)
     except yaml.MarkedYAMLError as error:
         plain = _in_plain_words(text) or error
         mark = plain.problem_mark or plain.context_mark
@@ -265,7 +281,7 @@ def read(text: str, source: str, kind: type[DocumentError], *, may_be_empty: boo
     if may_be_empty and (node.tag == NULL if node is not None else not text.strip() or not _depth(text)):
         node = yaml.MappingNode("tag:yaml.org,2002:map", [], yaml.Mark(source, 0, 0, 0, "", 0))
     if node is None:
-        raise place.error("is empty, or nested too deeply")
+        raise place.error(kind.empty)
     return Item(node, _place(node, place, ""))
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import pytest
 
 from cmr.document import DocumentError, Item, read, read_file
+from cmr.parameters.file import ParameterFileError, parse
 from cmr.structure import Between, Names, Word, structured
 from robot_driver.emulator.settings import SettingsError, load_settings
 
@@ -90,3 +91,24 @@ def test_settings_of_the_emulated_robot_are_named_with_their_line(tmp_path: Path
         path.write_text(text)
         with pytest.raises(SettingsError, match=rf"robot\.yaml: {said}"):
             load_settings(path)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ("k1:", "k9:", "line 6: parameters: unknown name 'k9'; known are"),
+        ("value: 0.054", "value: -1", "line 6: parameters: k1: value is -1, must be a number between"),
+        ("effects: []", "efects: []", "line 7: unknown key 'efects'"),
+        ("schema: 1", "schema: 2", "line 1: schema is 2; this version reads schema 1"),
+        ("robot_id: 0", "robot_id: zero", "line 2: robot_id: must be a whole number"),
+        ("effects: []", "effects: [nothing]", "line 7: effects: unknown effect 'nothing'"),
+        ("effects: []", "robot_id: 1", "line 7: robot_id: is there twice"),
+    ],
+)
+def test_what_is_wrong_with_a_parameter_file_is_named_with_its_line(before: str, after: str, said: str) -> None:
+    text = "schema: 1\nrobot_id: 0\nwritten: 2026-01-31T12:00:00Z\nparameters:\n"
+    text += "  wheel_radius: {value: 0.04, unit: m}\n  k1: {value: 0.054, unit: s/rad}\neffects: []\n"
+    assert parse(text).value("k1") == 0.054
+    with pytest.raises(ParameterFileError) as error:
+        parse(text.replace(before, after), "robot_0.yaml")
+    assert str(error.value).startswith(f"robot_0.yaml: {said}")
