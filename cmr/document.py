@@ -30,7 +30,7 @@ class DocumentError(Exception):
     """A file cannot be used; the text names file, line and key, and says what is allowed.
 
     Whoever checks values without their file names the `keys` that lead to the value, and has `placed` add the rest; the
-    line is that of the key `inside`, where there is one that the words name themselves.
+    line is that of the keys `inside` of it, which the words name themselves.
     """
 
     between: ClassVar[str] = "."  # keys
@@ -40,7 +40,7 @@ class DocumentError(Exception):
     not_yaml: ClassVar[str] = "is not YAML"
     empty: ClassVar[str] = "is empty"
 
-    def __init__(self, words: str, *keys: str, inside: str = "") -> None:
+    def __init__(self, words: str, *keys: str, inside: tuple[str, ...] = ()) -> None:
         super().__init__(_said(self, "", keys, words))
         self.words = words
         self.keys = keys
@@ -51,7 +51,7 @@ class DocumentError(Exception):
         """Return the error with file and line of its keys in the document; itself where it has them."""
         if self.is_placed:
             return self
-        line = root.found((*self.keys, self.inside) if self.inside else self.keys).line
+        line = root.found((*self.keys, *self.inside)).line
         return root.found(self.keys)._replace(line=line).error(self.words)
 
 

@@ -163,12 +163,12 @@ def _parsed(root: Item) -> ParameterFile:
     try:
         if content.get("schema") != SCHEMA:
             raise ParameterFileError(
-                f"schema is {content.get('schema')!r}; this version reads schema {SCHEMA}", inside="schema"
+                f"schema is {content.get('schema')!r}; this version reads schema {SCHEMA}", inside=("schema",)
             )
         unknown = set(content) - {"schema", "robot_id", "written", "parameters", "effects", "provenance"}
         if unknown:
             key = min(map(str, unknown))
-            raise ParameterFileError(f"unknown key {key!r}", inside=key)
+            raise ParameterFileError(f"unknown key {key!r}", inside=(key,))
         robot_id: Any = content.get("robot_id")  # of the right type or not: ParameterFile says so
         return ParameterFile(
             robot_id=robot_id,
@@ -254,7 +254,9 @@ def _definition(name: Any) -> ParameterDefinition:
         return catalogue.DEFINITIONS[name]
     except KeyError:
         known = ", ".join((*catalogue.DEFINITIONS, *CONTROLLER_DEFINITIONS))
-        raise ParameterFileError(f"unknown name {name!r}; known are {known}", "parameters", inside=str(name)) from None
+        raise ParameterFileError(
+            f"unknown name {name!r}; known are {known}", "parameters", inside=(str(name),)
+        ) from None
 
 
 def _check_kind(values: Mapping[str, Value]) -> None:
