@@ -230,9 +230,7 @@ class Section:
         return iter(self._items)
 
     def __getitem__(self, key: str) -> Item:
-        if key not in self._items:
-            raise self.place._replace(key=_joined(self.place, key)).error("is missing")
-        return self._items[key]
+        return self._items[key] if key in self._items else self.need(key)
 
     def get(self, key: str) -> Item | None:
         """Return the value of a key; None where it is absent or null."""

@@ -12,7 +12,7 @@ dataclass itself refuses is placed, too, where it raises the document's error wi
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
 
@@ -20,16 +20,9 @@ from cattrs import Converter
 from cattrs.gen import make_dict_structure_fn
 
 from cmr.document import DocumentError, Item
+from cmr.options import Between, Word, help_of
 
 Made = TypeVar("Made")
-
-
-@dataclass(frozen=True)
-class Between:
-    """The bounds of a number, both allowed."""
-
-    least: float
-    most: float
 
 
 @dataclass(frozen=True)
@@ -37,13 +30,6 @@ class Names:
     """The names that the numbers of a dictionary may have."""
 
     known: Sequence[str]
-
-
-@dataclass(frozen=True)
-class Word:
-    """One of some words, which are looked up when they are needed."""
-
-    allowed: Callable[[], Sequence[str]]
 
 
 def structured(item: Item, made: type[Made]) -> Made:
@@ -59,7 +45,7 @@ def _converter() -> Converter:
     converter = Converter(detailed_validation=False)
     converter.register_structure_hook_factory(is_dataclass, lambda made: _dataclass_hook(made, converter))
     converter.register_structure_hook_func(_is_annotated, _annotated)
-    converter.register_structure_hook(str, lambda item, _: item.text())
+    converter.register_structure_hook(str, lambda item, _: _text(item))
     converter.register_structure_hook(bool, lambda item, _: _flag(item))
     converter.register_structure_hook(int, lambda item, _: _number(item, int))
     converter.register_structure_hook(float, lambda item, _: _number(item, float))
@@ -69,13 +55,20 @@ def _converter() -> Converter:
 def _dataclass_hook(made: type[Any], converter: Converter) -> Callable[[Item, Any], Any]:
     make = make_dict_structure_fn(made, converter, _cattrs_detailed_validation=False)
     known = [field.name for field in fields(made) if field.init]
+    needed = [field.name for field in fields(made) if field.default is MISSING and field.default_factory is MISSING]
+    why = help_of(made)
 
     def hook(item: Item, _: Any) -> Any:
-        section = cast(Mapping[str, Any], item.section(known))  # as far as cattrs needs one
+        section = item.section(known)
+        for name in needed:
+            if name not in set(section):
+                section.need(name, why.get(name, ""))
         try:
-            return make(section, made)
+            return make(cast(Mapping[str, Any], section), made)  # as far as cattrs needs one
         except DocumentError as error:
             raise error.placed(item) from error.__cause__
+        except ValueError as error:  # what the dataclass itself refuses
+            raise item.place.error(str(error)) from error
 
     return hook
 
@@ -95,6 +88,12 @@ def _annotated(item: Item, kind: Any) -> Any:
         if isinstance(rule, Between):
             return item.whole(int(rule.least), int(rule.most)) if plain is int else item.number(rule.least, rule.most)
     return _converter().structure(item, plain)
+
+
+def _text(item: Item) -> str:
+    if item.is_absent:
+        raise item.place.error("is missing")
+    return item.text()
 
 
 def _flag(item: Item) -> bool:

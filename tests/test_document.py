@@ -7,8 +7,9 @@ from typing import Annotated
 import pytest
 
 from cmr.document import DocumentError, Item, read, read_file
+from cmr.options import Between, Word
 from cmr.parameters.file import ParameterFileError, parse
-from cmr.structure import Between, Names, Word, structured
+from cmr.structure import Names, structured
 from robot_driver.emulator.settings import SettingsError, load_settings
 
 
@@ -43,8 +44,8 @@ def test_a_dataclass_is_what_its_file_may_say() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("name: a\n", "line 1: wheel: is missing"),
-        ("name: a\nwheel:\n  ticks: 3\n", "line 2: wheel.radius: is missing"),
+        ("name: a\n", "line 1: wheel is missing"),
+        ("name: a\nwheel:\n  ticks: 3\n", "line 2: wheel: radius is missing"),
         ("wheel:\n  radius: wide\n", "line 2: wheel.radius: must be a finite number, not 'wide'"),
         ("wheel:\n  radius: -1\n", "line 2: wheel.radius: must be more than 0"),
         ("wheel: {radius: 1,\n  ticks: 5000}\n", "line 2: wheel.ticks: must be a whole number from 1 to 4096"),

@@ -15,7 +15,8 @@ KNOWN: dict[str, set[str]] = {
     "configuration": {"document"},
     "distribution": set(),
     "document": set(),
-    "structure": {"document"},
+    "structure": {"document", "options"},
+    "options": set(),
     "files": set(),
     "news": set(),
     "progress": {"news"},
@@ -34,7 +35,7 @@ KNOWN: dict[str, set[str]] = {
     "calibration": {*RECORDED, "colours", "manoeuvres", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
     "diagnosis": {*RECORDED, "report", "distribution", "colours", "files", "threads", "manoeuvres", "estimation"},
-    "scenario": {*RECORDED, "document", "structure", "files", "progress", "report", "world", "team"},
+    "scenario": {*RECORDED, "document", "options", "structure", "files", "progress", "report", "world", "team"},
     "team": {*RECORDED, "plant", "world"},
     "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
     "sweep": {*RECORDED, "files", "distribution", "colours", "progress", "scenario", "team", "world"},
@@ -65,6 +66,7 @@ DRIVER = {
     "priority",
     "configuration",
     "news",
+    "options",
 }  # of commands only how command lines are read
 
 
