@@ -59,7 +59,7 @@ def main(arguments: list[str]) -> int:
 
 def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedRun]]":
     """Return the settings and the runs that were asked for."""
-    from cmr.scenario.document import ScenarioError
+    from cmr.scenario.errors import ScenarioError
     from cmr.scenario.shipping import path_of
     from cmr.sweep.experiment import ExperimentError
     from cmr.sweep.planning import plan
