@@ -28,7 +28,7 @@ def angle(time: Floats) -> Floats:
 def recorded(read: Floats, stamped: Floats) -> Recording:
     """Return the recording of a robot whose wheels were `read` at these times [s] and `stamped` with those."""
     utime = np.round(1e6 * stamped).astype(np.int64)
-    fields = {}
+    fields: dict[str, Floats] = {}
     for side, scale in (("left", 1.0), ("right", 0.8)):
         ticks = np.floor(scale * angle(read) / TICK)
         speeds = np.diff(ticks, prepend=ticks[:1]) * TICK / np.diff(1e-6 * utime, prepend=-1.0)

@@ -65,7 +65,7 @@ def command_parser() -> argparse.ArgumentParser:
     options = parser(
         "cmr-pilot",
         "Drive a real robot by a behaviour: it sees the world on WORLD_STATE and commands the motors on "
-        "MOTOR_COMMAND_N, once their driver is heard, or (v, omega) on VELOCITY_COMMAND_N if the robot's parameters have a velocity controller. It "
+        "MOTOR_COMMAND_N, or (v, omega) on VELOCITY_COMMAND_N if the robot's parameters have a velocity controller. It "
         "stops whenever cmr-sim, the robot, its parameters or poses that came before are missing, and on ESTOP. It "
         "ends when a manoeuvre is over. A robot that left its geofence stands until it is put back inside and "
         "cmr-pilot is started again.",
