@@ -5,7 +5,6 @@ The file is `$XDG_CONFIG_HOME/cmr/config.yaml`, usually `~/.config/cmr/config.ya
 
 import os
 from pathlib import Path
-from typing import Any
 
 # Each setting with the environment variable that comes before it.
 SETTINGS = {
@@ -69,18 +68,23 @@ def _setting(name: str) -> str | None:
 def _file() -> dict[str, str]:
     """Return the settings of the file, as texts; none where there is no file."""
     try:
-        text = path().read_text(encoding="utf-8")
+        path().stat()
     except (FileNotFoundError, NotADirectoryError):
         return {}
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path()}: cannot be read: {error}") from error
-    import yaml  # takes a while, and most have no file
+    except OSError as error:
+        raise ConfigurationError(f"{path()}: cannot be read: {error.strerror}") from error
+    # YAML takes a while, and most have no file.
+    from cmr.document import DocumentError, read_file
 
     try:
-        content: Any = yaml.safe_load(text) or {}
-    except yaml.YAMLError as error:
-        raise ConfigurationError(f"{path()}: is not YAML: {' '.join(str(error).split())}") from error
-    unknown = sorted(map(str, content.keys() - SETTINGS)) if isinstance(content, dict) else ["no settings"]
-    if unknown:
-        raise ConfigurationError(f"{path()}: has {', '.join(unknown)}; allowed are {', '.join(SETTINGS)}.")
-    return {name: str(value) for name, value in content.items() if value is not None}
+        document = read_file(path(), DocumentError, may_be_empty=True)
+        if not document.is_mapping:
+            raise document.place.error(f"has no settings; allowed are {', '.join(SETTINGS)}.")
+        entries = dict(document.entries())
+        unknown = sorted(entries.keys() - SETTINGS)
+        if unknown:
+            place = entries[unknown[0]].place._replace(key="")
+            raise place.error(f"has {', '.join(unknown)}; allowed are {', '.join(SETTINGS)}.")
+        return {name: str(item.value) for name, item in entries.items() if not item.is_absent}
+    except DocumentError as error:
+        raise ConfigurationError(str(error)) from error

@@ -1,5 +1,6 @@
 """Files that are never half there, and folders that are not left empty."""
 
+import errno
 import os
 import tempfile
 from collections.abc import Iterator
@@ -21,6 +22,14 @@ def folder_for_results(folder: Path) -> Iterator[None]:
         for one in made:
             with suppress(OSError):  # it is not empty, or was not made
                 one.rmdir()
+
+
+def why_not_writable(folder: Path) -> str:
+    """Return why nothing can be written into a folder, which may have to be made first; empty if it can."""
+    nearest = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    if not nearest.is_dir():
+        return f"{'it' if nearest == folder else nearest} is a file, not a folder"
+    return "" if os.access(nearest, os.W_OK | os.X_OK) else os.strerror(errno.EACCES)
 
 
 def write_atomically(text: str, path: Path) -> None:

@@ -3,8 +3,6 @@
 import queue
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from pathlib import Path
 from types import TracebackType
 
 from cmr.bus.message import Message
@@ -13,41 +11,18 @@ from cmr.bus.process import Outgoing
 from cmr.bus.streams import GYRO, MOTOR_DUTY, MOTOR_FEEDBACK, Stream
 from cmr.msg import estop_t, motor_command_t
 from cmr.parameters.following import ParameterFollower
-from robot_driver.battery import Thresholds
 from robot_driver.command_gate import CommandGate
 from robot_driver.commanders import Commanders
 from robot_driver.controllers import CONTROLLERS
-from robot_driver.encoders import FASTEST_WHEEL, Wiring
+from robot_driver.encoders import FASTEST_WHEEL
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros import GYROS, Gyro
 from robot_driver.host import THIS_COMPUTER, Host
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
-from robot_driver.ramp import Limits
 from robot_driver.serial_port import SerialPort, numbering_warning
+from robot_driver.settings import BOARD, Settings
 from robot_driver.stream_port import OverheardPort, StreamPort
-
-BOARD = "board"  # name of the gyro that some controllers have on their board, and say on their port
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the robot is made of and where it is plugged in; names as on the command line."""
-
-    port: str
-    gyro_port: str | None = None
-    robot: int = 0
-    controller: str = "roboclaw"
-    gyro: str | None = None  # else the one on the controller's board, and on a port of its own a DSP-3000
-    baud: int | None = None
-    gyro_baud: int | None = None  # of a gyro on a port of its own
-    rate: float = 100.0
-    ticks_per_turn: int = 2048
-    wiring: Wiring = field(default_factory=Wiring)
-    limits: Limits = field(default_factory=Limits)
-    thresholds: Thresholds = field(default_factory=Thresholds)
-    invert_gyro: bool = False
-    parameters: Path | None = None
 
 
 class Driver:

@@ -4,22 +4,17 @@ import argparse
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
 from cmr.commands.command_line import CommandError, add_robot, parser
 from cmr.msg import process_status_t
-from robot_driver.battery import Thresholds
-from robot_driver.controllers import CONTROLLERS
-from robot_driver.driver import BOARD, Driver, Settings
-from robot_driver.encoders import Wiring
-from robot_driver.gyros import GYROS
+from cmr.options import add_options, made_of
+from robot_driver.driver import Driver
 from robot_driver.listing import Rates, describe
-from robot_driver.ramp import Limits
 from robot_driver.serial_port import PortLost, available_ports
+from robot_driver.settings import Settings
 
-SLOWEST_RATE = 5.0  # Hz; slower, one lost packet is silence enough for the watchdog of 0.5 s in a controller
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 
 DESCRIPTION = """Drive a real robot: MOTOR_COMMAND_N in; MOTOR_FEEDBACK_N and GYRO_N out.
@@ -34,12 +29,12 @@ def main(arguments: list[str]) -> int:
 
     Raises CommandError when a port cannot be opened, BusError when there is no bus.
     """
-    options = _options(arguments)
-    if options.list_devices:
+    options, settings = _options(arguments)
+    if settings is None:
         paths = [path for path in (options.port, options.gyro_port) if path]
         return _list_devices(paths, Rates(options.baud, options.gyro_baud))
     try:
-        with Process("cmr-driver", options.lcm_url) as process, _said(process, _settings(options)) as driver:
+        with Process("cmr-driver", options.lcm_url) as process, _said(process, settings) as driver:
             if driver.warnings:
                 print(f"cmr-driver: {driver.warnings}", file=sys.stderr, flush=True)
             process.subscribe(MOTOR_COMMAND, options.robot, every=True)
@@ -92,92 +87,29 @@ def _report(process: Process, driver: Driver) -> None:
         process.publish_status()
 
 
-def _settings(options: argparse.Namespace) -> Settings:
-    return Settings(
-        port=options.port,
-        gyro_port=options.gyro_port,
-        robot=options.robot,
-        controller=options.controller,
-        gyro=options.gyro,
-        baud=options.baud,
-        gyro_baud=options.gyro_baud,
-        rate=options.rate,
-        ticks_per_turn=options.ticks_per_turn,
-        wiring=Wiring(options.swap, options.invert_left, options.invert_right),
-        limits=options.limits,
-        thresholds=options.thresholds,
-        invert_gyro=options.invert_gyro,
-        parameters=options.parameters,
-    )
-
-
 def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr-driver."""
     result = parser("cmr-driver", DESCRIPTION, EXAMPLE)
-    add = result.add_argument
-    add(
+    result.add_argument(
         "--list-devices",
         action="store_true",
         help="show serial ports and what answers there, at --baud or the rates usual for each kind; nothing moves; "
         "takes at most 10 s a port",
     )
-    add("--port", metavar="DEVICE", help="serial port of the motor controller")
-    add("--gyro-port", metavar="DEVICE", help="serial port of the gyro, if it has one of its own")
     add_robot(result)
-    add("--controller", choices=sorted(CONTROLLERS), default="roboclaw", help="kind of motor controller")
-    add("--gyro", choices=[BOARD, *sorted(GYROS)], help=f"kind; else {BOARD}, or dsp3000 if it has a port of its own")
-    add("--baud", type=_positive, metavar="RATE", help="of the motor controller, if not what its kind has by default")
-    add(
-        "--gyro-baud",
-        type=_positive,
-        metavar="RATE",
-        help="of the gyro's own port, if not what its kind has by default",
-    )
-    add("--rate", type=_positive_number, default=100.0, metavar="HZ", help="how often the motors are served")
-    add("--acceleration", type=_positive_number, default=10.0, metavar="DUTY/S", help="how fast duty may grow")
-    add("--deceleration", type=_positive_number, metavar="DUTY/S", help="how fast it may shrink; else twice that")
-    add("--battery-warn", type=_positive_number, default=0.0, metavar="VOLT", help="warn when the battery is below")
-    add("--battery-stop", type=_positive_number, default=0.0, metavar="VOLT", help="below, stop until restarted")
-    add("--ticks-per-turn", type=_positive, default=2048, metavar="TICKS", help="encoder counts per turn of a wheel")
-    add("--swap", action="store_true", help="the controller's first channel is the right side, not the left")
-    add("--invert-left", action="store_true", help="motor and encoder of the left side are mounted backwards")
-    add("--invert-right", action="store_true", help="motor and encoder of the right side are mounted backwards")
-    add("--invert-gyro", action="store_true", help="the gyro is mounted upside down")
-    add("--parameters", type=Path, metavar="FILE", help="parameter file of the robot; followed while it changes")
+    add_options(result, Settings)
     return result
 
 
-def _options(arguments: list[str]) -> argparse.Namespace:
+def _options(arguments: list[str]) -> tuple[argparse.Namespace, Settings | None]:
+    """Return what was asked for, and the robot's settings, None where devices are to be listed."""
     result = command_parser()
     options = result.parse_args(arguments)
-    if options.port is None and not options.list_devices:
+    if options.list_devices:
+        return options, None
+    if options.port is None:
         result.error("--port is needed: --list-devices shows which there are")
-    if options.rate < SLOWEST_RATE:
-        result.error(
-            f"--rate {options.rate:g} is too slow: the controller stops the motors when it hears nothing for 0.5 s. "
-            f"Choose {SLOWEST_RATE:g} Hz or more."
-        )
-    if options.gyro_baud and options.gyro_port is None:
-        result.error("--gyro-baud is for a gyro on a port of its own: --gyro-port")
-    if options.gyro == BOARD and (options.gyro_port or CONTROLLERS[options.controller].gyro is None):
-        result.error(f"--gyro {BOARD} is for a controller with a gyro on its board, on the port of the controller")
     try:
-        options.limits = Limits(options.acceleration, options.deceleration or 2.0 * options.acceleration)
-        options.thresholds = Thresholds(options.battery_warn, options.battery_stop)
+        return options, made_of(Settings, options)
     except ValueError as error:
         result.error(str(error))
-    return options
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"{value} must be greater than 0")
-    return value
-
-
-def _positive_number(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{value} must be greater than 0")
-    return value

@@ -110,7 +110,7 @@ def test_tags_are_printed_in_the_size_that_was_asked_for(tmp_path: Path) -> None
     ],
 )
 def test_a_floor_file_that_cannot_be_is_refused(more: str, wrong: str, tmp_path: Path) -> None:
-    with pytest.raises(CameraFileError, match=rf"floor.yaml: {wrong}"):
+    with pytest.raises(CameraFileError, match=rf"floor.yaml: line \d+: {wrong}"):
         Floor.load(floor_file(tmp_path, more=more))
 
 

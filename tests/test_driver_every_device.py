@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robot_driver.controllers import CONTROLLERS
-from robot_driver.driver import Driver, Settings
+from robot_driver.driver import Driver
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
@@ -16,6 +16,7 @@ from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros import GYROS
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
+from robot_driver.settings import Settings
 from tests.driver_bench import PunctualEngine, wait_for
 from tests.test_driver_mbot import Client
 

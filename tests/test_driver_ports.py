@@ -12,10 +12,11 @@ from cmr.bus.messages import now_utime
 from cmr.msg import process_status_t
 from robot_driver import port_thread, serial_port
 from robot_driver.controllers import Request
-from robot_driver.driver import Driver, Settings
+from robot_driver.driver import Driver
 from robot_driver.host import Terminal
 from robot_driver.port_thread import Device, PortThread
 from robot_driver.serial_port import PortLost, SerialPort, numbering_warning
+from robot_driver.settings import Settings
 from robot_driver.stream_port import PATIENCE, StreamPort
 from tests.driver_bench import DriverProcess, driving
 

@@ -2,24 +2,32 @@
 
 import errno
 import os
+import subprocess
+import sys
 import threading
 import time
 import tty
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
+import yaml
 
 from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND
+from cmr.document import DocumentError, read
 from cmr.msg import estop_t, motor_command_t
+from cmr.options import arguments_of, made_of
+from cmr.structure import structured
 from robot_driver import gyro_device
 from robot_driver.clock import seconds_since_boot
 from robot_driver.controllers import CONTROLLERS
-from robot_driver.driver import Driver, Settings
+from robot_driver.driver import Driver
 from robot_driver.emulator import roboclaw_device
 from robot_driver.encoders import FASTEST_WHEEL
-from robot_driver.main import main
+from robot_driver.main import command_parser, main
 from robot_driver.serial_port import why_not_open
+from robot_driver.settings import Connection, Settings
 from tests.driver_bench import bench, open_gate_of, wait_for
 
 PARAMETER_FILE = """schema: 1
@@ -161,3 +169,24 @@ def test_wrong_usage_exits_with_2(wrong: list[str], capsys: pytest.CaptureFixtur
         main(["--port", "/dev/null", *wrong])
     assert end.value.code == 2
     assert wrong[0].removeprefix("--")[:4] in capsys.readouterr().err
+
+
+def test_the_driver_needs_no_more_than_a_small_computer_has() -> None:
+    """Beside Python: pyserial, lcm, PyYAML, and NumPy, which `cmr.bus` imports for WORLD_STATE."""
+    code = "import sys, robot_driver.main; print(*sorted({name.split('.')[0] for name in sys.modules}))"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    allowed = {"cmr", "robot_driver", "serial", "lcm", "yaml", "numpy", "cython_runtime"}
+    installed = set(ended.stdout.split()) - set(sys.stdlib_module_names)
+    assert {name for name in installed if not name.startswith(("_", "sitecustomize"))} <= allowed
+
+
+def test_every_option_of_the_driver_may_be_in_a_scenario_and_goes_to_its_command_line() -> None:
+    wanted = Connection("/dev/a", "/dev/b", "roboteq", "kvh-binary", 9600, 57600, 50.0, 5.0, 6.0, 11.0, 10.0, 480)
+    wanted = replace(wanted, swap=True, invert_left=True, invert_right=True, invert_gyro=True)
+    given = {field.name: getattr(wanted, field.name) for field in fields(Connection)}
+    assert all(given[field.name] != field.default for field in fields(Connection))
+    assert structured(read(yaml.safe_dump(given), "robot.yaml", DocumentError), Connection) == wanted
+    options = command_parser().parse_args(arguments_of(wanted))
+    assert made_of(Connection, options) == wanted
+    with pytest.raises(DocumentError, match=r"line 2: driver: --gyro-baud is for a gyro on a port of its own"):
+        structured(dict(read("\ndriver: {port: a, gyro_baud: 9}", "a", DocumentError).entries())["driver"], Connection)

@@ -16,13 +16,14 @@ from cmr.msg import estop_t, motor_command_t, motor_feedback_t
 from robot_driver.controllers import CONTROLLERS, Request
 from robot_driver.controllers.roboclaw import crc
 from robot_driver.controllers.roboclaw_pair import RoboClawPair
-from robot_driver.driver import Driver, Settings
+from robot_driver.driver import Driver
 from robot_driver.emulator import settings as emulated
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import RoboclawPairDevice
+from robot_driver.settings import Settings
 from tests.driver_bench import PunctualEngine, open_gate_of, wait_for
 from tests.exchanges import Exchanges
 

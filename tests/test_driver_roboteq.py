@@ -14,12 +14,13 @@ import pytest
 from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import MOTOR_COMMAND, MOTOR_FEEDBACK
 from cmr.msg import motor_command_t, motor_feedback_t
-from robot_driver.driver import Driver, Settings
+from robot_driver.driver import Driver
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import load_settings
+from robot_driver.settings import Settings
 from tests.driver_bench import DriverProcess, PunctualEngine, open_gate_of
 from tests.exchanges import Exchanges
 

@@ -14,11 +14,12 @@ from cmr.bus.process import EXIT_INTERRUPTED
 from cmr.bus.streams import MOTOR_COMMAND
 from cmr.msg import motor_command_t
 from robot_driver.controllers.roboclaw import ACKNOWLEDGED
-from robot_driver.driver import Driver, Settings
+from robot_driver.driver import Driver
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import load_settings
+from robot_driver.settings import Settings
 from tests.driver_bench import DriverProcess, Robot, bench, driving, number, wait_for
 from tests.golden_vectors import ROBOCLAW_STOP
 

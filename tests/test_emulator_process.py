@@ -281,7 +281,7 @@ def test_an_impossible_effect_is_refused_with_file_key_value_and_range(tmp_path:
         [*START, "--no-pose", "--settings", str(file)], capture_output=True, text=True, timeout=PATIENCE
     )
     assert ended.returncode == 1
-    assert f"{file}: effects.command_loss must be 0 to 1, not 2." in ended.stderr
+    assert f"{file}: line 1: effects.command_loss must be 0 to 1, not 2." in ended.stderr
 
 
 def test_a_second_emulator_in_the_same_folder_is_refused_and_the_first_keeps_its_links(tmp_path: Path) -> None:

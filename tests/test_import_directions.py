@@ -12,29 +12,33 @@ RECORDED = {*BUS, "parameters", "model", "recordings"}
 # Which packages of cmr each may know beside itself.
 KNOWN: dict[str, set[str]] = {
     "colours": set(),
-    "configuration": set(),
+    "configuration": {"document"},
     "distribution": set(),
+    "document": set(),
+    "structure": {"document", "options"},
+    "options": set(),
     "files": set(),
     "news": set(),
     "progress": {"news"},
     "threads": set(),
+    "workers": {"threads"},
     "priority": set(),
     "report": {"colours"},
     "msg": set(),
     "model": set(),
     "plant": set(),  # the judge of the model, with which it shares no code
     "bus": {"msg", "configuration", "news"},
-    "parameters": {*BUS, "files", "model"},
-    "camera": {"msg", "files"},
+    "parameters": {*BUS, "document", "files", "model"},
+    "camera": {"msg", "document", "structure", "files"},
     "manoeuvres": {"model"},
     "recordings": {*BUS, "parameters", "model"},
     "estimation": {*RECORDED, "manoeuvres"},
     "calibration": {*RECORDED, "colours", "manoeuvres", "estimation"},
     "world": {*RECORDED, "colours", "manoeuvres"},
-    "diagnosis": {*RECORDED, "report", "distribution", "colours", "files", "threads", "manoeuvres", "estimation"},
-    "scenario": {*RECORDED, "files", "progress", "report", "world", "team"},
+    "diagnosis": {*RECORDED, "report", "distribution", "colours", "files", "workers", "manoeuvres", "estimation"},
+    "scenario": {*RECORDED, "document", "options", "structure", "files", "progress", "report", "world", "team"},
     "team": {*RECORDED, "plant", "world"},
-    "fidelity": {*RECORDED, "colours", "files", "threads", "estimation", "calibration", "diagnosis", "team"},
+    "fidelity": {*RECORDED, "colours", "files", "workers", "estimation", "calibration", "diagnosis", "team"},
     "sweep": {*RECORDED, "files", "distribution", "colours", "progress", "scenario", "team", "world"},
     "view": {*RECORDED, "colours", "world"},
     "commands": {
@@ -54,7 +58,7 @@ KNOWN: dict[str, set[str]] = {
     },
     "robot_log": {*RECORDED, "calibration", "diagnosis", "distribution", "progress"},
     "__main__": {"commands"},
-    "tools": {*RECORDED, "files", "colours", "commands", "distribution", "progress"},
+    "tools": {*RECORDED, "document", "files", "colours", "commands", "distribution", "progress"},
 }
 DRIVER = {
     *BUS,
@@ -63,6 +67,7 @@ DRIVER = {
     "priority",
     "configuration",
     "news",
+    "options",
 }  # of commands only how command lines are read
 
 

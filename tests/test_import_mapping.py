@@ -34,13 +34,13 @@ def test_the_list_shows_a_line_for_each_shipped_mapping(capsys: pytest.CaptureFi
 
 
 BROKEN: list[tuple[str, list[str], Any, str]] = [
-    ("mbot", ["format"], "rosbag", "mbot.yaml: format: is 'rosbag'; allowed are lcm_log, csv, ros_bag"),
-    ("mbot", ["poses"], {}, "mbot.yaml: poses: unknown key; allowed are about, format, channels, nominal"),
+    ("mbot", ["format"], "rosbag", "mbot.yaml: line 13: format: is 'rosbag'; allowed are lcm_log, csv, ros_bag"),
+    ("mbot", ["poses"], {}, "mbot.yaml: line 49: poses: unknown key; allowed are about, format, channels, nominal"),
     (
         "mbot",
         ["gyro", "yaw_rate", "unit"],
         "rpm",
-        "mbot.yaml: gyro: yaw_rate: unit: is 'rpm'; allowed are rad/s, deg/s",
+        "mbot.yaml: line 18: gyro: yaw_rate: unit: is 'rpm'; allowed are rad/s, deg/s",
     ),
     ("mbot", ["gyro", "yaw_rate", "sign"], 2, "gyro: yaw_rate: sign: must be 1 or -1, not 2"),
     ("mbot", ["gyro", "yaw_rate", "scale"], "big", "gyro: yaw_rate: scale: must be a number, not 'big'"),

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from cmr.calibration import calibrate
+from cmr.calibration.scoring import path_rmse
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import Diagnosis
+from cmr.estimation.checks import looked_at
+from cmr.model.parameters import RobotParameters
 from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Signal
@@ -89,3 +92,25 @@ def test_held_out_recordings_have_the_wheels_of_those_that_are_fitted() -> None:
     sentences = [one.sentence for one in found.checks if one.check == "wheels_late" and one.found]
     assert len(sentences) == 2
     assert len({sentence.partition(": ")[2] for sentence in sentences}) == 1
+
+
+def test_many_short_recordings_tell_together_that_wheels_are_late() -> None:
+    hidden = hidden_recording(LATE, "pose_latency", manoeuvre=CONTROLLED_WINDOWS, seed=1)
+    whole = hidden.recording
+    pieces = [whole.between(first, first + 2_000_000) for first in whole.pieces.first.tolist()]
+    assert not any(check(piece).wheels_late for piece in pieces)
+    found = {one.findings.wheels_late for one in looked_at(pieces)}
+    assert len(found) == 1
+    late = found.pop()
+    assert late is not None
+    assert late.seconds == pytest.approx(hidden.truth.parameters[LATE], abs=CERTAIN * late.std + STAMPS)
+
+
+def test_poses_as_late_as_the_wheels_are_not_late_beside_them() -> None:
+    recording = hidden_recording("pose_latency", manoeuvre=EIGHT, seed=2).recording
+    values = {"wheel_radius": 0.04, "k2_over_k3": 100.0, "k1": 0.05, "base_width": 0.16}
+    late = {**values, "pose_latency": 0.3, LATE: 0.2}
+    errors = [path_rmse(recording, RobotParameters.of(of), by_wheels=True) for of in (late, values)]
+    beside = path_rmse(recording, RobotParameters.of({**values, "pose_latency": 0.1}), by_wheels=True)
+    assert errors[0] == pytest.approx(beside)
+    assert errors[0] != pytest.approx(errors[1], rel=1e-3)

@@ -9,6 +9,7 @@ from cmr.model.commands import Commands
 from cmr.model.motion import RobotState, drive
 from cmr.model.observer import MOTION, RESTART, Gains, Observations, Observer, observe
 from cmr.model.parameters import RobotParameters
+from cmr.recordings.signal import Floats
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
 FREE = Gains(0.0, 0.0, 0.0, 0.0)
@@ -114,6 +115,56 @@ def test_a_reading_at_the_moment_of_a_command_is_the_same_whatever_rounding_make
     robot = {**ROBOT, "longitudinal_slip": 0.02}
     readings = [observe(given, {**robot, "gyro_latency": late}, FREE).gyro[1:] for late in (0.0, 1e-12)]
     assert np.max(np.abs(readings[0] - readings[1])) < 1e-9
+
+
+@pytest.mark.parametrize("given", [np.empty((0, 2)), np.tile([3.0, 5.0], (STEPS, 1))], ids=["driven", "rolling"])
+def test_the_first_reading_of_a_robot_in_motion_is_its_yaw_rate(given: Floats) -> None:
+    start = (0.0, 0.0, 0.0, 3.0, 5.0)
+    moving = replace(observations(), start=start, given=given, gyro_time=np.zeros(1), gyro=np.zeros(1))
+    yaw_rate = (5.0 - 3.0) * ROBOT["wheel_radius"] / ROBOT["base_width"]
+    said = observe(moving, ROBOT, FREE)
+    assert said.gyro[0, 0] == pytest.approx(-yaw_rate, rel=1e-3)
+
+
+@pytest.mark.parametrize("gyro_latency", [0.0, 0.017])
+def test_readings_between_borders_are_those_of_finer_steps(gyro_latency: float) -> None:
+    """Sensors at 20 Hz are read in the middle of every other step of 0.02 s; nothing within it is a straight line."""
+    read = np.asarray(np.arange(1.0, 100.0) * 0.05, np.float64)
+    sent = np.asarray(np.arange(100) * 0.05, np.float64)
+    duty = 0.5 * np.stack([np.sign(np.sin(3.0 * sent)), np.sign(np.cos(4.0 * sent))], axis=1)
+    silent = replace(
+        observations(),
+        dt=0.02,
+        steps=300,
+        commands=Commands(sent, duty),
+        wheel_time=read,
+        wheel=np.zeros((len(read), 2)),
+        wheel_use=np.ones((len(read), 2), np.uint8),
+        gyro_time=read,
+        gyro=np.zeros(len(read)),
+        pose_time=read,
+        pose=np.zeros((len(read), 3)),
+        pose_use=np.ones(len(read), np.uint8),
+    )
+    robot = {**ROBOT, "k2_over_k3": 200.0, "gyro_latency": gyro_latency, "pose_latency": 0.007}
+    coarse = observe(silent, robot, FREE)
+    fine = observe(replace(silent, dt=0.0025, steps=2400), robot, FREE)
+    later = read > 0.1
+    assert np.max(np.abs(coarse.wheel - fine.wheel)[later]) < 3e-4  # rad; 6e-3 on straight lines
+    assert np.max(np.abs(coarse.gyro - fine.gyro)[later]) < 1e-3  # rad/s; 7e-3 and 12e-3 on straight lines
+    heading = coarse.pose[:, 2] - fine.pose[:, 2]
+    assert np.max(np.abs(heading)[later]) < 1e-4  # rad; 1.5e-3 on straight lines
+
+
+def test_poses_from_before_the_beginning_leave_no_error_behind() -> None:
+    """What a robot did before a recording nobody knows; each late pose of that time begins the path anew."""
+    what = observations(pose_latency=0.3)
+    early = np.flatnonzero(what.pose_time < 0.3)
+    pose = what.pose.copy()
+    pose[early[:-1], :2] += 0.5
+    robot = {**ROBOT, "pose_latency": 0.3}
+    said, other = (observe(one, robot, FOLLOWING).pose[early[-1] + 1 :] for one in (what, replace(what, pose=pose)))
+    assert np.max(np.abs(said - other)) < 1e-9
 
 
 def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:

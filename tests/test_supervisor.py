@@ -153,3 +153,15 @@ def test_it_is_asked_for_what_a_process_needs_before_each_start(children: Childr
     end_of(supervisor, SIM, 1.0)
     supervisor.poll(100.0)
     assert prepared == [SIM, SIM]
+
+
+def test_what_may_not_start_yet_waits(children: Children) -> None:
+    driver_is_there = False
+    jobs = [job(DRIVER, LIVE), job(PILOT, LIVE)]
+    supervisor = Supervisor(jobs, children, may_start=lambda one: one.role == DRIVER or driver_is_there)
+    supervisor.poll(0.0)
+    assert supervisor.is_running(DRIVER)
+    assert not supervisor.is_running(PILOT)
+    driver_is_there = True
+    supervisor.poll(0.1)
+    assert supervisor.is_running(PILOT)

@@ -1,5 +1,6 @@
 """cmr-view in a real browser: robots, cameras and logs are seen, it survives a restart and stops without token."""
 
+import math
 import shutil
 import socket
 import subprocess
@@ -18,9 +19,9 @@ from playwright.sync_api import Page, sync_playwright
 
 from cmr.bus.bus import Bus
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import CAMERA_IMAGE, ESTOP, WORLD_STATE
+from cmr.bus.streams import CALIBRATION_STATUS, CAMERA_IMAGE, ESTOP, WORLD_STATE
 from cmr.bus.world_state import WorldState
-from cmr.msg import camera_image_t
+from cmr.msg import calibration_status_t, camera_image_t
 from cmr.recordings.events import Event, event_bytes
 from cmr.view.look import TITLE
 from tests.bus_bench import our_command
@@ -60,6 +61,11 @@ CAMERA_SIZE = """() => {
 }"""
 
 
+# Of each chart: from when to when its axis goes, and its data do. [s]
+SPANS = """() => Object.values(window.__viserTestpoints?.uplots ?? {}).map(({chart}) =>
+    [[chart.scales.x.min, chart.scales.x.max], [chart.data[0][0], chart.data[0].at(-1)]])"""
+
+
 # Drop a file on the page, of this name and with these bytes.
 DROP = """([name, bytes]) => {
     const dataTransfer = new DataTransfer();
@@ -73,6 +79,17 @@ def camera_image(utime: int, camera: str, width: int, height: int) -> Any:
     """A picture of one grey."""
     _, jpeg = cv2.imencode(".jpg", np.full((height, width, 3), 90, np.uint8))
     return make(camera_image_t, utime=utime, camera=camera, width=width, height=height, jpeg=jpeg.tobytes())
+
+
+def calibration(utime: int, progress: float) -> Any:
+    """A report of a calibration that knows all parameters."""
+    known = {"k2_over_k3": 117.0 + progress, "k1": 0.054, "base_width": 0.16}
+    deviations = {f"{name}_std": 0.01 * value for name, value in known.items()}
+    rest = {"path_rmse_before": math.nan, "path_rmse_after": math.nan, "message": ""}
+    state = calibration_status_t.COLLECTING
+    return make(
+        calibration_status_t, utime=utime, robot_id=0, state=state, progress=progress, **known, **deviations, **rest
+    )
 
 
 class World(threading.Thread):
@@ -149,9 +166,11 @@ def wait_for_motion(page: Page) -> None:
 
 
 def log_of_two_cameras(path: Path) -> Path:
-    """A log of two seconds under two cameras with pictures of different size, as event log."""
+    """A log of two seconds with a calibration under two cameras with pictures of different size, as event log."""
     events = []
     for k in range(20):
+        found = calibration(EPOCH + 100_000 * k, 0.05 * k)
+        events.append(Event(k, found.utime, CALIBRATION_STATUS.channel(0), found.encode()))
         for camera, width, height in (("door", 40, 30), ("window", 48, 20)):
             utime = EPOCH + 100_000 * k
             events.append(Event(k, utime, CAMERA_IMAGE.name, camera_image(utime, camera, width, height).encode()))
@@ -180,14 +199,19 @@ def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_them
             wait_for_motion(page)
             page.get_by_role("button", name="start figure-eight").click()
             page.get_by_text("Refused").first.wait_for()
-            assert world.stops == 0
+            page.get_by_role("tab", name="plots").click()
+            page.get_by_role("combobox", name="channel", exact=True).click()
+            page.get_by_role("option").first.wait_for()
+            page.keyboard.press("Escape")
+            page.get_by_role("option").first.wait_for(state="hidden")
+            page.wait_for_timeout(500)
+            assert world.stops == 0, "Esc closed the list"
             page.keyboard.press("Escape")
             until(lambda: world.stops > 0, page)
             page.get_by_role("button", name="reset emergency stop").click()
             page.get_by_text("Refused").first.wait_for()
             until(lambda: page.evaluate(CAMERA_SIZE) == [64, 36], page)
             page.get_by_text("ceiling, 64 x 36").wait_for()
-            page.get_by_role("tab", name="plots").click()
             choose(page, "channel", "WORLD_STATE robot 2")
             choose(page, "signal", "WORLD_STATE.x[robot 2]")
             page.locator(".u-over").wait_for()
@@ -207,6 +231,11 @@ def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_them
             assert TOKEN not in page.content()
             page.get_by_role("button", name=STOP, exact=True).click()
             page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
+            page.get_by_role("button", name="reset emergency stop").click()
+            page.get_by_role("button", name="leave it engaged").wait_for()
+            page.keyboard.press("Escape")
+            page.get_by_role("button", name="leave it engaged").wait_for(state="detached")
+            page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
         with serving(url, port, str(log_of_two_cameras(tmp_path / "run.lcm"))):
             page.get_by_text("door, 40 x 30").wait_for()
             assert page.title() == TITLE
@@ -214,3 +243,9 @@ def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_them
             assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
             assert page.get_by_role("button", name=STOP).count() == 0, "a log has nobody to stop"
             until(lambda: page.evaluate(CAMERA_SIZE) == [40, 30], page)
+            page.get_by_role("tab", name="calibration").click()
+            for seconds in (1.0, 0.5, 1.5):
+                page.get_by_label("go to").fill(str(seconds))
+                page.wait_for_timeout(1500)  # until what was typed is taken, and drawn
+                until(lambda: len(page.evaluate(SPANS)) == 3, page)
+                until(lambda: all(shown == there for shown, there in page.evaluate(SPANS)), page)

@@ -4,35 +4,44 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from cmr.document import DocumentError, Item, Place
 
-class MappingError(Exception):
-    """The mapping cannot be used; the text names file and key, what is wrong and what is allowed."""
+
+class MappingError(DocumentError):
+    """The mapping cannot be used; the text names file, line and key, what is wrong and what is allowed."""
+
+    between = ": "
 
 
 class Block:
-    """The keys of one block; `place` says where it is, for errors: file, then the keys that lead to it.
+    """The keys of one block of a document.
 
-    Raises MappingError on construction when `content` is not a block of keys.
+    Raises MappingError on construction when it is not a block of keys.
     """
 
-    def __init__(self, content: Any, place: str) -> None:
-        if not isinstance(content, dict):
-            raise MappingError(f"{place}: must be a block of keys, not {content!r}")
-        self._content = content
+    def __init__(self, item: Item) -> None:
+        if not item.is_mapping:
+            raise item.place.error(f"must be a block of keys, not {item.value!r}")
+        self._item = item
+        self._items = dict(item.entries())
         self._asked: list[str] = []
-        self.place = place
+        self.place = item.place
 
     def __iter__(self) -> Iterator[str]:
-        return (str(key) for key in self._content)
+        return iter(self._items)
 
-    def error(self, key: str, problem: str) -> MappingError:
+    def error(self, key: str, problem: str) -> DocumentError:
         """Return the error that says this of a key."""
-        return MappingError(f"{self.place}: {key}: {problem}")
+        return self.found(key).error(problem)
+
+    def found(self, *keys: str) -> Place:
+        """Return the place that keys lead to, as far as they are there."""
+        return self._item.found(keys)
 
     def value(self, key: str) -> Any:
         """Return what the file says of `key`; None where it says nothing."""
         self._asked.append(key)
-        return self._content.get(key)
+        return self._items[key].value if key in self._items else None
 
     def text(self, key: str) -> str:
         """Return a text that must be there."""
@@ -87,7 +96,10 @@ class Block:
 
     def block(self, key: str) -> "Block":
         """Return the block under `key`, which must be there."""
-        return Block(self.value(key), f"{self.place}: {key}")
+        self._asked.append(key)
+        if key not in self._items:
+            raise self.error(key, "must be a block of keys, not None")
+        return Block(self._items[key])
 
     def finish(self) -> None:
         """Raise MappingError if the file has a key here that nobody asked for."""

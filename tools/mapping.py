@@ -8,8 +8,7 @@ from collections.abc import Mapping as Dictionary
 from datetime import datetime, timezone
 from pathlib import Path
 
-import yaml
-
+from cmr.document import Place, read_file
 from cmr.model.command_kinds import DUTY
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value
 from cmr.tools.block import Block, MappingError
@@ -53,19 +52,13 @@ def shipped() -> list[str]:
 def load(name_or_path: str, nominal: Dictionary[str, float] | None = None) -> Mapping:
     """Read and check a shipped mapping (by name) or one of the user's own (by path).
 
-    Values in `nominal` take the place of the mapping's. Raises MappingError naming file, key and what is allowed.
+    Values in `nominal` take the place of the mapping's. Raises MappingError naming file, line, key and what is allowed.
     """
     is_name = name_or_path in shipped()
     path = SHIPPED / f"{name_or_path}.yaml" if is_name else Path(name_or_path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise MappingError(
-            f"{path}: cannot be read ({error.strerror}); shipped mappings are {', '.join(shipped())}"
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise MappingError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
-    return _Reader(Block(content, path.name), nominal or {}).mapping(path.stem)
+    if not path.is_file():
+        raise MappingError(f"{path}: there is no such file; shipped mappings are {', '.join(shipped())}")
+    return _Reader(Block(read_file(path, MappingError)), nominal or {}).mapping(path.stem)
 
 
 class _Reader:
@@ -107,11 +100,11 @@ class _Reader:
         file.finish()
         if not mapping.groups:
             needed = ", ".join(("motor_feedback", *COMMAND_BLOCKS, "gyro", "pose"))
-            raise MappingError(f"{file.place}: needs at least one of {needed}")
+            raise file.place.error(f"needs at least one of {needed}")
         for key, tables in (("topics", self._topics), ("files", self._files)):
             for table in tables:
                 if not mapping.columns(table):
-                    raise MappingError(f"{file.place}: {key}: {table}: no signal is on it; leave it out")
+                    raise file.found(key, table).error("no signal is on it; leave it out")
         return mapping
 
     def _read_channels(self, block: Block) -> dict[str, Channel]:
@@ -138,7 +131,7 @@ class _Reader:
             topic.finish()
             topics[name] = Topic(clock, definition)
         if not topics:
-            raise MappingError(f"{block.place}: names no topic")
+            raise block.place.error("names no topic")
         return topics
 
     def _read_files(self, file: Block) -> dict[str, File]:
@@ -153,7 +146,7 @@ class _Reader:
             files[name] = self._read_file(one)
             one.finish()
         if not files:
-            raise MappingError(f"{block.place}: names no file")
+            raise block.place.error("names no file")
         return files
 
     def _read_file(self, block: Block) -> File:
@@ -180,20 +173,20 @@ class _Reader:
     def _read_nominal(self, file: Block) -> dict[str, float]:
         given = file.value("nominal")
         if given is None and self._nominal:
-            return self._checked_nominal(f"{file.place}: nominal", self._nominal)
+            return self._checked_nominal(file.found("nominal"), self._nominal)
         block = file.block("nominal")
         return self._checked_nominal(block.place, {name: block.number(name) for name in block} | self._nominal)
 
-    def _checked_nominal(self, place: str, nominal: dict[str, float]) -> dict[str, float]:
+    def _checked_nominal(self, place: Place, nominal: dict[str, float]) -> dict[str, float]:
         for name in ("wheel_radius", "base_width"):
             if name not in nominal:
-                raise MappingError(
-                    f"{place}: {name}: is missing; wheel_radius and base_width [m] are needed, here or by --parameters"
+                raise place.error(
+                    f"{name}: is missing; wheel_radius and base_width [m] are needed, here or by --parameters"
                 )
         try:
             ParameterFile(robot_id=0, values={name: Value(value) for name, value in nominal.items()})
         except ParameterFileError as error:
-            raise MappingError(f"{place}: {error}") from error
+            raise place.error(str(error)) from error
         return nominal
 
     def _read_feedback(self, block: Block) -> Feedback:
@@ -207,22 +200,21 @@ class _Reader:
         block.finish()
         pairs = [*((f"{name}_left", f"{name}_right") for name in FEEDBACK_PAIRS), tuple(BODY)]
         if not any(set(pair) <= set(signals) for pair in (("ticks_left", "ticks_right"), pairs[1], pairs[-1])):
-            raise MappingError(
-                f"{block.place}: needs ticks_left and ticks_right, or psi_left and psi_right, or both, or the body's "
-                "v and omega"
+            raise block.place.error(
+                "needs ticks_left and ticks_right, or psi_left and psi_right, or both, or the body's v and omega"
             )
         for one, other in pairs:
             if (one in signals) != (other in signals):
-                raise MappingError(f"{block.place}: {one} and {other} are needed together")
+                raise block.place.error(f"{one} and {other} are needed together")
         if "psi_left" in signals and "v" in signals:
-            raise MappingError(f"{block.place}: map psi_left and psi_right, or v and omega, not both")
+            raise block.place.error("map psi_left and psi_right, or v and omega, not both")
         return Feedback(table, signals, ticks_per_turn)
 
     def _read_any_command(self) -> Command | None:
         """Read the one kind of command that the robot takes, None without any."""
         present = [name for name in COMMAND_BLOCKS if self._file.value(name)]
         if len(present) > 1:
-            raise MappingError(f"{self._file.place}: a robot takes one kind of command, not {' and '.join(present)}")
+            raise self._file.place.error(f"a robot takes one kind of command, not {' and '.join(present)}")
         if not present:
             return None
         block, kind = self._file.block(present[0]), COMMAND_BLOCKS[present[0]]

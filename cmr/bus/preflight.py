@@ -106,6 +106,12 @@ def open_lcm(url: str) -> lcm.LCM:
         ) from error
 
 
+def check(url: str | None) -> None:
+    """Try the bus that a process would use, before it does what takes long. Raises BusError where it cannot be used."""
+    resolved = resolve_url(url)
+    self_test(open_lcm(resolved), resolved)
+
+
 def has_route(group: str) -> bool:
     """Return whether the kernel knows where to send packets for this IPv4 address."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

@@ -1,5 +1,7 @@
 """Where the pose's sensor would see a robot that follows its wheels, or its commands, with all effects of its file."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from cmr.calibration.segments import Segment
@@ -17,7 +19,8 @@ def seen_path(segment: Segment, parameters: RobotParameters, *, by_wheels: bool)
     """Return the poses that would be measured at the segment's borders, (T + 1,), from its first pose on.
 
     The robot turns its wheels as they were measured (`by_wheels`), or drives the recorded duties. Effects of the pose's
-    sensor count: a point ahead of the turning centre is seen swinging out. Wheel speeds and angles come back as NaN.
+    sensor count: a point ahead of the turning centre is seen swinging out; poses that are as late as the wheels which
+    are followed are not late beside them. Wheel speeds and angles come back as NaN.
     """
     time = segment.border_times
     steps = int(np.ceil(time[-1] / STEP))
@@ -44,13 +47,19 @@ def seen_path(segment: Segment, parameters: RobotParameters, *, by_wheels: bool)
             pose_use=np.repeat(np.array([RESTART, FOLLOWED], np.uint8), [BEGINNINGS, len(time)]),
             given=np.diff(np.stack(angles, axis=1), axis=0) / STEP if by_wheels else np.empty((0, 2)),
         ),
-        parameters.values,
+        _beside_wheels(parameters.values) if by_wheels else parameters.values,
         FREE,
     ).pose[BEGINNINGS:, :, 0]
     x, y = -errors[:, 0], -errors[:, 1]
     theta = np.unwrap(-errors[:, 2], discont=np.pi)
     unknown = np.full(len(time), np.nan)
     return Trajectory(x, y, theta + _turns(theta[0], start.theta), *[unknown] * 4)
+
+
+def _beside_wheels(values: Mapping[str, float]) -> dict[str, float]:
+    """Return the parameters with poses as late as they are beside the wheels, by these wheels' time stamps."""
+    late = values.get("pose_latency", 0.0) - values.get("wheel_speed_latency", 0.0)
+    return {**values, "pose_latency": late}
 
 
 def _turns(theta: float, near: float) -> float:

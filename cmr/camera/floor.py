@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cmr.camera.lens import CameraFileError, Floats, read_yaml
+from cmr.camera.lens import CameraFileError, Floats, read_camera_file
 
 FEWEST_TAGS = 4  # on the floor; fewer, or all in a corner, place the camera badly
 LARGEST_TAG = 586  # of the family 36h11
@@ -77,11 +77,11 @@ class Floor:
     @classmethod
     def load(cls, path: Path) -> "Floor":
         """Read a floor file, as `cmr-camera --help` shows one. Raises CameraFileError."""
-        content = read_yaml(path)
+        root = read_camera_file(path)
         try:
-            return _floor(content)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise CameraFileError(f"{path}: {error if isinstance(error, ValueError) else repr(error)}") from error
+            return _floor(root.value)
+        except CameraFileError as error:
+            raise error.placed(root) from error.__cause__
 
 
 def square(size: float) -> Floats:
@@ -99,57 +99,94 @@ def turned(points: Floats, theta: float) -> Floats:
 def _floor(content: dict[str, Any]) -> Floor:
     known = {"schema", "tag_size", "tags", "robots"}
     if set(content) - known:
-        raise ValueError(f"unknown: {', '.join(sorted(map(str, set(content) - known)))}; known: {sorted(known)}")
-    size = _positive("tag_size", content["tag_size"])
-    tags = {_number(number): _floor_tag(number, entry, size) for number, entry in content["tags"].items()}
+        unknown = sorted(map(str, set(content) - known))
+        raise CameraFileError(f"unknown: {', '.join(unknown)}; known: {sorted(known)}", inside=(unknown[0],))
+    size = _positive("tag_size", content.get("tag_size"), "tag_size")
+    tags = {
+        _number(number, "tags"): _floor_tag(number, _entries(entry, "tags", str(number)), size)
+        for number, entry in _entries(content.get("tags"), "tags").items()
+    }
     if len(tags) < FEWEST_TAGS:
-        raise ValueError(f"{len(tags)} tags on the floor; at least {FEWEST_TAGS} are needed, far apart")
-    robots = content.get("robots", {})
-    each = robots.pop("each", {})
-    usual = _robot_tag("each", each, RobotTag(size=size))
-    only = robots.pop("only", None)
-    described = {_number(number): dict(entry or {}) for number, entry in robots.items()}
-    robot_ids = {number: int(entry.pop("robot_id")) for number, entry in described.items() if "robot_id" in entry}
+        words = f"{len(tags)} tags on the floor; at least {FEWEST_TAGS} are needed, far apart"
+        raise CameraFileError(words, inside=("tags",))
+    robots = {name: entry for name, entry in _entries(content.get("robots", {}), "robots").items() if name != "only"}
+    usual = _robot_tag("each", _entries(robots.pop("each", {}), "robots", "each"), RobotTag(size=size))
+    only = content.get("robots", {}).get("only")
+    if not isinstance(only, list | None):
+        raise CameraFileError(f"robots: only is a list of tags, not {only!r}", inside=("robots", "only"))
+    described = {
+        _number(number, "robots"): _entries(entry or {}, "robots", str(number)) for number, entry in robots.items()
+    }
+    robot_ids = {number: _robot_id(number, entry) for number, entry in described.items() if "robot_id" in entry}
     on_both = sorted(set(described) & set(tags))
     if on_both:
-        raise ValueError(f"tags {on_both} are both on the floor and on a robot")
+        words = f"tags {on_both} are both on the floor and on a robot"
+        raise CameraFileError(words, inside=("robots", str(on_both[0])))
     return Floor(
         tags,
         usual,
         {number: _robot_tag(number, entry, usual) for number, entry in described.items()},
         robot_ids,
-        None if only is None else frozenset({*map(_number, only), *described}),
+        None if only is None else frozenset({*(_number(number, "robots", "only") for number in only), *described}),
     )
 
 
-def _number(number: Any) -> int:
+def _entries(content: Any, *keys: str) -> dict[Any, Any]:
+    if not isinstance(content, dict):
+        raise CameraFileError(f"{': '.join(keys)}: must be a mapping, not {content!r}", inside=keys)
+    return dict(content)
+
+
+def _number(number: Any, *keys: str) -> int:
     if not isinstance(number, int) or not 0 <= number <= LARGEST_TAG:
-        raise ValueError(f"{number!r} is no tag of 36h11: they are 0 to {LARGEST_TAG}")
+        words = f"{number!r} is no tag of 36h11: they are 0 to {LARGEST_TAG}"
+        raise CameraFileError(words, inside=(*keys, str(number)))
     return number
 
 
-def _positive(name: str, value: Any) -> float:
+def _robot_id(number: int, entry: dict[str, Any]) -> int:
+    try:
+        return int(entry.pop("robot_id"))
+    except (TypeError, ValueError) as error:
+        words = f"robots: {number}: robot_id is a whole number"
+        raise CameraFileError(words, inside=("robots", str(number), "robot_id")) from error
+
+
+def _positive(name: str, value: Any, *keys: str) -> float:
     if not (isinstance(value, int | float) and 0.0 < value < math.inf):
-        raise ValueError(f"{name} is a length of more than 0 m, not {value!r}")
+        raise CameraFileError(f"{name} is a length of more than 0 m, not {value!r}", inside=keys)
     return float(value)
 
 
+def _float(value: Any) -> float:
+    """Return a value as a number, NaN for one that is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan
+
+
 def _floor_tag(number: Any, entry: dict[str, Any], size: float) -> FloorTag:
+    keys = "tags", str(number)
     unknown = set(entry) - {"x", "y", "theta", "size"}
-    numbers = [float(entry.get(name, math.nan)) for name in ("x", "y", "theta")]
+    numbers = [_float(entry.get(name)) for name in ("x", "y", "theta")]
     if unknown or not all(map(math.isfinite, numbers)):
-        raise ValueError(f"tag {number}: it has x, y [m], theta [rad] and at will size [m], not {entry}")
-    return FloorTag(numbers[0], numbers[1], numbers[2], _positive("size", entry.get("size", size)))
+        words = f"tag {number}: it has x, y [m], theta [rad] and at will size [m], not {entry}"
+        raise CameraFileError(words, inside=keys)
+    return FloorTag(numbers[0], numbers[1], numbers[2], _positive("size", entry.get("size", size), *keys, "size"))
 
 
 def _robot_tag(number: Any, entry: dict[str, Any], usual: RobotTag) -> RobotTag:
+    keys = "robots", str(number)
     names = {name: getattr(usual, name) for name in RobotTag.__dataclass_fields__}
     unknown = set(entry) - set(names)
     if unknown:
-        raise ValueError(f"robots: {number}: unknown: {', '.join(sorted(unknown))}; known: {', '.join(names)}")
-    values = {name: float(entry.get(name, value)) for name, value in names.items()}
+        words = f"robots: {number}: unknown: {', '.join(sorted(map(str, unknown)))}; known: {', '.join(names)}"
+        raise CameraFileError(words, inside=(*keys, min(map(str, unknown))))
+    values = {name: _float(entry.get(name, value)) for name, value in names.items()}
     if not all(map(math.isfinite, values.values())) or values["height"] < 0.0:
-        raise ValueError(f"robots: {number}: numbers are finite, and height is 0 or more: {entry}")
+        words = f"robots: {number}: numbers are finite, and height is 0 or more: {entry}"
+        raise CameraFileError(words, inside=keys)
     for name in ("size", "length", "width"):
-        _positive(name, values[name])
+        _positive(name, values[name], *keys, name)
     return RobotTag(**values)

@@ -3,13 +3,13 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from cmr.document import DocumentError, Item, read_file
 from cmr.files import write_atomically
 
 Floats = NDArray[np.float64]
@@ -19,8 +19,11 @@ DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # OpenCV's order
 PRECISELY = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-3)
 
 
-class CameraFileError(Exception):
-    """A lens or floor file that cannot be used; the text names the file and what is wrong."""
+class CameraFileError(DocumentError):
+    """A lens or floor file that cannot be used; the text names file and line, and what is wrong."""
+
+    not_yaml = "cannot be read"
+    empty = f"'schema: {SCHEMA}' is missing."
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,8 @@ class Lens:
     @classmethod
     def load(cls, path: Path) -> "Lens":
         """Read a lens file. Raises CameraFileError."""
-        content = read_yaml(path)
+        root = read_camera_file(path)
+        content = root.value
         try:
             bent = content["distortion"]
             numbers = {name: float(content[name]) for name in ("fx", "fy", "cx", "cy", "rms")}
@@ -102,18 +106,15 @@ class Lens:
         except (KeyError, TypeError, ValueError) as error:
             raise CameraFileError(f"{path} is no lens file of cmr-camera calibrate: {error!r}") from error
         if lens.width <= 0 or lens.height <= 0 or not (lens.fx > 0.0 and lens.fy > 0.0):
-            raise CameraFileError(f"{path}: sizes and focal lengths are more than 0.")
+            raise root.place.error("sizes and focal lengths are more than 0.")
         return lens
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Return the content of a YAML file of schema 1. Raises CameraFileError."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CameraFileError(f"{path} cannot be read: {error.strerror}.") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CameraFileError(f"{path} cannot be read: {error}") from error
+def read_camera_file(path: Path) -> Item:
+    """Return the document of a YAML file of schema 1, a mapping. Raises CameraFileError."""
+    root = read_file(path, CameraFileError)
+    content = root.value
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise CameraFileError(f"{path}: 'schema: {SCHEMA}' is missing.")
-    return content
+        raise root.found(["schema"])._replace(key="").error(CameraFileError.empty)
+    root.check_keys()
+    return root

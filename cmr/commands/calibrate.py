@@ -15,7 +15,16 @@ from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
 from cmr.calibration.calibrator import HEARD, Calibrator
 from cmr.calibration.result import CalibrationResult
-from cmr.commands.command_line import CommandError, add_json, add_logs, logs_of, parse_robot_id, parser, print_json
+from cmr.commands.command_line import (
+    CommandError,
+    add_json,
+    add_logs,
+    check_writable,
+    logs_of,
+    parse_robot_id,
+    parser,
+    print_json,
+)
 from cmr.commands.first_use import ESTIMATOR, compile_first
 from cmr.configuration import parameter_file
 from cmr.configuration import robot as default_robot
@@ -37,8 +46,11 @@ def main(arguments: list[str]) -> int:
     """Run cmr-calibrate."""
     options = _options(arguments)
     nominal = _nominal(options.parameters)
-    if options.log:  # live, it listens while it compiles
-        compile_first([ESTIMATOR])
+    if options.out:
+        check_writable(options.out.parent)
+    if options.picture and not options.picture.parent.is_dir():
+        raise CommandError(f"{options.picture.parent} is not a folder. Choose another place with --picture.")
+    if options.log:
         return _from_logs(options, nominal)
     return _live(options, nominal)
 
@@ -114,6 +126,7 @@ def _nominal(path: Path | None) -> ParameterFile | None:
 def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     try:
         recordings = [_gather(path, options, nominal).recording() for path in options.log]
+        compile_first([ESTIMATOR])  # live, it listens meanwhile
         with Progress() as progress:
             progress.show(f"Calibrating robot {recordings[0].robot_id}.")
             result = calibrate(recordings, nominal, method=options.method, paper_only=options.paper_only)

@@ -14,6 +14,7 @@ from cmr.bus.preflight import DEFAULT_URL, BusError
 from cmr.bus.streams import LARGEST_ROBOT_ID
 from cmr.configuration import ConfigurationError
 from cmr.distribution import version
+from cmr.files import why_not_writable
 from cmr.news import be_quiet
 
 EXIT_CODES = """\
@@ -85,6 +86,12 @@ class _Quiet(argparse.Action):
 
     def __call__(self, *_arguments: object) -> None:
         be_quiet()
+
+
+def check_writable(folder: Path) -> None:
+    """Refuse a folder for results that cannot be made or written, before anything takes long. Raises CommandError."""
+    if why := why_not_writable(folder):
+        raise CommandError(f"{folder}: cannot be written: {why}. Choose another place with --out.")
 
 
 def add_robot(options: argparse.ArgumentParser) -> None:

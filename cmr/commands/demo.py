@@ -13,10 +13,11 @@ import lcm
 import numpy as np
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.preflight import DEFAULT_URL, open_lcm
+from cmr.bus.preflight import DEFAULT_URL
+from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Process
 from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
-from cmr.commands.command_line import CommandError, parser
+from cmr.commands.command_line import CommandError, check_writable, parser
 from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
 from cmr.configuration import results
 from cmr.model.parameters import DEFINITIONS
@@ -59,9 +60,10 @@ def main(arguments: list[str]) -> int:
     except SettingsError as error:
         raise CommandError(str(error)) from error
     settings = settings.ideal() if options.ideal else settings
-    folder = free_folder(options.out)
     url = options.lcm_url or _private_url()
-    open_lcm(url)  # what is wrong with the bus is said before anything takes time
+    check_bus(url)  # what is wrong is said before anything takes time
+    folder = free_folder(options.out)
+    check_writable(folder)
     compile_first([MODEL, WORLD, EMULATOR, ESTIMATOR])
     with Process("cmr-demo", url) as process, Children(folder) as children:
         _prepare(folder)

@@ -11,19 +11,28 @@ from pathlib import Path
 from types import FrameType
 
 from cmr.bus.message import Message
-from cmr.bus.preflight import open_lcm, resolve_url
+from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
-from cmr.commands.command_line import CommandError, add_json, add_logs, logs_of, parse_count, parse_robot_id, parser
+from cmr.commands.command_line import (
+    CommandError,
+    add_json,
+    add_logs,
+    check_writable,
+    logs_of,
+    parse_count,
+    parse_robot_id,
+    parser,
+)
 from cmr.commands.first_use import ESTIMATOR, announce_compiling, compile_first
-from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform
+from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform, robots_in
 from cmr.diagnosis.many import Pool, jobs_of
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.parameters.following import ParameterFollower
 from cmr.progress import Progress
 from cmr.recordings.arrivals import COMMANDS_OF
-from cmr.recordings.recording import RecordingError
+from cmr.recordings.recording import RecordingError, choose_robot
 
 WATCHED: tuple[Stream[Message], ...] = (*COMMANDS_OF.values(), MOTOR_FEEDBACK, GYRO, POSE, PARAMETERS)
 WATCH_RATE = 20.0  # Hz
@@ -34,8 +43,10 @@ def main(arguments: list[str]) -> int:
     """Run cmr-diagnose."""
     options = _options(arguments)
     nominal = _nominal(options.parameters)
+    if options.out is not None:
+        check_writable(options.out)
     if options.live:
-        open_lcm(resolve_url(options.lcm_url))  # what is wrong with the bus is said before anything takes time
+        check_bus(options.lcm_url)  # what is wrong is said before anything takes time
         compile_first([ESTIMATOR])
         return _live(options, nominal)
     pattern = Job(
@@ -50,9 +61,19 @@ def main(arguments: list[str]) -> int:
         jobs = jobs_of(options.logs, pattern, each=options.each)
     except RecordingError as error:
         raise CommandError(str(error)) from error
+    _check_robot(jobs)
     compile_first([ESTIMATOR])
     announce_compiling()
     return _one(jobs[0], options.why, options.json) if len(jobs) == 1 else _many(jobs, options.jobs, options.why)
+
+
+def _check_robot(jobs: Sequence[Job]) -> None:
+    """Raise CommandError where the robot of a single diagnosis is not in its logs; in a table of many, it says so."""
+    for log in (*jobs[0].logs, *jobs[0].held_out) if len(jobs) == 1 else ():
+        try:
+            choose_robot(dict.fromkeys(robots_in(log), 1), jobs[0].robot_id, str(log))
+        except RecordingError as error:
+            raise CommandError(str(error)) from error
 
 
 def command_parser() -> argparse.ArgumentParser:

@@ -10,8 +10,8 @@ from cmr.commands.command_line import CommandError, add_json, parse_count, parse
 from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, Task, gathered, perform_all, tasks_of
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.progress import Progress
-from cmr.scenario.document import ScenarioError
 from cmr.scenario.ending import why_only_live
+from cmr.scenario.errors import ScenarioError
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.scenario import load as load_scenario
 from cmr.scenario.shipping import path_of

@@ -6,10 +6,11 @@ import socket
 import time
 from pathlib import Path
 
-from cmr.bus.preflight import parse_udpm
+from cmr.bus.preflight import check as check_bus
+from cmr.bus.preflight import parse_udpm, resolve_url
 from cmr.bus.process import Process
 from cmr.commands import first_use
-from cmr.commands.command_line import CommandError, parser
+from cmr.commands.command_line import CommandError, check_writable, parser
 from cmr.configuration import results
 from cmr.progress import Progress
 from cmr.scenario import Scenario, ScenarioError, load
@@ -43,15 +44,18 @@ def main(arguments: list[str]) -> int:
         raise CommandError(
             f"{folder} holds a run already. Choose another with --out; without, a new one gets the date."
         )
+    url = options.lcm_url or scenario.lcm_url
+    check_writable(folder)
+    check_bus(url)
+    _check_reach(scenario, resolve_url(url))
     first_use.compile_first(parts_to_compile(scenario, folder))
-    with Process("cmr-run", options.lcm_url or scenario.lcm_url) as process:
-        url = process.bus.url
+    with Process("cmr-run", url) as process:
         try:
             prepared = prepare(scenario, folder)
         except OSError as error:
             raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
-        ours, others = _by_host(jobs_of(prepared, folder, url))
-        _tell_others(others, url, folder)
+        ours, others = _by_host(jobs_of(prepared, folder, process.bus.url))
+        _tell_others(others, folder)
         with Children(folder) as children, Progress(lines=True) as progress:
             run = LiveRun(prepared, folder, process, ours, children, progress, others)
             began = time.time()
@@ -141,16 +145,18 @@ def _hosts(jobs: list[Job]) -> str:
     return ", ".join(dict.fromkeys(job.host or "" for job in jobs))
 
 
-def _tell_others(others: list[Job], url: str, folder: Path) -> None:
-    """Say what to start on other machines.
-
-    Raises CommandError if the bus does not reach them.
-    """
+def _check_reach(scenario: Scenario, url: str) -> None:
+    """Raise CommandError if the bus does not reach the other machines of a scenario."""
+    _, others = _by_host(jobs_of(scenario, Path(), url))
     if others and url.startswith("udpm") and parse_udpm(url).ttl == 0:
         raise CommandError(
             f"{others[0].name} runs on {others[0].host}, but the bus {url!r} does not leave this machine. "
             "Use an LCM URL with ttl=1, for example with lcm_url in the scenario."
         )
+
+
+def _tell_others(others: list[Job], folder: Path) -> None:
+    """Say what to start on other machines."""
     for job in others:
         command = [Path(job.command[0]).name, *job.command[1:]]
         print(f"Start on {job.host}: {shlex.join(command)}", flush=True)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, make
+from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Outgoing, Process, Timer
 from cmr.bus.streams import (
     ESTOP,
@@ -57,9 +58,10 @@ def main(arguments: list[str]) -> int:
             f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
         )
     cast = _cast(options.scenario) if options.scenario else None
-    compile_first([MODEL, WORLD])
     world, loader = _world(options, cast)
     scanner = _scanner(options, cast)
+    check_bus(options.lcm_url)
+    compile_first([MODEL, WORLD])
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()

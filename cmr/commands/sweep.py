@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cmr.commands.command_line import CommandError, parser
+from cmr.commands.command_line import CommandError, check_writable, parser
 from cmr.commands.first_use import EMULATOR, MODEL, WORLD, compile_first
 from cmr.configuration import results
 from cmr.distribution import how_to_install
@@ -36,9 +36,10 @@ def main(arguments: list[str]) -> int:
         raise CommandError(
             f"{error.name} is missing, which sweeps need. To install it: {how_to_install('sweep')}"
         ) from error
-    compile_first([MODEL, WORLD, EMULATOR])  # else all workers would wait for one of them
     name = Path(options.scenario).stem
     out = options.out or results() / f"{name}_sweep"
+    check_writable(out)
+    compile_first([MODEL, WORLD, EMULATOR])  # else all workers would wait for one of them
     try:
         with Journal(out / "runs.jsonl") as journal:
             failed = _perform(runs, journal, options)
@@ -59,7 +60,7 @@ def main(arguments: list[str]) -> int:
 
 def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedRun]]":
     """Return the settings and the runs that were asked for."""
-    from cmr.scenario.document import ScenarioError
+    from cmr.scenario.errors import ScenarioError
     from cmr.scenario.shipping import path_of
     from cmr.sweep.experiment import ExperimentError
     from cmr.sweep.planning import plan

@@ -81,7 +81,7 @@ def diagnose(
     """Diagnose one robot from one or more of its recordings.
 
     `nominal` gives at least wheel_radius; by default it is what the first recording announces. On `held_out` the gain
-    is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `progress` is told, in a sentence,
+    is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `progress` receives, in a sentence,
     what is being done.
     Raises EstimationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain
     can be measured on one of `held_out`.
@@ -285,7 +285,7 @@ def _fitted_in(fit: Fit, tested: CandidateEffect) -> bool:
 def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estimation, driver: Driver) -> NamedEffect:
     effect, found = one.candidate.effect, estimation.found
     names = [parameter.name for parameter in effect.parameters]
-    same = found.problem.as_the_delay if effect.name == "command_delay" else ()  # no drive tells them apart
+    same = found.problem.as_the_delay if effect.name == "command_delay" else ()  # no drive distinguishes them
     estimates = {name: estimation.estimate(name) for name in names}
     return NamedEffect(
         name=effect.name,
@@ -322,7 +322,7 @@ def _next(driver: Driver, effects: Sequence[NamedEffect], found: Search, unexpla
 
 
 def _recorded(name: str, found: Search) -> bool:
-    """Tell whether the sensor that an effect is one of was recorded: no drive shows what a sensor does without it."""
+    """Return whether the sensor that an effect is one of was recorded: no drive shows what a sensor does without it."""
     observations = [predictor.segment.observations for predictor in found.problem.predictors]
     stages = CATALOGUE[name].equations
     if all(stage.startswith("gyro") for stage in stages):

@@ -83,7 +83,7 @@ def write_document(diagnosis: Diagnosis, path: Path) -> None:
 def extended_file(diagnosis: Diagnosis, provenance: Mapping[str, object]) -> ParameterFile:
     """Return the parameter file of the extended model, `robot_<id>.yaml`; without any effect it is the paper's model.
 
-    `provenance` tells where the data come from; method and path errors are added to it.
+    `provenance` says where the data come from; method and path errors are added to it.
     Raises ParameterFileError for a value that no robot can have, KeyError for a parameter that nobody knows.
     """
     estimates = diagnosis.extended.estimates if diagnosis.extended else {}

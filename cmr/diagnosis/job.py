@@ -32,7 +32,7 @@ class Job:
     """The logs of one robot that are diagnosed together, and the folder for the results.
 
     `robot_id` None stands for the only robot of the logs, `nominal` None for what they announce. On `held_out` the
-    gain is measured. `report` tells whether to write report.html.
+    gain is measured. `report` says whether to write report.html.
     """
 
     logs: tuple[Path, ...]

@@ -1,6 +1,6 @@
 """What to drive next: sentences for a person, from the catalogue of effects and the table of manoeuvres.
 
-What an effect needs, and what tells two effects apart, is text in the catalogue (`Effect.needs`,
+What an effect needs, and what distinguishes two effects, is text in the catalogue (`Effect.needs`,
 `Effect.confused_with`). Each manoeuvre lists the motions of such texts that it gives (`Manoeuvre.gives`); those
 manoeuvres are recommended that give all motions of a text in the shortest time. No sentence names more than
 MOST_NAMED effects: nobody reads thirty. How a manoeuvre is to be driven depends on who drives the robot: `cmr-pilot`
@@ -21,7 +21,7 @@ from cmr.model.catalogue import CATALOGUE
 from cmr.model.effect import GROUPS
 from cmr.model.parameters import RobotParameters
 
-HOPELESS = "none: "  # so begin the catalogue's texts where nothing tells two effects apart
+HOPELESS = "none: "  # so begin the catalogue's texts where nothing distinguishes two effects
 REST = "rest"
 FALLBACK = "rich_drive"
 WITHOUT_POSES = (
@@ -45,17 +45,17 @@ PARTING = {
     "wheel_angle_right": "ramps",
     "energy": "repeat_loop",
 }
-LONG = 120.0  # s; longer drives are told in minutes
+LONG = 120.0  # s; longer drives are given in minutes
 WITHOUT_COMMANDS = "Record the commands that the robot gets, too: without them {causes} cannot be seen."
 MOTIONS = frozenset[str]().union(*(manoeuvre.gives for manoeuvre in MANOEUVRES.values()))
 MOTION = re.compile(rf"\b(?:{'|'.join(sorted(MOTIONS, key=len, reverse=True))})\b")
 
 
 class Driver(Protocol):
-    """Who drives the robot, and how it is told what to drive."""
+    """Who drives the robot, and how to say what to drive."""
 
     def told(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
-        """Return what to drive and what to do with the log; `together` tells whether the log so far stays of use."""
+        """Return what to drive and what to do with the log; `together` says whether the log so far stays of use."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def _duration(seconds: float) -> str:
 def experiment_to_tell_apart(name: str, others: Sequence[str], driver: Driver = Pilot()) -> str | None:
     """Return what to drive to find out which of these effects a robot has; None if `others` is empty.
 
-    Of the others the first MOST_NAMED count. Where nothing can tell, it says so.
+    Of the others the first MOST_NAMED count. Where nothing can distinguish them, it says so.
     Raises KeyError for an effect that is not in the catalogue.
     """
     texts = {other: telling_apart(name, other) for other in others[:MOST_NAMED]}
@@ -189,7 +189,7 @@ def experiment_to_explain(signal: str, regressors: Sequence[str], driver: Driver
 
 
 def telling_apart(name: str, other: str) -> str:
-    """Return the catalogue's text on what tells two effects apart; if there is none, what both need."""
+    """Return the catalogue's text on what distinguishes two effects; if there is none, what both need."""
     first, second = CATALOGUE[name], CATALOGUE[other]
     return first.confused_with.get(other) or second.confused_with.get(name) or _needs(name, other)
 

@@ -1,7 +1,7 @@
 """The paths that a report shows: pieces of the recordings, and free runs of both models from their beginnings.
 
 A long drive is cut into pieces of LONGEST seconds, each begun at the real pose: errors of free runs pile up, and after
-a minute they tell nothing about what the models differ in.
+a minute they say nothing about what the models differ in.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ from cmr.model.observer import RESTART, Observations
 from cmr.recordings.signal import Floats
 
 LONGEST = 30.0  # s of a piece
-MOST_PATHS = 4  # a page with more tells nobody more
+MOST_PATHS = 4  # a page with more shows nobody more
 MOST_POINTS = 900  # of a piece
 
 

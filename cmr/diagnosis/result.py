@@ -24,12 +24,12 @@ class NamedEffect:
 
     `estimates` are its parameters by name. `statistic` is twice the log-likelihood that the effect adds to the model
     with all other effects named, `p_value` how often chance alone would give as much somewhere in the catalogue.
-    `held_out` is the log-likelihood that it adds on data it was not fitted on. `shift` tells how far each parameter
+    `held_out` is the log-likelihood that it adds on data it was not fitted on. `shift` says how far each parameter
     of the paper's model moved, in its unit, when the effect was added to the baseline with all effects ordered before
     it. All shifts together, and that of a generic term, are what lies between the baseline and the fit with all of
     them; the average over what may be hidden besides lies a little beside that fit.
     `indistinguishable_from` are effects that explain these data as well, `next_experiment` the manoeuvre that would
-    tell them apart, or sharpen the estimate; None if nothing is left to find out.
+    distinguish them, or sharpen the estimate; None if nothing is left to find out.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Candidate:
     """An effect of the catalogue that was tested and not named: its evidence beside the effects named.
 
     `statistic` and `held_out` are as in NamedEffect; `why_not` is a sentence, `measure` the number in it that decided,
-    None if it is not known. `estimates` are the effect's parameters by name as they were fitted. `harmless` tells that
+    None if it is not known. `estimates` are the effect's parameters by name as they were fitted. `harmless` says that
     the data show the effect, but that it is too small to matter.
     """
 
@@ -112,7 +112,7 @@ class Residual:
     model) and `after` (extended model; the same as `before` where nothing was found). `regressors` are arrays (n,) by
     name: time, command_left, command_right, speed, yaw_rate, speed_times_yaw_rate, x, y, heading,
     wheel_angle_left, wheel_angle_right, energy, ... Those of the pose are errors grown over windows of a second.
-    `without` tells by effect what the extended model leaves (n,) when that one effect is switched off in it and all
+    `without` says by effect what the extended model leaves (n,) when that one effect is switched off in it and all
     else stays.
     """
 
@@ -143,12 +143,12 @@ class Diagnosis:
 
     `effects` are ordered by evidence, `candidates` are the runners-up. `baseline` is the paper's model, `extended`
     that with the effects named and any generic term, both None with bad data. `parameters` holds all values the
-    extended model runs with, by name. `checks` tells what was wrong with the data, `notes` are sentences on what else a
+    extended model runs with, by name. `checks` says what was wrong with the data, `notes` are sentences on what else a
     reader should know, `next_experiment` what to do next if nothing, or not enough, was found, `not_visible` all
     effects that would not show in these drives if the robot had them. `sources` names the recordings, `samples` counts
     what the models were fitted to. `nominal` is the robot as it was given, and
     `gain_over_nominal` what the extended model gains over it; both are None where too little of it was given.
-    `lateness` tells how late commands took effect, by the name of the recording in which it was measured. `decisions`
+    `lateness` says how late commands took effect, by the name of the recording in which it was measured. `decisions`
     are the steps of the search, in their order.
     """
 

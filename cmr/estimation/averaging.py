@@ -47,7 +47,7 @@ class Posterior:
     """What is known of the parameters, effects that may be hidden included.
 
     `values` are the posterior means by name, with what was not estimated; `names` (p) are those of the `covariance`
-    (p, p). `presence` tells the probability of each effect that could be averaged over, in a size that is usual,
+    (p, p). `presence` is the probability of each effect that could be averaged over, in a size that is usual,
     `averaging` how it was found.
     `likeliest` are the values with the likeliest set of effects, `certain` those that were not averaged over.
     """
@@ -134,13 +134,13 @@ class Averaging:
         return self._averaged(products, pulls, odds, SEARCHING_STEPS).likeliest
 
     def is_about(self, found: Posterior) -> bool:
-        """Tell whether the likeliest values are so near to those it is linear about that another round is idle."""
+        """Return whether the likeliest values are so near to those it is linear about that another round is idle."""
         stds = np.sqrt(np.diag(found.covariance))
         change = np.array([found.likeliest[name] - self._start[name] for name in found.names])
         return bool(np.all(np.abs(change) <= NEAR * stds))
 
     def predicts(self, found: Posterior) -> bool:
-        """Tell whether the errors at the likeliest values are what the slopes say."""
+        """Return whether the errors at the likeliest values are what the slopes say."""
         change = np.array([found.likeliest[name] - self._start[name] for name in self._names])
         predicted = self._rest + self._slopes @ change
         white = self._problem.white(lanes_of([found.likeliest]), self._noise)[:, 0]
@@ -192,7 +192,7 @@ class Averaging:
         """Return the standard deviations (p,) of sizes that are present, where sizes (p,) are seen.
 
         They are larger where sizes are seen to be larger, and for an effect that would need so much to do alone what
-        those do that were found: else of two effects that can hardly be told apart the one found would stay for ever.
+        those do that were found: otherwise, of two effects that are hard to distinguish, the one found would stay.
         """
         does, squares = normal @ seen, float(seen @ normal @ seen)
         own = np.maximum(np.diag(normal), 1e-300)

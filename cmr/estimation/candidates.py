@@ -21,7 +21,7 @@ USUAL_INTERVAL = 0.04  # s between poses
 OF_POSE_STAMPS = ("pose_latency", "clock_skew")  # matter as far as poses follow one another closely
 LIMITS = (0.35, 0.55, 0.75, 1.0, 1.3, 1.8, 2.6)  # multiples of the typical size at which a limit is tested
 THRESHOLDS = (0.4, 1.0, 1.8)
-# A pose told as p (1 + k |p|^2) goes back where k |p|^2 is below -1/3. From other k no fit gets there: with the fold
+# A pose seen at p (1 + k |p|^2) goes back where k |p|^2 is below -1/3. From other k no fit gets there: with the fold
 # elsewhere, the model is worse than without.
 FOLDS = (0.5, 0.55, 0.6, 0.66, 0.72, 0.79, 0.87, 0.95, 1.05, 1.15, 1.26, 1.4)  # times the typical k, tested negative
 TURNS = tuple(eighth * math.pi / 4.0 for eighth in (-3, -2, -1, 1, 2, 3, 4))  # rad
@@ -35,7 +35,7 @@ EVERYWHERE = 1e3  # m, radius of a place that holds all others
 # Velocity controllers accelerate more gently than motors could: in about a second to the top wheel speed. [duty/s]
 GENTLE = {"slew_limit": 1.0, "current_limit": 1.0}
 RANDOM = ("command_jitter", "command_loss")  # show in the spread, not in the mean
-NEVER_AHEAD = ("gyro_latency", "pose_latency")  # what a sensor tells ahead of its moment cannot be foretold
+NEVER_AHEAD = ("gyro_latency", "pose_latency")  # what a sensor reports ahead of its moment cannot be predicted
 SENSED = ("encoder_quantisation", "wheel_speed_latency")  # read off the ticks, and off the gyro beside the wheels
 # Stages of the model's step that end with the wheels' speeds; where these are given, they mean nothing.
 DRIVING = frozenset(
@@ -46,12 +46,16 @@ DRIVING = frozenset(
 )
 OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
 OF_ONE_FRAME = ("slope", "surface_patch", "pose_distortion")  # belong to places and headings of one frame
-AS_THE_DELAY = ("longitudinal_slip", "pose_latency")  # what only wheels, or a gyro, tell from commands that act late
-AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # what only commands tell from the wheel radius itself
+AS_THE_DELAY = ("longitudinal_slip", "pose_latency")  # only wheels, or a gyro, distinguish it from late commands
+AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # only commands distinguish it from the wheel radius itself
 # By so much must a rare effect explain more. Wheels differ in size more often than their encoders, which are numbers in
 # a data sheet, count wrongly: unequal motors look to the last bit like unequal encoders beside wheels that are just as
-# unequal. Commands come late more often than small motors have a lag of their own of 10 ms.
-RARE: Mapping[str, float] = {"encoder_scale": 20.0, "encoder_asymmetry": 20.0, "electrical_lag": 6.0}
+# unequal. Commands come late more often than small motors have a lag of their own of 10 ms, and poses are late more
+# often than smoothed.
+RARE: Mapping[str, float] = {
+    **{"encoder_scale": 20.0, "encoder_asymmetry": 20.0},
+    **{"electrical_lag": 6.0, "pose_smoothing": 6.0},
+}
 # Of the typical size: standard deviation of what sizes may be. Other sizes must explain so much more.
 SPREAD, SPREAD_OF_RARE = 5.0, 1.0
 SURE = 3.0  # standard deviations
@@ -64,7 +68,7 @@ class Excitation:
 
     These are the robot's parameters, a usual yaw rate `turning` [rad/s], how far from the origin of the poses it
     usually was, `extent` [m], a yaw rate that it was seen to exceed, `fastest` [rad/s], and the usual time between
-    poses, `interval` [s]. `controlled` tells that a velocity controller in the robot is commanded, `poses_late` [s] by
+    poses, `interval` [s]. `controlled` says that a velocity controller in the robot is commanded, `poses_late` [s] by
     how much poses seem late before any model is fitted.
     """
 
@@ -82,7 +86,7 @@ class Trial:
     """An effect with values of its parameters; `threshold` says that half of the effect is not half of its value.
 
     An effect that begins at a moment is tested as if it had begun with the drive, one of a place as if it were
-    everywhere; `local` tells which of the two ("time", "place", or "" for neither) is then to be looked for. A `spare`
+    everywhere; `local` says which of the two ("time", "place", or "" for neither) is then to be looked for. A `spare`
     trial is one of many that say much the same. `portion` is the size tested as a share of the typical one.
     """
 
@@ -194,19 +198,19 @@ def effects_of_rolling() -> tuple[Effect, ...]:
 
 
 def is_limit(parameter: ParameterDefinition) -> bool:
-    """Tell whether a parameter limits something, so that its effect begins below the largest value."""
+    """Return whether a parameter limits something, so that its effect begins below the largest value."""
     return parameter.neutral is not None and (math.isinf(parameter.neutral) or parameter.neutral == parameter.upper)
 
 
 def can_be_small(effect: Effect) -> bool:
-    """Tell whether an effect has sizes about 0: no limit, nothing of a moment or a place, nothing by chance."""
+    """Return whether an effect has sizes about 0: no limit, nothing of a moment or a place, nothing by chance."""
     if effect.name in RANDOM or effect.name in SENSED or locality(effect):
         return False
     return not any(is_limit(one) or one.unit == "duty" or not one.switches for one in effect.parameters)
 
 
 def is_rough(effect: Effect) -> bool:
-    """Tell whether the sum of squares may have steps along the effect's parameters.
+    """Return whether the sum of squares may have steps along the effect's parameters.
 
     Wheels that stick set off a little earlier or not at all, limits and gaps are reached or not, and moments and places
     take in one reading more or less.
@@ -272,7 +276,7 @@ def rarity(effect: str) -> float:
 def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:
     """Return the sum of squares by which sizes of effects are unlikely; of limits, moments and places none is.
 
-    Where the data hardly tell effects from one another, huge sizes can make up for each other.
+    Where the data hardly distinguish effects, huge sizes can make up for each other.
     """
     total = 0.0
     for effect in CATALOGUE.values():
@@ -284,7 +288,7 @@ def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:
 
 
 def worth_naming(values: Mapping[str, float], stds: Mapping[str, float], excitation: Excitation) -> bool:
-    """Tell whether an effect is large enough to matter: some parameter of it a fair share of its typical size."""
+    """Return whether an effect is large enough to matter: some parameter of it a fair share of its typical size."""
     switches = [definition(name) for name in values if definition(name).switches]
     if any(is_limit(parameter) for parameter in switches):
         return True

@@ -10,7 +10,7 @@ from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
 from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
 from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
-from cmr.recordings.checks import check
+from cmr.recordings.checks import check, late_wheels_in_all
 from cmr.recordings.findings import Finding, Findings, counted
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.late_wheels import together, with_wheels_in_time
@@ -31,7 +31,7 @@ MOVED = (
 )
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
 REPEATS = ("poses_held", "stale_poses")  # checks that set aside what is true, but older than its time stamp
-FEWEST = 2  # readings of a sensor from which it tells of a motion
+FEWEST = 2  # readings of a sensor from which on it shows a motion
 SHORTEST = 5.0  # s; what is named from less is chance
 DRIVE = "Drive a figure-eight, or cmr-pilot's rich_drive, and record it."
 LONG_ENOUGH = (
@@ -52,8 +52,8 @@ PATH, TURN = "a path (POSE_N)", "a turn (POSE_N or GYRO_N)"
 class Checked:
     """A recording that was looked at, without what cannot be true, and with the clock of its poses set right.
 
-    `name` tells a person which it is. `findings` are those of the recording as it came, `note` is a sentence on what
-    was changed. `segments` are its parts between gaps that tell of a motion. `useless` is a sentence on why nothing can
+    `name` is for a person. `findings` are those of the recording as it came, `note` is a sentence on what
+    was changed. `segments` are its parts between gaps that show a motion. `useless` is a sentence on why nothing can
     be concluded from it, empty if something can.
     """
 
@@ -73,13 +73,16 @@ def looked_at(
 ) -> list[Checked]:
     """Look at recordings of one robot; without `names` they are numbered.
 
-    `wheels_late` says how late its wheels tell, if that is known (see `check`); else it is found, the same for all.
+    `wheels_late` says how late its wheels report, if that is known (see `check`); else it is found, the same for all.
     """
     names = list(names) or [f"{otherwise} {number + 1}" for number in range(len(recordings))]
     found = [check(recording, wheels_late) for recording in recordings]
-    late = together(one.wheels_late for one in found)
-    if wheels_late is None and late is not None and len(recordings) > 1:
-        found = [check(recording, late) for recording in recordings]
+    if wheels_late is None and len(recordings) > 1:
+        late = together(one.wheels_late for one in found)
+        if not any(one.lag("gyro") for one in found):
+            late = late_wheels_in_all([one.cleaned(each) for one, each in zip(found, recordings, strict=True)])
+        if late is not None:
+            found = [check(recording, late) for recording in recordings]
     return [
         _looked_at(recording, findings, number, name)
         for number, (recording, findings, name) in enumerate(zip(recordings, found, names, strict=True))
@@ -100,15 +103,18 @@ def _looked_at(recording: Recording, findings: Findings, number: int, name: str)
 def with_clocks_set(recording: Recording, findings: Findings | None = None) -> tuple[Recording, Findings, str]:
     """Return the recording with the clocks of poses and commands set by that of the wheels, the findings, and a note.
 
-    Wheels that tell late are set right before. `findings` are those of its check, where that was made.
+    Wheels that report late, or were stamped unevenly, are set right before. `findings` are those of its check, where
+    that was made.
 
-    The checks are those of the recording as it came, so that what was wrong stays told; they allow for a late clock.
+    The checks are those of the recording as it came, so that what was wrong is reported; they allow for a late clock.
     Only a clock that is far off is touched, or one that shows what has not happened yet. A pose that is a little late
     may be the fault of the localisation, and is then a finding about it; so may be a command. A clock that runs at
     another rate is no constant lag: it is left to be found as such.
     """
     findings = check(recording) if findings is None else findings
     notes = []
+    for stamps in findings.even_stamps:
+        recording = stamps.of(recording)
     if findings.wheels_late is not None:
         recording = with_wheels_in_time(recording, findings.wheels_late)
     lag = findings.lag("poses")
@@ -140,7 +146,7 @@ def _commands_moved(lag: float, by: float) -> str:
 
 
 def _skewed(recording: Recording) -> bool:
-    """Tell whether the lag of the poses is surely another one in the second half of a recording than in the first."""
+    """Return whether the lag of the poses is surely another one in the second half of a recording than in the first."""
     first, last = int(recording.wheels.utime[0]), int(recording.wheels.utime[-1])
     middle = (first + last) // 2
     halves = [recording.between(first, middle), recording.between(middle, last)]
@@ -152,7 +158,7 @@ def _skewed(recording: Recording) -> bool:
 
 
 def _tells(segment: Segment) -> bool:
-    """Tell whether a segment says what drove the robot, and how it moved."""
+    """Return whether a segment says what drove the robot, and how it moved."""
     observations = segment.observations
     return (
         max(len(observations.wheel_time), len(observations.commands.time)) >= FEWEST
@@ -206,7 +212,7 @@ def _why_useless(recording: Recording, cleaned: Recording, findings: Findings, s
 
 
 def _why_no_motion(recording: Recording, cleaned: Recording, findings: Findings) -> str:
-    """Return why nothing tells how the robot moved."""
+    """Return why nothing says how the robot moved."""
     lost = [name for name in ("poses", "gyro") if len(cleaned.signals[name]) < FEWEST]
     set_aside = [sentence for name in lost for sentence in _why_set_aside(findings, name)]
     if set_aside:
@@ -258,13 +264,13 @@ def require_of_use_held_out(looked: Sequence[Checked], *, path: bool) -> None:
 
 
 def _has_window(looked: Checked, path: bool) -> bool:
-    """Tell whether there is a window over which free runs can be measured; with `path`, one with poses."""
+    """Return whether there is a window over which free runs can be measured; with `path`, one with poses."""
     observations = [segment.observations for segment in looked.segments]
     return any(len(windows_of(one, WINDOW).begin) for one in observations if len(one.pose) or not path)
 
 
 def findings_of(looked: Sequence[Checked]) -> tuple[Finding, ...]:
-    """Return what the checks found; where there are several recordings, each sentence tells in which.
+    """Return what the checks found; where there are several recordings, each sentence says in which.
 
     A check that found nothing in any of them stands there once.
     """

@@ -1,6 +1,6 @@
-"""Recordings of robots that are told how fast to go, as the model takes them: duties that stand for the speeds.
+"""Recordings of robots that are commanded how fast to go, as the model takes them: duties that stand for the speeds.
 
-`cmr.model.velocity_controller` says what stands for what. Where nobody has told the robot's top wheel speed, which is
+`cmr.model.velocity_controller` says what stands for what. Where nobody has given the robot's top wheel speed, which is
 the unit of these duties, one is chosen that leaves room above all that was commanded.
 """
 

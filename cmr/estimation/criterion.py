@@ -15,7 +15,7 @@ from cmr.model.parameters import DEFINITIONS as PAPER
 
 ASTRAY = 2.5  # factor by which the paper's parameters may differ from those of free runs, where ticks are coarse
 # Share of the usual speed by which wheels may stray: models without the physics of tests/hidden_effects stray by 9 % at
-# most; of the robots of docs/measurements/real_recordings.md the Husky on grass, for which moments tell nothing, by
+# most; of the robots of docs/measurements/real_recordings.md the Husky on grass, for which moments say nothing, by
 # 13 %, the MBot by 90 %.
 STRAYING = 0.11
 
@@ -53,9 +53,9 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
 
 
 def trusted(found: Search, ready: Ready) -> bool:
-    """Tell whether errors of moments led to a model that is of use.
+    """Return whether errors of moments led to a model that is of use.
 
-    They did if wheels that run freely with the model stay with the robot. Coarse ticks do not tell whether they do;
+    They did if wheels that run freely with the model stay with the robot. Coarse ticks do not say whether they do;
     there the paper's parameters must be such as free runs allow.
     """
     if straying(found) < STRAYING:

@@ -25,7 +25,7 @@ def tick_of(angles: Floats, counts: Floats) -> float:
 def _at_once(counted: Floats) -> float:
     """Return how many counts an encoder goes on at once, where it has gone on by `counted` (n,) between readings.
 
-    It need not be a whole number: a coarse disc whose angle is told in finer counts goes on by 34 and 35 in turn.
+    It need not be a whole number: a coarse disc whose angle is reported in finer counts goes on by 34 and 35 in turn.
     """
     whole = float(np.gcd.reduce(counted.astype(np.int64)))
     least = float(counted.min())
@@ -47,7 +47,7 @@ def moved_on(steps: Floats) -> Mask:
 def within_tick(steps: Floats, tick: float) -> tuple[Floats, Floats]:
     """Return how far beyond each reading its wheel stood [rad], and how wide the span is that it may stand in [rad].
 
-    `steps` [rad], shape (n,), tell how far each reading is from the one before, 0 for the first; `tick` [rad] is the
+    `steps` [rad], shape (n,), say how far each reading is from the one before, 0 for the first; `tick` [rad] is the
     size of a tick, which begins at the angle that is read.
 
     An encoder that has moved on has passed an edge of the tick since the reading before: a slow wheel has just come

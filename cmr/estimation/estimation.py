@@ -37,7 +37,7 @@ SEEN_IN_A_PATH = 0.02  # of the typical size: more of an effect that was not nam
 
 @dataclass(frozen=True)
 class Estimation:
-    """What the recordings of one robot tell.
+    """What the recordings of one robot show.
 
     `ready` are the recordings as they were prepared, or why they were refused; then all else is None. So is `nominal`,
     the robot as it was given, where not all parameters were given that a simulation needs. `controller` is the
@@ -64,7 +64,7 @@ class Estimation:
 
     @property
     def estimates(self) -> dict[str, Estimate]:
-        """The parameters of the whole model: the paper's that the data tell, and those of effects in use."""
+        """The parameters of the whole model: the paper's that the data determine, and those of effects in use."""
         assert self.whole is not None
         in_use = self.parameters
         return {name: self.estimate(name) for name in self.whole.model.names if name in in_use}
@@ -115,7 +115,7 @@ class Estimation:
         return {name: value for name, value in known.items() if name in PAPER or value != definition(name).neutral}
 
     def _shows(self, name: str) -> bool:
-        """Tell whether the mean of a parameter that was not named changes a path that is predicted."""
+        """Return whether the mean of a parameter that was not named changes a path that is predicted."""
         assert self.whole is not None
         parameter = definition(name)
         value = self.whole.model.values.get(name, parameter.neutral)
@@ -137,10 +137,10 @@ def estimate(
     held_out_sources: Sequence[str] = (),
     progress: Callable[[str], None] = lambda _sentence: None,
 ) -> Estimation:
-    """Estimate one robot's parameters from one or more of its recordings; what is wrong with data is told in `ready`.
+    """Estimate one robot's parameters from one or more of its recordings; `ready` reports what is wrong with data.
 
     `nominal` gives at least wheel_radius. On `held_out` the gain is measured, and nothing is fitted. `sources` and
-    `held_out_sources` name the recordings. `progress` is told, in a sentence, what is being done.
+    `held_out_sources` name the recordings. `progress` receives a sentence on what is being done.
     Raises EstimationError where nothing can be fitted for a reason other than bad data.
     """
     # Threads of OpenBLAS spin where the matrices are as small as here: a fit of 4 s would take 40 s of two processors.

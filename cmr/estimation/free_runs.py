@@ -116,7 +116,7 @@ def errors_of(
 ) -> tuple[Errors, ...]:
     """Return the errors of each model over all segments; `folds` are those of each, all with as many models.
 
-    The last model should be the one that knows most: its sensor effects tell what the real pose is at a beginning.
+    The last model should be the one that knows most: its sensor effects say what the real pose is at a beginning.
     Windows do not reach beyond a fold's span; each is run with the parameters found without it. What is left over at
     the ends is not used.
     """
@@ -174,7 +174,7 @@ def free_runs(
     values: Mapping[str, Floats],
     continued: Sequence[bool],
 ) -> list[Innovations]:
-    """Run freely over several segments; see `free_run`. `continued` tells which follow the one before after a gap."""
+    """Run freely over several segments; see `free_run`. `continued` says which follow the one before after a gap."""
     changed = [_put_to(*one) for one in zip(observations, begins, poses, strict=True)]
     results = Observer(values, FREE).observe_each(changed, continued)
     measured = (

@@ -1,7 +1,7 @@
 """How far the observer follows its sensors: as usual, unless a robot's sensors are of another kind.
 
-Gains are right where prediction errors are least foretold by their own past. Encoders of some hundred ticks per turn at
-100 Hz are to be smoothed; wheel speeds that a motor controller reports, or a lidar's poses at 5 Hz, are to be believed.
+Gains are right where their own past predicts prediction errors least. Encoders of some hundred ticks per turn at 100 Hz
+are to be smoothed; wheel speeds that a motor controller reports, or a lidar's poses at 5 Hz, are to be believed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ def gains_at(angle: float, pose: float, interval: float) -> Gains:
 
 
 def choose_gains(predictors: Sequence[Predictor], values: Mapping[str, float]) -> Gains:
-    """Return the gains nearest to the usual ones that foretell wheels, and poses, about as well as any."""
+    """Return the gains nearest to the usual ones that predict wheels, and poses, about as well as any."""
     if max(predictor.segment.tick for predictor in predictors) > COARSE:
         return OF_COARSE_ENCODERS
     interval = interval_of(predictors)
@@ -49,7 +49,7 @@ def interval_of(predictors: Sequence[Predictor]) -> float:
 
 
 def _sizes(names: Sequence[str], errors: Sequence[Mapping[str, Floats]], lanes: slice) -> Floats:
-    """Return the mean logarithm of the size that errors have beyond what their past foretells, lane by lane."""
+    """Return the mean logarithm of the size that errors have beyond what their past predicts, lane by lane."""
     sizes, weights = [], []
     for name in names:
         own = [of[name][:, lanes] for of in errors if name in of]

@@ -56,7 +56,7 @@ def _turns(predictor: Predictor, late: float = 0.0) -> tuple[Floats, Floats, Flo
     """Return by how much the wheels' angles differ, and the robot turned, in each window [rad], and how long it is [s].
 
     Poses that are farther apart than a window, such as those at the ends of a run, are its borders. Others are `late`
-    [s], and tell nothing of windows in which their path begins anew.
+    [s], and say nothing of windows in which their path begins again.
     """
     observations = predictor.segment.observations
     borders = np.arange(0.0, observations.seconds, WINDOW)
@@ -115,7 +115,7 @@ def guess_motor(predictors: Sequence[Predictor], values: dict[str, float]) -> di
     steps = np.concatenate([_efforts(predictor, values) for predictor in predictors])
     moving = steps[steps[:, 1] > STANDING * np.max(steps[:, 1], initial=0.0)]
     k1 = float(np.sum(moving[:, 0]) / max(np.sum(moving[:, 1]), 1e-9))
-    # At one rate the errors are linear in the acceleration: those at both ends tell those between.
+    # At one rate the errors are linear in the acceleration: those at both ends determine those between.
     speeds = SPEEDS[[0, -1]] * k1
     lanes = {**values, "k2_over_k3": (RATES / speeds[:, None]).ravel(), "k1": np.repeat(speeds, len(RATES))}
     shares = (1.0 / SPEEDS - 1.0 / SPEEDS[0]) / (1.0 / SPEEDS[-1] - 1.0 / SPEEDS[0])

@@ -91,7 +91,7 @@ def measure_nominal(
 ) -> NominalMeasured:
     """Measure a robot that was given, by the values of all its parameters, over the windows of what was `measured`.
 
-    `smoothing` are the values of the model that knows most: its sensor effects tell where the windows begin.
+    `smoothing` are the values of the model that knows most: its sensor effects say where the windows begin.
     """
     pair = Running(Given(nominal)), Running(Given(smoothing))
     (fitted, _), (outside, _) = _fitted_errors(pair, segments), _left_out_errors(problem, pair, segments, held_out)

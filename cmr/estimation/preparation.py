@@ -27,7 +27,7 @@ GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in e
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")
-# Beyond this share a base width is not known. Drives with turns tell it ten times as well, straight ones half as well.
+# Beyond this share a base width is not known. With turns it is known ten times as well, straight on half as well.
 LARGEST_DOUBT = 0.05
 NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
 HARDLY_TURNED = "The robot hardly turned: its turns determine the base width to {doubt:.0f} % only."
@@ -47,9 +47,9 @@ CONTRADICTION = (
 class Ready:
     """Recordings ready to be searched, with the paper's model fitted; or `refused`, a sentence that says why not.
 
-    `start` are values of the paper's parameters, by name, that free runs speak for. `unknown` names those of which
-    neither the recordings nor the nominal parameters tell anything: their values mean nothing. `untold` says, by name,
-    why the recordings do not tell a parameter of the paper.
+    `start` are values of the paper's parameters, by name, that free runs support. `unknown` names those of which
+    neither the recordings nor the nominal parameters say anything: their values mean nothing. `untold` says, by name,
+    why the recordings do not determine a parameter of the paper.
     """
 
     problem: Problem | None
@@ -118,7 +118,7 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
 
 
 def _contradiction(ready: Sequence[Predictor], radius: float) -> str:
-    """Return a sentence where wheels and poses tell of ways that cannot both be true; empty if they can.
+    """Return a sentence where wheels and poses report ways that cannot both be true; empty if they can.
 
     Ways are those of each second: noise of the poses adds little to them, and a heading that drifts nothing.
     """
@@ -137,9 +137,9 @@ def _contradiction(ready: Sequence[Predictor], radius: float) -> str:
 
 
 def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
-    """Return where the fit begins, and what is to be fitted: what the recordings tell.
+    """Return where the fit begins, and what is to be fitted: what the recordings determine.
 
-    Under which circumstances effects act is told, like the wheel radius, which `nominal` must have.
+    Under which circumstances effects act is given, like the wheel radius, which `nominal` must have.
     """
     told = ("wheel_radius", *GIVEN)
     start = _Start({name: nominal.value(name) for name in told if nominal.has(name)})
@@ -160,10 +160,10 @@ def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
 
 
 def _add_width(start: _Start, ready: Sequence[Predictor], nominal: ParameterFile) -> None:
-    """Add the base width; where the turns do not tell it, the nominal one, which is not fitted."""
+    """Add the base width; where the turns do not determine it, the nominal one, which is not fitted."""
     width = guess_base_width(ready, start.values["wheel_radius"])
     if not any(len(predictor.segment.observations.wheel_time) for predictor in ready):
-        if nominal.has("base_width"):  # the poses tell it, beside how the motors follow commands
+        if nominal.has("base_width"):  # the poses determine it, beside how the motors follow commands
             start.values["base_width"] = nominal.value("base_width")
             start.names = ("base_width",)
         else:
@@ -196,13 +196,13 @@ def _add_nominal_motor(start: _Start, nominal: ParameterFile) -> None:
 
 
 def _poses_late(looked: Sequence[Checked]) -> float:
-    """Return by how much [s] the poses are stamped late by the checks of their clocks, 0 where they tell nothing."""
+    """Return by how much [s] the poses are stamped late by the checks of their clocks, 0 where they say nothing."""
     lags = [one.findings.lag("poses") for one in looked if not one.useless and not one.note]
     return float(np.median([lag.seconds for lag in lags if lag] or [0.0]))
 
 
 def _excitation(ready: Sequence[Predictor], values: dict[str, float], errors: Sequence[Errors]) -> Excitation:
-    """Return how fast the robot turned, how far it went, and how often its pose was told."""
+    """Return how fast the robot turned, how far it went, and how often its pose was reported."""
     motions = [error.motion for error in errors]
     rates = [np.abs(motion[:, MOTION.index("yaw_rate")]) for motion in motions]
     fast = np.concatenate([rate[rate > TURNING] for rate in rates])

@@ -107,7 +107,7 @@ class Problem:
 
     @cached_property
     def as_the_delay(self) -> tuple[str, ...]:
-        """The effects that are not told from command_delay, of which there is most: wheels, or a gyro, are missing."""
+        """The effects that are the same as command_delay to these sensors, as wheels, or a gyro, are missing."""
         read = {name for predictor in self.predictors for name in predictor.times}
         if any(len(predictor.segment.observations.given) for predictor in self.predictors) or read & {*WHEELS}:
             return ()
@@ -297,7 +297,7 @@ class _Course:
         self._step, self._pace, self._rounds = np.zeros(len(free)), 1.0, 0
 
     def open(self, base: float, leader: float, least: float) -> bool:
-        """Tell whether more steps may matter: the next promises at least so much, and the best one is not far ahead.
+        """Return whether more steps may matter: the next promises at least so much, and the best one is not far ahead.
 
         `base` and `leader` are the sums of squares without it and at best.
         """

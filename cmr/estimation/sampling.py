@@ -45,7 +45,7 @@ def walk(
     """Return means (p,) and mean products (p, p) of the sizes, how often each effect (e,) is on, and the likeliest set.
 
     The log-likelihood of sizes s is -s' `normal` s / 2 - `pull`' s; their prior is normal with variance 1, one half of
-    it where `one_sided` (p,). `groups` (p,) tells to which effect each size belongs, `odds` (e,) the logarithm of the
+    it where `one_sided` (p,). `groups` (p,) says to which effect each size belongs, `odds` (e,) the logarithm of the
     prior odds of each effect. Every other walk begins with the effects `begin` (e,) switched on. The same `seed` gives
     the same walk.
     """

@@ -1,7 +1,7 @@
 """Judge models by the course that things take, not by each moment: for robots that no model describes moment by moment.
 
 Wheels that a controller of their own drives, stick, or rattle make errors from one reading to the next that have little
-to do with what the model lacks. A model that never moves foretells the next reading best, and the robot worst. Here
+to do with what the model lacks. A model that never moves predicts the next reading best, and the robot worst. Here
 the wheels' speeds run freely from the commands on; gyro and pose follow the measured wheels. Errors are not made white
 by their past: each counts as much less as they last (effective sample size; Bayley and Hammersley, J. R. Stat. Soc.
 Suppl. 8, 1946). They also come in bursts, after commands; standard deviations allow for that by blocks of time (Liang

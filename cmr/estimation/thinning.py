@@ -41,7 +41,7 @@ class Thinning(NamedTuple):
 EVERY_READING = PerSensor(1, 1, 1)
 ALL = Thinning(EVERY_READING)
 USEFUL = PerSensor(50, 50, 25)  # Hz
-NUMBERS = PerSensor(2, 1, 3)  # that each reading tells
+NUMBERS = PerSensor(2, 1, 3)  # that each reading holds
 
 
 def thinning_of(segments: Sequence[Segment]) -> Thinning:

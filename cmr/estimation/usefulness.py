@@ -50,7 +50,7 @@ class _Use(NamedTuple):
 
 @dataclass(frozen=True)
 class Whole:
-    """What was found, and the average over what may be hidden beside it; None where errors of moments tell nothing.
+    """What was found, and the average over what may be hidden beside it; None where errors of moments say nothing.
 
     `doubts` are to be added to the standard deviations of some parameters of the model that is delivered.
     """
@@ -99,7 +99,7 @@ class _Judge:
         return measure(found.problem, found.base, model, chance_of(found), self.segments, self.held_out)
 
     def strays(self, gain: Gain) -> bool:
-        """Tell whether the whole model is worse than the paper's."""
+        """Return whether the whole model is worse than the paper's."""
         if gain.interval[0] > 1.0:
             return False
         worse = WORSE_HELD_OUT if self.held_out else WORSE
@@ -225,7 +225,7 @@ def _of_little_use(ratio: float, where: str) -> Measure:
 
 
 def _speaks_against(gain: Gain) -> bool:
-    """Tell whether recordings held out do: with an effect the path is surely worse, and nothing else better."""
+    """Return whether recordings held out do: with an effect the path is surely worse, and nothing else better."""
     return gain.interval[1] < WORSE_HELD_OUT and max(gain.signals.values()) < OF_USE
 
 

@@ -5,22 +5,16 @@ differ anyway; in a third set of laboratories one robot is real. Everybody steer
 where one program runs on all of them; virtual robots move by what they were prepared with.
 """
 
-import os
-import signal
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context, parent_process
-from multiprocessing.connection import wait
-from threading import Thread
+from functools import partial
 
-from cmr import threads
 from cmr.fidelity.preparing import OTHERS, calibrated, diagnosed, moved_by
 from cmr.parameters.file import ParameterFile
 from cmr.team.casting import Cast, ScenarioLike
-from cmr.team.experiment import run
+from cmr.team.experiment import ExperimentError, run
 from cmr.team.hidden import Laboratory, believed_of
+from cmr.workers import Telling, Workers
 
 REAL_A, REAL_B = "real A", "real B"
 UNCALIBRATED, CALIBRATED, DIAGNOSED, POPULATION = "uncalibrated", "calibrated", "diagnosed", "population"
@@ -92,33 +86,18 @@ def _prepared(study: Study, laboratory: Laboratory, task: Task) -> list[Paramete
 def perform_all(study: Study, tasks: Sequence[Task], processes: int) -> Iterator[tuple[Task, Scores]]:
     """Do all tasks, side by side; yield each with its scores as it is done.
 
-    Raises what `perform` raises. Whoever stops listening ends the processes.
+    Raises what `perform` raises, and ExperimentError where a process dies. Whoever stops listening ends the processes.
     """
-    spawn = get_context("spawn")
-    with _single_threads(), ProcessPoolExecutor(processes, mp_context=spawn, initializer=_end_with_parent) as pool:
-        futures = {pool.submit(perform, study, task): task for task in tasks}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in active_children():  # what they are at may take minutes
-                child.terminate()
-            raise
+    with Workers[Task, tuple[Task, Scores]](processes, partial(_with_task, study), _died) as workers:
+        yield from workers.perform(tasks, lambda _sentence: None)
 
 
-def _end_with_parent() -> None:
-    """In a process of the pool: leave Ctrl-C to the parent, and end with it, however it ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-    if parent is None:
-        return
+def _with_task(study: Study, task: Task, _tell: Telling) -> tuple[Task, Scores]:
+    return task, perform(study, task)
 
-    def watch(sentinel: int) -> None:
-        wait([sentinel])
-        os._exit(1)
 
-    Thread(target=watch, args=(parent.sentinel,), daemon=True).start()
+def _died(task: Task, how: str) -> tuple[Task, Scores]:
+    raise ExperimentError(f"Experiment {task.number} of {task.group} was not finished. {how}")
 
 
 def gathered(done: Mapping[Task, Scores]) -> dict[str, list[Scores]]:
@@ -128,17 +107,3 @@ def gathered(done: Mapping[Task, Scores]) -> dict[str, list[Scores]]:
         for name in SETS
         if any(task.group == name for task in done)
     }
-
-
-@contextmanager
-def _single_threads() -> Iterator[None]:
-    """Let processes started meanwhile compute with one thread each: more would only be in each other's way."""
-    # A study that is killed, as any may be, needs no word about semaphores, which are tidied up all the same.
-    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
-    before = {name: os.environ.get(name) for name in threads.ALL}
-    os.environ.update(dict.fromkeys(threads.ALL, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})

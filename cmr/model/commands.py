@@ -77,7 +77,7 @@ def fill_profile(time, duty, dt, delay, profile):  # type: ignore[no-untyped-def
 def fill_profiles(time, duty, ends, dt, delay, steps, profile):  # type: ignore[no-untyped-def]
     """Write the profiles of several drives, one after another; see `Commands.profile`.
 
-    `ends` and `steps` (K + 1,) tell where each drive's commands and steps end; a drive without commands is left as is.
+    `ends` and `steps` (K + 1,) say where each drive's commands and steps end; a drive without commands is left as is.
     """
     for drive in range(len(steps) - 1):
         first, last = ends[drive], ends[drive + 1]

@@ -88,7 +88,7 @@ class _Compiled:
 def _sources(folder: Path) -> str:
     """Return a name for the state of the model's source files, and of those in a folder of this package.
 
-    Numba compiles a function anew when its own file changes; what is inlined into it comes from other files.
+    Numba compiles a function again when its own file changes; what is inlined into it comes from other files.
     """
     here = Path(__file__).parent
     folders = [here, folder] if folder.is_relative_to(here.parent) and folder != here else [here]

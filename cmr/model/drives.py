@@ -36,7 +36,7 @@ class Drives:
 
     Times of readings and commands [s] count from the beginning of their own drive. `start` (K, 5) is x, y, theta,
     psi_left, psi_right there, `began` (K,) [s] the time since the robot set off; the other arrays are those of
-    `Observations`, and `ends` tells where each drive's rows end. A drive that is `continued` (K,) follows the one
+    `Observations`, and `ends` says where each drive's rows end. A drive that is `continued` (K,) follows the one
     before after a gap: what lasts longer than a gap is as it was, such as what the battery has given.
     """
 

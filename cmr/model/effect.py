@@ -35,9 +35,10 @@ class Effect:
 
     `cause` is a sentence with `{parameter}` fields: `{gyro_bias:.3f}` prints the size, `{gyro_bias:high/low}` the word
     for its sign. `equations` maps stages to statements, see above. `needs` says which motion makes the effect show,
-    `shows_in` where, and `confused_with` maps the names of other effects to the manoeuvre that tells them apart.
-    Parameters that are `given` say under which circumstances the effect acts: they are told, not found, and switch
+    `shows_in` where, and `confused_with` maps the names of other effects to the manoeuvre that distinguishes them.
+    Parameters that are `given` say under which circumstances the effect acts: they are given, not found, and switch
     nothing on.
+    An effect that is never alone is looked for `beside` another one: once that was found.
     The effect may show `with_commands` of these kinds: a velocity controller in the robot makes up for many. Where
     speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
     `{parameter_acceleration}` the acceleration from rest in rad/s^2.
@@ -53,6 +54,7 @@ class Effect:
     confused_with: Mapping[str, str] = field(default_factory=dict)
     memory: tuple[Memory, ...] = ()
     given: tuple[ParameterDefinition, ...] = ()
+    beside: str = ""
     with_commands: tuple[str, ...] = KINDS
     cause_of_speed: str = ""
 
@@ -77,7 +79,7 @@ class Effect:
         return all(STAGES[stage].of_sensors for stage in self.equations)
 
     def is_on(self, values: Mapping[str, object]) -> bool:
-        """Tell whether any of these values, by parameter name, switches the effect on."""
+        """Return whether any of these values, by parameter name, switches the effect on."""
         return any(
             not parameter.is_neutral(values[parameter.name])
             for parameter in self.parameters

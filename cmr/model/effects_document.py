@@ -205,7 +205,7 @@ def _own(example: str) -> str:
             f"```python\n{example.strip()}\n```\n",
             "and name it in the package's `pyproject.toml`:\n",
             '```toml\n[project.entry-points."cmr.effects"]\nside_brush = "my_effects:SIDE_BRUSH"\n```\n',
-            "Install the package beside CMR. The first step after that composes and compiles the model anew, once, in",
+            "Install the package beside CMR. The first step after that composes and compiles the model again, once, in",
             "some 20 s. From then on `side_brush_push` is a parameter like all others: in parameter files, in",
             "`drive` and `Fleet`, in calibration and diagnosis.",
             "",

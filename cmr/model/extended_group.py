@@ -37,7 +37,7 @@ class ExtendedGroup:
         self._columns: slice | NDArray[np.int64] = slice(first, last + 1) if last - first + 1 == len(robots) else robots
 
     def remember(self, before: "ExtendedGroup", stays: NDArray[np.bool_], duty: Floats) -> None:
-        """Take over the memory of the robots that were in the group before, as far as `stays` tells by index.
+        """Take over the memory of the robots that were in the group before, as far as `stays` says by index.
 
         Commands still under way are forgotten: those in force, `duty` (2, robots of the fleet), stay until others come.
         """

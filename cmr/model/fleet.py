@@ -64,7 +64,7 @@ class Fleet:
         return added
 
     def place(self, index: Index, state: RobotState) -> None:
-        """Put robots into another state; what they are commanded stays, and their time begins anew."""
+        """Put robots into another state; what they are commanded stays, and their time begins again."""
         for row, values in zip(self._state, state[:POSE_AND_SPEED], strict=True):
             row[index] = values
         self._placed[index] = True
@@ -124,7 +124,7 @@ class Fleet:
         return self._state[:, : self._count]
 
     def take_back(self, changed: NDArray[np.bool_]) -> None:
-        """Let robots, as `changed` (n,) tells by index, go on as they are in `bodies` now; their memory stays."""
+        """Let robots, as `changed` (n,) says by index, go on as they are in `bodies` now; their memory stays."""
         if self._extended:
             self._extended.read(self._state, changed)
 

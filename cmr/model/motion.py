@@ -60,7 +60,7 @@ class Trajectory(NamedTuple):
 def step(state: RobotState, left: ArrayLike, right: ArrayLike, parameters: RobotParameters, dt: float) -> RobotState:
     """Return the state after `dt` [s] of constant duties `left` and `right`.
 
-    What effects remember (lags, heat, gaps, delayed commands) begins anew at each call: for more than one step of
+    What effects remember (lags, heat, gaps, delayed commands) begins again at each call: for more than one step of
     those keep a `cmr.model.fleet.Fleet`.
     """
     from cmr.model.fleet import Fleet  # imports Numba, which commands that never simulate should not wait for

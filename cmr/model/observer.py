@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.model import observer_loops
+from cmr.model import observer_helpers, observer_loops
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.command_kinds import DUTY
 from cmr.model.commands import Commands, fixed_delays
@@ -57,8 +57,9 @@ OF_MODEL = (
 # are rows of one array, as the model's are: only so does the compiler see that none overlap, and vectorises.
 CHANGING = (
     *("offset_x", "offset_y", "offset_theta", "offset_left", "offset_right", "offset_yaw_rate"),
-    *("before_left", "before_right", "error_left", "error_right"),
-    *("at_x", "at_y", "at_theta", "error_x", "error_y", "error_theta", "gyro_at", "gyro_reading"),
+    *("before_left", "before_right", "half", "middle_left", "middle_right", "error_left", "error_right"),
+    *("bow_before_left", "bow_before_right", "bow_left", "bow_right"),
+    *("at_time", "at_x", "at_y", "at_theta", "error_x", "error_y", "error_theta", "gyro_at", "gyro_reading"),
 )
 GIVEN = (
     *("gain_angle", "gain_psi", "gain_position", "gain_theta"),
@@ -267,7 +268,7 @@ def _module(model: ExtendedModel, dt: float) -> Any:
 
 def _source(model: ExtendedModel, history: int) -> str:
     """Return the source of the observer with all effects of the catalogue."""
-    loops = observer_loops.LOOPS
+    loops = observer_helpers.HELPERS + observer_loops.LOOPS
     for place, lines in _sensor_lines().items():
         loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
     rows = (*CHANGING, *GIVEN, *_sensor_parameters())

@@ -9,33 +9,11 @@ from numpy import floor
 
 from cmr.model.compiled import compiled, inlined
 from cmr.model.elementary import cos, exp, sin
+from cmr.model.stages import FILTER_AGES, FILTER_WEIGHTS
 from cmr.model.step_helpers import sign
 '''
 
 LOOPS = '''
-
-NEARBY = 1e-3  # m
-EARLY = 1e-3  # of a step: smaller differences between times do not count
-# Duty; a step is split for larger changes, and takes the mean command for smaller ones. For a change D at the share s
-# of a step dt, the mean puts the angle of a wheel k2_over_k3 D dt^2 s (1 - s) / 2 off: 3e-5 rad.
-SMALL = 0.02
-SPLIT, FIRST, LAST = 0, 1, 3  # columns of a profile of commands; left, with right behind it
-# What is kept of each step behind the pose: the share after which it was split, the mean yaw rate before that and by
-# how much it grew there, then the same behind.
-SPLIT_AT, MEAN_BEFORE, GROWTH_BEFORE, MEAN, GROWTH = 3, 4, 5, 6, 7
-
-@inlined
-def where(condition, yes, no):
-    """Return one of two values."""
-    return yes if condition else no
-
-
-@inlined
-def known(duty, held):
-    """Return a duty, or where it is not known, as before the first command, that which held the speed at the start."""
-    return held if np.isnan(duty) else duty
-
-
 @compiled(
     "void(f8[::1], f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
     "f8[:, ::1], f8[::1], u1[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
@@ -55,7 +33,7 @@ def observe(
     stride = OWN + len(varying) * LANES
     packets = np.empty(ring * 3 * LANES)
     duty = np.empty((2, LANES))
-    past = np.empty((HISTORY, 8, LANES))
+    past = np.zeros((HISTORY, KEPT_OF_STEPS, LANES))
     own = np.empty(OWN_ROWS * LANES)
     for block in range((robots + LANES - 1) // LANES):
         here = rows[block * stride : (block + 1) * stride]
@@ -66,7 +44,7 @@ def observe(
         prepare(here, stride, dt)
         whole = here[DT:COEFFICIENTS_END].copy()
         before, behind = whole.copy(), whole.copy()
-        shares, turning, growing = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
+        shares, turning, growing, curving = np.zeros(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
         for i in range(LANES):
             for row in range(len(numbers)):
                 own[GAIN_ANGLE + row * LANES + i] = numbers[row, block * LANES + i]
@@ -95,7 +73,7 @@ def observe(
                     rolled, along = 0.5 * ago * (left + right), here[THETA + i] - 0.5 * turned
                     past[h, 0, i], past[h, 1, i] = here[X + i] - rolled * cos(along), here[Y + i] - rolled * sin(along)
                     past[h, 2, i] = here[THETA + i] - turned
-                    for row in range(SPLIT_AT, 8):
+                    for row in range(SPLIT_AT, KEPT_OF_STEPS):
                         past[h, row, i] = 0.0
             for border in range(steps + 1):
                 newest = past[border % HISTORY]
@@ -144,9 +122,17 @@ def observe(
                         here[DT:COEFFICIENTS_END] = before
                         advance(here, work, varying, filled)
                         for i in range(LANES):
+                            own[HALF + i] = shares[i]
+                            own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
+                            way_left = own[MIDDLE_LEFT + i] - own[BEFORE_LEFT + i]
+                            way_right = own[MIDDLE_RIGHT + i] - own[BEFORE_RIGHT + i]
+                            own[BOW_BEFORE_LEFT + i] = shares[i] * dt * here[PSI_LEFT + i] - way_left
+                            own[BOW_BEFORE_RIGHT + i] = shares[i] * dt * here[PSI_RIGHT + i] - way_right
                             turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
                             newest[SPLIT_AT, i], newest[MEAN_BEFORE, i] = shares[i], turning[i]
-                            newest[GROWTH_BEFORE, i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
+                            grown = STEEP * (work[YAW_RATE_SECOND + i] - work[YAW_RATE_FIRST + i])
+                            newest[GROWTH_BEFORE, i] = grown
+                            newest[CURVE_BEFORE, i] = 6.0 * (work[YAW_RATE_END + i] - turning[i]) - 3.0 * grown
                             duties = commands[profile[block * LANES + min(i, filled - 1)], first_step + border - 1]
                             here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
                             here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
@@ -157,9 +143,18 @@ def observe(
                         advance(here, work, varying, filled)
                         for i in range(LANES):
                             newest[SPLIT_AT, i] = 0.0
+                            own[HALF + i] = 0.0
+                            own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i]
+                    for i in range(LANES):
+                        length = (1.0 - own[HALF + i]) * dt
+                        way_left = here[ANGLE_LEFT + i] - own[MIDDLE_LEFT + i]
+                        way_right = here[ANGLE_RIGHT + i] - own[MIDDLE_RIGHT + i]
+                        own[BOW_LEFT + i] = length * here[PSI_LEFT + i] - way_left
+                        own[BOW_RIGHT + i] = length * here[PSI_RIGHT + i] - way_right
                     for i in range(LANES):
                         turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
-                        growing[i] = 2.0 * (work[YAW_RATE_END + i] - turning[i])
+                        growing[i] = STEEP * (work[YAW_RATE_SECOND + i] - work[YAW_RATE_FIRST + i])
+                        curving[i] = 6.0 * (work[YAW_RATE_END + i] - turning[i]) - 3.0 * growing[i]
                     if len(speeds) > 0:
                         # Given speeds are means over steps; at a border the wheels turn half as one step says, half
                         # as the next.
@@ -169,6 +164,7 @@ def observe(
                             faster_right = own[SCALE_RIGHT + i] * (then[1] - speeds[border - 1, 1])
                             growing[i] = own[RADIUS_RIGHT + i] * faster_right - own[RADIUS_LEFT + i] * faster_left
                             growing[i] /= own[BASE_WIDTH + i]
+                            curving[i] = 0.0
                     for i in range(filled):
                         newest[0, i] = here[X + i] - own[OFFSET_X + i]
                         newest[1, i] = here[Y + i] - own[OFFSET_Y + i]
@@ -183,7 +179,7 @@ def observe(
                         own[OFFSET_YAW_RATE + i] = offset
                         newest[MEAN_BEFORE, i] -= offset
                         newest[MEAN, i] = turning[i] - offset
-                        newest[GROWTH, i] = growing[i]
+                        newest[GROWTH, i], newest[CURVE, i] = growing[i], curving[i]
                     if comes and not splits:
                         # The mean command leads to the same end, but within the step the yaw rate bends where one
                     # comes.
@@ -200,13 +196,21 @@ def observe(
                             newest[GROWTH_BEFORE, i] = share * growth - bend
                             newest[MEAN, i] = mean - share * (slips - 0.5 * growth)
                             newest[GROWTH, i] = (1.0 - share) * growth + bend
+                            curve, rest = curving[i], 1.0 - share
+                            newest[MEAN_BEFORE, i] += (0.25 * rest * rest + TWELFTH * (share * share - 1.0)) * curve
+                            newest[MEAN, i] += (0.25 * share * share + TWELFTH * (rest * rest - 1.0)) * curve
+                            newest[GROWTH_BEFORE, i] -= share * rest * curve
+                            newest[GROWTH, i] += share * rest * curve
+                            newest[CURVE_BEFORE, i], newest[CURVE, i] = share * share * curve, rest * rest * curve
                 else:
                     for i in range(filled):
                         own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
+                        own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
                 now = border * dt
-                # Within a step, or each part of it, the yaw rate changes along a line, which has the right mean and the
-                # right end. Between two it may jump, as commands do; a reading there shows the one before.
-                while next_gyro < last_gyro and gyro_time[next_gyro] <= now + EARLY * dt:
+                # Within a step, or each part of it, the yaw rate changes along a parabola, with the right mean, slope
+                # and end. Between two it may jump, as commands do; a reading there shows the one before.
+                # One at the very beginning is taken with the first step, which begins there.
+                while border > 0 and next_gyro < last_gyro and gyro_time[next_gyro] <= now + EARLY * dt:
                     time = began + gyro_time[next_gyro]
                     # Nearly always all candidates look back to the same step, and take a few instructions together.
                     earliest, latest = inf, -inf
@@ -222,24 +226,17 @@ def observe(
                     if earliest - EARLY > step - 1.0 or step == 1:
                         one = past[step % HISTORY]
                         for i in range(filled):
-                            share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
-                            along = (share / split if split > 0.0 else 0.0) - 0.5
-                            reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
-                            earlier = one[MEAN_BEFORE, i] + along * one[GROWTH_BEFORE, i]
-                            reading = earlier if split > 0.0 and share <= split + EARLY else reading
+                            reading = yaw_rate_within(one, i, own[GYRO_AT + i] - step + 1.0)
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     else:
                         for i in range(filled):
                             step = min(max(int(np.ceil(own[GYRO_AT + i] - EARLY)), 1), border)
                             one = past[step % HISTORY]
-                            share, split = own[GYRO_AT + i] - step + 1.0, one[SPLIT_AT, i]
-                            reading = one[MEAN, i] + ((share - split) / (1.0 - split) - 0.5) * one[GROWTH, i]
-                            if split > 0.0 and share <= split + EARLY:
-                                reading = one[MEAN_BEFORE, i] + (share / split - 0.5) * one[GROWTH_BEFORE, i]
+                            reading = yaw_rate_within(one, i, own[GYRO_AT + i] - step + 1.0)
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     for i in range(filled):
     GYRO_NUMBERS
-                        yaw_rate = own[GYRO_READING + i] if border > 0 else 0.0
+                        yaw_rate = own[GYRO_READING + i]
                         reading = yaw_rate
     GYRO
                         own[GYRO_READING + i] = gyro[next_gyro] - reading
@@ -251,8 +248,19 @@ def observe(
                     share = 1.0 - (now - wheel_time[next_wheel]) / dt
                     use_left, use_right = wheel_use[next_wheel, 0] > 0, wheel_use[next_wheel, 1] > 0
                     for i in range(filled):
-                        reading_left = own[BEFORE_LEFT + i] + share * (here[ANGLE_LEFT + i] - own[BEFORE_LEFT + i])
-                        reading_right = own[BEFORE_RIGHT + i] + share * (here[ANGLE_RIGHT + i] - own[BEFORE_RIGHT + i])
+                        # Within a step, or each part of it, the speed changes along a line: the angle is a parabola.
+                        half = own[HALF + i]
+                        early = share < half
+                        along = share / half if early else (share - half) / (1.0 - half)
+                        bent = along * (1.0 - along)
+                        begin = own[BEFORE_LEFT + i] if early else own[MIDDLE_LEFT + i]
+                        end = own[MIDDLE_LEFT + i] if early else here[ANGLE_LEFT + i]
+                        bow = own[BOW_BEFORE_LEFT + i] if early else own[BOW_LEFT + i]
+                        reading_left = begin + along * (end - begin) - bow * bent
+                        begin = own[BEFORE_RIGHT + i] if early else own[MIDDLE_RIGHT + i]
+                        end = own[MIDDLE_RIGHT + i] if early else here[ANGLE_RIGHT + i]
+                        bow = own[BOW_BEFORE_RIGHT + i] if early else own[BOW_RIGHT + i]
+                        reading_right = begin + along * (end - begin) - bow * bent
     ENCODER_NUMBERS
     ENCODER
                         error_left = wheel[next_wheel, 0] - reading_left
@@ -265,8 +273,10 @@ def observe(
                         rolled_left, rolled_right = own[GAIN_ANGLE + i] * error_left, own[GAIN_ANGLE + i] * error_right
                         here[ANGLE_LEFT + i] += rolled_left
                         own[BEFORE_LEFT + i] += rolled_left
+                        own[MIDDLE_LEFT + i] += rolled_left
                         here[ANGLE_RIGHT + i] += rolled_right
                         own[BEFORE_RIGHT + i] += rolled_right
+                        own[MIDDLE_RIGHT + i] += rolled_right
                         here[PSI_LEFT + i] += own[GAIN_PSI + i] * error_left
                         here[PSI_RIGHT + i] += own[GAIN_PSI + i] * error_right
                         own[OFFSET_LEFT + i] += own[GAIN_PSI + i] * error_left
@@ -292,19 +302,24 @@ def observe(
                     next_wheel += 1
                 while next_pose < last_pose and pose_time[next_pose] <= now:
                     time = began + pose_time[next_pose]
-                    restart = pose_use[next_pose] == 0
                     for i in range(filled):
-                        moment = time
+                        moment, filtered = time, 0.0
     POSE_TIME_NUMBERS
     POSE_TIME
-                        # A moment still to come lies on the line through the last two borders.
-                        position = max(border + (moment - began - now) / dt, border - (HISTORY - 2.0))
-                        first = min(int(floor(position)), border - 1)
-                        share = position - first
-                        one, other = past[first % HISTORY], past[(first + 1) % HISTORY]
-                        own[AT_X + i] = one[0, i] + share * (other[0, i] - one[0, i]) + own[OFFSET_X + i]
-                        own[AT_Y + i] = one[1, i] + share * (other[1, i] - one[1, i]) + own[OFFSET_Y + i]
-                        own[AT_THETA + i] = one[2, i] + share * (other[2, i] - one[2, i]) + own[OFFSET_THETA + i]
+                        own[AT_X + i], own[AT_Y + i] = own[OFFSET_X + i], own[OFFSET_Y + i]
+                        own[AT_THETA + i], own[AT_TIME + i] = own[OFFSET_THETA + i], moment - filtered - began
+                        for number in range(len(FILTER_AGES) if filtered > 0.0 else 1):
+                            part = FILTER_WEIGHTS[number] if filtered > 0.0 else 1.0
+                            at = moment - FILTER_AGES[number] * filtered if filtered > 0.0 else moment
+                            # A moment still to come lies on the line through the last two borders.
+                            position = max(border + (at - began - now) / dt, border - (HISTORY - 2.0))
+                            first = min(int(floor(position)), border - 1)
+                            share = position - first
+                            one, other = past[first % HISTORY], past[(first + 1) % HISTORY]
+                            own[AT_X + i] += part * (one[0, i] + share * (other[0, i] - one[0, i]))
+                            own[AT_Y + i] += part * (one[1, i] + share * (other[1, i] - one[1, i]))
+                            turned = one[2, i] + share * (other[2, i] - one[2, i]) + beside_line(other, i, share, dt)
+                            own[AT_THETA + i] += part * turned
                     for i in range(filled):
     POSE_NUMBERS
                         at_x, at_y, at_theta = own[AT_X + i], own[AT_Y + i], own[AT_THETA + i]
@@ -327,6 +342,9 @@ def observe(
                         east_x, east_y = (east_x - x) / NEARBY, (east_y - y) / NEARBY
                         north_x, north_y = (north_x - x) / NEARBY, (north_y - y) / NEARBY
                         stretched = 0.5 * (east_x * east_x + east_y * east_y + north_x * north_x + north_y * north_y)
+                        # Nobody knows what the robot did before the beginning: each pose of then is a new one.
+                        restart = own[AT_TIME + i] < -EARLY * dt and own[GAIN_POSITION + i] > 0.0
+                        restart = restart or pose_use[next_pose] == 0
                         followed = (1.0 if restart else own[GAIN_POSITION + i]) / max(1.0, stretched)
                         move_x = followed * (east_x * error_x + east_y * error_y)
                         move_y = followed * (north_x * error_x + north_y * error_y)

@@ -207,7 +207,7 @@ def drive(  # type: ignore[no-untyped-def]
 ):
     """Drive T spans with every candidate and record the states at the borders `at`.
 
-    Shapes: left, right, dt and parts (T,), parts telling in how many equal parts each span is integrated; parameters
+    Shapes: left, right, dt and parts (T,), parts saying in how many equal parts each span is integrated; parameters
     (4, candidates); start (5, candidates); at (R,), ascending; the recorded arrays (R, candidates).
     """
     work = np.zeros(ROWS)

@@ -24,13 +24,13 @@ class ParameterDefinition:
     switches: bool = True
 
     def is_neutral(self, value: object) -> bool:
-        """Tell whether the value, or each of an array of values, is the neutral one."""
+        """Return whether the value, or each of an array of values, is the neutral one."""
         import numpy as np  # half of the time that cmr-driver would take to start, which needs no arrays
 
         return bool(np.all(np.asarray(value) == self.neutral))
 
     def allows(self, value: float) -> bool:
-        """Tell whether the value lies within the bounds, or is the neutral one."""
+        """Return whether the value lies within the bounds, or is the neutral one."""
         return self.lower <= value <= self.upper or value == self.neutral
 
 

@@ -15,6 +15,7 @@ from cmr.model.catalogue import CATALOGUE
 from cmr.model.evaluating import Evaluated, evaluated
 from cmr.model.motion import Floats, Trajectory
 from cmr.model.parameters import RobotParameters
+from cmr.model.stages import FILTER_AGES, FILTER_WEIGHTS
 from cmr.model.statements import SIDES
 
 Times: TypeAlias = NDArray[np.floating]  # s
@@ -81,8 +82,15 @@ def pose_seen(
 ) -> tuple[Floats, Floats, Floats]:
     """Return the external pose x, y, theta at its stamped times; arguments as in `read_sensors`."""
     values = {**_values(parameters), "time": np.asarray(pose_time)}
-    moment = _stage("pose_time")({**values, "moment": np.asarray(pose_time)})["moment"]
-    place = {name: np.interp(moment, time, getattr(motion, name)) for name in ("x", "y", "theta")}
+    seen = _stage("pose_time")({**values, "moment": np.asarray(pose_time), "filtered": 0.0})
+    moments = [seen["moment"] - age * seen["filtered"] for age in FILTER_AGES]
+    place = {
+        name: sum(
+            weight * np.interp(moment, time, getattr(motion, name))
+            for weight, moment in zip(FILTER_WEIGHTS, moments, strict=True)
+        )
+        for name in ("x", "y", "theta")
+    }
     pose = _stage("pose")({**values, **place})
     return pose["x"], pose["y"], pose["theta"]
 

@@ -92,7 +92,7 @@ def heading_error(shown: Showcase) -> float:
 
 
 def reckoned(shown: Showcase) -> Trajectory:
-    """Return the path that the encoders tell of, from the first measured pose on (dead reckoning)."""
+    """Return the path that the encoders report, from the first measured pose on (dead reckoning)."""
     seen = shown.seen
     start = RobotState.at_rest(seen.x[0], seen.y[0], seen.theta[0])
     return roll(seen.angle_left, seen.angle_right, ROBOT, start)

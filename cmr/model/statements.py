@@ -114,7 +114,7 @@ class _Rename(ast.NodeTransformer):
         if name == "side" and self._side:
             return ast.Constant(SIDES[self._side])
         if name == "random":
-            stream = zlib.crc32(self._effect.encode())  # tells its random numbers from those of other effects
+            stream = zlib.crc32(self._effect.encode())  # keeps its random numbers apart from those of other effects
             return ast.parse(f"random_number(seed, count, robot, {stream})", mode="eval").body
         if name in self._own:
             return self._named(f"{self._effect}_{name}", node, self._own[name])

@@ -1,6 +1,6 @@
-"""Robots with a velocity controller inside: they are told how fast to go, not how hard to drive.
+"""Robots with a velocity controller inside: they are commanded how fast to go, not how hard to drive.
 
-Such a robot's wheels follow the speed that they are told with a first-order response,
+Such a robot's wheels follow the commanded speed with a first-order response,
 
     domega = (speed_scale * wanted - psi) / response_time.
 
@@ -55,7 +55,7 @@ class VelocityController:
     """How a robot turns commands into wheel speeds, and these into the duties of the model.
 
     `wheel_radius` and `base_width` [m] are those that the controller counts with; a base width of 0 is not known, and
-    only wheel speeds can be told. `top_wheel_speed` [rad/s] is the largest speed of a wheel that it takes. Arguments
+    only wheel speeds can be commanded. `top_wheel_speed` [rad/s] is the largest wheel speed that it takes. Arguments
     and results are numbers, or arrays of any one shape.
     """
 

@@ -12,6 +12,7 @@ import yaml
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.document import DocumentError, Item, read, read_file
 from cmr.files import write_atomically
 from cmr.model.parameters import DEFINITIONS, ParameterDefinition, RobotParameters
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, NEEDED, VelocityController, motor_of
@@ -19,11 +20,16 @@ from cmr.msg import parameters_t
 
 SCHEMA = 1
 MOTOR = ("k2_over_k3", "k1")  # of robots that take duties; those with a velocity controller have others in their place
+NO_MAPPING = "it is not a YAML mapping with schema, robot_id and parameters"
 COUNTED_WIDTH = "turn_rate_limit_base_width"  # the base width of commands, to the effect that limits turns
 
 
-class ParameterFileError(Exception):
-    """The parameter file cannot be used; the text says what is wrong, where, and what is allowed."""
+class ParameterFileError(DocumentError):
+    """The parameter file cannot be used; the text says what is wrong, in which line, and what is allowed."""
+
+    between = ": "
+    not_yaml = "cannot be read"
+    empty = NO_MAPPING
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,7 @@ class ParameterFile:
     def __post_init__(self) -> None:
         if type(self.robot_id) is not int or not 0 <= self.robot_id <= LARGEST_ROBOT_ID:
             raise ParameterFileError(
-                f"robot_id: must be a whole number of 0 to {LARGEST_ROBOT_ID}, not {self.robot_id!r}"
+                f"must be a whole number of 0 to {LARGEST_ROBOT_ID}, not {self.robot_id!r}", "robot_id"
             )
         for name, value in self.values.items():
             _check_value(name, value)
@@ -145,15 +151,24 @@ def parse(text: str, source: str = "parameter file") -> ParameterFile:
 
     Raises ParameterFileError saying what is wrong and where.
     """
+    return _parsed(read(text, source, ParameterFileError))
+
+
+def _parsed(root: Item) -> ParameterFile:
+    """Return the parameters in a document, checked as plain values, which are looked up in it if one is wrong."""
+    content = root.value
+    if not isinstance(content, dict):
+        raise root.place.error(NO_MAPPING)
+    root.check_keys()
     try:
-        content = yaml.safe_load(text)
-        if not isinstance(content, dict):
-            raise ParameterFileError("it is not a YAML mapping with schema, robot_id and parameters")
         if content.get("schema") != SCHEMA:
-            raise ParameterFileError(f"schema is {content.get('schema')!r}; this version reads schema {SCHEMA}")
+            raise ParameterFileError(
+                f"schema is {content.get('schema')!r}; this version reads schema {SCHEMA}", inside=("schema",)
+            )
         unknown = set(content) - {"schema", "robot_id", "written", "parameters", "effects", "provenance"}
         if unknown:
-            raise ParameterFileError(f"unknown key {sorted(map(str, unknown))[0]!r}")
+            key = min(map(str, unknown))
+            raise ParameterFileError(f"unknown key {key!r}", inside=(key,))
         robot_id: Any = content.get("robot_id")  # of the right type or not: ParameterFile says so
         return ParameterFile(
             robot_id=robot_id,
@@ -163,9 +178,7 @@ def parse(text: str, source: str = "parameter file") -> ParameterFile:
             written=_parse_time(content.get("written")),
         )
     except ParameterFileError as error:
-        raise ParameterFileError(f"{source}: {error}") from None
-    except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
-        raise ParameterFileError(f"{source}: cannot be read: {' '.join(str(error).split())}") from error
+        raise error.placed(root) from None
 
 
 def load(path: Path) -> ParameterFile:
@@ -173,11 +186,7 @@ def load(path: Path) -> ParameterFile:
 
     Raises ParameterFileError when it is missing, unreadable or wrong.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterFileError(f"{path}: cannot be read: {error}") from error
-    return parse(text, str(path))
+    return _parsed(read_file(path, ParameterFileError))
 
 
 def announcement(robot_id: int, text: str, sequence: int) -> Any:
@@ -201,29 +210,32 @@ def _part(content: dict[str, Any], key: str, kind: type) -> Any:
     """Return a part that may be absent or empty."""
     part = content.get(key) or kind()
     if not isinstance(part, kind):
-        raise ParameterFileError(f"{key}: must be a {'mapping' if kind is dict else 'list'}, not {part!r}")
+        raise ParameterFileError(f"must be a {'mapping' if kind is dict else 'list'}, not {part!r}", key)
     return part
 
 
 def _parse_values(entries: Any) -> dict[str, Value]:
     if not isinstance(entries, dict):
-        raise ParameterFileError("parameters: must be a mapping of names to {value, unit, std}")
+        raise ParameterFileError("must be a mapping of names to {value, unit, std}", "parameters")
     values = {}
     for name, entry in entries.items():
         definition = _definition(name)
         if not isinstance(entry, dict) or "value" not in entry or not set(entry) <= {"value", "unit", "std"}:
-            raise ParameterFileError(f"parameters: {name}: must be {{value: number, unit: {definition.unit}}}")
+            raise ParameterFileError(f"must be {{value: number, unit: {definition.unit}}}", "parameters", name)
         if entry.get("unit", definition.unit) != definition.unit:
-            raise ParameterFileError(f"parameters: {name}: unit is {entry['unit']!r}, must be {definition.unit!r}")
+            raise ParameterFileError(f"unit is {entry['unit']!r}, must be {definition.unit!r}", "parameters", name)
         values[name] = Value(entry["value"], entry.get("std"))
     return values
 
 
 def _parse_time(written: Any) -> datetime:
     if isinstance(written, str):
-        written = datetime.fromisoformat(written.replace("Z", "+00:00"))
+        try:
+            written = datetime.fromisoformat(written.replace("Z", "+00:00"))
+        except ValueError as error:
+            raise ParameterFileError(f"cannot be read: {error}", "written") from error
     if not isinstance(written, datetime):
-        raise ParameterFileError(f"written: must be a time such as 2026-01-31T12:00:00Z, not {written!r}")
+        raise ParameterFileError(f"must be a time such as 2026-01-31T12:00:00Z, not {written!r}", "written")
     return written if written.tzinfo else written.replace(tzinfo=timezone.utc)
 
 
@@ -242,7 +254,9 @@ def _definition(name: Any) -> ParameterDefinition:
         return catalogue.DEFINITIONS[name]
     except KeyError:
         known = ", ".join((*catalogue.DEFINITIONS, *CONTROLLER_DEFINITIONS))
-        raise ParameterFileError(f"parameters: unknown name {name!r}; known are {known}") from None
+        raise ParameterFileError(
+            f"unknown name {name!r}; known are {known}", "parameters", inside=(str(name),)
+        ) from None
 
 
 def _check_kind(values: Mapping[str, Value]) -> None:
@@ -250,8 +264,9 @@ def _check_kind(values: Mapping[str, Value]) -> None:
     of_motor, of_controller = ([name for name in names if name in values] for names in (MOTOR, CONTROLLER_DEFINITIONS))
     if of_motor and of_controller:
         raise ParameterFileError(
-            f"parameters: {', '.join(of_motor)} belongs to motors that take duties, {', '.join(of_controller)} to a "
-            "velocity controller inside of the robot; a robot has one or the other"
+            f"{', '.join(of_motor)} belongs to motors that take duties, {', '.join(of_controller)} to a "
+            "velocity controller inside of the robot; a robot has one or the other",
+            "parameters",
         )
 
 
@@ -263,19 +278,21 @@ def _check_effects(effects: tuple[str, ...], values: Mapping[str, Value]) -> Non
 
     for name in effects:
         if not isinstance(name, str) or name not in MODELLED:
-            raise ParameterFileError(f"effects: unknown effect {name!r}; known are {', '.join(MODELLED)}")
+            raise ParameterFileError(f"unknown effect {name!r}; known are {', '.join(MODELLED)}", "effects")
         if effects.count(name) > 1:
-            raise ParameterFileError(f"effects: {name} is there more than once")
+            raise ParameterFileError(f"{name} is there more than once", "effects")
     for name, effect in MODELLED.items():
         given = [parameter for parameter in effect.parameters if parameter.name in values]
         if name in effects and not given:
             names = ", ".join(parameter.name for parameter in effect.parameters)
-            raise ParameterFileError(f"effects: {name} is in use, but parameters lacks {names}")
+            raise ParameterFileError(f"{name} is in use, but parameters lacks {names}", "effects")
         for parameter in given:
             if name not in effects and not parameter.is_neutral(values[parameter.name].value):
                 raise ParameterFileError(
-                    f"parameters: {parameter.name}: belongs to the effect {name}, which effects does not name; "
-                    f"add it there, or take the parameter out"
+                    f"belongs to the effect {name}, which effects does not name; add it there, or take the parameter "
+                    "out",
+                    "parameters",
+                    parameter.name,
                 )
 
 
@@ -283,11 +300,13 @@ def _check_value(name: str, value: Value) -> None:
     definition = _definition(name)
     if not _is_number(value.value) or not definition.allows(value.value):
         raise ParameterFileError(
-            f"parameters: {name}: value is {value.value!r}, must be a number between {definition.lower:g} and "
-            f"{definition.upper:g} {definition.unit}"
+            f"value is {value.value!r}, must be a number between {definition.lower:g} and {definition.upper:g} "
+            f"{definition.unit}",
+            "parameters",
+            name,
         )
     if value.std is not None and not (_is_number(value.std) and 0.0 <= value.std < math.inf):
-        raise ParameterFileError(f"parameters: {name}: std is {value.std!r}, must be a number of 0 or more")
+        raise ParameterFileError(f"std is {value.std!r}, must be a number of 0 or more", "parameters", name)
 
 
 def _is_number(value: Any) -> bool:

@@ -75,6 +75,7 @@ class PlantParameters(NamedTuple):
     gyro_drift: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/s in 100 s
     gyro_latency: Annotated[float, (0.0, 10.0)] = 0.0  # s
     pose_latency: Annotated[float, (0.0, 10.0)] = 0.0  # s
+    pose_smoothing: Annotated[float, (0.0, 10.0)] = 0.0  # s
     clock_skew: Annotated[float, (-0.1, 0.1)] = 0.0  # 1
     pose_offset: Annotated[float, (-100.0, 100.0)] = 0.0  # m
     pose_heading_offset: Annotated[float, (-6.3, 6.3)] = 0.0  # rad
@@ -160,6 +161,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "gyro_drift": {"gyro_drift": 0.012},
     "gyro_latency": {"gyro_latency": 0.02},
     "pose_latency": {"pose_latency": 0.04},
+    "pose_smoothing": {"pose_smoothing": 0.1},
     "clock_skew": {"clock_skew": 5e-4},
     "pose_offset": {"pose_offset": 0.012},
     "pose_heading_offset": {"pose_heading_offset": 0.05},

@@ -132,7 +132,7 @@ def pose(
     p: PlantParameters, time: Floats, true: tuple[Floats, Floats, Floats], noise: Noise, random: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
     """Return what the external localisation says of a robot at the true poses x, y, theta."""
-    x, y, theta = seen(p, *true)
+    x, y, theta = (filtered(time, values, p.pose_smoothing) for values in seen(p, *true))
     x = x + noise.position * correlated(time, noise.pose_time, random)
     y = y + noise.position * correlated(time, noise.pose_time, random)
     theta = theta + noise.heading * correlated(time, noise.pose_time, random)
@@ -152,6 +152,24 @@ def seen(p: PlantParameters, x: Number, y: Number, theta: Number) -> tuple[Numbe
     theta = theta + p.pose_heading_offset
     stretch = 1.0 + p.pose_distortion * (x**2 + y**2)
     return x * stretch, y * stretch, theta
+
+
+def filtered(time: Floats, values: Floats, constant: float) -> Floats:
+    """Return what a filter makes of `values`, linear between their times, that begins at the first of them.
+
+    pose_smoothing: dy/dt = (x - y) / T.
+    """
+    result = values.copy()
+    if constant > 0.0:
+        for k, seconds in enumerate(np.diff(time)):
+            result[k + 1] = filtered_on(result[k], (values[k], values[k + 1]), seconds, constant)
+    return result
+
+
+def filtered_on(before: float, values: tuple[float, float], seconds: float, constant: float) -> float:
+    """Return what a filter shows that has shown `before`, while what it filters went along a line between `values`."""
+    behind = constant * (values[1] - values[0]) / seconds  # in the end
+    return values[1] - behind + (before - values[0] + behind) * math.exp(-seconds / constant)
 
 
 def correlated(time: Floats, memory: float, random: np.random.Generator) -> Floats:

@@ -3,7 +3,7 @@
 No parameter of the robot is needed, and nothing but NumPy: a calibration that starts with it starts at once.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,12 +11,14 @@ from cmr.recordings.findings import Finding, Findings, counted
 from cmr.recordings.gyro_checks import gyro_findings
 from cmr.recordings.heading_checks import turned_headings
 from cmr.recordings.held_poses import held_poses
+from cmr.recordings.joining import one_after_another
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.late_wheels import IN_TIME, late_wheels, with_wheels_in_time
 from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
 from cmr.recordings.stale_poses import stale_poses
 from cmr.recordings.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
+from cmr.recordings.uneven_stamps import EvenStamps, even_stamps
 from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
 
 __all__ = ["Finding", "Findings", "check"]
@@ -28,6 +30,9 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     How late the wheels tell is found, unless it is known from other recordings of the robot: `wheels_late`, which is
     late_wheels.IN_TIME where they are not.
     """
+    even = even_stamps(recording)
+    for stamps in even:
+        recording = stamps.of(recording)
     damaged = damaged_samples(recording)
     stale = _over_all(stale_poses(_without(recording, [damaged])), [damaged], recording)
     sound = _without(recording, [damaged, stale])
@@ -46,11 +51,26 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     turned = turned_headings(plausible, faults, pose_lag)
     findings = [*_pose_findings(faults), turned, *sensors, *gyro]
     findings = [_over_all(finding, [damaged, stale], recording) for finding in findings]
-    findings += [damaged, stale, _wheels_finding(late), *_lag_findings(lags, rates, slowest_response(recording))]
+    findings += [
+        damaged,
+        stale,
+        _stamps_finding(even),
+        _wheels_finding(late),
+        *_lag_findings(lags, rates, slowest_response(recording)),
+    ]
     findings += motion_findings(sound)
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
-    return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late)
+    return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late, tuple(even))
+
+
+def late_wheels_in_all(recordings: Sequence[Recording]) -> Lag | None:
+    """Return how late the wheels of one robot tell, from all its recordings at once; None if they need not be late.
+
+    Many short ones tell together what none of them tells.
+    """
+    joined = one_after_another(recordings)
+    return _late(joined, lags_of(joined), rates_of(joined))
 
 
 def _late(recording: Recording, lags: list[Lag], rates: Mapping[str, float]) -> Lag | None:
@@ -115,6 +135,16 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
             {"poses": faults.held} if held else {},
         ),
     ]
+
+
+def _stamps_finding(even: Sequence[EvenStamps]) -> Finding:
+    uneven = " and ".join(f"the {one.signal} by {1000 * one.jitter:.1f} ms" for one in even)
+    return Finding(
+        "uneven_stamps",
+        len(even),
+        f"What was taken at even intervals is stamped unevenly: {uneven} (standard deviation). The stamps were evened "
+        "out.",
+    )
 
 
 def _wheels_finding(late: Lag | None) -> Finding:

@@ -8,6 +8,7 @@ import numpy as np
 from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Mask, Times
+from cmr.recordings.uneven_stamps import EvenStamps
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class Findings:
     `splits` are the times [us] of the first pose after each jump of the tracker, and after each pause of the whole
     recording: a path ends before and begins there.
     `lags` tell how the sensors' clocks differ, `rates` [Hz] how often each signal came. Where the wheels tell late,
-    `wheels_late` says how late, and the lags are those to wheels that were set right.
+    `wheels_late` says how late, and the lags are those to wheels that were set right. `even_stamps` are those
+    of wheels and poses that were stamped unevenly; everything was found with them.
     """
 
     all: tuple[Finding, ...]
@@ -39,6 +41,7 @@ class Findings:
     lags: tuple[Lag, ...]
     rates: Mapping[str, float]
     wheels_late: Lag | None = None
+    even_stamps: tuple[EvenStamps, ...] = ()
 
     def __getitem__(self, check: str) -> Finding:
         return next(finding for finding in self.all if finding.check == check)

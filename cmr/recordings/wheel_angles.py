@@ -17,6 +17,28 @@ def wheel_angles(wheels: Signal) -> tuple[Floats, Floats]:
     return left, right
 
 
+def speeds_are_averages(wheels: Signal) -> bool:
+    """Tell whether the speeds of both sides are what was counted since the message before, over the time since then."""
+    return all(_averages(*_by_speed_and_ticks(wheels, side)) for side in SIDES)
+
+
+def _by_speed_and_ticks(wheels: Signal, side: str) -> tuple[Floats, Floats, Floats]:
+    """Return by which angle [rad] a side turned since the message before, by its speed and by its ticks; the ticks."""
+    seconds = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
+    turned = wheels[f"psi_{side}"] * seconds
+    ticks = np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1])
+    counted = (ticks != 0.0) & (turned != 0.0)
+    angle = float(np.median(turned[counted] / ticks[counted])) if counted.any() else 0.0
+    return turned, ticks * angle, ticks
+
+
+def _averages(turned: Floats, by_ticks: Floats, ticks: Floats) -> bool:
+    """Tell whether angles by speed are those by ticks, but for a few messages before which one was lost."""
+    counted = (ticks != 0.0) & (turned != 0.0)
+    lost = np.abs(by_ticks - turned) > SAME_ANGLE * np.abs(turned)
+    return bool(counted.any() and np.mean(lost[counted]) <= FEW_LOST)
+
+
 def _angle(wheels: Signal, side: str) -> Floats:
     """Return the angle [rad] of one side.
 
@@ -24,14 +46,12 @@ def _angle(wheels: Signal, side: str) -> Floats:
     count of ticks does not. Speeds of the moment, or coarse ones, tell only in the mean what a count stands for; the
     count then tells the angle. One that contradicts the speed, as after a restart of the driver, is not believed.
     """
-    seconds = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
-    turned = wheels[f"psi_{side}"] * seconds
-    ticks = np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1])
+    turned, by_ticks, ticks = _by_speed_and_ticks(wheels, side)
     counted = (ticks != 0.0) & (turned != 0.0)
     if counted.any():
-        by_ticks = ticks * float(np.median(turned[counted] / ticks[counted]))
         lost = np.abs(by_ticks - turned) > SAME_ANGLE * np.abs(turned)
-        if np.mean(lost[counted]) > FEW_LOST:
+        if not _averages(turned, by_ticks, ticks):
+            seconds = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
             told = seconds < LONGEST * np.median(seconds)
             exact = bool(np.mean(lost[counted]) < MOST_ALIKE)
             return np.cumsum(_by_count(turned, ticks, by_ticks, told, exact=exact))

@@ -3,7 +3,7 @@
 `scenario` reads and checks the file, by `document` (values with their lines) and `robots`; `plan` holds what it says.
 """
 
-from cmr.scenario.document import ScenarioError
+from cmr.scenario.errors import ScenarioError
 from cmr.scenario.plan import BehaviourPlan, RobotPlan
 from cmr.scenario.scenario import Scenario, load
 

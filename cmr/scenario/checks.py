@@ -7,9 +7,9 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
+from cmr.document import DocumentError, Item, Place
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.parameters.file import load as load_parameters
-from cmr.scenario.document import Item, Place, ScenarioError
 from cmr.scenario.plan import Disc, Pose, RobotPlan, Wall
 from cmr.scenario.robots import Placed
 from cmr.world.interaction.obstacles import Geofence
@@ -141,7 +141,7 @@ def _refuse_overlaps(standing: Sequence[tuple[Placed, Pose]], nearest: float) ->
         cells[column, row].append((robot, start))
 
 
-def _overlap(robot: Placed, other: Placed, distance: float, nearest: float) -> ScenarioError:
+def _overlap(robot: Placed, other: Placed, distance: float, nearest: float) -> DocumentError:
     return robot.place.error(
         f"start: robots {other.plan.robot_id} and {robot.plan.robot_id} are {distance:.3g} m apart, inside one "
         f"another; {nearest:g} m (twice robot_radius) is the least"

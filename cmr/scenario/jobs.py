@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cmr.model.command_kinds import DUTY
+from cmr.options import arguments_of
 from cmr.scenario.children import our_command
-from cmr.scenario.plan import EmulatorPlan, RobotPlan, arguments_of
+from cmr.scenario.plan import EmulatorPlan, RobotPlan
 from cmr.scenario.scenario import Scenario
 
 # What a process is for.

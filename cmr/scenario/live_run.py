@@ -66,7 +66,7 @@ class LiveRun:
         self.watch = TeamWatch(scenario)
         self._ending_metric = EndingMetric(scenario, self.watch)
         self._elsewhere = Elsewhere(others, self.watch.statuses_elsewhere)
-        self.supervisor = Supervisor(jobs, children, self.watch.is_degraded, self._prepare)
+        self.supervisor = Supervisor(jobs, children, self.watch.is_degraded, self._prepare, self._may_start)
         self.events: list[tuple[float, str]] = []
         self._folder = folder
         self._process = process
@@ -204,6 +204,15 @@ class LiveRun:
             self._to_send.update(robot.robot_id for robot in self.scenario.virtual if waypoints.get(robot.robot_id))
         elif job.role == PILOT and job.robot_id is not None and waypoints.get(job.robot_id):
             self._to_send.add(job.robot_id)
+
+    def _may_start(self, job: Job) -> bool:
+        """Return whether a process may start: a pilot once the robot's driver is there.
+
+        A robot is in the world as soon as it is seen. A pilot that commands it before its driver listens drives off
+        with the twin alone.
+        """
+        driver = f"driver {job.robot_id}"
+        return job.role != PILOT or driver not in self.supervisor.states or self._is_heard(driver)
 
     def _is_moved_elsewhere(self, robot_id: int) -> bool:
         robot = self.scenario.robot(robot_id)

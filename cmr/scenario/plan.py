@@ -1,11 +1,14 @@
 """What a scenario says of each robot and of the surroundings; plain values, checked where they are read."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from cmr.model.command_kinds import DUTY
+
+if TYPE_CHECKING:
+    from robot_driver.settings import Connection
 
 Kind = Literal["real", "emulated", "virtual"]
 KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
@@ -59,28 +62,6 @@ class BehaviourPlan:
 
 
 @dataclass(frozen=True)
-class DriverPlan:
-    """How a real robot is connected: the options of cmr-driver of the same names; None is that command's default."""
-
-    port: str
-    gyro_port: str | None = None
-    controller: str | None = None
-    gyro: str | None = None
-    baud: int | None = None
-    gyro_baud: int | None = None
-    rate: float | None = None
-    acceleration: float | None = None
-    deceleration: float | None = None
-    battery_warn: float | None = None
-    battery_stop: float | None = None
-    ticks_per_turn: int | None = None
-    swap: bool = False
-    invert_left: bool = False
-    invert_right: bool = False
-    invert_gyro: bool = False
-
-
-@dataclass(frozen=True)
 class EmulatorPlan:
     """How an emulated robot is emulated: the options of cmr-emulate of the same names."""
 
@@ -108,7 +89,7 @@ class RobotPlan:
     parameters_of: int | None = None
     start: Pose | None = None
     waypoints: tuple[Point, ...] = ()
-    driver: DriverPlan | None = None
+    driver: "Connection | None" = None  # the options of cmr-driver
     emulator: EmulatorPlan | None = None
     calibrate: bool = False
     diagnose: bool = False
@@ -130,16 +111,3 @@ class Ending:
     above: float | None = None
     after: float = 0.0
     over: float | None = None
-
-
-def arguments_of(plan: DriverPlan | EmulatorPlan) -> list[str]:
-    """Return the plan as options of its command."""
-    options: list[str] = []
-    for entry in fields(plan):
-        value = getattr(plan, entry.name)
-        name = f"--{entry.name.replace('_', '-')}"
-        if value is True:
-            options.append(name)
-        elif value is not None and value is not False:
-            options += [name, str(value)]
-    return options

@@ -3,14 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.document import Item, Place, Section
 from cmr.model.command_kinds import KINDS as COMMAND_KINDS
-from cmr.scenario.document import Item, Place, Section
-from cmr.scenario.plan import KINDS, BehaviourPlan, DriverPlan, EmulatorPlan, Kind, Point, RobotPlan
+from cmr.scenario.plan import KINDS, BehaviourPlan, EmulatorPlan, Kind, Point, RobotPlan
 from cmr.scenario.starts import starts_of
+from cmr.structure import structured
 from cmr.world.behaviours import BehaviourError, make_behaviour
+
+if TYPE_CHECKING:
+    from robot_driver.settings import Connection
 
 KEYS = (
     *("id", "count", "first_id", "kind", "behaviour", "parameters", "parameters_of", "start", "waypoints"),
@@ -196,25 +200,12 @@ def read_path(item: Item | None, folder: Path) -> Path | None:
     return path
 
 
-def _driver(item: Item | None) -> DriverPlan | None:
+def _driver(item: Item | None) -> "Connection | None":
     if item is None:
         return None
-    from robot_driver.controllers import CONTROLLERS
-    from robot_driver.gyros import GYROS
+    from robot_driver.settings import Connection
 
-    section = item.section([entry.name for entry in fields(DriverPlan)])
-    texts = {key: section.get(key) for key in ("gyro_port",)}
-    words = {"controller": sorted(CONTROLLERS), "gyro": ["board", *sorted(GYROS)]}
-    wholes = ("baud", "gyro_baud", "ticks_per_turn")
-    numbers = {"rate": 5.0, "acceleration": 1e-3, "deceleration": 1e-3, "battery_warn": 0.0, "battery_stop": 0.0}
-    flags = ("swap", "invert_left", "invert_right", "invert_gyro")
-    values: dict[str, object] = {"port": section.need("port", "the serial port of the motor controller").text()}
-    values |= {key: found.text() for key, found in texts.items() if found}
-    values |= {key: found.word(known) for key, known in words.items() if (found := section.get(key))}
-    values |= {key: found.whole(1, 10_000_000) for key in wholes if (found := section.get(key))}
-    values |= {key: found.number(least, 1e4) for key, least in numbers.items() if (found := section.get(key))}
-    values |= {key: found.flag() for key in flags if (found := section.get(key))}
-    return DriverPlan(**values)  # type: ignore[arg-type]  # each read as its field's type
+    return structured(item, Connection)
 
 
 def _emulator(item: Item | None, folder: Path) -> EmulatorPlan | None:

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cmr.bus.preflight import BusError, parse_udpm
+from cmr.document import Item, Section, read, read_file
 from cmr.scenario.checks import check_noise, check_room, check_team, with_sources_of_parameters
-from cmr.scenario.document import Item, ScenarioError, Section, read
 from cmr.scenario.ending import check_ending, read_ending
+from cmr.scenario.errors import ScenarioError
 from cmr.scenario.plan import Disc, Ending, Point, RobotPlan, Wall
 from cmr.scenario.robots import read_path, read_points, read_robots
 from cmr.team.metrics import UNITS
@@ -79,13 +80,7 @@ def load(path: Path, *, starts_checked: bool = True) -> Scenario:
     """
     if "" not in sys.path:
         sys.path.append("")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ScenarioError(f"{path}: cannot be read: it is not UTF-8 text") from error
-    return parse(text, str(path), path.parent, starts_checked=starts_checked)
+    return _scenario(read_file(path, ScenarioError), path.parent, starts_checked)
 
 
 def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, starts_checked: bool = True) -> Scenario:
@@ -93,7 +88,11 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
 
     Raises ScenarioError naming line and key.
     """
-    root = read(text, source).section(KEYS)
+    return _scenario(read(text, source, ScenarioError), folder, starts_checked)
+
+
+def _scenario(document: Item, folder: Path, starts_checked: bool) -> Scenario:
+    root = document.section(KEYS)
     placed = read_robots(root.need("robots", "a list of robots"), folder)
     placed = with_sources_of_parameters(placed, read_path(root.get("parameters"), folder))
     discs, walls = _obstacles(root.get("obstacles"))
@@ -101,7 +100,7 @@ def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, st
     corners = read_points(fence, fewest=3) if (fence := root.get("geofence")) else None
     border = _geofence(corners, root)
     scenario = Scenario(
-        name=_text(root, "name") or Path(source).stem,
+        name=_text(root, "name") or Path(document.place.source).stem,
         about=_text(root, "about") or "",
         duration=root.need("duration", "how long it takes at most, in s").number(0.1, LONGEST),
         robots=tuple(robot.plan for robot in placed),

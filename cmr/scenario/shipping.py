@@ -3,7 +3,7 @@
 from importlib.resources import files
 from pathlib import Path
 
-from cmr.scenario.document import ScenarioError
+from cmr.scenario.errors import ScenarioError
 
 SHIPPED = Path(str(files("cmr.scenario"))) / "shipped"
 

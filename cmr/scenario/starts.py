@@ -2,7 +2,7 @@
 
 import math
 
-from cmr.scenario.document import Item
+from cmr.document import Item
 from cmr.scenario.plan import Pose
 
 RULES = ("line", "grid", "circle")

@@ -36,7 +36,8 @@ class Supervisor:
     """Keeps the processes of a run alive.
 
     `held(pid)` returns whether a driver or a pilot was holding its robot for a reason when it was last heard; one that
-    ends then is not started again, nor is one that somebody ended. `prepare(job)` is called before each start.
+    ends then is not started again, nor is one that somebody ended. A process whose `may_start(job)` is false waits.
+    `prepare(job)` is called before each start.
     """
 
     def __init__(
@@ -45,11 +46,13 @@ class Supervisor:
         children: Children,
         held: Callable[[int], bool] = lambda _pid: False,
         prepare: Callable[[Job], None] = lambda _job: None,
+        may_start: Callable[[Job], bool] = lambda _job: True,
     ) -> None:
         self.states = {job.name: State(job) for job in jobs}
         self._children = children
         self._held = held
         self._prepare = prepare
+        self._may_start = may_start
 
     @property
     def restarts(self) -> int:
@@ -60,8 +63,7 @@ class Supervisor:
         """Start what is due, and note what ended; return sentences about the latter. `now` is any steady time [s]."""
         sentences = [self._note_end(name, code, now) for name, code in self._children.ended().items()]
         for state in self.states.values():
-            after = state.job.after
-            if state.due is not None and now >= state.due and (after is None or after.exists()):
+            if state.due is not None and now >= state.due and self._can_start(state.job):
                 self._prepare(state.job)
                 state.pid = self._children.start(state.job.name, state.job.command)
                 state.due, state.started = None, now
@@ -98,6 +100,9 @@ class Supervisor:
     def last_words(self, name: str) -> str:
         """Return the last line that a process said; empty if there is none."""
         return self._children.last_words(name)
+
+    def _can_start(self, job: Job) -> bool:
+        return (job.after is None or job.after.exists()) and self._may_start(job)
 
     def _note_end(self, name: str, code: int, now: float) -> str:
         state = self.states[name]

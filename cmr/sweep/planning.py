@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from cmr.scenario.document import ScenarioError
+from cmr.scenario.errors import ScenarioError
 from cmr.scenario.scenario import load, parse
 from cmr.sweep.experiment import Experiment, experiment_of, files_of, key_of
 from cmr.sweep.settings import Setting, SettingError, Value, combinations, with_settings

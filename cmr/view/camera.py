@@ -8,9 +8,9 @@ from cmr.view.robots import Floats, Robots
 FREE, TOP, FOLLOW = "free", "from above", "follow the robot"
 LEAST_EXTENT = 3.0  # m that are in the picture at least
 MARGIN = 2.0  # m around the outermost robots, half on each side
-EDGE = 0.8  # m that a robot may get beyond the outermost ones before a camera above is put anew
+EDGE = 0.8  # m that a robot may get beyond the outermost ones before a camera above is put again
 TILT = 1e-3  # of its height by which a camera above stands south, so that north is up
-USUAL = 0.75  # rad, field of view of a browser that has not told its own yet
+USUAL = 0.75  # rad, field of view of a browser that has not reported its own yet
 CLOSE = (-1.2, -1.2, 1.2)  # m from a robot that is followed
 TOUCHED = 0.01  # of its height by which a camera above is elsewhere once the visitor has moved it
 
@@ -37,7 +37,7 @@ def rectangle(robots: Robots) -> Floats:
 
 
 def is_beyond(robots: Robots, known: Floats) -> bool:
-    """Tell whether a robot is so far outside a rectangle that a camera put above it may not show the robot."""
+    """Return whether a robot is so far outside a rectangle that a camera put above it may not show the robot."""
     low, high = rectangle(robots)
     return bool((low < known[0] - EDGE).any() or (high > known[1] + EDGE).any())
 
@@ -80,7 +80,7 @@ class Camera:
         self._place(position, target)
 
     def _untouched(self, position: Point) -> bool:
-        """Tell whether the camera is where it was put, or where a browser began that was too slow to hear of that."""
+        """Return whether the camera is where it was put, or where a browser began that was too slow to hear of that."""
         return self._is_at(position) or self._is_at(INITIAL)
 
     def _is_at(self, position: Point) -> bool:

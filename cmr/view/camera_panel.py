@@ -7,7 +7,7 @@ from cmr.msg import camera_image_t
 from cmr.view.inputs import write
 from cmr.view.state import Heard, ViewState
 
-STALE = 2.0  # s after which the age of a picture is told
+STALE = 2.0  # s after which the age of a picture is shown
 NO_CAMERA = "no camera"
 
 

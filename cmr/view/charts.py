@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import viser
@@ -30,6 +31,7 @@ class Chart:
 
     def __init__(self, gui: viser.GuiApi, title: str, with_interval: bool, from_zero: bool = False) -> None:
         self._from_zero = from_zero
+        self._span = _Span((0.0, 1.0), value_range(NOTHING))
         curves = [uplot.Series(label="s"), uplot.Series(label=title, stroke=LINE, width=2)]
         if with_interval:
             curves += [uplot.Series(label=label, stroke=EDGE, width=1) for label in ("high", "low")]
@@ -38,8 +40,8 @@ class Chart:
             (NOTHING,) * self._columns,
             tuple(curves),
             bands=(uplot.Band(series=(2, 3), fill=BAND),) if with_interval else None,
-            scales=_scales(NOTHING),
-            axes=_axes(NOTHING),
+            scales=self._span.scales(),
+            axes=self._span.axes(),
             title=f"{title} over seconds",
             legend=uplot.Legend(show=False),
             height=HEIGHT,
@@ -49,15 +51,32 @@ class Chart:
     def show(self, columns: Floats) -> None:
         """Draw columns (k, n): moments [s], values, and the interval's upper and lower ends."""
         columns = columns[:, np.isfinite(columns).all(axis=0)]
-        self._chart.visible = columns.shape[1] > 1
-        if columns.shape[1] > 1:
-            shown = np.append(columns[1:], 0.0) if self._from_zero else columns[1:]
-            self._chart.scales, self._chart.axes = _scales(shown), _axes(shown)
-            self._chart.data = tuple(np.ascontiguousarray(column) for column in columns)
+        self._chart.visible = bool(columns.shape[1]) and bool(np.ptp(columns[0]) > 0.0)
+        if not self._chart.visible:
+            return
+        shown = np.append(columns[1:], 0.0) if self._from_zero else columns[1:]
+        span = _Span((float(columns[0].min()), float(columns[0].max())), value_range(shown))
+        if span != self._span:  # the browser makes the chart again, and forgets what its visitor enlarged
+            self._span = span
+            self._chart.scales, self._chart.axes = span.scales(), span.axes()
+        self._chart.data = tuple(np.ascontiguousarray(column) for column in columns)
 
 
-def _scales(values: Floats) -> dict[str, uplot.Scale]:
-    return {"x": uplot.Scale(time=False), "y": uplot.Scale(range=value_range(values))}
+class _Span(NamedTuple):
+    """From where to where a chart goes, in time [s] and in its values.
+
+    Both are always given: a page that is left to find the span of time itself gets it wrong, or not at all, when the
+    axes change together with the data.
+    """
+
+    seconds: tuple[float, float]
+    values: tuple[float, float]
+
+    def scales(self) -> dict[str, uplot.Scale]:
+        return {"x": uplot.Scale(time=False, range=self.seconds), "y": uplot.Scale(range=self.values)}
+
+    def axes(self) -> tuple[uplot.Axis, uplot.Axis]:
+        return uplot.Axis(ticks={"show": False}), value_axis(*self.values)
 
 
 def value_range(values: Floats) -> tuple[float, float]:
@@ -65,10 +84,6 @@ def value_range(values: Floats) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
     margin = MARGIN * (high - low) or 1e-3 * abs(high) or 1.0
     return low - margin, high + margin
-
-
-def _axes(values: Floats) -> tuple[uplot.Axis, uplot.Axis]:
-    return uplot.Axis(ticks={"show": False}), value_axis(*value_range(values))
 
 
 def value_axis(low: float, high: float, label: str = "") -> uplot.Axis:
@@ -81,7 +96,7 @@ def value_axis(low: float, high: float, label: str = "") -> uplot.Axis:
 
 
 def ticks(low: float, high: float) -> tuple[tuple[float, ...], tuple[str, ...]]:
-    """Return round numbers between two, three to six, as numbers and with all digits that tell them apart.
+    """Return round numbers between two, three to six, as numbers and with all digits that distinguish them.
 
     The browser itself writes three digits at most, which are too few for a k1.
     """

@@ -1,6 +1,6 @@
 """What a robot and its twin drove: the drive on which the robot was calibrated, and the first one after it.
 
-A twin starts each drive where its robot is and is commanded as it is, so their paths tell how good its parameters are.
+A twin starts each drive where its robot is and is commanded as it is, so their paths say how good its parameters are.
 """
 
 from bisect import bisect_right
@@ -94,7 +94,7 @@ class Drives:
         self._sampled = 0
 
     def due(self, now: int) -> bool:
-        """Tell whether it is time for another point, `now` [us]."""
+        """Return whether it is time for another point, `now` [us]."""
         return not 0 <= now - self._sampled < PERIOD
 
     def sample(self, now: int, real: Robots, twins: Robots) -> None:

@@ -277,7 +277,7 @@ def _length(event: Event) -> int:
 
 
 def _span(reader: EventReader) -> tuple[int, int]:
-    """Return the time stamps of the first and last message, as far as they tell; both the first one where not."""
+    """Return the time stamps of the first and last message, as far as they are right; both the first one where not."""
     first = next((event.utime for event in reader.read()), 0)
     last = max((event.utime for event in reader.read(max(reader.size - TAIL, 0))), default=first)
     return first, last if 0 <= last - first <= LONGEST_SILENCE else first

@@ -59,10 +59,13 @@ STYLE = f"""
   .cmr-legend {{ top: 30px; bottom: auto; right: 4px; left: auto; font-size: 11px; }}
 }}
 """
+CLOSING = 1000.0  # ms
 BUSY = "Nothing was sent. Enter the token first, or wait until the other file is there; then drop this one again."
 # The first function names what viser's labels stand beside, for screen readers and for cmrJump, which jumps to a time:
 # React notices what is written into its boxes only by this detour. What is for the whole window comes once, though each
 # page that a visitor gets has this script. A file that is dropped goes into the input of viser's own upload.
+# Viser keeps keys from who types, and the box of a list keeps the focus after a choice: Esc has to be the stop there,
+# too, unless it closes the list. In doubt it stops: any Esc within CLOSING of one that closed something does.
 SCRIPT = f"""
 document.title = '{TITLE}';
 document.querySelector('link[rel=icon]').href = this.dataset.icon;
@@ -108,6 +111,14 @@ if (!window.cmrIsThere) {{
     input.files = event.dataTransfer.files;
     input.dispatchEvent(new Event('change', {{bubbles: true}}));
   }}));
+  let closed = -Infinity;
+  const isOpen = () => [...document.querySelectorAll('[role=listbox], [role=menu], [role=dialog]')].some(
+    (one) => one.getClientRects().length);
+  window.addEventListener('keydown', (event) => {{
+    if (event.key !== 'Escape' || !event.isTrusted || !event.target.matches('input, textarea')) return;
+    if (isOpen() && event.timeStamp - closed > {CLOSING}) closed = event.timeStamp;
+    else document.documentElement.dispatchEvent(new KeyboardEvent('keydown', {{key: 'Escape', code: 'Escape'}}));
+  }}, true);
   document.addEventListener('change', (event) => {{
     if (event.target.type !== 'file' || !(event.target.files[0]?.size > {LARGEST_LOG})) return;
     event.stopImmediatePropagation();

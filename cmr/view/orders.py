@@ -13,7 +13,7 @@ FIGURE_EIGHT = 0.7  # m from its crossing to each tip
 class Orders:
     """Turns orders into messages. `handle` hears ESTOP, `due` returns what is to be sent at each turn.
 
-    A stop is repeated until anybody releases it. `stopped` tells whether the emergency stop is engaged, and `reason`
+    A stop is repeated until anybody releases it. `stopped` says whether the emergency stop is engaged, and `reason`
     by whom and why.
     """
 

@@ -41,7 +41,7 @@ class Surroundings(NamedTuple):
     """What a page has besides what it shows.
 
     `curve_windows` are the spans of time of its plots; `back_to` names what other visitors see, where this one sees a
-    log of his own; `has_robots` tells whether there is a bus with robots that can be stopped, `has_fence` whether a
+    log of his own; `has_robots` says whether there is a bus with robots that can be stopped, `has_fence` whether a
     geofence is drawn.
     """
 
@@ -69,6 +69,7 @@ class Page:
         self._surroundings = surroundings
         self._camera = Camera(client)
         self._mode_changed = False
+        self._close_question: Callable[[], None] | None = None  # of a dialog that is open over the page
         self._overview_due: float | None = time.monotonic() + SETTLED
         gui = client.gui
         self._head = gui.add_html("")
@@ -173,7 +174,7 @@ class Page:
         stop = gui.add_button("EMERGENCY STOP", color="red", hint="or press Esc")
         release = gui.add_button("reset emergency stop ...", color="gray")
         stop.on_click(lambda _event: self.wish(STOP))
-        gui.add_command("EMERGENCY STOP", hotkey="escape").on_trigger(lambda _event: self.wish(STOP))
+        gui.add_command("EMERGENCY STOP", hotkey="escape").on_trigger(lambda _event: self._take_escape())
         release.on_click(lambda _event: self._ask_release())
         if self._replay is None:
             eight = gui.add_button("start figure-eight", hint="of the chosen robot")
@@ -222,16 +223,27 @@ class Page:
         if not self.permission.granted:
             self.wish(RELEASE)  # which is refused
             return
-        modal = self.client.gui.add_modal("Reset the emergency stop?")
-        with modal:
+        if self._close_question is not None:
+            return
+        question = self.client.gui.add_modal("Reset the emergency stop?")
+        self._close_question = question.close
+        with question:
             self.client.gui.add_markdown("Robots that are commanded will move again.")
             yes, no = self.client.gui.add_button("reset", color="red"), self.client.gui.add_button("leave it engaged")
-        yes.on_click(self._closing(modal.close, lambda: self.wish(RELEASE)))
-        no.on_click(self._closing(modal.close, lambda: None))
+        yes.on_click(lambda _event: self._answer(RELEASE))
+        no.on_click(lambda _event: self._answer(None))
 
-    def _closing(self, close_modal: Callable[[], None], act: Callable[[], None]) -> Callable[[object], None]:
-        def close(_event: object) -> None:
-            act()
-            close_modal()
+    def _answer(self, wished: str | None) -> None:
+        """Close the question; do what was wished, if it was not just to be closed."""
+        close, self._close_question = self._close_question, None
+        if close is not None:
+            close()
+        if wished is not None:
+            self.wish(wished)
 
-        return close
+    def _take_escape(self) -> None:
+        """Close the question that is open; otherwise stop the robots."""
+        if self._close_question is None:
+            self.wish(STOP)
+        else:
+            self._answer(None)

@@ -116,7 +116,7 @@ def trails(trail: Trail) -> Lines:
 
 
 def waypoints(state: ViewState, robots: Robots) -> Lines:
-    """Return the paths that robots were told, red, with a mark where each ends; of robots that have left, none."""
+    """Return the paths that robots were given, red, with a mark where each ends; of robots that have left, none."""
     parts = [np.empty((0, 2, 2))]
     there = set(robots.robot_id.tolist())
     for waypoints in (state.newest(WAYPOINTS, robot_id) for robot_id in state.latest[WAYPOINTS.name].keys() & there):

@@ -22,7 +22,7 @@ HEIGHT = 150  # pixels
 LONGEST_LABEL = 18  # characters that fit beside a plot; the name is above it, too
 GAP_COLOUR, CURSOR_COLOUR = "#dee2e6", "#212529"
 BEYOND = 10.0  # times the height of a plot, above and below which nothing is seen
-ROOM = 0.25  # of the values' range that is free before the vertical axis is made to fit anew
+ROOM = 0.25  # of the values' range that is free before the vertical axis is made to fit again
 BOTTOM = -1e9  # below all that is drawn, down to which gaps are filled
 CHANNEL, SIGNAL, REMOVE = "choose a channel ...", "then a signal ...", "remove a plot ..."
 HINT = "Choose a channel and a signal to plot it over time."
@@ -138,7 +138,7 @@ class _Plot:
         self._chart.remove()
 
     def _fit(self, curve: Curve) -> tuple[float, float]:
-        """Return the range of the vertical axis; the axes are made anew only where the curve no longer fits them."""
+        """Return the range of the vertical axis; the axes are made again only where the curve no longer fits them."""
         values = curve.values[np.isfinite(curve.values)]
         low, high = value_range(values)
         if self._span is not None:

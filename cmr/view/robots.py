@@ -12,10 +12,10 @@ Integers = NDArray[np.int64]
 REAL, VIRTUAL, TWIN = robot_state_t.REAL, robot_state_t.VIRTUAL, robot_state_t.TWIN
 SILENT_AFTER = 1_000_000  # us without a message about a robot; five periods of POSE, the slowest source, are that long
 # us after its last message for which a robot is shown, and its signals are offered: radio that changes its station and
-# a process that is started anew are quiet for some seconds; what is older is no place to expect a robot at.
+# a process that is started again are quiet for some seconds; what is older is no place to expect a robot at.
 GONE_AFTER = 5_000_000
 PREFERENCE = 500_000  # us for which a better source of a robot's pose keeps the others away
-MOST_PARTS_REMEMBERED = 100  # sets of robots whose rows are not looked for anew
+MOST_PARTS_REMEMBERED = 100  # sets of robots whose rows are not looked for again
 WORLD, ESTIMATE, MEASURED = 0, 1, 2  # sources: WORLD_STATE, ROBOT_STATE_N, POSE_N; the lesser is the better
 
 
@@ -83,7 +83,7 @@ class RobotTable:
         self._source[rows] = WORLD
 
     def take_state(self, utime: int, message: robot_state_t) -> None:
-        """Take a ROBOT_STATE_N; it counts where no WORLD_STATE tells of the robot."""
+        """Take a ROBOT_STATE_N; it counts where no WORLD_STATE has the robot."""
         state = (message.x, message.y, message.theta, message.psi_left, message.psi_right)
         self._take_one(utime, message.robot_id, message.origin, state, ESTIMATE)
 

@@ -51,7 +51,7 @@ class PageServer:
         self._on_this_computer = host in THIS_COMPUTER
         self._logs = LogFolder()
         self._trails_due = self._panels_due = 0.0
-        # A visitor who leaves while he is told something is no news.
+        # A visitor who leaves while something is sent to him is no news.
         warnings.filterwarnings("ignore", ".* on a closed connection", UserWarning)
         with redirect_stdout(io.StringIO()):  # its banner; where the page is, is said by the process
             self._server = _Server(host, port, "cmr-view", verbose=False)

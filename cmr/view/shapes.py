@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Mesh = tuple[Floats, NDArray[np.int64]]  # vertices (v, 3) and faces (f, 3)
 
-LENGTH, WIDTH, HEIGHT = 0.20, 0.15, 0.07  # m, of a robot that is drawn; its size is told nowhere
+LENGTH, WIDTH, HEIGHT = 0.20, 0.15, 0.07  # m, of a robot that is drawn; its size is given nowhere
 NOSE = 0.05  # m of the length that taper to the front
 CLEARANCE = 0.015  # m under the body
 WHEEL_LENGTH, WHEEL_WIDTH = 0.07, 0.03  # m

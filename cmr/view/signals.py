@@ -48,7 +48,7 @@ class Source(NamedTuple):
 def sources(channels: Iterable[str], robots: Robots, elements: dict[str, int]) -> list[Source]:
     """Return what has signals on these channels and among these robots, in the order of names and robot ids.
 
-    `elements` tells the length of the arrays on some of the channels.
+    `elements` is the length of the arrays on some of the channels.
     """
     found = [Source(channel, elements=elements.get(channel, 1)) for channel in sorted(channels, key=_by_robot)]
     found = [source for source in found if source.channel != WORLD_STATE.name and source.signals()]

@@ -22,7 +22,7 @@ LIGHT = np.round(255.0 * (np.arange(256) / 255.0) ** 2.2).astype(np.uint8)
 
 
 class Instances:
-    """Many things of one shape; made anew when their number changes, moved otherwise.
+    """Many things of one shape; made again when their number changes, moved otherwise.
 
     Where there are very many, they have the `plain` shape, if one is given.
     """
@@ -85,7 +85,7 @@ class Instances:
 
 
 class LineSet:
-    """Lines that are drawn anew when they change."""
+    """Lines that are drawn again when they change."""
 
     def __init__(self, scene: viser.SceneApi, name: str, width: float) -> None:
         self._scene, self._name, self._width = scene, name, width

@@ -31,7 +31,7 @@ LATEST_OF = (*COMMANDS, "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOIN
 WITH_ARRAYS = ("RANGE_SCAN", "WAYPOINTS")
 MOST_ESTIMATES = 600  # kept of a calibration
 MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
-STOPPED_FOR = 10_000_000  # us for which a process that has ended is told
+STOPPED_FOR = 10_000_000  # us for which a process that has ended is shown
 SILENT_FOR = 60_000_000  # us after which a process or camera that says nothing is forgotten
 DIAGNOSIS = "cmr-diagnose"
 
@@ -47,9 +47,9 @@ class Heard(Generic[M_co]):
 class ViewState:
     """The world, the processes and the bus as they are `now` [us].
 
-    `latest` holds the last message of each robot by the stream's name; `calibrations` and `divergence` what was told
-    and measured over time by robot: CALIBRATION_STATUS_N, and (moment, distance of robot and twin [m]). `drives` are of
-    robots and twins. `cameras` holds the last picture of each by its name.
+    `latest` holds the last message of each robot by the stream's name; `calibrations` and `divergence` hold over time,
+    by robot, what was reported and measured: CALIBRATION_STATUS_N, and (moment, distance of robot and twin [m]).
+    `drives` are of robots and twins. `cameras` holds the last picture of each by its name.
     """
 
     def __init__(self) -> None:
@@ -107,7 +107,7 @@ class ViewState:
         return self.robots.present(self.now)
 
     def has_left(self, robot_id: int) -> bool:
-        """Tell whether a robot is not in the world, and has itself been silent for SILENT_FOR."""
+        """Return whether a robot is not in the world, and has itself been silent for SILENT_FOR."""
         told = [heard[robot_id].utime for heard in self.latest.values() if robot_id in heard]
         return robot_id not in self.present().robot_id and self.now - max(told, default=0) > SILENT_FOR
 
@@ -136,7 +136,7 @@ class ViewState:
         return heard.message if heard is not None and isinstance(heard.message, stream.message_type) else None
 
     def _is_outdated(self, robot_id: int, message: Message) -> bool:
-        """Tell whether these are parameters of which a newer version is known: who says them has not heard of it."""
+        """Return whether these are parameters of which a newer version is known: who says them has not heard of it."""
         known = self.newest(PARAMETERS, robot_id) if isinstance(message, parameters_t) else None
         return known is not None and isinstance(message, parameters_t) and message.sequence < known.sequence
 

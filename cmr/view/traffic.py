@@ -11,7 +11,7 @@ MARKS_APART = 250_000  # us
 GAP = 3.0  # times the usual interval, after which a silence counts as a gap
 LEAST_FOR_GAPS = 5  # intervals ...
 SETTLED = 500_000  # ... and us, before there is a usual one
-LONGEST_INTERVAL = 500_000  # us; slower channels are told from silent ones by their age alone
+LONGEST_INTERVAL = 500_000  # us; slower channels are distinguished from silent ones by their age alone
 IRREGULAR = (ESTOP, PROCESS_STATUS, WAYPOINTS)  # said by many processes, or when there is something to say
 UTIME = struct.Struct(">8xq")  # of a message [us], after the fingerprint
 
@@ -19,7 +19,7 @@ UTIME = struct.Struct(">8xq")  # of a message [us], after the fingerprint
 class Line(NamedTuple):
     """A channel: messages and bytes per second, seconds since the last, gaps, and messages that were not taken.
 
-    `gaps` is None where nothing tells how often messages are to come.
+    `gaps` is None where nothing says how often messages are to come.
     """
 
     channel: str

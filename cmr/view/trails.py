@@ -29,7 +29,7 @@ class Trails:
         self._last: tuple[int, Integers, Floats] | None = None
 
     def due(self, now: int) -> bool:
-        """Tell whether it is time for another point, `now` [us]."""
+        """Return whether it is time for another point, `now` [us]."""
         return self._last is None or now - self._last[0] >= PERIOD
 
     def sample(self, now: int, robots: Robots) -> None:

@@ -22,7 +22,7 @@ from cmr.view.drawing import bar, distance, paths_drawing
 from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.state import ViewState
 
-SILENT = 3.0  # s without a report after which a process is told to be silent
+SILENT = 3.0  # s without a report after which a process is said to be silent
 CONFIDENCE = 1.96  # standard deviations to each side that hold the truth in 95 of 100 cases
 STYLE = "font-size:11px;line-height:1.3;padding:2px 12px;overflow-x:auto"
 KEEP = "white-space:nowrap"
@@ -49,7 +49,7 @@ CALIBRATION_STATES = {
     calibration_status_t.DONE: "done",
     calibration_status_t.FAILED: "failed",
 }
-ESTIMATED = ("k2_over_k3", "k1", "base_width")  # the parameters that a calibration_status_t tells
+ESTIMATED = ("k2_over_k3", "k1", "base_width")  # the parameters that a calibration_status_t has
 # Those that may be shown, with unit: robots with a velocity controller have the middle two in place of the first.
 ESTIMATES = (
     ("k2_over_k3", "rad/s²"),
@@ -185,7 +185,7 @@ class Estimate(NamedTuple):
 
 
 def estimated(message: calibration_status_t, controller: VelocityController | None) -> dict[str, Estimate]:
-    """Return what a calibration_status_t tells of the parameters that are known, by the names of the robot's file."""
+    """Return what a calibration_status_t says of the parameters that are known, by the names of the robot's file."""
     values = {name: getattr(message, name) for name in ESTIMATED if math.isfinite(getattr(message, name))}
     stds = {name: getattr(message, f"{name}_std") for name in values}
     if controller is not None and {"k2_over_k3", "k1"} <= set(values):

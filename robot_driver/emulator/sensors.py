@@ -4,9 +4,11 @@ import math
 from dataclasses import dataclass
 from random import Random
 
-from cmr.plant.sensors import rate_seen, seen
+from cmr.plant.sensors import filtered_on, rate_seen, seen
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import Settings
+
+Values = tuple[float, float, float]  # x, y (m), theta (rad)
 
 
 class YawGyro:
@@ -49,15 +51,27 @@ class MotionCapture:
         self._position_noise = noise.position if noise.enabled else 0.0
         self._heading_noise = noise.heading if noise.enabled else 0.0
         self._random = Random(f"{settings.seed} pose")
+        self._last: tuple[float, Values, Values] | None = None  # time (s), what was seen, what the filter showed
 
     def wake(self, time: float) -> Pose:
         """Measure now, at `time`; with a latency the pose is ready, and stamped, later than that."""
         self.wake_time += self._period
         p, gauss = self._plant.parameters, self._random.gauss
-        x, y, theta = seen(p, self._plant.x, self._plant.y, self._plant.theta)
+        x, y, theta = self._filtered(time, seen(p, self._plant.x, self._plant.y, self._plant.theta))
         x += self._position_noise * gauss(0.0, 1.0)
         y += self._position_noise * gauss(0.0, 1.0)
         theta += self._heading_noise * gauss(0.0, 1.0)
         ready = time + p.pose_latency
         # clock_skew: the cameras' clock shows (1 + e) t at time t.
         return Pose(ready * (1.0 + p.clock_skew), ready, x, y, math.remainder(theta, 2.0 * math.pi))
+
+    def _filtered(self, time: float, pose: Values) -> Values:
+        """Return what the cameras' filter shows of a pose seen at `time` (s)."""
+        constant, shown = self._plant.parameters.pose_smoothing, pose
+        if self._last is not None and constant > 0.0:
+            begin, old, before = self._last
+            pairs = zip(before, zip(old, pose, strict=True), strict=True)
+            x, y, theta = (filtered_on(one, values, time - begin, constant) for one, values in pairs)
+            shown = x, y, theta
+        self._last = time, pose, shown
+        return shown

@@ -1,25 +1,24 @@
 """What the emulated robot is like: read from YAML, checked once, never changed."""
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, get_type_hints
+from typing import Annotated, TypeAlias
 
 import yaml
 
+from cmr.document import read, read_file
 from cmr.plant.parameters import PlantParameters, plant_parameters
+from cmr.structure import Names, structured
 from robot_driver.emulator.requiring import SettingsError, require, require_positive, require_possible
 
-__all__ = ["Settings", "SettingsError", "load_settings", "parse_settings"]
+__all__ = ["Settings", "SettingsError", "load_settings"]
 
 DEFAULT_FILE = Path(__file__).with_name("default.yaml")
 
-Section = TypeVar("Section")
-Effects: TypeAlias = dict[str, float]  # parameters of the plant, by name
-
 ROBOT_PARAMETERS = ("wheel_radius", "k2_over_k3", "k1", "base_width")
 EFFECT_PARAMETERS = tuple(name for name in PlantParameters._fields if name not in ROBOT_PARAMETERS)
+Effects: TypeAlias = Annotated[dict[str, float], Names(EFFECT_PARAMETERS)]  # parameters of the plant, by name
 IMPERFECTIONS_OF_PLANT = (
     *("coulomb_friction", "static_friction", "battery_sag", "command_delay"),
     *("turn_slip", "longitudinal_slip", "gyro_bias", "pose_latency"),
@@ -42,7 +41,7 @@ class Robot:
     def __post_init__(self) -> None:
         require_positive(self, "wheel_radius", "k2_over_k3", "k1", "base_width", "ticks_per_turn")
         # The plant steps 1 ms at a time; it cannot follow motors that answer within two steps.
-        require(self.k1 * self.k2_over_k3 < 500.0, self, "k1 k2_over_k3", "below 500/s")
+        require(self.k1 * self.k2_over_k3 < 500.0, "below 500/s", "k1 k2_over_k3")
 
 
 @dataclass(frozen=True)
@@ -67,9 +66,9 @@ class Roboclaw:
     status_bytes: int
 
     def __post_init__(self) -> None:
-        require(0x80 <= self.address <= 0x87, self, "address", "0x80 to 0x87")
-        require(self.baud >= 0, self, "baud", "0 or more")
-        require(self.status_bytes in (1, 2, 4), self, "status_bytes", "1, 2 or 4")
+        require(0x80 <= self.address <= 0x87, "0x80 to 0x87", "address")
+        require(self.baud >= 0, "0 or more", "baud")
+        require(self.status_bytes in (1, 2, 4), "1, 2 or 4", "status_bytes")
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,8 @@ class Roboteq:
     ignores_watchdog: bool
 
     def __post_init__(self) -> None:
-        require(self.baud >= 0, self, "baud", "0 or more")
-        require(0 <= self.watchdog <= 65000, self, "watchdog", "0 to 65000")
+        require(self.baud >= 0, "0 or more", "baud")
+        require(0 <= self.watchdog <= 65000, "0 to 65000", "watchdog")
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ class Mbot:
 
     def __post_init__(self) -> None:
         require_positive(self, "rate", "watchdog")
-        require(0 <= self.topics_from <= 60000, self, "topics_from", "0 to 60000")
+        require(0 <= self.topics_from <= 60000, "0 to 60000", "topics_from")
 
 
 @dataclass(frozen=True)
@@ -116,8 +115,8 @@ class Controller:
 
     def __post_init__(self) -> None:
         require_positive(self, "rate", "response_time", "speed_scale", "top_wheel_speed", "command_base_width")
-        require(self.response_time > 0.002, self, "response_time", "greater than 0.002 s")
-        require(self.rate <= 500.0, self, "rate", "500 Hz or less")
+        require(self.response_time > 0.002, "greater than 0.002 s", "response_time")
+        require(self.rate <= 500.0, "500 Hz or less", "rate")
 
 
 @dataclass(frozen=True)
@@ -130,8 +129,8 @@ class Dsp3000:
 
     def __post_init__(self) -> None:
         require_positive(self, "rate")
-        require(self.baud >= 0, self, "baud", "0 or more")
-        require(self.start_up >= 0, self, "start_up", "0 or more")
+        require(self.baud >= 0, "0 or more", "baud")
+        require(self.start_up >= 0, "0 or more", "start_up")
 
 
 @dataclass(frozen=True)
@@ -150,10 +149,10 @@ class KvhBinary:
 
     def __post_init__(self) -> None:
         allowed = (1, 5, 10, 25, 50, 100, 250, 500, 750, 1000, 3600, 5000)
-        require(self.rate in allowed, self, "rate", f"one of {', '.join(map(str, allowed))}")
-        require(self.clock_error > -1, self, "clock_error", "greater than -1")
-        require(self.baud >= 0, self, "baud", "0 or more")
-        require(self.start_up >= 0, self, "start_up", "0 or more")
+        require(self.rate in allowed, f"one of {', '.join(map(str, allowed))}", "rate")
+        require(self.clock_error > -1, "greater than -1", "clock_error")
+        require(self.baud >= 0, "0 or more", "baud")
+        require(self.start_up >= 0, "0 or more", "start_up")
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,7 @@ class PoseNoise:
     heading: float
 
     def __post_init__(self) -> None:
-        require(min(self.position, self.heading) >= 0, self, "position and heading", "0 or more")
+        require(min(self.position, self.heading) >= 0, "0 or more", "position and heading")
 
 
 @dataclass(frozen=True)
@@ -227,7 +226,7 @@ class Imperfections:
         for field in dataclasses.fields(self):
             imperfection = getattr(self, field.name)
             if isinstance(imperfection, Imperfection) and field.name != "gyro_bias":
-                require(imperfection.size >= 0, self, f"{field.name}.size", "0 or more")
+                require(imperfection.size >= 0, "0 or more", field.name, "size")
 
     def ideal(self) -> "Imperfections":
         """Return a copy in which only the imperfections of measurement remain as they are."""
@@ -254,13 +253,11 @@ class Settings:
 
     def __post_init__(self) -> None:
         for name, value in self.effects.items():
-            if name not in EFFECT_PARAMETERS:
-                raise SettingsError(f"effects.{name} is unknown. Known are: {', '.join(EFFECT_PARAMETERS)}.")
-            require_possible(name, value, f"effects.{name}")
+            require_possible(name, value, "effects", name)
         for name in IMPERFECTIONS_OF_PLANT:
-            require_possible(name, getattr(self.imperfections, name).size, f"imperfections.{name}.size")
+            require_possible(name, getattr(self.imperfections, name).size, "imperfections", name, "size")
         ticks = self.imperfections.encoder_quantisation.ticks_per_turn
-        require_possible("encoder_quantisation", ticks, "imperfections.encoder_quantisation.ticks_per_turn")
+        require_possible("encoder_quantisation", ticks, "imperfections", "encoder_quantisation", "ticks_per_turn")
 
     @property
     def plant(self) -> PlantParameters:
@@ -307,93 +304,11 @@ def load_settings(path: Path | None = None, *, seed: int | None = None, ideal: b
     `ideal`: those of default.yaml without its effects and imperfections; what the file says counts all the same.
     Raises SettingsError when the file cannot be read, is not YAML, or holds an unknown key or an impossible value.
     """
-    values = _read(DEFAULT_FILE)
+    document = read_file(DEFAULT_FILE, SettingsError)
     if ideal:
-        values = dataclasses.asdict(parse_settings(values).ideal())
-    try:
-        if path is not None:
-            values = _merge(values, _read(path), "")
-        if seed is not None:
-            values["seed"] = seed
-        return parse_settings(values)
-    except SettingsError as error:
-        raise SettingsError(f"{path or DEFAULT_FILE}: {error}") from error
-
-
-def parse_settings(values: dict[str, Any]) -> Settings:
-    """Return settings from the content of a complete file.
-
-    Raises SettingsError naming the key that is unknown, missing or impossible.
-    """
-    return _build(Settings, values, "")
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise SettingsError(f"cannot be read: {' '.join(str(error).split())}") from error
-    if values is None:
-        return {}
-    if not isinstance(values, dict):
-        raise SettingsError("must be a mapping of names to values")
-    return values
-
-
-def _merge(base: dict[str, Any], changes: dict[str, Any], where: str) -> dict[str, Any]:
-    """Return `base` with `changes` laid over it, section by section."""
-    merged = dict(base)
-    for key, value in changes.items():
-        if where == "effects.":
-            merged[key] = value
-            continue
-        if key not in base:
-            raise SettingsError(f"{where}{key} is unknown. Known are: {', '.join(base)}.")
-        if isinstance(base[key], dict):
-            if not isinstance(value, dict):
-                raise SettingsError(f"{where}{key} must be a section with some of: {', '.join(base[key])}.")
-            value = _merge(base[key], value, f"{where}{key}.")
-        merged[key] = value
-    return merged
-
-
-def _build(section: type[Section], values: Any, where: str) -> Section:
-    """Return a dataclass from a mapping, with its sections, after a look at names and types."""
-    kinds = get_type_hints(section)
-    if not isinstance(values, dict):
-        raise SettingsError(f"{where.rstrip('.')} must be a section with: {', '.join(kinds)}.")
-    for key in values:
-        if key not in kinds:
-            raise SettingsError(f"{where}{key} is unknown. Known are: {', '.join(kinds)}.")
-    missing = [key for key in kinds if key not in values]
-    if missing:
-        raise SettingsError(f"{where}{missing[0]} is missing.")
-    built = {
-        key: _numbers(values[key], key)
-        if kind == Effects
-        else _build(kind, values[key], f"{where}{key}.")
-        if isinstance(kind, type) and dataclasses.is_dataclass(kind)
-        else _scalar(kind, values[key], where + key)
-        for key, kind in kinds.items()
-    }
-    return section(**built)
-
-
-def _numbers(values: Any, name: str) -> Effects:
-    if not isinstance(values, dict):
-        raise SettingsError(f"{name} must be a section with some of: {', '.join(EFFECT_PARAMETERS)}.")
-    for key, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise SettingsError(f"{name}.{key} must be a number, not {value!r}.")
-    return {str(key): float(value) for key, value in values.items()}  # infinity is the neutral value of some
-
-
-def _scalar(kind: type, value: Any, name: str) -> Any:
-    if kind is bool:
-        if not isinstance(value, bool):
-            raise SettingsError(f"{name} must be true or false, not {value!r}.")
-        return value
-    accepted = int if kind is int else (int, float)
-    if isinstance(value, bool) or not isinstance(value, accepted) or not math.isfinite(value):
-        raise SettingsError(f"{name} must be a {'whole' if kind is int else 'finite'} number, not {value!r}.")
-    return kind(value)
+        values = dataclasses.asdict(structured(document, Settings).ideal())
+        document = read(yaml.safe_dump(values), str(DEFAULT_FILE), SettingsError)
+    if path is not None:
+        document = read_file(path, SettingsError, may_be_empty=True).over(document)
+    settings = structured(document, Settings)
+    return settings if seed is None else dataclasses.replace(settings, seed=seed)

@@ -24,6 +24,7 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.robot_in_time import RobotInTime
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings, load_settings
+from robot_driver.settings import Settings as DriverSettings
 from robot_driver.simulated.bus import Inbox, SimulatedBus, taken
 from robot_driver.simulated.host import START_UTIME, SimulatedHost
 from robot_driver.simulated.usb import Lateness, OwnUsb, UsbAdapter
@@ -118,7 +119,7 @@ class SimulatedDrive:
 
     def _drive(self, host: SimulatedHost, bus: SimulatedBus, done: threading.Event) -> None:
         """Be cmr-driver."""
-        settings = driver.Settings(
+        settings = DriverSettings(
             port=MOTOR,
             gyro_port=GYRO_PORT if self.gyro is not None else None,
             gyro=self.gyro,

@@ -3,31 +3,70 @@
 import shutil
 import socket
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from playwright.sync_api import FloatRect, Page, sync_playwright
 
 from cmr.scenario.children import our_command
+from cmr.view.camera import FREE, TOP
 
 FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
-SIZE = (1280, 1600)  # pixels; high enough that a tab shows all it has
+WIDE, HIGH = (1280, 800), (1180, 1010)  # pixels
+TALL = (1280, 1600)  # so that a tab shows all it has
 PATIENCE = 120e3  # ms; without a graphics card the page takes its time
 MARGIN = 5  # pixels
-READING, DRAWING = 15e3, 20e3  # ms until the log is read, and until the charts are drawn
+READING, DRAWING = 8e3, 8e3  # ms until the log is read, and until the charts are drawn
 
 
 def take_tab(log: Path, seconds: float, tab: str, path: Path) -> None:
     """Write a picture of a tab of the panel, as it is so many seconds after the beginning of a log."""
-    with serving(log) as address, browser() as page:
+    with opened(log, seconds, tab, TALL) as page:
+        page.screenshot(path=path, clip=_below_tabs(page))
+
+
+def take_window(log: Path, seconds: float, tab: str, path: Path, room: tuple[str, ...] = ()) -> None:
+    """Write a picture of the whole page; `room` are options of cmr-view that say what stands in the scene."""
+    with opened(log, seconds, tab, WIDE, room) as page:
+        page.screenshot(path=path)
+
+
+def take_plots(log: Path, seconds: float, window: str, signals: Sequence[tuple[str, str]], path: Path) -> None:
+    """Write a picture of the page that plots signals, each a channel and a field of it, over a window of time."""
+    with opened(log, seconds, "plots", HIGH) as page:
+        for channel, signal in signals:
+            _choose(page, "channel", channel)
+            _choose(page, "signal", signal)
+        _choose(page, "time", window)
+        page.wait_for_timeout(DRAWING)
+        page.screenshot(path=path)
+
+
+@contextmanager
+def opened(log: Path, seconds: float, tab: str, size: tuple[int, int], room: tuple[str, ...] = ()) -> Iterator[Page]:
+    """Open the page of a log, which stands still at a time, with a tab of the panel to the front."""
+    with serving(log, room) as address, browser(size) as page:
         page.goto(address)
         page.get_by_role("tab", name=tab).click()
         page.wait_for_timeout(READING)
-        page.get_by_label("go to").fill(f"{seconds:.0f}")
-        page.get_by_label("go to").press("Enter")
+        page.get_by_role("button", name="pause", exact=True).or_(page.get_by_role("button", name="play again")).click()
+        page.get_by_label("go to").fill(f"{seconds:.1f}")
         page.wait_for_timeout(DRAWING)
-        page.screenshot(path=path, clip=_below_tabs(page))
+        for note in page.get_by_role("button", name="close").all():  # that there is no graphics card
+            note.click()
+        page.get_by_role("tab", name="view").click()
+        for mode in (FREE, TOP):  # above the robots where they are now
+            _choose(page, "camera", mode)
+        page.get_by_role("tab", name=tab).click()
+        page.mouse.move(0, 0)
+        page.wait_for_timeout(DRAWING)
+        yield page
+
+
+def _choose(page: Page, label: str, text: str) -> None:
+    page.get_by_role("combobox", name=label, exact=True).fill(text)
+    page.get_by_role("option", name=text, exact=True).click()
 
 
 def _below_tabs(page: Page) -> FloatRect:
@@ -37,16 +76,16 @@ def _below_tabs(page: Page) -> FloatRect:
     top = max(box["y"] + box["height"] for box in tabs if box)
     left = min(box["x"] for box in tabs if box)
     bottom = max(box["y"] + box["height"] for box in charts if box and box["x"] > left)
-    return {"x": left, "y": top + MARGIN, "width": SIZE[0] - left, "height": bottom - top}
+    return {"x": left, "y": top + MARGIN, "width": TALL[0] - left, "height": bottom - top}
 
 
 @contextmanager
-def serving(log: Path) -> Iterator[str]:
+def serving(log: Path, room: tuple[str, ...]) -> Iterator[str]:
     """Serve the page of a log; return its address."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    process = subprocess.Popen([our_command("cmr-view"), str(log), "--port", str(port)], stderr=subprocess.PIPE)
+    process = subprocess.Popen([our_command("cmr-view"), str(log), "--port", str(port), *room], stderr=subprocess.PIPE)
     try:
         assert process.stderr
         process.stderr.readline()  # it says so once the page can be had
@@ -57,11 +96,11 @@ def serving(log: Path) -> Iterator[str]:
 
 
 @contextmanager
-def browser() -> Iterator[Page]:
-    """Open Chromium, the system's if there is one, else playwright's."""
+def browser(size: tuple[int, int]) -> Iterator[Page]:
+    """Open Chromium with a window of this size, the system's if there is one, else playwright's."""
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
-        page = chromium.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+        page = chromium.new_page(viewport={"width": size[0], "height": size[1]})
         page.set_default_timeout(PATIENCE)
         try:
             yield page

@@ -10,19 +10,19 @@ LEAST_FALL = 0.02  # share by which a battery's voltage has fallen at least if i
 
 @dataclass(frozen=True)
 class Voltage:
-    """What the battery shows [V] at the start and now; NaN where nobody tells."""
+    """What the battery shows [V] at the start and now; NaN where nobody reports it."""
 
     start: float
     now: float
 
     @property
     def known(self) -> bool:
-        """Whether the voltage is told."""
+        """Whether the voltage is known."""
         return self.start == self.start and self.now == self.now
 
     @property
     def fall(self) -> float:
-        """The share by which it has fallen; NaN where nobody tells."""
+        """The share by which it has fallen; NaN where nobody reports it."""
         return 1.0 - self.now / self.start
 
     @property
@@ -39,7 +39,7 @@ class Cause:
     """One cause. `changes` are the changes it makes, by name, with the sign that they must have: 0 for either.
 
     `title` names it in a few words, which may depend on the sizes of the changes, by name; `advice` says what to do.
-    `effect` is the effect of the catalogue that models it, empty if none does. `fits` tells whether the battery's
+    `effect` is the effect of the catalogue that models it, empty if none does. `fits` says whether the battery's
     voltage allows it; where `tells_voltage`, the sentence says what the battery shows. Robots that take speeds have
     other causes than those that take duties: `by_speed` says which has this one; None for both.
     """
@@ -54,7 +54,7 @@ class Cause:
     by_speed: bool | None = None
 
     def allows(self, sizes: Sizes) -> bool:
-        """Tell whether changes of these sizes, by name, can have this cause and are large enough to matter."""
+        """Return whether changes of these sizes, by name, can have this cause and are large enough to matter."""
         return all(
             0.5 * BY_NAME[name].size <= abs(sizes[name]) <= BY_NAME[name].largest and sizes[name] * sign >= 0.0
             for name, sign in self.changes.items()

@@ -52,7 +52,7 @@ def _turn(angle: float) -> Shifts:
 
 
 def _gyro(angle: float) -> Shifts:
-    """Return the shifts where the gyro tells this angle [rad] too much."""
+    """Return the shifts where the gyro reports this angle [rad] too much."""
     return {"turn_by_gyro": angle, "heading": -angle}
 
 

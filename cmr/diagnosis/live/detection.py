@@ -19,8 +19,8 @@ FALSE_ALARMS_PER_HOUR = 0.1
 NOISE_UNDERESTIMATED = 1.3  # times, at most: what is learnt in 20 s is that uncertain
 SUMS = 2 * len(CHANGES)
 THRESHOLD = NOISE_UNDERESTIMATED**2 * math.log(SUMS * 3600.0 / FALSE_ALARMS_PER_HOUR)
-MOST_OF_A_SECOND = THRESHOLD / 3.0  # at least three seconds must speak for a change
-SURE = 0.25  # of the shift; where the expectation is more uncertain, a measure does not speak for or against it
+MOST_OF_A_SECOND = THRESHOLD / 3.0  # at least three seconds must support a change
+SURE = 0.25  # of the shift; where the expectation is more uncertain, a measure does not support or contradict it
 
 Residuals: TypeAlias = Mapping[str, Residual]
 Key: TypeAlias = tuple[str, bool]
@@ -34,7 +34,7 @@ class Detector:
         self._since: dict[Key, int] = {}
 
     def reset(self) -> None:
-        """Begin anew, as if nothing had been seen."""
+        """Begin again, as if nothing had been seen."""
         self._sums.clear()
         self._since.clear()
 

@@ -10,7 +10,7 @@ from cmr.diagnosis.live.measures import Measure
 from cmr.diagnosis.live.second import Second
 from cmr.recordings.signal import Floats
 
-MOST = 120  # seconds that are kept; a robot that moves in new ways is learnt anew
+MOST = 120  # seconds that are kept; a robot that moves in new ways is learnt again
 PASSES = 4  # in which noise and coefficients, each of which follows from the other, settle
 OUTLYING = 2.5  # standard deviations; what is further off weighs less (Huber)
 LEAST_NOISE = 0.5  # of the measure's scale; less is not believed of so few seconds

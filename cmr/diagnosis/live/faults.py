@@ -58,7 +58,7 @@ class Faults:
         return Voltage(statistics.median(self._first_voltages), statistics.median(self._last_voltages))
 
     def hears(self, sensor: str) -> bool:
-        """Tell whether gyro or poses come."""
+        """Return whether gyro or poses come."""
         return self._missed.get(sensor, MISSED_AFTER) < MISSED_AFTER
 
     def add(self, second: Second) -> None:
@@ -162,7 +162,7 @@ class Faults:
 
 
 def _moves(second: Second, side: int) -> bool:
-    """Tell whether the robot's side moves over the ground by the poses, as far as its wheels should have turned."""
+    """Return whether the robot's side moves over the ground by the poses, as far as its wheels should have turned."""
     if second.pose is None:
         return False
     parameters = second.parameters

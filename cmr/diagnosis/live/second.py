@@ -91,7 +91,7 @@ class Floor(NamedTuple):
 class Second:
     """One second of a drive that ends at `end` [us]; pairs are left and right, what was not measured is NaN.
 
-    `turned` [rad] is how far wheels turned, `gyro` [rad] the turn that the gyro tells. `commanded` and `applied` are
+    `turned` [rad] is how far wheels turned, `gyro` [rad] the turn that the gyro reports. `commanded` and `applied` are
     mean sizes of duties: what was asked for, and what the driver says it passed on. `status` are all bits of the
     feedback, `voltage` [V] is the battery's. Where speeds are commanded, a duty of 1 stands for `top_speed` [rad/s] of
     the wheels; where duties are, it is NaN.
@@ -214,12 +214,12 @@ def _angles(wheels: Floats) -> Floats | None:
     time, speeds = wheels[:, 0], wheels[:, 1:3]
     if not np.isfinite(speeds).all() or not _covers(time, LONGEST_GAP):
         return None
-    # What a feedback tells is the mean speed since the one before.
+    # What a feedback reports is the mean speed since the one before.
     return np.cumsum(speeds * np.diff(time, prepend=time[0])[:, None], axis=0)
 
 
 def _covers(time: Floats, longest: float) -> bool:
-    """Tell whether readings at these times [s] cover the second from 0 to 1 without a longer gap."""
+    """Return whether readings at these times [s] cover the second from 0 to 1 without a longer gap."""
     if len(time) < 2 or time[0] > 0.0 or time[-1] < 1.0:
         return False
     around = time[np.searchsorted(time, 0.0, side="right") - 1 : np.searchsorted(time, 1.0) + 1]
@@ -232,7 +232,7 @@ def _at(moments: Floats, time: Floats, angles: Floats) -> Floats:
 
 
 def _gyro(hearing: Hearing, begin: int) -> float:
-    """Return the turn that the gyro tells [rad]; NaN where it does not."""
+    """Return the turn that the gyro reports [rad]; NaN where it does not."""
     rows = hearing.between("gyro", begin - AROUND, begin + SECOND + AROUND, begin)
     if not np.isfinite(rows).all() or not _covers(rows[:, 0], LONGEST_GAP):
         return math.nan

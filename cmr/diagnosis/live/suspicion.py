@@ -11,7 +11,7 @@ SAID_AGAIN = 60_000_000  # us; nothing is said more often
 class Suspicion:
     """What is suspected. `title` names it for when it is over; empty for an event, which is not said to be over.
 
-    `size` tells how far it has come, if it can grow.
+    `size` says how far it has come, if it can grow.
     """
 
     title: str

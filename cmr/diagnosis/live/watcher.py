@@ -29,7 +29,7 @@ LINGERING = 10_000_000  # us for which what was said stays visible though it is 
 class Watcher:
     """All robots that send MOTOR_FEEDBACK_N, or the one of `robot_id`.
 
-    `follow` makes the parameter follower of a robot id. `ready` tells whether robots can be simulated by some
+    `follow` makes the parameter follower of a robot id. `ready` says whether robots can be simulated by some
     parameters without delay; until then, nothing is watched.
     """
 
@@ -144,7 +144,7 @@ class _Robot:
             self._hearing.take("poses", utime, (message.x, message.y, message.theta))
 
     def look_for_parameters(self) -> None:
-        """Use the newest parameters; with other ones than before the watch begins anew."""
+        """Use the newest parameters; with other ones than before the watch begins again."""
         self.follower.poll()
         if self.follower.parameters is None or self.follower.sha256 == self._sha256:
             return

@@ -106,7 +106,7 @@ def _found_row(effect: NamedEffect) -> list[str]:
 
 
 def _rivals(effect: NamedEffect) -> Html:
-    """Return what explains the data as well, and the manoeuvre that would tell."""
+    """Return what explains the data as well, and the manoeuvre that would decide."""
     entry = CATALOGUE.get(effect.name)
     told_apart_by = entry.confused_with if entry else {}
     lines = [

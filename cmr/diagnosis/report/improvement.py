@@ -19,7 +19,7 @@ from cmr.report.table import table
 MOVED = 1.0  # standard deviations; a parameter that moved by less stayed where it was
 PATH = "pose"  # the signal of a gain that has a row of its own
 HELD_OUT_PATH = "path, held-out data"
-# What is told of each model: words, unit as it is set behind a number, and the number.
+# What is shown of each model: words, unit as it is set behind a number, and the number.
 ERRORS: tuple[tuple[str, str, Callable[[Fitted], float]], ...] = (
     (HELD_OUT_PATH, " m", lambda model: model.held_out_path_rmse),
     ("path, held-out data, median", " m", lambda model: model.held_out_path_median),
@@ -137,7 +137,7 @@ def _shifts(effects: Sequence[NamedEffect], baseline: Mapping[str, Estimate]) ->
 
 
 def _matters(by: float, before: Estimate | None) -> bool:
-    """Tell whether a parameter moved at all, compared with how well it is known."""
+    """Return whether a parameter moved at all, compared with how well it is known."""
     doubt = before.std if before and math.isfinite(before.std) else 0.0
     return math.isfinite(by) and abs(by) > MOVED * doubt
 

@@ -94,7 +94,7 @@ def parting(track: Track, seconds: float) -> slice | None:
 
 
 def _unbroken(track: Track, last: Indices) -> Mask:
-    """Return from which points to their `last` ones all poses are known and no free run begins anew, shape (n,)."""
+    """Return from which points to their `last` ones all poses are known and no free run begins again, shape (n,)."""
     known = np.all([np.isfinite(values) for poses in track[1:] for values in poses], axis=0)
     unknown = np.concatenate([[0], np.cumsum(~known)])  # before each point
     begun = np.cumsum(_begun_anew(track.before, track.after))
@@ -102,6 +102,6 @@ def _unbroken(track: Track, last: Indices) -> Mask:
 
 
 def _begun_anew(before: Poses, after: Poses) -> Mask:
-    """Return where free runs that were apart are together again, shape (n,): both begin anew at the real pose there."""
+    """Return where free runs that were apart meet, shape (n,): both begin again at the real pose there."""
     apart = before.distance(after)
     return np.asarray((apart == 0.0) & (np.concatenate([apart[:1], apart[:-1]]) > 0.0))

@@ -58,7 +58,7 @@ def chance_on_commands(
 
 
 def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], final: Fit) -> list[SelectedEffect]:
-    """Return the effects; delays whose spread the data do not tell have jitter among their rivals.
+    """Return the effects; delays whose spread the data do not determine have jitter among their rivals.
 
     So have those that jitter itself may leave traces of, where it is named or a rival.
     """
@@ -101,7 +101,7 @@ def _jitter(
     mean = sum(final.values[parameter.name] for one in late for parameter in one.candidate.effect.parameters)
     if all(name in MEANS for name in names):
         size, drop = timing.jitter(_size(mean, timing))
-    else:  # how late commands are in the mean is not told
+    else:  # how late commands are in the mean is not known
         size, drop = timing.jitter()
         mean = 0.5 * size
     if drop < MAYBE_CHANCE:

@@ -2,7 +2,7 @@
 
 Each command that changes the duty leaves a trace in the wheels' prediction errors if it takes effect late; its size is
 the delay. The delays of all commands are unknowns, and what remains is white noise: a linear model with random effects
-(Laird and Ware, Biometrics 38, 1982). What it tells of each command, the others being unsure, is compared with laws by
+(Laird and Ware, Biometrics 38, 1982). What it says of each command, the others being unsure, is compared with laws by
 which delays may come: all alike; spread evenly, which is jitter; some late until the next command, which is loss. A
 computer that was held up for a moment makes outliers, which any law may have. So neither they nor a recording whose
 stamps are a little off make jitter or loss of a delay.
@@ -25,7 +25,7 @@ LEAST_CHANGE = 1e-3  # duty
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tested
 SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tested
 UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which delays that are all alike may seem to differ
-OUTLIERS = np.array([0.001, 0.003, 0.01, 0.03])  # shares of commands of which any delay may be told
+OUTLIERS = np.array([0.001, 0.003, 0.01, 0.03])  # shares of commands for which any delay may be found
 OUTLYING = 0.05  # s, the standard deviation of theirs
 # Of the period: standard deviation of the other commands' delays while one is looked at. More hides jitter; with less,
 # the neighbours of a command that was held up seem lost.
@@ -34,8 +34,8 @@ TOLD = 1.0  # times its variance that the square of what is looked for must be, 
 FEWEST_TOLD = 10
 PARTS = 4  # of a recording
 PAUSE = 1.5  # times the period that lie between two commands where one was held up
-SHARED = 2.0  # times its deviation a share may be off: neighbours are told by the same readings (8 made-up drives)
-LEAST = 1e-3  # 1/s^2; a delay of which so little is told is not told
+SHARED = 2.0  # times its deviation a share may be off: neighbours depend on the same readings (8 made-up drives)
+LEAST = 1e-3  # 1/s^2; a delay of which so little is known counts as unknown
 SIDES = ("psi_left", "psi_right")
 AGES = 200  # at which the age of the command in force is reckoned
 MOST_OVERTAKEN = 100.0  # times the seeming delay: no jitter is larger
@@ -47,7 +47,7 @@ JITTER, LOSS = "command_jitter", "command_loss"
 class Loss:
     """The share of commands that take effect with the next one only, and its standard deviation.
 
-    `drop` is by how much it drops -2 log-likelihood, `lost` tells of each command of all segments whether it was.
+    `drop` is by how much it drops -2 log-likelihood, `lost` says of each command of all segments whether it was.
     """
 
     share: float
@@ -58,7 +58,7 @@ class Loss:
 
 @dataclass(frozen=True)
 class Timing:
-    """What the errors beside a fit tell of the delay of each command of a problem, beyond the mean delay in the fit.
+    """What the errors beside a fit say of the delay of each command of a problem, beyond the mean delay in the fit.
 
     Normal matrix, upper banded (bands, n), and right side (n,) of the delays [s]; `gaps` [s], (n,), until the next
     command, `splits` the number of each segment's first. `period` [s] is the usual time between commands.
@@ -71,7 +71,7 @@ class Timing:
     period: float
 
     def loss(self) -> Loss | None:
-        """Return the loss that explains the delays best; None if too little is told."""
+        """Return the loss that explains the delays best; None if too little is known."""
         late, variance = self._alone((UNSURE_OF_LOSS * self.period) ** 2)
         told = self._steady & (self.gaps**2 > TOLD * variance)
         if np.count_nonzero(told) < FEWEST_TOLD:
@@ -94,7 +94,7 @@ class Timing:
         """Return the size [s] of delays that are spread evenly, and by how much that explains them better than none.
 
         The size is the most likely one, or as it is given. The second, twice a log-likelihood, is 0 if too little is
-        told.
+        known.
         """
         from scipy.special import ndtr
 
@@ -121,7 +121,7 @@ class Timing:
         return ~(paused | np.roll(paused, 1))
 
     def _alone(self, variance: float) -> tuple[Floats, Floats]:
-        """Return the delay [s] of each command and its variance as the errors alone tell; others have this variance."""
+        """Return the delay [s] of each command and its variance from the errors alone; others have this variance."""
         factor, solved = self._solved(variance)
         precision = np.maximum(1.0 / _inverse_diagonal(factor) - 1.0 / variance, LEAST)
         return solved * (1.0 + 1.0 / (variance * precision)), 1.0 / precision
@@ -137,7 +137,7 @@ class Timing:
 
 
 def timing_of(problem: Problem, fit: Fit) -> Timing | None:
-    """Return what is told of the delays of commands beside a fit; None where nothing is."""
+    """Return what is known of the delays of commands beside a fit; None where nothing is."""
     commanded = [len(predictor.segment.observations.commands.time) > 1 for predictor in problem.predictors]
     if not all(commanded) or not any(SIDES[0] in predictor.times for predictor in problem.predictors):
         return None

@@ -176,7 +176,7 @@ def _most_changed(before: Fit, after: Mapping[str, float]) -> tuple[str, float]:
 
 
 def needs_another_robot(before: Fit, after: Mapping[str, float]) -> bool:
-    """Tell whether the paper's parameters change so much that the robot would be another one.
+    """Return whether the paper's parameters change so much that the robot would be another one.
 
     The motor's rate may change towards what is usual: without the effect that is there, it can be far off.
     """
@@ -188,7 +188,7 @@ def needs_another_robot(before: Fit, after: Mapping[str, float]) -> bool:
 
 
 def at_its_end(parameter: ParameterDefinition, value: float) -> bool:
-    """Tell whether a value is as far from neutral as the parameter allows."""
+    """Return whether a value is as far from neutral as the parameter allows."""
     bounds = [bound for bound in (parameter.lower, parameter.upper) if bound != parameter.neutral]
     return parameter.switches and any(abs(value - bound) <= AT_ITS_END * abs(bound) for bound in bounds)
 

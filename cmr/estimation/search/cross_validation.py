@@ -1,4 +1,4 @@
-"""Does an effect hold elsewhere? Fitted anew on one part of the data, it must foretell the other part better."""
+"""Does an effect hold elsewhere? Fitted again on one part of the data, it must predict the other part better."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ LEAST_SHARE = 0.05  # of a signal's squares on data left out that an effect must
 IN_COMMON = 0.5  # correlation of what two effects explain from which on either may stand for the other
 SEEN = 0.7  # of the fastest turns: sensors err, and the ground gives a little
 GYRO = "yaw_rate"
-DOES_NOT_HOLD = "It does not hold on another part of the data, fitted anew without it."
+DOES_NOT_HOLD = "It does not hold on another part of the data, fitted again without it."
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Elsewhere:
 
     @property
     def seen(self) -> bool:
-        """Whether each part of the data speaks for it."""
+        """Whether each part of the data supports it."""
         return min(self.drops) > LEAST_SEEN
 
     @property
@@ -48,7 +48,7 @@ class Elsewhere:
         return sum(self.gains)
 
     def spoken(self, significant: float) -> list[tuple[float, float]]:
-        """Return drop and gain of each part that speaks for the effect by itself: with a drop above `significant`."""
+        """Return drop and gain of each part that supports the effect by itself: with a drop above `significant`."""
         least = max(significant, LEAST_SEEN)
         return [(drop, gain) for drop, gain in zip(self.drops, self.gains, strict=True) if drop > least]
 
@@ -75,7 +75,7 @@ def elsewhere(problem: Problem, before: Fit, after: Fit, by_kind: bool = True) -
 
 
 def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:
-    """Tell whether two fits, each with another effect beside the model before, explain the same."""
+    """Return whether two fits, each with another effect beside the model before, explain the same."""
     if one is None or other is None:
         return False
     first, second = before.rest - one.rest, before.rest - other.rest
@@ -114,7 +114,7 @@ def _squares(errors: Errors, name: str) -> float:
 def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, significant: float) -> str:
     """Return why what an effect explains is not believed to hold elsewhere; empty if it is.
 
-    `significant` is the drop of the sum of squares from which a part of the data speaks for it by itself.
+    `significant` is the drop of the sum of squares from which a part of the data supports it by itself.
     """
     if after is None:
         return "It was not fitted."
@@ -134,7 +134,7 @@ def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, signific
 def why_not_of_moments(found: Elsewhere, significant: float) -> str:
     """Return why an effect does not hold elsewhere, moment by moment.
 
-    A drive in which an effect does not show says nothing against it. So what a part finds that speaks for the effect by
+    A drive in which an effect does not show says nothing against it. So what a part finds that supports the effect by
     itself must not make the other part worse; where none does, both together must make each other better.
     """
     if found.spoken(significant):
@@ -145,12 +145,12 @@ def why_not_of_moments(found: Elsewhere, significant: float) -> str:
 
 
 def _harmless(found: Elsewhere, significant: float) -> bool:
-    """Tell whether what a part finds that speaks for the effect by itself makes the other part no worse."""
+    """Return whether what a part finds that supports the effect by itself makes the other part no worse."""
     return all(gain >= -0.5 * LOST * drop for drop, gain in found.spoken(significant))
 
 
 def contradicted(values: Mapping[str, float], excitation: Excitation) -> bool:
-    """Tell whether an effect limits the turns to less than the robot was seen to turn."""
+    """Return whether an effect limits the turns to less than the robot was seen to turn."""
     return as_seen(values, excitation) != values
 
 

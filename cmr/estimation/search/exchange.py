@@ -103,12 +103,12 @@ def best_exchange(
 def possible_together(
     problem: Problem, current: Fit, candidates: Sequence[CandidateEffect], inflation: Inflation
 ) -> bool:
-    """Tell whether nothing speaks against effects but that they may be too small to be named."""
+    """Return whether nothing speaks against effects but that they may be too small to be named."""
     return all(why_not(problem, current, one, inflation) in ("", TOO_SMALL) for one in candidates)
 
 
 def too_rare(current: Fit, fit: Fit, leaving: Sequence[str], candidates: Sequence[CandidateEffect]) -> bool:
-    """Tell whether a rare effect comes for another one for little: where friction is, fits differ by chance.
+    """Return whether a rare effect comes for another one for little: where friction is, fits differ by chance.
 
     It may come for several that it makes superfluous.
     """
@@ -193,7 +193,7 @@ def _coming(screening: Screening, one: _Proposal) -> list[str]:
 def candidates_of(problem: Problem, fit: Fit, names: Sequence[str], inflation: Inflation) -> list[CandidateEffect]:
     """Return effects of a fit, by name, as candidates, each beside all others of the fit.
 
-    Where an effect is clearly needed, first order is enough to tell what the others leave without it.
+    Where an effect is clearly needed, first order is enough to say what the others leave without it.
     """
     effects = [CATALOGUE[name] for name in names]
     without = problem.without(fit, [[effect] for effect in effects]) if effects else []
@@ -295,7 +295,7 @@ def _pairs(screening: Screening, left: Left, leaving: tuple[str, ...], inflation
 
 
 def possible(screening: Screening, number: Any, share: float) -> bool:
-    """Tell whether a trial may come with this share of its size."""
+    """Return whether a trial may come with this share of its size."""
     trial = screening.trials[number]
     if trial.threshold:
         return 0.0 < share < MOST_OF_A_LIMIT
@@ -303,7 +303,7 @@ def possible(screening: Screening, number: Any, share: float) -> bool:
 
 
 def _compatible(screening: Screening, numbers: tuple[int, ...]) -> bool:
-    """Tell whether two trials are of different effects, or of different parameters of one."""
+    """Return whether two trials are of different effects, or of different parameters of one."""
     switched = [_switched(screening.trials[number].values) for number in numbers]
     return not switched[0] & switched[1]
 

@@ -1,4 +1,4 @@
-"""Two parts of the data, one to be foretold by the other: two kinds of manoeuvre where there are two.
+"""Two parts of the data, one to be predicted by the other: two kinds of manoeuvre where there are two.
 
 What holds on circles need not hold on squares. Recordings are of one kind if they share their time alike among
 standing, straight driving, turns to either side and spins; a single recording is dealt out in blocks.

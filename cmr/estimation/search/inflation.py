@@ -53,7 +53,7 @@ class Beside:
     def of(cls, white: Floats, free: int, wheels: Mask) -> "Beside":
         """Return the sums from `white` (n, 1 + free + c): errors, what the model moves, and the moves.
 
-        `wheels` (n,) tells which errors are of wheels.
+        `wheels` (n,) says which errors are of wheels.
         """
         rest, basis = left_by(white, free)
         moves, along = white[:, 1 + free :], basis.T @ white[:, 1 + free :]

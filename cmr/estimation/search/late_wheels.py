@@ -14,7 +14,7 @@ WHY = "The gyro turns before the wheels do: read off their lag, which was set ri
 
 
 def with_late_wheels(found: Search, late: Lag | None) -> Search:
-    """Return what was found in recordings whose wheels were set right with the effect that they tell `late`."""
+    """Return what was found in recordings whose wheels were set right with the effect that they report `late`."""
     if late is None:
         return found
     statistic = (late.seconds / late.std) ** 2

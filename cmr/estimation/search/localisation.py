@@ -11,7 +11,7 @@ import numpy as np
 from cmr.recordings.signal import Floats, Mask
 
 EDGE = 0.06  # of what an effect does in all; a change in the first or the last part would be an outlier
-CELL = 0.1  # m; places are told apart as finely
+CELL = 0.1  # m; places are distinguished as finely
 RADII = (0.2, 0.3, 0.38, 0.46, 0.55)  # m
 MOST_CELLS = 1500
 FARTHEST = 1 << 31  # cells from the origin, and more than there are

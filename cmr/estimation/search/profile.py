@@ -45,7 +45,7 @@ def polished(problem: Problem, fit: Fit, names: Sequence[str]) -> tuple[Fit, dic
 
 
 def is_moment(name: str) -> bool:
-    """Tell whether a parameter is when an effect begins [s]."""
+    """Return whether a parameter is when an effect begins [s]."""
     known = definition(name)
     return known.unit == "s" and not known.switches
 
@@ -54,7 +54,7 @@ def _at_the_best_moment(problem: Problem, fit: Fit, name: str) -> tuple[Fit, flo
     """Return the best fit near a fit with an effect that begins earlier or later, and what is left open [s].
 
     What a few steps of the drive say of the moment outweighs all the rest of it only there: no slope leads to it. As
-    long as a robot rests, or drives steadily, nothing may tell one moment from another.
+    long as a robot rests, or drives steadily, nothing may distinguish one moment from another.
     """
     offsets = np.linspace(-0.5, 0.5, MOMENTS + 1) * MOMENTS * MOMENT_STEP
     moments = [moved(fit.values, [name], offsets[index : index + 1]) for index in range(len(offsets))]

@@ -86,7 +86,7 @@ def ranked_fits(
 
 
 def _stuck(tested: CandidateEffect, score: Score, excitation: Excitation) -> bool:
-    """Tell whether a quick fit led astray: made things worse although the score, made near this size, foretold better
+    """Return whether a quick fit led astray: made things worse although the score, near this size, predicted better
     ones, or came to what the robot was seen to exceed.
     """
     foretold_better = TRUSTED_SHARE < abs(score.share) < 1.0 / TRUSTED_SHARE

@@ -15,7 +15,8 @@ from cmr.model.catalogue import CATALOGUE
 ALIKE = 12.0  # drops that differ by less cannot be distinguished,
 ALIKE_SHARE = 0.02  # nor those that differ by less than this share, as long as other effects may be missing,
 ALIKE_AT_THE_END = 0.001  # and by less than this one when all are there: fits stop a little before the best values
-FIRST_ORDER = 0.5  # of what is lost without an effect: encoders that make up for so much to first order are fitted
+# Of what is lost without an effect: what makes up for so much to first order is fitted; of encoders, for so much.
+NEARLY_ALL, FIRST_ORDER = 0.95, 0.5
 MOST = 4  # rivals that are looked for
 
 
@@ -29,7 +30,7 @@ def rivals_of(
 ) -> tuple[str, ...]:
     """Return the effects that explain the data as well as one of those in the model, beside all others in it.
 
-    To first order, the screening beside the model tells which; these are then fitted. What a data sheet
+    To first order, the screening beside the model says which; these are then fitted. What a data sheet
     says is a rival only if it explains as much.
     """
     name = one.candidate.effect.name
@@ -42,7 +43,8 @@ def rivals_of(
     starts: dict[str, dict[str, float]] = {}
     for number in np.argsort(-drops):
         trial, share = screening.trials[number], float(shares[number])
-        least = FIRST_ORDER * lost if trial.effect in IN_DATA_SHEETS else lost - margin
+        share_of_lost = FIRST_ORDER if trial.effect in IN_DATA_SHEETS else NEARLY_ALL
+        least = min(share_of_lost * lost, lost - margin)
         if drops[number] > least and possible(screening, number, share) and len(starts) < MOST:
             starts.setdefault(trial.effect, start_of(Score(trial, 0.0, share)))
     if not starts:

@@ -38,7 +38,7 @@ class Score:
 class Screening:
     """The noise, the best score of each effect, best first, and the inflation of scores.
 
-    `traces` tells by effect how much of its typical size would show: the sum of squared white errors that it makes.
+    `traces` says by effect how much of its typical size would show: the sum of squared white errors that it makes.
     `linear` is what all `trials` do together, to first order.
     """
 
@@ -54,7 +54,8 @@ def screen(
     problem: Problem, values: Mapping[str, float], names: Sequence[str], selected: Sequence[str], noise: Noise | None
 ) -> Screening:
     """Score all effects but those `selected`, beside the free parameters `names` at `values`."""
-    attempts = trials(problem.excitation, [effect for effect in problem.effects if effect.name not in selected])
+    others = [one for one in problem.effects if one.name not in selected and one.beside in ("", *selected)]
+    attempts = trials(problem.excitation, others)
     steps = [inward(name, values[name], step_of(name, values[name], problem.excitation)) for name in names]
     sets = [dict(values)]
     sets += [{**values, name: values[name] + step} for name, step in zip(names, steps, strict=True)]
@@ -212,7 +213,7 @@ def _score(trial: Trial, size: float, pull: float) -> Score:
 
 
 def one_sided(trial: Trial) -> bool:
-    """Tell whether the effect has one sign only."""
+    """Return whether the effect has one sign only."""
     switches = [
         definition(name)
         for name, value in trial.values.items()

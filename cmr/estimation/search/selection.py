@@ -148,7 +148,7 @@ class _Selection:
         return screening
 
     def improved(self, screening: Screening) -> bool:
-        """Add the best effect or make the best exchange; tell whether there was one that leads to a new model.
+        """Add the best effect or make the best exchange; return whether there was one that leads to a new model.
 
         Where much is left beside the first effect, there are several: to add them all at once saves most of the work.
         """
@@ -185,7 +185,7 @@ class _Selection:
         return relinearised(self.problem, self.current, self.inflation.all)[0]
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
-        """Make an exchange, if there is one; tell whether it leads to a new model."""
+        """Make an exchange, if there is one; return whether it leads to a new model."""
         if exchange is None:
             return False
         self._note_exchanged(exchange)
@@ -194,7 +194,7 @@ class _Selection:
         return self._moved_to([*stay, *exchange.selected], exchange.fit)
 
     def _moved_to(self, named: list[SelectedEffect], fit: Fit) -> bool:
-        """Take another model without what is redundant in it; tell whether it is a new one."""
+        """Take another model without what is redundant in it; return whether it is a new one."""
         if len(named) > 1:
             named, fit, redundant = pruned(self.problem, named, fit, self.inflation)
             for name, drop, least in redundant:

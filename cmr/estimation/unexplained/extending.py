@@ -35,8 +35,8 @@ class Extended:
 def extended(problem: Problem, found: Search) -> Extended:
     """Look at what a search of a problem leaves, and extend the model where structure remains.
 
-    Effects that only imitate what they do not explain are withdrawn: where a generic term foretells left-out data far
-    better than they do, and needs none of them, nothing speaks for them.
+    Effects that only imitate what they do not explain are withdrawn: where a generic term predicts left-out data far
+    better than they do, and needs none of them, nothing supports them.
     """
     unexplained = _unexplained(found)
     if not unexplained.present:
@@ -46,7 +46,7 @@ def extended(problem: Problem, found: Search) -> Extended:
 
 
 def _matters(result: Extended) -> bool:
-    """Tell whether what remains beside free runs is more than the little that odometry of any real robot leaves."""
+    """Return whether what remains beside free runs is more than the little that odometry of any real robot leaves."""
     gained = result.term.gain.ratio if result.term else 1.0
     return result.unexplained.share > MUCH_UNEXPLAINED or gained > MUCH_GAINED
 
@@ -86,7 +86,7 @@ def _without_names(problem: Problem, found: Search) -> Search:
 
 
 def _makes_up_for(alone: Extension, beside: Extension | None, problem: Problem, found: Search) -> bool:
-    """Tell whether a generic term alone foretells far better than what was named, and as well as both together.
+    """Return whether a generic term alone predicts far better than what was named, and as well as both together.
 
     It must do so with no more products than it needs beside them: else they may be what the further ones imitate. None
     of the errors may be worse by what a term must gain to be accepted.

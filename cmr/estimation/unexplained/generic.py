@@ -4,7 +4,7 @@ A parameter file may hold any parameter of the model, each neutral by default (i
 are parameters of the model like all others: cmr.model.effects.generic, which the extended file names among its effects
 and cmr-sim runs. They are no effects of the catalogue: nothing is ever named after them, here or in diagnosis.json.
 
-A sparse regression chooses the products: the one that foretells left-out folds best, then the next beside it, and each
+A sparse regression chooses the products: the one that predicts left-out folds best, then the next beside it, and each
 stays only as long as the others do not make up for it (stepwise regression with cross-validation; T. Hastie,
 R. Tibshirani and J. Friedman, The Elements of Statistical Learning, 2nd ed., 2009, sections 3.3 and 7.10). The
 coefficients are then fitted together with the model's other parameters, and the term is accepted only if free runs
@@ -46,7 +46,7 @@ class Extension:
 
 
 def extension(problem: Problem, fit: Fit) -> Extension | None:
-    """Return a generic term beside a fit that makes the model foretell left-out data better, if there is one."""
+    """Return a generic term beside a fit that makes the model predict left-out data better, if there is one."""
     names = _products(*problem.by_moments_of(fit))
     if not names:
         return None
@@ -91,7 +91,7 @@ def _product(known: ParameterDefinition, value: float) -> str:
 
 
 def improves(gain: Gain) -> bool:
-    """Tell whether free runs get better on data left out: some signal's clearly, and none's worse.
+    """Return whether free runs get better on data left out: some signal's clearly, and none's worse.
 
     Of the path also the interval must say so.
     """
@@ -101,7 +101,7 @@ def improves(gain: Gain) -> bool:
 
 
 def _candidates(problem: Problem) -> tuple[str, ...]:
-    """Return the names of all coefficients; those of the motors only where wheel speeds are foretold."""
+    """Return the names of all coefficients; those of the motors only where wheel speeds are predicted."""
     given = any(len(predictor.segment.observations.given) for predictor in problem.predictors)
     effects = (BODY,) if given else GENERIC_TERMS.values()
     return tuple(parameter.name for effect in effects for parameter in effect.parameters)
@@ -126,7 +126,7 @@ class _Folds:
         )
 
     def left_out(self, chosen: Sequence[int]) -> float:
-        """Return the sum of squares of all folds, each foretold by a fit of the chosen parameters to the others."""
+        """Return the sum of squares of all folds, each predicted by a fit of the chosen parameters to the others."""
         normal, right = self.normal[np.ix_(range(len(self.squares)), chosen, chosen)], self.right[:, chosen]
         total = 0.0
         for fold, square in enumerate(self.squares):
@@ -137,7 +137,7 @@ class _Folds:
 
 
 def _chosen(folds: _Folds, free: int, candidates: int) -> list[int]:
-    """Return the numbers of the parameters whose products foretell left-out folds, beside the first `free` ones."""
+    """Return the numbers of the parameters whose products predict left-out folds, beside the first `free` ones."""
     own = list(range(free))
     before = folds.left_out(own)
     chosen: list[int] = []

@@ -1,7 +1,7 @@
 """What remains of the prediction errors that no effect of the catalogue explains.
 
 Disturbances of all that can be disturbed, going with all that they may go with, are tested at once beside the final
-model. A term counts only if it also foretells what it was not fitted on, throughout the drive. What goes with nothing
+model. A term counts only if it also predicts what it was not fitted on, throughout the drive. What goes with nothing
 shows in bursts of errors.
 """
 
@@ -92,9 +92,9 @@ def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
 
 
 def only_rounding(signal: str, problem: Problem, errors: Sequence[Errors]) -> bool:
-    """Tell whether a signal's errors, in the first column, are no larger than ticks make those between two readings.
+    """Return whether a signal's errors, in the first column, are no larger than ticks make those between two readings.
 
-    Such errors tell of the encoder alone. Read at a steady rate they go with the speed, as ticks and readings beat.
+    Such errors are of the encoder alone. Read at a steady rate they go with the speed, as ticks and readings beat.
     """
     pairs = zip(problem.predictors, errors, strict=True)
     known = [(one.of[signal][:, 0], predictor.doubt[signal]) for predictor, one in pairs if signal in one.of]
@@ -110,14 +110,14 @@ def spread_of(tested: Sequence[Score]) -> float:
 
 
 def holds(score: Score, spread: float, least: float) -> bool:
-    """Tell whether a term explains something beyond doubt, and at least so much."""
+    """Return whether a term explains something beyond doubt, and at least so much."""
     if score.held_out < max(HOLDS * score.drop, least):
         return False
     return min(score.steady, score.held_out) > SURELY * least or score.chance(spread) < AGREED
 
 
 def bursts_count(one: Bursts, explained: float) -> bool:
-    """Tell whether bursts are more than what effects that explain so much may leave."""
+    """Return whether bursts are more than what effects that explain so much may leave."""
     return one.number >= BURSTS and one.excess > least_excess(one, explained)
 
 

@@ -10,10 +10,10 @@ from cmr.estimation.gain import Gain
 
 @dataclass(frozen=True, kw_only=True)
 class GenericTerm:
-    """A term without physical cause, by which the extended model foretells better what nothing explains.
+    """A term without physical cause, by which the extended model predicts better what nothing explains.
 
     `estimates` are its coefficients by name, `formula` is it in words. `held_out` is the log-likelihood that it adds
-    on data it was not fitted on, `gain` that over the same model without it. `shift` tells how far each parameter of
+    on data it was not fitted on, `gain` that over the same model without it. `shift` says how far each parameter of
     the paper's model moved, in its unit, when the term was added to all effects named.
     """
 

@@ -26,7 +26,7 @@ ALIKE = 1e-2  # of the largest: directions of a term that hardly differ from its
 NOTHING = 1e-6
 FEW_BLOCKS = 3
 JERKY = 2.0  # standard deviations by which a yaw rate may jump between two steps
-DROP_PER_COEFFICIENT, LEAST_DROP = 1.0, 12.0  # a term that drops less may be chance, whatever else speaks for it
+DROP_PER_COEFFICIENT, LEAST_DROP = 1.0, 12.0  # a term that drops less may be chance, whatever else supports it
 
 Indices = np.typing.NDArray[np.int64]
 
@@ -147,7 +147,7 @@ def scores(
 def foretold_by(
     term: Term, problem: Problem, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]
 ) -> Floats:
-    """Return what a term foretells of each white error (n,) as it is found on the other folds.
+    """Return what a term predicts of each white error (n,) as it is found on the other folds.
 
     `drives` are those with which the term was made.
     """
@@ -312,7 +312,7 @@ def _of_blocks(moves: Floats, rows: _Rows) -> Floats:
 
 
 def _foretold(moves: Floats, of_blocks: Floats, rows: _Rows) -> Floats:
-    """Return what each fold's white errors (n,) are foretold by the others; `moves` (n, k) are orthonormal over all."""
+    """Return each fold's white errors (n,) as the others predict them; `moves` (n, k) are orthonormal over all."""
     pull, whole = of_blocks.sum(axis=0), np.eye(moves.shape[1])
     result = np.empty(len(moves))
     for fold, inside in rows.folds.items():

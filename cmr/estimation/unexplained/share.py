@@ -1,7 +1,7 @@
-"""Which share of a signal's prediction errors is foretold: of the errors as they are, in the signal's unit.
+"""Which share of a signal's prediction errors is predicted: of the errors as they are, in the signal's unit.
 
 A search for structure makes errors white and weighs them; a share of such errors would be one of a noise that nobody
-sees. Here they are put back: what a term foretells is a share of what the model really errs by.
+sees. Here they are put back: what a term predicts is a share of what the model really errs by.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,10 +18,10 @@ NOTHING = 1e-300
 def share_foretold(
     predictors: Sequence[Predictor], noise: Noise, white: Floats, foretold: Floats, signal: str
 ) -> float:
-    """Return the share of the variance of a signal's one-step prediction errors that is foretold.
+    """Return the share of the variance of a signal's one-step prediction errors that is predicted.
 
     Of all errors made white, shape (n,), `foretold` is known beforehand. Errors of poses are those that other sensors'
-    errors leave. 0 where what is foretold makes them no smaller.
+    errors leave. 0 where what is predicted makes them no smaller.
     """
     whole = left = 0.0
     for number, name, rows in _signals(predictors):

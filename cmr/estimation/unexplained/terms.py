@@ -82,7 +82,7 @@ def drives_of(predictors: Sequence[Predictor], errors: Sequence[Errors], k1: flo
 class Term:
     """Disturbances that go with the same regressors.
 
-    `columns` tells for a drive how far each acts on what, and how it goes with time, (T,). `disturbed` is one of what
+    `columns` says for a drive how far each acts on what, and how it goes with time, (T,). `disturbed` is one of what
     they act on.
     """
 
@@ -107,7 +107,7 @@ class Knots:
 
 
 def terms_for(drives: Sequence[Drive], foretold: bool) -> list[Term]:
-    """Return all terms for a robot that drove like this; those of the wheels only if their motion is `foretold`."""
+    """Return all terms for a robot that drove like this; those of the wheels only if these are `foretold`."""
     knots = Knots.over(drives)
     longest = max(drives, key=lambda drive: len(drive.time))
     terms = [term for name in ("yaw_rate", "forward", "sideways") for term in _of_motion(name, knots)]
@@ -254,7 +254,7 @@ def _with_heading(
 def _with_angle(longest: Drive, ripples: int, drive: Drive) -> list[Column]:
     """Return what rises and falls so often in a turn of a wheel, by itself and with what drives the wheel.
 
-    Only the longest drive counts: each counts a wheel's angle from anew.
+    Only the longest drive counts: each begins to count a wheel's angle at zero.
     """
     columns: list[Column] = []
     for name, angle, duty in zip(WHEELS, drive.angle, drive.duty, strict=True):

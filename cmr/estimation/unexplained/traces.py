@@ -18,7 +18,7 @@ from cmr.model.observer import MOTION, Gains
 from cmr.recordings.signal import Floats
 
 # What can be disturbed: the wheels' accelerations [rad/s^2]; the yaw rate [rad/s] and the forward and sideways speed
-# [m/s] of the body; the speed that an encoder tells [rad/s]; the readings of the gyro [rad/s], of the pose's heading
+# [m/s] of the body; the speed that an encoder reports [rad/s]; the readings of the gyro [rad/s], of the pose's heading
 # [rad] and position in the world [m].
 DISTURBED = (
     "left",
@@ -36,13 +36,13 @@ DISTURBED = (
 (
     LEFT, RIGHT, YAW_RATE, FORWARD, SIDEWAYS, LEFT_ENCODER, RIGHT_ENCODER, GYRO, HEADING, EAST, NORTH,
 ) = range(len(DISTURBED))  # fmt: skip
-# What `follow_traces` is told in `numbers`.
+# What `follow_traces` is given in `numbers`.
 DT, SLOWING, RADIUS, WIDTH, HOLDS, ROLLING, GAIN_ANGLE, GAIN_PSI, GAIN_POSITION, GAIN_THETA = range(10)
 PSI, ANGLE, ANGLE_BEFORE, ROLLED = range(4)  # what a disturbance adds to one side's wheels, now and a step before
 X, Y, TURNED, TURNING, TURNING_BEFORE = range(5)  # and to the body
 ALL = SIGNALS
 BODY = ("yaw_rate", *POSE_SIGNALS)
-# The signals in which each leaves traces. A gyro's errors also tell which errors of the pose are to be expected.
+# The signals in which each leaves traces. A gyro's errors also say which errors of the pose are to be expected.
 SEEN_IN: Mapping[str, tuple[str, ...]] = {
     "left": ALL,
     "right": ALL,
@@ -174,7 +174,7 @@ def read_encoder(wheel_error, side, body, share, theta, turn_per_angle, numbers)
 def read_pose(  # type: ignore[no-untyped-def]
     forward_error, sideways_error, heading_error, body, course, shares, heading, restart, numbers
 ):
-    """Read the pose, which has this heading, and correct the body by it; all the way when the path begins anew."""
+    """Read the pose, which has this heading, and correct the body by it; all the way when the path begins again."""
     followed = 1.0 if restart else numbers[GAIN_POSITION]
     followed_theta = 1.0 if restart else numbers[GAIN_THETA]
     cosine, sine = cos(heading), sin(heading)

@@ -1,7 +1,7 @@
 """Generic terms: a sum over products of command, speed, turn rate and heading, which stand for no physical cause.
 
 They are no entries of the catalogue: nothing is ever named after them. Where a robot does what no entry describes, the
-diagnosis may give a few of them a coefficient, so that the simulation foretells better what it cannot explain. Each
+diagnosis may give a few of them a coefficient, so that the simulation predicts better what it cannot explain. Each
 coefficient is a parameter as all others, 0.0 by default, which switches the product off exactly.
 
 Of a wheel, products are of the duty `u` and of the share of the no-load speed `s` = K1 psi, so that coefficients are

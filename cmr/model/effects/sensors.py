@@ -160,6 +160,20 @@ POSE_LATENCY = Effect(
     confused_with={"electrical_lag": "compare encoders with pose", "clock_skew": "a longer run"},
 )
 
+POSE_SMOOTHING = Effect(
+    name="pose_smoothing",
+    group=GROUP,
+    cause="The tracker smooths its poses with a time constant of {pose_smoothing:.3f} s.",
+    equations={"pose_time": "filtered = filtered + pose_smoothing"},
+    parameters=(
+        ParameterDefinition("pose_smoothing", "s", "time constant of the filter of the poses", 0.0, 0.35, 0.0, 0.1),
+    ),
+    needs="turns, and changes of speed",
+    shows_in="the pose, late and to the inside of turns; it looks like late poses and smaller wheels",
+    confused_with={"pose_latency": "faster turns", "wheel_radius_scale": "longer straight runs"},
+    beside="pose_latency",
+)
+
 POSE_OFFSET = Effect(
     name="pose_offset",
     group=GROUP,
@@ -224,6 +238,7 @@ EFFECTS = (
     GYRO_LATENCY,
     CLOCK_SKEW,
     POSE_LATENCY,
+    POSE_SMOOTHING,
     POSE_OFFSET,
     POSE_HEADING_OFFSET,
     POSE_DISTORTION,

@@ -1,0 +1,122 @@
+"""Dataclasses from values that know where they stand: what a dataclass declares is what its file may say.
+
+    @dataclass(frozen=True)
+    class Sensor:
+        enabled: bool
+        rate: Annotated[float, Between(1.0, 100.0)] = 50.0
+        kind: Annotated[str, Word(kinds)] | None = None
+
+Keys that the dataclass lacks, values of other types, and missing fields without a default are refused. What the
+dataclass itself refuses is placed, too, where it raises the document's error with the keys of the value.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cache
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
+
+from cattrs import Converter
+from cattrs.gen import make_dict_structure_fn
+
+from cmr.document import DocumentError, Item
+from cmr.options import Between, Word, help_of
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class Names:
+    """The names that the numbers of a dictionary may have."""
+
+    known: Sequence[str]
+
+
+def structured(item: Item, made: type[Made]) -> Made:
+    """Return the dataclass that a mapping describes.
+
+    Raises the document's error, with file, line and key, for what the dataclass does not allow.
+    """
+    return _converter().structure(item, made)
+
+
+@cache
+def _converter() -> Converter:
+    converter = Converter(detailed_validation=False)
+    converter.register_structure_hook_factory(is_dataclass, lambda made: _dataclass_hook(made, converter))
+    converter.register_structure_hook_func(_is_annotated, _annotated)
+    converter.register_structure_hook(str, lambda item, _: _text(item))
+    converter.register_structure_hook(bool, lambda item, _: _flag(item))
+    converter.register_structure_hook(int, lambda item, _: _number(item, int))
+    converter.register_structure_hook(float, lambda item, _: _number(item, float))
+    return converter
+
+
+def _dataclass_hook(made: type[Any], converter: Converter) -> Callable[[Item, Any], Any]:
+    make = make_dict_structure_fn(made, converter, _cattrs_detailed_validation=False)
+    known = [field.name for field in fields(made) if field.init]
+    needed = [field.name for field in fields(made) if field.default is MISSING and field.default_factory is MISSING]
+    why = help_of(made)
+
+    def hook(item: Item, _: Any) -> Any:
+        section = item.section(known)
+        for name in needed:
+            if name not in set(section):
+                section.need(name, why.get(name, ""))
+        try:
+            return make(cast(Mapping[str, Any], section), made)  # as far as cattrs needs one
+        except DocumentError as error:
+            raise error.placed(item) from error.__cause__
+        except ValueError as error:  # what the dataclass itself refuses
+            raise item.place.error(str(error)) from error
+
+    return hook
+
+
+def _is_annotated(kind: Any) -> bool:
+    return get_origin(kind) is Annotated
+
+
+def _annotated(item: Item, kind: Any) -> Any:
+    """Return a number within its bounds, one of some words, or numbers by names that are known."""
+    plain, *rules = get_args(kind)
+    for rule in rules:
+        if isinstance(rule, Word):
+            return item.word(rule.allowed())
+        if isinstance(rule, Names):
+            return _numbers(item, rule.known)
+        if isinstance(rule, Between):
+            return item.whole(int(rule.least), int(rule.most)) if plain is int else item.number(rule.least, rule.most)
+    return _converter().structure(item, plain)
+
+
+def _text(item: Item) -> str:
+    if item.is_absent:
+        raise item.place.error("is missing")
+    return item.text()
+
+
+def _flag(item: Item) -> bool:
+    value = item.value
+    if not isinstance(value, bool):
+        raise item.place.error(f"must be true or false, not {value!r}")
+    return value
+
+
+def _number(item: Item, kind: type) -> Any:
+    value = item.value
+    accepted = int if kind is int else (int, float)
+    if isinstance(value, bool) or not isinstance(value, accepted) or not math.isfinite(value):
+        raise item.place.error(f"must be a {'whole' if kind is int else 'finite'} number, not {value!r}")
+    return kind(value)
+
+
+def _numbers(item: Item, known: Sequence[str]) -> dict[str, float]:
+    """Return numbers by name; infinity is one, which is the neutral value of some."""
+    section, numbers = item.section(known), {}
+    for name in section:
+        value = section[name].value
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise section[name].place.error(f"must be a number, not {value!r}")
+        numbers[name] = float(value)
+    return numbers

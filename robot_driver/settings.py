@@ -1,0 +1,87 @@
+"""What a robot is made of and where it is plugged in: the options of cmr-driver, and `driver:` in a scenario."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cmr.options import Between, Option, Word
+from robot_driver.battery import Thresholds
+from robot_driver.controllers import CONTROLLERS
+from robot_driver.encoders import Wiring
+from robot_driver.gyros import GYROS
+from robot_driver.ramp import Limits
+
+BOARD = "board"  # name of the gyro that some controllers have on their board, and say on their port
+SLOWEST_RATE = 5.0  # Hz; slower, one lost packet is silence enough for the watchdog of 0.5 s in a controller
+LARGEST = 1e4  # Hz, duty per second, V; more than any device has
+BY_DEFAULT = "if not what its kind has by default"
+
+Count = Annotated[int, Between(1, 10_000_000)]
+Acceleration = Annotated[float, Between(1e-3, LARGEST)]
+Rate = Annotated[float, Between(SLOWEST_RATE, LARGEST)]
+Voltage = Annotated[float, Between(0.0, LARGEST)]
+ControllerName = Annotated[str, Word(lambda: sorted(CONTROLLERS))]
+GyroName = Annotated[str, Word(lambda: [BOARD, *sorted(GYROS)])]
+
+
+@dataclass(frozen=True)
+class Connection:
+    """How a robot is connected.
+
+    Raises ValueError for what contradicts itself, naming options as on the command line.
+    """
+
+    port: Annotated[str, Option("serial port of the motor controller", "DEVICE")]
+    gyro_port: Annotated[str | None, Option("serial port of the gyro, if it has one of its own", "DEVICE")] = None
+    controller: Annotated[ControllerName, Option("kind of motor controller")] = "roboclaw"
+    gyro: Annotated[GyroName | None, Option(f"kind; else {BOARD}, or dsp3000 if it has a port of its own")] = None
+    baud: Annotated[Count | None, Option(f"of the motor controller, {BY_DEFAULT}", "RATE")] = None
+    gyro_baud: Annotated[Count | None, Option(f"of the gyro's own port, {BY_DEFAULT}", "RATE")] = None
+    rate: Annotated[Rate, Option("how often the motors are served", "HZ")] = 100.0
+    acceleration: Annotated[Acceleration, Option("how fast duty may grow", "DUTY/S")] = 10.0
+    deceleration: Annotated[Acceleration | None, Option("how fast it may shrink; else twice that", "DUTY/S")] = None
+    battery_warn: Annotated[Voltage, Option("warn when the battery is below", "VOLT")] = 0.0
+    battery_stop: Annotated[Voltage, Option("below, stop until restarted", "VOLT")] = 0.0
+    ticks_per_turn: Annotated[Count, Option("encoder counts per turn of a wheel", "TICKS")] = 2048
+    swap: Annotated[bool, Option("the controller's first channel is the right side, not the left")] = False
+    invert_left: Annotated[bool, Option("motor and encoder of the left side are mounted backwards")] = False
+    invert_right: Annotated[bool, Option("motor and encoder of the right side are mounted backwards")] = False
+    invert_gyro: Annotated[bool, Option("the gyro is mounted upside down")] = False
+
+    def __post_init__(self) -> None:
+        if self.rate < SLOWEST_RATE:
+            raise ValueError(
+                f"--rate {self.rate:g} is too slow: the controller stops the motors when it hears nothing for 0.5 s. "
+                f"Choose {SLOWEST_RATE:g} Hz or more."
+            )
+        if self.gyro_baud and self.gyro_port is None:
+            raise ValueError("--gyro-baud is for a gyro on a port of its own: --gyro-port")
+        if self.gyro == BOARD and (self.gyro_port or CONTROLLERS[self.controller].gyro is None):
+            raise ValueError(
+                f"--gyro {BOARD} is for a controller with a gyro on its board, on the port of the controller"
+            )
+        self.limits  # noqa: B018 - says what is wrong
+        self.thresholds  # noqa: B018
+
+    @property
+    def wiring(self) -> Wiring:
+        """How motors and encoders are mounted."""
+        return Wiring(self.swap, self.invert_left, self.invert_right)
+
+    @property
+    def limits(self) -> Limits:
+        """How fast duty may grow and shrink."""
+        return Limits(self.acceleration, self.deceleration or 2.0 * self.acceleration)
+
+    @property
+    def thresholds(self) -> Thresholds:
+        """The voltages of the battery below which to warn and to stop."""
+        return Thresholds(self.battery_warn, self.battery_stop)
+
+
+@dataclass(frozen=True)
+class Settings(Connection):
+    """How a robot is connected, which one it is, and its parameter file."""
+
+    robot: int = 0
+    parameters: Annotated[Path | None, Option("parameter file of the robot; followed while it changes", "FILE")] = None
