@@ -6,9 +6,8 @@ from contextlib import ExitStack
 from types import TracebackType
 
 from cmr.bus.message import Message
-from cmr.bus.messages import Received
 from cmr.bus.process import Outgoing
-from cmr.bus.streams import GYRO, MOTOR_DUTY, MOTOR_FEEDBACK, Stream
+from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK, Stream
 from cmr.msg import estop_t, motor_command_t
 from cmr.parameters.following import ParameterFollower
 from robot_driver.command_gate import CommandGate
@@ -37,6 +36,7 @@ class Driver:
         self.follower = ParameterFollower(settings.robot, settings.parameters)
         self.warnings = " ".join(filter(None, map(numbering_warning, (settings.port, settings.gyro_port or ""))))
         self._robot_id = settings.robot
+        self._commanded_on = MOTOR_COMMAND.channel(settings.robot)
         self._outgoing: queue.SimpleQueue[tuple[Stream[Message], Message]] = queue.SimpleQueue()
         self._gate = CommandGate()
         self._commanders = Commanders()
@@ -88,17 +88,16 @@ class Driver:
         if self.follower.poll():
             self._use_parameters()
 
-    def handle(self, utime: int, received: Received) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message from the bus."""
-        message = received.message
-        if isinstance(message, motor_command_t) and received.robot_id == self._robot_id:
+        if isinstance(message, motor_command_t) and channel == self._commanded_on:
             self._commanders.take(utime, message.left, message.right)
             self._gate.offer(
                 utime, message.left, message.right, now=self._host.seconds_since_boot(), utime=self._host.utime()
             )
         elif isinstance(message, estop_t):
             self._gate.take_estop(bool(message.engaged), utime, utime=self._host.utime())
-        elif self.follower.handle(utime, received):
+        elif self.follower.handle(utime, channel, message):
             self._use_parameters()
 
     def outgoing(self) -> Iterator[Outgoing]:

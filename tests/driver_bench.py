@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from cmr.bus.bus import Bus
-from cmr.bus.messages import Received, make, now_utime
+from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PROCESS_STATUS
 from cmr.msg import estop_t, motor_command_t, process_status_t
 from cmr.priority import go_first
@@ -73,7 +73,7 @@ def open_gate_of(driver: Driver) -> None:
     driver.turn()
     driver._gate.note_listening(seconds_since_boot() - LISTENING_TIME)
     zero = make(motor_command_t, utime=now_utime(), robot_id=driver._robot_id, left=0.0, right=0.0)
-    driver.handle(zero.utime, Received.on(MOTOR_COMMAND.channel(driver._robot_id), zero))
+    driver.handle(zero.utime, MOTOR_COMMAND.channel(driver._robot_id), zero)
 
 
 class NotedDevice(RoboclawDevice):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import ESTOP, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND
 from cmr.manoeuvres import in_sequence
 from cmr.model.command_kinds import VELOCITY
@@ -76,7 +76,7 @@ class Bench:
         waiting, self._waiting = self._waiting, []
         for channel, message in waiting:
             self.heard.append((channel, message))
-            self.robot.handle(message.utime, Received.on(channel, message))
+            self.robot.handle(message.utime, channel, message)
         for stream, robot_id, message in self.robot.outgoing():
             self.heard.append((stream.channel(robot_id), message))
             if isinstance(message, motor_feedback_t):
@@ -119,7 +119,7 @@ def recorded(
     """Return the recording of a manoeuvre that cmr-pilot drives with the parameters that the owner knows."""
     recorder = Recorder(0)
     for channel, message in messages_of(settings, kind, manoeuvre, known):
-        recorder.handle(message.utime, Received.on(channel, message))
+        recorder.handle(message.utime, channel, message)
     return recorder.recording()
 
 

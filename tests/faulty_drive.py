@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 
-from cmr.bus.messages import Received
 from cmr.recordings import Recorder, Recording
 from cmr.recordings.findings import Findings
 from cmr.recordings.signal import Floats, Mask, Signal
@@ -34,7 +33,7 @@ def at_rest(_share: float) -> tuple[float, float]:
 def recording(duties: Duties = figure_eight, seed: int = 0) -> Recording:
     recorder = Recorder(0)
     for channel, message in messages(duties=duties, seed=seed):
-        recorder.handle(message.utime, Received.on(channel, message))
+        recorder.handle(message.utime, channel, message)
     return recorder.recording()
 
 

@@ -50,7 +50,7 @@ def test_a_large_world_in_packets_of_its_own_arrives_with_every_robot_once(url: 
     received = receive_until(receiver, lambda all_: len(all_) >= len(parts))
     assert sorted(i for one in all_of(WORLD_STATE, received) for i in one.robot_id) == list(range(count))
     for one in all_of(WORLD_STATE, received):
-        view.handle(EPOCH, one)
+        view.handle(EPOCH, WORLD_STATE.name, one)
     for i in (0, 41, 42, count - 1):
         robot = view.robot(i)
         assert robot is not None

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received
 from cmr.calibration import CalibrationResult, EstimationError, calibrate
 from cmr.calibration.calibrate import PAPER
 from cmr.calibration.segments import segments_of
@@ -20,7 +19,7 @@ from tests.emulated_drive import DEFAULT, IDEAL, NOMINAL, TRUTH, Message, messag
 def recording_of(drive: list[Message]) -> Recording:
     recorder = Recorder(0)
     for channel, message in drive:
-        recorder.handle(message.utime, Received.on(channel, message))
+        recorder.handle(message.utime, channel, message)
     return recorder.recording()
 
 

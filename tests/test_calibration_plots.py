@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from cmr.bus.messages import Received
 from cmr.calibration.grid import Grid, axes_for, search
 from cmr.calibration.plots import figure_of
 from cmr.calibration.result import CalibrationResult
@@ -28,7 +27,7 @@ def result() -> CalibrationResult:
     """A result made of a real drive's segments and grid, and of the truth as the refined parameters."""
     recorder = Recorder(0)
     for channel, message in messages(IDEAL, seconds=12.0):
-        recorder.handle(message.utime, Received.on(channel, message))
+        recorder.handle(message.utime, channel, message)
     segments = segments_of(recorder.recording())
     before = {name: value.value for name, value in NOMINAL.values.items()}
     errors = [

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.calibration.calibrator import HEARD, Calibrator
 from cmr.calibration.coverage import Coverage
 from cmr.msg import calibration_status_t, motor_duty_t
@@ -42,7 +42,7 @@ def slow_then_fast(pause: float) -> Callable[[float], tuple[float, float]]:
 def fed(drive: list[Message], calibrator: Calibrator | None = None) -> Calibrator:
     calibrator = calibrator or Calibrator(0)
     for channel, message in drive:
-        calibrator.handle(message.utime, Received.on(channel, message))
+        calibrator.handle(message.utime, channel, message)
     return calibrator
 
 
@@ -51,7 +51,7 @@ def test_it_waits_collects_and_fits_in_this_order(drive: list[Message]) -> None:
     states: list[int] = []
     progress = []
     for channel, message in drive:
-        calibrator.handle(message.utime, Received.on(channel, message))
+        calibrator.handle(message.utime, channel, message)
         status = calibrator.status()
         if not states or states[-1] != status.state:
             states.append(status.state)
@@ -72,7 +72,7 @@ def test_during_the_drive_the_estimates_are_told_and_their_intervals_shrink() ->
     looks = iter([EPOCH + 1_000_000 * second for second in (12, 16, 21, 27, 34, 1000)])
     due = next(looks)
     for channel, message in messages(IDEAL, rest=REST):
-        calibrator.handle(message.utime, Received.on(channel, message))
+        calibrator.handle(message.utime, channel, message)
         if message.utime >= due:
             assert calibrator.tells_something
             calibrator.look(calibrator.recording())
@@ -99,10 +99,10 @@ def test_duties_whose_answers_were_lost_are_heard_during_the_drive_as_in_a_log_o
     """On a busy computer some are; a calibration that misses them differs from that of the log."""
     calibrator = Calibrator(0)
     for number, (channel, message) in enumerate(drive):
-        calibrator.handle(message.utime, Received.on(channel, message))
+        calibrator.handle(message.utime, channel, message)
         if channel.startswith("POSE") and number % 100 == 0:
             sent = make(motor_duty_t, utime=message.utime, robot_id=0, sent_left=0.1, sent_right=0.1)
-            calibrator.handle(sent.utime, Received.on("MOTOR_DUTY_0", sent))
+            calibrator.handle(sent.utime, "MOTOR_DUTY_0", sent)
     assert len(calibrator.recording().duties) > 0
     assert {kept.stream for kept in KEPT.values()} <= {*HEARD}
 
@@ -111,7 +111,7 @@ def test_a_drive_covered_at_one_speed_is_told_the_other_and_how_to_finish() -> N
     calibrator = Calibrator(0)
     told = {}
     for channel, message in messages(IDEAL, seconds=60.0, rest=REST, duties=slow_then_fast(pause=0.0)):
-        calibrator.handle(message.utime, Received.on(channel, message))
+        calibrator.handle(message.utime, channel, message)
         if calibrator.state == calibration_status_t.COLLECTING and channel == "MOTOR_FEEDBACK_0":
             told[round((message.utime - EPOCH) * 1e-6 - REST, 2)] = calibrator.status().message
     assert calibrator.status().state == calibration_status_t.FITTING
@@ -134,7 +134,7 @@ def test_a_short_rest_between_two_speeds_does_not_end_the_drive() -> None:
 def test_a_drive_at_one_speed_ends_after_a_longer_rest(pause: float, speeds: int) -> None:
     calibrator, ended = Calibrator(0), None
     for channel, message in messages(IDEAL, seconds=60.0, rest=REST, duties=slow_then_fast(pause)):
-        calibrator.handle(message.utime, Received.on(channel, message))
+        calibrator.handle(message.utime, channel, message)
         if ended is None and calibrator.state == calibration_status_t.FITTING:
             ended = (message.utime - EPOCH) * 1e-6 - REST
     stopped = 60.0 if speeds == 2 else 20.0

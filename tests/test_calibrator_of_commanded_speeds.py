@@ -4,7 +4,6 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import Received
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK
 from cmr.calibration.calibrator import Calibrator
 from cmr.msg import calibration_status_t
@@ -25,14 +24,14 @@ def drive() -> Messages:
 def heard(messages: Messages) -> Calibrator:
     calibrator = Calibrator(0, NOMINAL)
     for channel, message in messages:
-        calibrator.handle(message.utime, Received.on(channel, message))
+        calibrator.handle(message.utime, channel, message)
     return calibrator
 
 
 def from_log(messages: Messages) -> Calibrator:
     recorder = Recorder(0)
     for channel, message in messages:
-        recorder.handle(message.utime, Received.on(channel, message))
+        recorder.handle(message.utime, channel, message)
     return Calibrator.of(recorder.messages(), NOMINAL)
 
 

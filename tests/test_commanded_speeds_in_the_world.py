@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import ESTOP, MOTOR_FEEDBACK, WORLD_STATE
 from cmr.model.body import forward, turn
 from cmr.model.motion import RobotState
@@ -81,9 +81,9 @@ def speeds_of(world: World, key: tuple[int, int]) -> tuple[float, float]:
 def run(world: World, kind: str, robot_id: int, seconds: float, first: int = EPOCH, *, driven: bool = True) -> int:
     for number in range(round(seconds * 1e6) // TICK):
         utime = first + number * TICK
-        world.handle(utime, Received.on(MOTOR_FEEDBACK.channel(0), feedback(utime)))
+        world.handle(utime, MOTOR_FEEDBACK.channel(0), feedback(utime))
         if driven:
-            world.handle(utime, Received.on(*command(kind, utime, robot_id)))
+            world.handle(utime, *command(kind, utime, robot_id))
         world.advance(utime)
     return utime + TICK
 
@@ -112,7 +112,7 @@ def test_an_emergency_stop_holds_for_twins_whatever_they_are_commanded(kind: str
     world = world_of(tmp_path)
     utime = run(world, kind, 0, 1.0)
     stop = make(estop_t, utime=utime, engaged=True, source="test", reason="test")
-    world.handle(utime, Received.on(ESTOP.name, stop))
+    world.handle(utime, ESTOP.name, stop)
     run(world, kind, 0, 2.0, utime)
     assert speeds_of(world, (0, TWIN))[0] == pytest.approx(0.0, abs=0.01)
 
@@ -127,7 +127,7 @@ def piloted(pilot: Pilot, utime: int) -> Any:
     for now in range(utime, utime + 400_000, 20_000):
         robots = [Robot(now, 0, REAL, RobotState.at_rest()), Robot(now, 10, VIRTUAL, far)]
         (message,) = world_messages(now, robots)
-        pilot.handle(now, Received.on(WORLD_STATE.name, message))
+        pilot.handle(now, WORLD_STATE.name, message)
         last = pilot.command(now)
     return last
 
@@ -166,9 +166,7 @@ def test_a_pilot_commands_zero_during_an_emergency_stop_and_first_after_it(kind:
     pilot = pilot_of(tmp_path, CONTROLLED, kind)
     piloted(pilot, EPOCH)
     for engaged in (True, False):
-        pilot.handle(
-            EPOCH, Received.on(ESTOP.name, make(estop_t, utime=EPOCH, engaged=engaged, source="hand", reason="a child"))
-        )
+        pilot.handle(EPOCH, ESTOP.name, make(estop_t, utime=EPOCH, engaged=engaged, source="hand", reason="a child"))
         told = pilot.command(EPOCH + 400_000)
         assert {getattr(told, name) for name in ASKED[kind]} == {0.0}
     told = piloted(pilot, EPOCH + 420_000)

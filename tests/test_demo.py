@@ -18,7 +18,6 @@ import lcm
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received
 from cmr.bus.streams import PARAMETERS, PROCESS_STATUS
 from cmr.calibration.calibrate import AVERAGE
 from cmr.calibration.calibrator import Calibrator
@@ -310,7 +309,7 @@ def test_a_calibrator_killed_while_it_writes_leaves_the_old_file_or_the_new_one(
 def test_the_log_read_message_by_message_gives_what_the_live_calibrator_gathers(runs: dict[str, Run]) -> None:
     calibrator = Calibrator(0)
     for received in LogReader(runs["default"].log):
-        calibrator.handle(received.message.utime, Received.on(received.channel, received.message))
+        calibrator.handle(received.message.utime, received.channel, received.message)
     recording = calibrator.recording()
     seconds = float(np.ptp(recording.wheels.utime)) * 1e-6
     assert 55.0 < seconds < 90.0

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import Received, make, now_utime
+from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t
 from robot_driver.controllers.mbot import MBot, MBotGyro
@@ -91,7 +91,7 @@ class Client:
             utime = now_utime()
             command = make(motor_command_t, utime=utime, robot_id=0, left=left, right=right)
             self.driver.turn()
-            self.driver.handle(utime, Received.on(MOTOR_COMMAND.channel(0), command))
+            self.driver.handle(utime, MOTOR_COMMAND.channel(0), command)
             for stream, _, message in self.driver.outgoing():
                 self.of[stream].append(message)
             return condition()

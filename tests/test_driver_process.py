@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cmr.bus.messages import Received, make, now_utime
+from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND
 from cmr.document import DocumentError, read
 from cmr.msg import estop_t, motor_command_t
@@ -93,7 +93,7 @@ def test_commands_that_were_not_taken_are_counted_by_reason(silent_port: str) ->
     now = now_utime()
     for utime, left in ((now, 0.1), (now, float("nan")), (now, 1.5), (now, 0.1), (now - 3_600_000_000, 0.1)):
         message = make(motor_command_t, utime=utime, robot_id=3, left=left, right=0.0)
-        driver.handle(utime, Received.on(MOTOR_COMMAND.channel(3), message))
+        driver.handle(utime, MOTOR_COMMAND.channel(3), message)
     assert driver.remarks() == "Commands not taken: not_finite 1, old 2, out_of_range 1."
 
 
@@ -133,13 +133,11 @@ def test_estop_on_the_bus_reaches_the_motors(silent_port: str) -> None:
     driver = Driver(Settings(port=silent_port))
     open_gate_of(driver)
     now = now_utime()
-    driver.handle(
-        now, Received.on(MOTOR_COMMAND.channel(0), make(motor_command_t, utime=now, robot_id=0, left=0.5, right=0.5))
-    )
+    driver.handle(now, MOTOR_COMMAND.channel(0), make(motor_command_t, utime=now, robot_id=0, left=0.5, right=0.5))
     assert driver._gate.drive(seconds_since_boot()).left == 0.5
     for engaged in (True, False):
         stop = make(estop_t, utime=now_utime(), engaged=engaged, source="test", reason="test")
-        driver.handle(stop.utime, Received.on(ESTOP.channel(), stop))
+        driver.handle(stop.utime, ESTOP.channel(), stop)
         assert driver._gate.drive(seconds_since_boot()).left == 0.0
     assert driver.remarks() == "Waiting for zero to be commanded; nothing else moves the motors before."
     open_gate_of(driver)

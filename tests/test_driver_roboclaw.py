@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import Received, make, now_utime
+from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, MOTOR_FEEDBACK
 from cmr.msg import estop_t, motor_command_t, motor_feedback_t
 from robot_driver.controllers import CONTROLLERS, Request
@@ -44,7 +44,7 @@ class Run:
 
         def commanded() -> object:
             command = make(motor_command_t, utime=now_utime(), robot_id=0, left=left, right=right)
-            self.driver.handle(command.utime, Received.on(MOTOR_COMMAND.channel(0), command))
+            self.driver.handle(command.utime, MOTOR_COMMAND.channel(0), command)
             self.feedback += [message for stream, _, message in self.driver.outgoing() if stream is MOTOR_FEEDBACK]
             return condition()
 
@@ -150,7 +150,7 @@ def test_while_one_of_two_units_is_silent_the_other_goes_on_obeying(
         run.until(lambda: device.units[1 - dead].duty[0] < 16384, 0.25, -0.25)
         assert device.units[1 - dead].duty[1] != 0
         estop = make(estop_t, utime=now_utime(), engaged=True, source="test", reason="test")
-        run.driver.handle(estop.utime, Received.on(ESTOP.channel(), estop))
+        run.driver.handle(estop.utime, ESTOP.channel(), estop)
         run.until(lambda: device.units[1 - dead].duty == [0, 0])
         assert run.driver.problems() == ""
 

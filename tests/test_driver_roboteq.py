@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import Received, make, now_utime
+from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import MOTOR_COMMAND, MOTOR_FEEDBACK
 from cmr.msg import motor_command_t, motor_feedback_t
 from robot_driver.driver import Driver
@@ -72,7 +72,7 @@ class Client:
             utime = now_utime()
             message = make(motor_command_t, utime=utime, robot_id=0, left=self.left, right=self.right)
             self._driver.turn()
-            self._driver.handle(utime, Received.on(MOTOR_COMMAND.channel(0), message))
+            self._driver.handle(utime, MOTOR_COMMAND.channel(0), message)
             self.feedback += [message for stream, _, message in self._driver.outgoing() if stream is MOTOR_FEEDBACK]
             time.sleep(0.01)
 

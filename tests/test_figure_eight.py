@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import WAYPOINTS
 from cmr.commands.demo import DRIVE, GAP, SIZE
 from cmr.msg import waypoints_t
@@ -47,9 +47,7 @@ def test_a_leader_drives_equally_long_at_each_of_its_speeds_without_a_rest_betwe
 def test_the_speeds_of_a_leader_are_parts_of_the_waypoints_it_is_told(file: Path) -> None:
     world = world_of(file, VirtualRobot(10, make_behaviour("figure_eight", {"laps": "0", "speed": "0.5/0.1"}), 0))
     utime = run(world, 1.0)
-    world.handle(
-        utime, Received.on(WAYPOINTS.channel(10), make(waypoints_t, utime=utime, robot_id=10, x=[3.0], y=[0.0]))
-    )
+    world.handle(utime, WAYPOINTS.channel(10), make(waypoints_t, utime=utime, robot_id=10, x=[3.0], y=[0.0]))
     utime = run(world, 3.0, utime)
     assert robots(world)[10, VIRTUAL].state.x == pytest.approx(1.25, abs=0.1)
     utime = run(world, 4.0, utime)  # the border is at five sixths of the way: 2.5 m

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cmr.bus.bus import Bus
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import PARAMETERS, WORLD_STATE
 from cmr.model.fleet import Fleet as Model
 from cmr.model.motion import RobotState
@@ -64,7 +64,7 @@ def world_of(
 
 
 def announce(world: World, file: ParameterFile, sequence: int) -> None:
-    world.handle(EPOCH, Received.on(PARAMETERS.channel(file.robot_id), file.announcement(sequence)))
+    world.handle(EPOCH, PARAMETERS.channel(file.robot_id), file.announcement(sequence))
 
 
 def step(world: World, steps: int, begin: int = EPOCH) -> int:
@@ -295,7 +295,7 @@ def test_the_view_has_each_robots_newest_state_however_messages_are_divided(part
         robots = [Robot(EPOCH + count, i, VIRTUAL, RobotState.at_rest(float(count), i)) for i in sorted(ids)]
         newest.update(dict.fromkeys(ids, count))
         for message in (m for r in robots for m in world_messages(EPOCH + count, [r])) if singly else ():
-            view.handle(EPOCH + count, message)
+            view.handle(EPOCH + count, "WORLD_STATE", message)
         if not singly:
             view.take(EPOCH + count, Robots.of(robots))
     for robot_id, count in newest.items():

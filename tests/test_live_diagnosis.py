@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE
 from cmr.diagnosis.live import Watcher
 from cmr.diagnosis.live.causes import CAUSES
@@ -345,10 +344,10 @@ def test_without_a_robot_or_its_parameters_it_says_what_it_waits_for() -> None:
     assert "none are announced on PARAMETERS_0" in watcher.status()
     assert watcher.problem
     incomplete = ParameterFile(0, {"wheel_radius": Value(0.04)}).announcement(1)
-    watcher.handle(incomplete.utime, Received.on(PARAMETERS.channel(0), incomplete))
+    watcher.handle(incomplete.utime, PARAMETERS.channel(0), incomplete)
     assert "incomplete" in watcher.problem
     announced = TRUE.announcement(2)
-    watcher.handle(announced.utime, Received.on(PARAMETERS.channel(0), announced))
+    watcher.handle(announced.utime, PARAMETERS.channel(0), announced)
     assert watch(heard[2000:], watcher) == []
     assert not watcher.problem
     assert watcher.parameters_sha256 == announced.sha256

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received
 from cmr.bus.streams import WORLD_STATE
 from cmr.commands.command_line import CommandError
 from cmr.commands.pilot import main as run_pilot
@@ -65,7 +64,7 @@ class TestPilot:
         """Return what the pilot commands with the robot at `x` [m]."""
         utime = EPOCH + round(seconds * 1e6)
         [message] = world_messages(utime, [Robot(utime, 0, REAL, RobotState.at_rest(x))])
-        pilot.handle(utime, Received.on(WORLD_STATE.name, message))
+        pilot.handle(utime, WORLD_STATE.name, message)
         return asked_by(pilot.command(utime))
 
     def test_drives_the_manoeuvre_to_its_end(self, pilot: Pilot, behaviour: DriveManoeuvre) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import Received, now_utime
+from cmr.bus.messages import now_utime
 from cmr.msg import motor_command_t, parameters_t
 from cmr.parameters.file import ParameterFile, announcement, sha256_of
 from cmr.parameters.following import ParameterFollower
@@ -28,7 +28,7 @@ def radius_of(follower: ParameterFollower) -> float | None:
 
 
 def take(follower: ParameterFollower, message: Any) -> bool:
-    return follower.handle(message.utime, Received.on(f"PARAMETERS_{message.robot_id}", message))
+    return follower.handle(message.utime, f"PARAMETERS_{message.robot_id}", message)
 
 
 def poll_until(follower: ParameterFollower, happened: Callable[[], bool], patience: float = 10.0) -> float:
@@ -232,5 +232,5 @@ def test_a_broken_announcement_changes_nothing_and_is_told(text: str, path: Path
 def test_announcements_of_other_robots_and_other_messages_are_passed_over(path: Path) -> None:
     follower = ParameterFollower(0, path)
     assert not take(follower, announced(with_radius(0.05, robot_id=1), now_utime()))
-    assert not follower.handle(now_utime(), Received.on("MOTOR_COMMAND_0", motor_command_t()))
+    assert not follower.handle(now_utime(), "MOTOR_COMMAND_0", motor_command_t())
     assert (radius_of(follower), follower.message) == (0.04, "")

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import ESTOP, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.msg import estop_t, motor_feedback_t
@@ -35,7 +35,7 @@ def world_at(utime: int) -> Any:
 
 def drive(pilot: Pilot, utime: int) -> Any:
     for k in range(20):
-        pilot.handle(utime + k * 20_000, Received.on(WORLD_STATE.name, world_at(utime + k * 20_000)))
+        pilot.handle(utime + k * 20_000, WORLD_STATE.name, world_at(utime + k * 20_000))
         last = pilot.command(utime + k * 20_000)
     return last
 
@@ -68,7 +68,7 @@ def test_it_stops_for_an_emergency_stop_until_its_release(pilot: Pilot) -> None:
     drive(pilot, EPOCH)
     for engaged in (True, False):
         message = make(estop_t, utime=EPOCH, engaged=engaged, source="hand", reason="a child in the lab")
-        pilot.handle(EPOCH, Received.on(ESTOP.name, message))
+        pilot.handle(EPOCH, ESTOP.name, message)
         last = drive(pilot, EPOCH + 1_000_000)
         assert (last.left == 0.0) == engaged
         assert ("a child in the lab" in pilot.waiting_for) == engaged
@@ -78,7 +78,7 @@ def test_it_commands_zero_first_when_an_emergency_stop_was_released(pilot: Pilot
     drive(pilot, EPOCH)
     for engaged in (True, False):
         message = make(estop_t, utime=EPOCH, engaged=engaged, source="hand", reason="a child in the lab")
-        pilot.handle(EPOCH, Received.on(ESTOP.name, message))
+        pilot.handle(EPOCH, ESTOP.name, message)
         command = pilot.command(EPOCH + 400_000)
         assert asked_by(command) == (0.0, 0.0)
     assert "zero" in pilot.waiting_for
@@ -88,7 +88,7 @@ def test_it_commands_zero_first_when_the_driver_has_been_started_again(pilot: Pi
     drive(pilot, EPOCH)
     (channel, stale), *_ = messages(seconds=0.1, channels=("MOTOR_FEEDBACK",))
     stale.status = motor_feedback_t.STATUS_COMMAND_STALE
-    pilot.handle(EPOCH + 400_000, Received.on(channel, stale))
+    pilot.handle(EPOCH + 400_000, channel, stale)
     command = pilot.command(EPOCH + 400_000)
     assert asked_by(command) == (0.0, 0.0)
     assert "zero" in pilot.waiting_for
@@ -99,5 +99,5 @@ def test_it_stops_when_the_leader_leaves_the_world(pilot: Pilot) -> None:
     drive(pilot, EPOCH)
     utime = EPOCH + 2_000_000
     (alone,) = world_messages(utime, [Robot(utime, 0, REAL, RobotState.at_rest())])
-    pilot.handle(utime, Received.on(WORLD_STATE.name, alone))
+    pilot.handle(utime, WORLD_STATE.name, alone)
     assert asked_by(pilot.command(utime))[0] == 0.0

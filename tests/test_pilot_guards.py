@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import POSE, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -52,7 +52,7 @@ class Bench:
         self.utime += PERIOD
         me = Robot(self.utime, 0, REAL, RobotState(x, 0.0, 0.0, psi, psi, 0.0, 0.0))
         for message in world_messages(self.utime, [me, *others]):
-            self.pilot.handle(self.utime, Received.on(WORLD_STATE.name, message))
+            self.pilot.handle(self.utime, WORLD_STATE.name, message)
         if pose:
             self.pose(x)
         command = as_a(motor_command_t, self.pilot.command(self.utime))
@@ -60,7 +60,7 @@ class Bench:
 
     def pose(self, x: float, age: int = 0) -> None:
         message = make(pose_xyt_t, utime=self.utime - age, robot_id=0, x=x, y=0.0, theta=0.0)
-        self.pilot.handle(self.utime, Received.on(POSE.channel(0), message))
+        self.pilot.handle(self.utime, POSE.channel(0), message)
 
 
 def standing_at(x: float, y: float = 0.0) -> Robot:

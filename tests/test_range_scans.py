@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cmr.bus.bus import Bus
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import MOTOR_COMMAND, POSE, RANGE_SCAN, WORLD_STATE
 from cmr.commands.sim import main
 from cmr.model.motion import RobotState
@@ -49,7 +49,7 @@ class Bench:
         self.utime, self.real = EPOCH, real or {}
         for robot_id in {0, *self.real}:
             file = ParameterFile(robot_id, {name: Value(value) for name, value in PAPER.items()})
-            self.world.handle(EPOCH, Received.on(f"PARAMETERS_{robot_id}", file.announcement(1)))
+            self.world.handle(EPOCH, f"PARAMETERS_{robot_id}", file.announcement(1))
 
     def run(self, scanner: Scanner, steps: int = PERIOD // STEP) -> list[Any]:
         """Let so many steps pass; return the messages."""
@@ -58,7 +58,7 @@ class Bench:
             self.utime += STEP
             for robot_id, (x, y, theta) in self.real.items():
                 pose = make(pose_xyt_t, utime=self.utime, robot_id=robot_id, x=x, y=y, theta=theta)
-                self.world.handle(self.utime, Received.on(POSE.channel(robot_id), pose))
+                self.world.handle(self.utime, POSE.channel(robot_id), pose)
             self.world.advance(self.utime)
             messages += scanner.scans(self.world)
         return messages
@@ -100,9 +100,7 @@ def test_a_virtual_robot_sees_all_robots_but_itself_and_twins() -> None:
     bench = Bench(standing(10), standing(11, 2.0), real={0: (0.0, 3.0, 0.0)})
     for _ in range(10):
         drive = make(motor_command_t, utime=bench.utime + STEP, robot_id=0, left=0.1, right=0.1)
-        bench.world.handle(
-            bench.utime + STEP, Received.on(MOTOR_COMMAND.channel(0), drive)
-        )  # the twin leaves its robot
+        bench.world.handle(bench.utime + STEP, MOTOR_COMMAND.channel(0), drive)  # the twin leaves its robot
         bench.run(Scanner(), 1)
     (twin,) = [robot for robot in bench.world.robots() if robot.origin == TWIN]
     assert twin.state.x > 0.0
@@ -125,7 +123,7 @@ def test_what_others_simulate_is_seen_and_does_not_scan_here() -> None:
     others = [Robot(EPOCH, 20, VIRTUAL, RobotState.at_rest(3.0)), Robot(EPOCH, 21, REAL, RobotState.at_rest(0.0, 2.0))]
     bench.run(Scanner(), 1)
     (message,) = world_messages(bench.utime, others)
-    bench.world.handle(bench.utime, Received.on(WORLD_STATE.name, message))
+    bench.world.handle(bench.utime, WORLD_STATE.name, message)
     (scan,) = bench.run(Scanner(origins=[REAL, VIRTUAL]))
     assert scan.robot_id == 10
     assert only(np.array(scan.ranges), {AHEAD: 3.0 - 0.65 * 0.16, LEFT: 2.0 - 0.65 * 0.16})

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, pose_xyt_t
 from cmr.recordings import Recorder, Recording
 from cmr.recordings.arrivals import KEPT, Kept
@@ -151,9 +151,9 @@ def test_gaps_repeats_late_messages_and_damaged_values_are_told_with_their_numbe
     for k in order:
         channel, message = drive[k]
         for _ in range(2 if k == poses[700] else 1):
-            recorder.handle(message.utime, Received.on(channel, message))
+            recorder.handle(message.utime, channel, message)
     for utime, x in ((-5, 0.0), (EPOCH + 10_001, 1e300), (EPOCH + 20_001, math.nan)):
-        recorder.handle(utime, Received.on("POSE_0", make(pose_xyt_t, utime=utime, robot_id=0, x=x, y=0.0, theta=0.0)))
+        recorder.handle(utime, "POSE_0", make(pose_xyt_t, utime=utime, robot_id=0, x=x, y=0.0, theta=0.0))
     findings = check(recorder.recording())
     found = {finding.check: finding.found for finding in findings.all if finding.found}
     assert found == {"gaps": 2, "repeated_times": 1, "late_messages": 1, "damaged_samples": 2, "unusable_messages": 1}
@@ -286,12 +286,12 @@ def test_no_recording_is_so_odd_that_it_cannot_be_checked(
         utime = EPOCH + k * spacing if spacing else utime
         if kind == "C":
             command = make(motor_command_t, utime=utime, robot_id=0, left=a, right=b)
-            recorder.handle(utime, Received.on("MOTOR_COMMAND_0", command))
+            recorder.handle(utime, "MOTOR_COMMAND_0", command)
         elif kind == "G":
             message = make(gyro_t, utime=utime, robot_id=0, yaw_rate=a, valid=ticks % 2, received_utime=utime)
-            recorder.handle(utime, Received.on("GYRO_0", message))
+            recorder.handle(utime, "GYRO_0", message)
         elif kind == "P":
-            recorder.handle(utime, Received.on("POSE_0", make(pose_xyt_t, utime=utime, robot_id=0, x=a, y=b, theta=c)))
+            recorder.handle(utime, "POSE_0", make(pose_xyt_t, utime=utime, robot_id=0, x=a, y=b, theta=c))
         else:
             values = dict.fromkeys(motor_feedback_t.__slots__, 0) | {
                 "utime": utime,
@@ -301,7 +301,7 @@ def test_no_recording_is_so_odd_that_it_cannot_be_checked(
                 "psi_right": b,
                 "applied_left": c,
             }
-            recorder.handle(utime, Received.on("MOTOR_FEEDBACK_0", make(motor_feedback_t, **values)))
+            recorder.handle(utime, "MOTOR_FEEDBACK_0", make(motor_feedback_t, **values))
     whole = recorder.recording()
     findings = check(whole)
     assert all(finding.sentence and finding.found >= 0 for finding in findings.all)

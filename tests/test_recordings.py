@@ -12,7 +12,7 @@ import lcm
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import STREAMS
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, parameters_t, pose_xyt_t
 from cmr.recordings import Recorder, Recording, RecordingError, read_messages, read_robots
@@ -45,7 +45,7 @@ def write_events(path: Path, events: list[Event]) -> Path:
 def one_by_one(log: Path, robot_id: int = 0) -> tuple[Recorder, Counter[tuple[str, str]]]:
     recorder, reader = Recorder(robot_id), LogReader(log)
     for received in reader:
-        recorder.handle(received.message.utime, Received.on(received.channel, received.message))
+        recorder.handle(received.message.utime, received.channel, received.message)
     return recorder, reader.rejected
 
 
@@ -217,7 +217,7 @@ def test_the_largest_time_seen_so_far_and_what_had_come_are_those_of_the_message
     for received in LogReader(log):
         seen = max(seen, received.message.utime)
         assert latest[count] == seen
-        recorder.handle(seen, Received.on(received.channel, received.message))
+        recorder.handle(seen, received.channel, received.message)
         count += 1
         if count == cut + 1:
             assert_same(Recording.of(robot.until(int(numbers[cut]))), recorder.recording())
@@ -242,7 +242,7 @@ def test_a_parameter_file_is_known_from_its_announcement_on_and_a_broken_one_cha
 def test_forgetting_drops_what_was_measured_before_and_keeps_the_parameters(drive: list[Message]) -> None:
     recorder = Recorder(0)
     for channel, message in drive:
-        recorder.handle(message.utime, Received.on(channel, message))
+        recorder.handle(message.utime, channel, message)
     whole, since = recorder.recording(), EPOCH + 3_000_000
     recorder.forget(since)
     assert_same(recorder.recording(), whole.between(since, EPOCH + 10**9))
@@ -258,7 +258,7 @@ def test_a_recorder_holds_an_hour_in_less_than_a_hundred_bytes_a_message() -> No
     tracemalloc.start()
     for utime in range(20_000):
         message.utime = utime
-        recorder.handle(utime, Received.on("MOTOR_FEEDBACK_0", message))
+        recorder.handle(utime, "MOTOR_FEEDBACK_0", message)
     held = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     assert held < 20_000 * 100  # two integers and six floats are 64; the arrays grow by eighths
@@ -277,7 +277,7 @@ def test_reading_takes_at_most_three_times_the_logs_size_in_memory(drive: list[M
 def test_samples_can_be_set_aside_by_signal(drive: list[Message]) -> None:
     recorder = Recorder(0)
     for channel, message in drive:
-        recorder.handle(message.utime, Received.on(channel, message))
+        recorder.handle(message.utime, channel, message)
     recording = recorder.recording()
     keep = np.arange(len(recording.poses)) % 2 == 0
     half = recording.where({"poses": keep})
@@ -289,7 +289,7 @@ def test_commands_keep_only_finite_duties() -> None:
     recorder = Recorder(0)
     for utime, left in enumerate([0.1, np.nan, np.inf, 0.2]):
         command = make(motor_command_t, utime=utime, robot_id=0, left=left, right=0.0)
-        recorder.handle(utime, Received.on("MOTOR_COMMAND_0", command))
+        recorder.handle(utime, "MOTOR_COMMAND_0", command)
     commands = recorder.recording().commands
     assert commands["left"].tolist() == [0.1, 0.2]
     assert commands.number.tolist() == [0, 3]
@@ -304,12 +304,10 @@ def speed_commands(seconds: float, *kinds: str) -> Recording:
     streams = {stream.name: stream for stream in STREAMS}
     for number in range(round(10 * seconds)):
         utime = EPOCH + 100_000 * number
-        recorder.handle(
-            utime, Received.on("POSE_0", make(pose_xyt_t, utime=utime, robot_id=0, x=0.0, y=0.0, theta=0.0))
-        )
+        recorder.handle(utime, "POSE_0", make(pose_xyt_t, utime=utime, robot_id=0, x=0.0, y=0.0, theta=0.0))
         for kind in kinds:
             message = make(streams[kind].message_type, utime=utime, robot_id=0, **fields[kind])
-            recorder.handle(utime, Received.on(f"{kind}_0", message))
+            recorder.handle(utime, f"{kind}_0", message)
     return recorder.recording()
 
 

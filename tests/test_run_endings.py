@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from cmr.bus.messages import Received
 from cmr.model.motion import RobotState
 from cmr.scenario import ScenarioError
 from cmr.scenario.measuring import EndingMetric
@@ -34,7 +33,7 @@ def ended(ending: Ending, gap: Callable[[float], float]) -> tuple[float, str]:
         poses = {5: x, 2: x - gap(seconds)}
         robots = [Robot(EPOCH + k * STEP, n, VIRTUAL, RobotState(x, *[0.0] * 6)) for n, x in poses.items()]
         for message in world_messages(EPOCH + k * STEP, robots):
-            watch.handle(EPOCH + k * STEP, Received.on("WORLD_STATE", message))
+            watch.handle(EPOCH + k * STEP, "WORLD_STATE", message)
         if k == 0:
             watch.begin()
         if reason := metric.reason(seconds):

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received
 from cmr.model.motion import RobotState
 from cmr.scenario import Scenario, load
 from cmr.scenario.measuring import measure
@@ -67,7 +66,7 @@ def watched(scenario: Scenario, moments: int, away: range) -> TeamWatch:
         if k not in away:
             robots.append(Robot(utime, 2, VIRTUAL, RobotState(x - 0.7, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
         for message in world_messages(utime, robots):
-            watch.handle(utime, Received.on("WORLD_STATE", message))
+            watch.handle(utime, "WORLD_STATE", message)
         if k == 0:
             watch.begin()
     return watch

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received
 from cmr.bus.streams import PARAMETERS
 from cmr.manoeuvres import in_sequence
 from cmr.model.body import wrap
@@ -120,7 +119,7 @@ def test_a_robot_of_another_kind_drives_the_manoeuvre_of_a_virtual_leader(name: 
         VirtualRobot(11, Shadow(leader=leader), 0, *START),
     ]
     world = World(virtual, ParameterFollower, own_parameters={11: other})
-    world.handle(EPOCH, Received.on(PARAMETERS.channel(0), ROBOT.announcement(1)))
+    world.handle(EPOCH, PARAMETERS.channel(0), ROBOT.announcement(1))
     turned = {leader: 0.0, 11: 0.0}
     before = dict.fromkeys(turned, 0.0)
     for step in range(round(in_sequence(name).duties(MODEL, 0.5).duration * 100.0) + 300):

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import POSE, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -81,7 +81,7 @@ class Shards:
         for _ in range(round(seconds * 1e6) // STEP):
             self.utime += STEP
             for receiver, message in self.network.arrived(self.utime):
-                self.worlds[receiver].handle(message.utime, Received.on(WORLD_STATE.name, message))
+                self.worlds[receiver].handle(message.utime, WORLD_STATE.name, message)
             for number, world in enumerate(self.worlds):
                 world.advance(self.utime)
                 for robot in world.robots():
@@ -98,7 +98,7 @@ def world_of(*robots: VirtualRobot, real: tuple[int, ...] = ()) -> World:
     """Return a world that owns these virtual robots and estimates these real ones."""
     world = World(list(robots), ParameterFollower, estimates=lambda robot_id: robot_id in real)
     file = ParameterFile(0, {name: Value(value) for name, value in PAPER.items()})
-    world.handle(EPOCH, Received.on("PARAMETERS_0", file.announcement(1)))
+    world.handle(EPOCH, "PARAMETERS_0", file.announcement(1))
     return world
 
 
@@ -212,7 +212,7 @@ def test_a_real_robot_is_estimated_by_the_simulator_that_was_told_to_and_shown_b
     for utime in both.run(2.0):
         pose = make(pose_xyt_t, utime=utime, robot_id=0, x=1.0, y=2.0, theta=0.0)
         for world in both.worlds:
-            world.handle(utime, Received.on(POSE.channel(0), pose))
+            world.handle(utime, POSE.channel(0), pose)
     assert [[robot.robot_id for robot in world.real()] for world in both.worlds] == [[0], []]
     for world in both.worlds:
         robot = world.view.robot(0)

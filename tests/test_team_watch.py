@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
@@ -29,7 +29,7 @@ def see(watched: TeamWatch, k: int, *robots: tuple[int, int, float, float], spee
     utime = EPOCH + k * STEP
     states = [Robot(utime, i, origin, RobotState(x, y, 0.0, speed, speed, 0.0, 0.0)) for i, origin, x, y in robots]
     (message,) = world_messages(utime, states)
-    watched.handle(utime, Received.on(WORLD_STATE.name, message))
+    watched.handle(utime, WORLD_STATE.name, message)
 
 
 def test_the_distance_driven_is_that_of_the_path() -> None:
@@ -130,19 +130,19 @@ def status(pid: int, state: int, overruns: float, host: str = socket.gethostname
 def test_late_turns_of_all_processes_are_added_up_and_a_doubt_is_known() -> None:
     watched = watch()
     for overruns in (1.0, 3.0):
-        watched.handle(EPOCH, Received.on(PROCESS_STATUS.name, status(7, process_status_t.RUNNING, overruns)))
-    watched.handle(EPOCH, Received.on(PROCESS_STATUS.name, status(8, process_status_t.DEGRADED, 2.0)))
+        watched.handle(EPOCH, PROCESS_STATUS.name, status(7, process_status_t.RUNNING, overruns))
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(8, process_status_t.DEGRADED, 2.0))
     assert watched.overruns == 5
     assert [watched.is_degraded(pid) for pid in (7, 8, 9)] == [False, True, False]
 
 
 def test_what_came_late_while_processes_started_up_does_not_count() -> None:
     watched = watch()
-    watched.handle(EPOCH, Received.on(PROCESS_STATUS.name, status(7, process_status_t.RUNNING, 100.0)))
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(7, process_status_t.RUNNING, 100.0))
     see(watched, 0, (0, VIRTUAL, 0.0, 0.0), (1, VIRTUAL, 0.0, 1.0))
     watched.begin()
-    watched.handle(EPOCH, Received.on(PROCESS_STATUS.name, status(7, process_status_t.RUNNING, 103.0)))
-    watched.handle(EPOCH, Received.on(PROCESS_STATUS.name, status(8, process_status_t.RUNNING, 2.0)))
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(7, process_status_t.RUNNING, 103.0))
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(8, process_status_t.RUNNING, 2.0))
     see(watched, 1, (0, VIRTUAL, 0.0, 0.0), (1, VIRTUAL, 0.0, 1.0))
     assert [watched.late_turns(pid) for pid in (7, 8, 9)] == [3, 2, None]
     assert [watched.loop_rate(pid) for pid in (7, 9)] == [200.0, 0.0]

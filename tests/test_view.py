@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import (
     CALIBRATION_STATUS,
     CAMERA_IMAGE,
@@ -65,7 +65,7 @@ def status(process: str, message: str, utime: int = NOW) -> Any:
 def showing(*messages: WorldState) -> ViewState:
     state = ViewState()
     for message in messages:
-        state.handle(message.utime, Received.on(WORLD_STATE.name, message))
+        state.handle(message.utime, WORLD_STATE.name, message)
         state.advance(message.utime)
     return state
 
@@ -90,7 +90,7 @@ def test_the_parts_of_a_world_are_put_together_and_who_is_told_of_no_more_goes()
 
 def pass_time(state: ViewState, until: int, *messages: WorldState) -> None:
     for message in messages:
-        state.handle(message.utime, Received.on(WORLD_STATE.name, message))
+        state.handle(message.utime, WORLD_STATE.name, message)
     state.advance(until)
 
 
@@ -98,7 +98,7 @@ def test_a_robot_that_is_silent_is_greyed_then_gone_from_everything_and_back_whe
     only_27 = [world(NOW + k * SECOND, [(27, VIRTUAL, 1.0, 0.0, 0.0)]) for k in range(7)]
     state = showing(three(NOW))
     take_message(state, NOW, "GYRO_0", make(gyro_t, utime=NOW, robot_id=0, **FIELDS["GYRO"]))
-    state.handle(NOW, Received.on("WAYPOINTS_0", make(waypoints_t, utime=NOW, robot_id=0, x=[0.0, 1.0], y=[0.0, 0.0])))
+    state.handle(NOW, "WAYPOINTS_0", make(waypoints_t, utime=NOW, robot_id=0, x=[0.0, 1.0], y=[0.0, 0.0]))
     pass_time(state, NOW + 2 * SECOND, *only_27[:3])
     assert picture_of(state).solid.colour.tolist() == [list(GREY), list(BLUE)]
     assert picture_of(state).ghosts.colour.tolist() == [list(GREY)]
@@ -132,14 +132,14 @@ def test_a_robot_is_where_the_best_source_says() -> None:
     state = showing(three(NOW))
     pose = make(pose_xyt_t, utime=NOW, robot_id=0, x=9.0, y=9.0, theta=0.0)
     fields = dict.fromkeys(("psi_left", "psi_right", "domega_left", "domega_right", "y", "theta"), 0.0)
-    state.handle(NOW + 1, Received.on("POSE_0", pose))
+    state.handle(NOW + 1, "POSE_0", pose)
     assert state.present().place(0) == (0.0, 0.0, 0.0), "WORLD_STATE knows better than a measured pose"
-    state.handle(NOW + SECOND, Received.on("POSE_0", pose))
+    state.handle(NOW + SECOND, "POSE_0", pose)
     state.advance(NOW + SECOND)
     assert state.present().place(0) == (9.0, 9.0, 0.0), "of a robot without a simulator the pose is shown"
     estimate = make(robot_state_t, utime=NOW + SECOND, robot_id=0, origin=REAL, x=4.0, **fields)
-    state.handle(NOW + SECOND, Received.on("ROBOT_STATE_0", estimate))
-    state.handle(NOW + SECOND, Received.on("POSE_0", pose))
+    state.handle(NOW + SECOND, "ROBOT_STATE_0", estimate)
+    state.handle(NOW + SECOND, "POSE_0", pose)
     assert state.present().place(0) == (4.0, 0.0, 0.0)
 
 
@@ -163,7 +163,7 @@ def test_trails_last_as_long_as_wished_and_do_not_follow_jumps() -> None:
     assert len(trails(state.trails.shown(state.now, 0.5)).ends) == 3 * 3
     before = len(state.trails.shown(state.now, 60.0).origin)
     jumped = three(moments[-1].utime + SECOND // 4, 50.0)
-    state.handle(jumped.utime, Received.on(WORLD_STATE.name, jumped))
+    state.handle(jumped.utime, WORLD_STATE.name, jumped)
     state.advance(jumped.utime)
     assert len(state.trails.shown(state.now, 60.0).origin) == before
 
@@ -171,7 +171,7 @@ def test_trails_last_as_long_as_wished_and_do_not_follow_jumps() -> None:
 def test_waypoints_are_lines_with_a_mark_at_the_end_and_nonsense_is_left_out() -> None:
     state = showing(three(NOW))
     x = [0.0, 1.0, float("nan"), 2.0]
-    state.handle(NOW, Received.on("WAYPOINTS_0", make(waypoints_t, utime=NOW, robot_id=0, x=x, y=[0.0] * 4)))
+    state.handle(NOW, "WAYPOINTS_0", make(waypoints_t, utime=NOW, robot_id=0, x=x, y=[0.0] * 4))
     ends = picture_of(state).waypoints.ends
     assert np.isfinite(ends).all()
     assert ends[0, :, 0].tolist() == [0.0, 1.0]
@@ -183,7 +183,7 @@ def test_rays_end_where_the_sensor_saw_something() -> None:
     scan = make(
         range_scan_t, utime=NOW, robot_id=3, angle_first=0.0, angle_step=np.pi / 2, range_max=5.0, ranges=[2.0, np.inf]
     )
-    state.handle(NOW, Received.on(RANGE_SCAN.channel(3), scan))
+    state.handle(NOW, RANGE_SCAN.channel(3), scan)
     assert rays(state, 3).ends[:, :, :2].tolist() == [[[1.0, 1.0], pytest.approx([1.0, 3.0])]]
     assert len(rays(state, 4).ends) == 0
 
@@ -327,9 +327,7 @@ def test_status_bits_are_told_in_words() -> None:
 
 def test_what_a_stranger_says_is_no_html() -> None:
     state = showing(three(NOW))
-    state.handle(
-        NOW, Received.on(PROCESS_STATUS.name, status("<script>alert(1)</script>", "<img src=x onerror=alert(2)>"))
-    )
+    state.handle(NOW, PROCESS_STATUS.name, status("<script>alert(1)</script>", "<img src=x onerror=alert(2)>"))
     state.traffic.take(NOW, "<b>", b" ")
     for panel in (words.processes(state), words.bus(state), words.sentence("<b>")):
         assert not any(tag in panel for tag in ("<script", "<img", "<b>"))
@@ -337,7 +335,7 @@ def test_what_a_stranger_says_is_no_html() -> None:
 
 def test_a_process_that_says_nothing_is_told_to_be_silent_and_then_forgotten() -> None:
     state = ViewState()
-    state.handle(NOW, Received.on(PROCESS_STATUS.name, status("cmr-sim", "")))
+    state.handle(NOW, PROCESS_STATUS.name, status("cmr-sim", ""))
     state.now = NOW + 5 * SECOND
     assert "silent for 5 s" in words.processes(state)
     state.advance(NOW + 61 * SECOND)
@@ -347,7 +345,7 @@ def test_a_process_that_says_nothing_is_told_to_be_silent_and_then_forgotten() -
 def test_a_robot_is_told_with_what_its_driver_says() -> None:
     state = showing(three(NOW))
     values = {**FIELDS["MOTOR_FEEDBACK"], "status": motor_feedback_t.STATUS_NOT_ARMED}
-    state.handle(NOW, Received.on(MOTOR_FEEDBACK.channel(0), make(motor_feedback_t, utime=NOW, robot_id=0, **values)))
+    state.handle(NOW, MOTOR_FEEDBACK.channel(0), make(motor_feedback_t, utime=NOW, robot_id=0, **values))
     panel = words.robot(state, 0)
     assert all(told in panel for told in ("12.1 V", "? °C", "not armed", "twin"))
     assert "not in the world" in words.robot(state, 99)
@@ -359,7 +357,7 @@ def test_a_robot_is_told_with_what_its_driver_says() -> None:
 def test_a_robots_parameters_are_told_with_their_values() -> None:
     state = showing(three(NOW))
     known = ParameterFile(0, {"wheel_radius": Value(0.04), "base_width": Value(0.16)}).announcement(5)
-    state.handle(NOW, Received.on(PARAMETERS.channel(0), known))
+    state.handle(NOW, PARAMETERS.channel(0), known)
     assert "wheel_radius 0.04 m, base_width 0.16 m" in words.robot(state, 0)
     assert words.parameter_values("no: file") == ""
 
@@ -369,7 +367,7 @@ def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis(
     for k, std in enumerate((4.0, 1.0)):
         values = {**FIELDS["CALIBRATION_STATUS"], "k2_over_k3": 118.0, "k2_over_k3_std": std}
         message = make(CALIBRATION_STATUS.message_type, utime=NOW + k * SECOND, robot_id=0, **values)
-        state.handle(message.utime, Received.on(CALIBRATION_STATUS.channel(0), message))
+        state.handle(message.utime, CALIBRATION_STATUS.channel(0), message)
     seconds, value, high, low = estimates(state.calibrations[0])["k2_over_k3"]
     assert seconds.tolist() == [0.0, 1.0]
     assert (high - value).tolist() == pytest.approx([7.84, 1.96])
@@ -380,7 +378,7 @@ def test_calibration_has_intervals_and_twins_have_the_sentence_of_the_diagnosis(
     nothing = dict.fromkeys(("k1", "k1_std", "base_width", "base_width_std"), np.nan)
     unknown = make(CALIBRATION_STATUS.message_type, utime=NOW, robot_id=0, **{**values, **nothing})
     assert words.calibration(unknown).count("not known") == 3
-    state.handle(NOW, Received.on(PROCESS_STATUS.name, status("cmr-diagnose", "Robot 0: its left motor is weaker.")))
+    state.handle(NOW, PROCESS_STATUS.name, status("cmr-diagnose", "Robot 0: its left motor is weaker."))
     assert "its left motor is weaker" in words.twins(state)
     assert "3.0 cm" in words.twins(state)
     assert distances(state.divergence[0], state.now)[1] == pytest.approx([3.0, 3.0, 3.0])
@@ -405,7 +403,7 @@ def test_a_robot_with_a_velocity_controller_is_shown_with_its_commands_and_in_it
         ("VELOCITY_COMMAND_0", command),
         ("CALIBRATION_STATUS_0", make(CALIBRATION_STATUS.message_type, **fields)),
     ):
-        state.handle(NOW, Received.on(channel, message))
+        state.handle(NOW, channel, message)
     told = words.robot(state, 0)
     assert "+0.25 m/s, turning -0.50 rad/s" in told
     assert "response_time 0.25 s" in told

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import CALIBRATION_STATUS, WORLD_STATE
 from cmr.bus.world_state import WorldState
 from cmr.msg import calibration_status_t
@@ -28,7 +28,7 @@ def drive(state: ViewState, begin: int, apart: float, way: float = 3.0) -> int:
         psi = np.array([5.0 if 0.0 < x < way else 0.0] * 2)
         columns = (np.zeros(2, int), np.array([REAL, TWIN]), np.array([x, x]), np.array([0.0, apart]), *[np.zeros(2)])
         utime = begin + k * SECOND // 10
-        state.handle(utime, Received.on(WORLD_STATE.name, WorldState(utime, *columns, psi, psi, psi, psi)))
+        state.handle(utime, WORLD_STATE.name, WorldState(utime, *columns, psi, psi, psi, psi))
         state.advance(utime)
     return utime + SECOND // 10
 
@@ -44,7 +44,7 @@ def test_paths_before_and_after_are_of_the_calibrations_drive_and_the_first_one_
     now = drive(state, now, 0.5)
     assert "this drive" in words.drives(state, 0)
     for _ in range(3):
-        state.handle(now, Received.on("CALIBRATION_STATUS_0", calibration_status(now, calibration_status_t.DONE)))
+        state.handle(now, "CALIBRATION_STATUS_0", calibration_status(now, calibration_status_t.DONE))
     now = drive(state, now, 0.02)
     drive(state, now, 9.0)
     before, after = state.drives.of(0)

@@ -126,7 +126,7 @@ def test_after_a_jump_all_is_as_if_it_had_been_played(log: Path, seconds: float)
 def test_a_jump_reads_little_of_a_long_log(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     playback = playback_of(log)
     decoded: list[str] = []
-    monkeypatch.setattr(playback.state.__class__, "handle", lambda _self, _utime, one: decoded.append(one.channel))
+    monkeypatch.setattr(playback.state.__class__, "handle", lambda _self, _utime, channel, _m: decoded.append(channel))
     playback.jump(BEGIN + 90 * SECOND)
     # Two parts each: of the minute before, four in a second lately, two before; three seconds at full rate for rates.
     assert decoded.count("WORLD_STATE") <= 2 * (12 * 4 + 48 * 2) + 2 * 3 * 20 + 10

@@ -5,7 +5,6 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received
 from cmr.bus.world_state import WorldState
 from cmr.view.log_index import Mark
 from cmr.view.look import LEGEND, legend, time_bar
@@ -44,7 +43,7 @@ def test_the_legend_has_every_colour_in_which_robots_and_their_trails_are_drawn(
     assert {*COLOURS.values(), *TRAIL_COLOURS.values()} <= in_legend
     state = ViewState()
     columns = (np.arange(3), np.array([0, 1, 2]), *np.zeros((7, 3)))
-    state.handle(1, Received.on("WORLD_STATE", WorldState(1, *columns)))
+    state.handle(1, "WORLD_STATE", WorldState(1, *columns))
     assert all(f"rgb({red},{green},{blue})" in legend(state, False) for red, green, blue in COLOURS.values())
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import (
     WAYPOINTS,
 )
@@ -37,24 +37,22 @@ def test_anybody_may_release_a_stop_but_not_with_words_from_before_it() -> None:
     orders = Orders()
     orders.stop(NOW)
     release = {"engaged": False, "source": "a person", "reason": "all is well"}
-    orders.handle(NOW, Received.on("ESTOP", make(estop_t, utime=NOW - 1, **release)))
+    orders.handle(NOW, "ESTOP", make(estop_t, utime=NOW - 1, **release))
     assert sent(orders, NOW) == [True]
-    orders.handle(NOW, Received.on("ESTOP", make(estop_t, utime=NOW + 1, **release)))
+    orders.handle(NOW, "ESTOP", make(estop_t, utime=NOW + 1, **release))
     assert sent(orders, NOW) == []
     assert not orders.stopped
 
 
 def test_a_stop_of_somebody_else_is_shown_and_not_repeated_and_ours_that_echoes_engages_nothing() -> None:
     orders = Orders()
-    orders.handle(
-        NOW, Received.on("ESTOP", make(estop_t, utime=NOW, engaged=True, source="cmr-run", reason="a fence was left"))
-    )
+    orders.handle(NOW, "ESTOP", make(estop_t, utime=NOW, engaged=True, source="cmr-run", reason="a fence was left"))
     assert orders.reason == "cmr-run: a fence was left"
     assert sent(orders, NOW) == []
     orders.stop(NOW)
     [(_, _, echo)] = orders.due(NOW)
     orders.release(NOW + 1)
-    orders.handle(NOW + 2, Received.on("ESTOP", echo))
+    orders.handle(NOW + 2, "ESTOP", echo)
     assert not orders.stopped
 
 

@@ -288,10 +288,3 @@ def test_a_received_message_knows_its_stream_and_robot_and_type(stream: Stream[M
     received = decode(channel, data)
     assert received.message_of(stream) is received.message
     assert not any(received.message_of(other) for other in STREAMS if other is not stream)
-    assert Received.of(stream, received.message, received.robot_id) == received
-    assert Received.on(channel, received.message) == received
-
-
-def test_a_message_is_received_on_no_channel_that_is_not_ours() -> None:
-    with pytest.raises(ValueError, match="NOBODYS is not a channel of CMR"):
-        Received.on("NOBODYS", msg.estop_t())

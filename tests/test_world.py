@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.bus.messages import Received, make
-from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS
+from cmr.bus.messages import make
+from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
 from cmr.model.compiled import config
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
@@ -73,7 +73,7 @@ def test_the_estimate_of_a_real_robot_is_nearer_to_the_truth_than_its_poses() ->
         if channel.startswith("POSE")
     }
     for channel, message in messages(DEFAULT):
-        estimator.handle(message.utime, Received.on(channel, message))
+        estimator.handle(message.utime, channel, message)
         if channel.startswith("POSE") and message.utime > EPOCH + 5_000_000:
             true = quiet[message.utime]
             noisy.append(math.hypot(message.x - true.x, message.y - true.y))
@@ -85,7 +85,7 @@ def test_without_poses_the_estimate_follows_wheels_and_gyro() -> None:
     estimator = Estimator(0)
     estimator.parameters = MODEL
     for channel, message in messages(DEFAULT, channels=["MOTOR_FEEDBACK", "GYRO"]):
-        estimator.handle(message.utime, Received.on(channel, message))
+        estimator.handle(message.utime, channel, message)
     last = [message for channel, message in messages(_without_pose_noise(), channels=["POSE"])][-1]
     # 30 s at 0.3 m/s with 0.3 % of turn slip and some longitudinal slip: a few centimetres.
     assert math.hypot(estimator.state.x - last.x, estimator.state.y - last.y) < 0.15
@@ -101,7 +101,7 @@ def test_a_late_pose_is_compared_with_where_the_robot_was() -> None:
     truth = {m.utime: m for _c, m in messages(_without_pose_noise(), channels=["POSE"])}
     errors = []
     for channel, message in arriving:
-        estimator.handle(message.utime, Received.on(channel, message))
+        estimator.handle(message.utime, channel, message)
         if channel.startswith("MOTOR_FEEDBACK") and message.utime in truth and message.utime > EPOCH + 5_000_000:
             true = truth[message.utime]
             errors.append(math.hypot(estimator.state.x - true.x, estimator.state.y - true.y))
@@ -114,7 +114,7 @@ def test_a_virtual_robot_moves_exactly_as_the_model_says(file: Path) -> None:
     world.advance(EPOCH)
     for k in range(200):
         utime = EPOCH + k * 10_000
-        world.handle(utime, Received.on(MOTOR_COMMAND.channel(7), command(utime, 0.3, 0.5, robot_id=7)))
+        world.handle(utime, MOTOR_COMMAND.channel(7), command(utime, 0.3, 0.5, robot_id=7))
         world.advance(utime)
     steps = 198  # the first turn places the robot, the command is taken at the second
     path = drive([0.3] * steps, [0.5] * steps, [0.01] * steps, MODEL, RobotState.at_rest(1.0, 2.0, 0.5))
@@ -128,7 +128,7 @@ def test_new_parameters_take_effect_without_a_jump(file: Path) -> None:
     world = world_of(file, VirtualRobot(10, FigureEight(start=0.0), parameters_of=0))
     utime = run(world, 3.0)
     before = robots(world)[10, VIRTUAL].state
-    world.handle(utime, Received.on(PARAMETERS.channel(0), OTHER.announcement(sequence=2**62)))
+    world.handle(utime, PARAMETERS.channel(0), OTHER.announcement(sequence=2**62))
     after = robots(world)[10, VIRTUAL].state
     assert before == after
     world.advance(utime + 10_000)
@@ -142,7 +142,7 @@ def test_a_broken_announcement_changes_nothing(file: Path) -> None:
     announcement = OTHER.announcement(sequence=2**62)
     announcement.yaml = announcement.yaml[: len(announcement.yaml) // 2]
     sha256 = world.parameters[0].sha256
-    world.handle(EPOCH, Received.on(PARAMETERS.channel(0), announcement))
+    world.handle(EPOCH, PARAMETERS.channel(0), announcement)
     assert world.parameters[0].sha256 == sha256
     assert world.parameters[0].message
 
@@ -185,10 +185,10 @@ def test_waypoints_replace_the_leaders_path(file: Path) -> None:
     utime = run(world, 3.0)
     assert robots(world)[10, VIRTUAL].state.x == 0.0
     waypoints = make(waypoints_t, utime=utime, robot_id=10, x=[0.0, 0.5, 1.0], y=[0.0, 0.0, 0.0])
-    world.handle(utime, Received.on(WAYPOINTS.channel(10), waypoints))
+    world.handle(utime, WAYPOINTS.channel(10), waypoints)
     utime = run(world, 6.0, utime)
     assert robots(world)[10, VIRTUAL].state.x == pytest.approx(1.0, abs=0.05)
-    world.handle(utime, Received.on(WAYPOINTS.channel(10), make(waypoints_t, utime=utime, robot_id=10, x=[], y=[])))
+    world.handle(utime, WAYPOINTS.channel(10), make(waypoints_t, utime=utime, robot_id=10, x=[], y=[]))
     run(world, 1.0, utime)
     assert robots(world)[10, VIRTUAL].state.psi_left == pytest.approx(0.0, abs=0.01)
 
@@ -200,7 +200,7 @@ def test_the_twin_starts_each_drive_at_its_robot_and_then_runs_freely(file: Path
     drive_two = _continued(messages(DEFAULT, seed=9, seconds=10.0), drive_one, offset)
     gaps = []
     for channel, message in drive_one + drive_two:
-        world.handle(message.utime, Received.on(channel, message))
+        world.handle(message.utime, channel, message)
         if channel.startswith("MOTOR_FEEDBACK"):
             world.advance(message.utime)
             here = robots(world)
@@ -219,13 +219,13 @@ def test_a_twin_stands_still_during_an_emergency_stop(file: Path) -> None:
     world = world_of(file)
     drive_one = messages(DEFAULT, seconds=10.0)
     for channel, message in drive_one[: len(drive_one) // 2]:
-        world.handle(message.utime, Received.on(channel, message))
+        world.handle(message.utime, channel, message)
         world.advance(message.utime)
     utime = message.utime
-    world.handle(utime, Received.on(ESTOP.name, make(estop_t, utime=utime, engaged=True, source="test", reason="test")))
+    world.handle(utime, ESTOP.name, make(estop_t, utime=utime, engaged=True, source="test", reason="test"))
     for k in range(150):
         now = utime + k * 10_000
-        world.handle(now, Received.on(MOTOR_COMMAND.channel(0), command(now, 0.5, 0.5)))
+        world.handle(now, MOTOR_COMMAND.channel(0), command(now, 0.5, 0.5))
         world.advance(now)
     assert robots(world)[0, TWIN].state.psi_left == pytest.approx(0.0, abs=0.01)
 
@@ -238,7 +238,7 @@ def test_one_wrong_time_stamp_does_not_freeze_a_robot(file: Path) -> None:
         wrong += 1
     drive_one[wrong][1].utime += 3_600_000_000  # an hour ahead
     for channel, message in drive_one:
-        world.handle(message.utime, Received.on(channel, message))
+        world.handle(message.utime, channel, message)
         if message.utime < EPOCH + 60_000_000:
             world.advance(message.utime)
     real = robots(world)[0, REAL].state
@@ -258,7 +258,7 @@ def test_simulated_robots_go_on_when_the_clock_is_set_back(file: Path) -> None:
 def test_a_real_robot_that_fell_silent_leaves_the_world(file: Path) -> None:
     world = world_of(file)
     for channel, message in messages(DEFAULT, seconds=1.0):
-        world.handle(message.utime, Received.on(channel, message))
+        world.handle(message.utime, channel, message)
     world.advance(message.utime)
     assert (0, REAL) in robots(world)
     run(world, 2.0, message.utime)
@@ -273,7 +273,7 @@ def test_a_robot_is_not_shown_at_the_origin_while_its_pose_may_still_come(
     end = EPOCH + int(seconds * 1e6)
     for channel, message in takewhile(lambda one: one[1].utime <= end, messages(DEFAULT, seconds=1.0)):
         if told or not channel.startswith("POSE"):
-            world.handle(message.utime, Received.on(channel, message))
+            world.handle(message.utime, channel, message)
     world.advance(end)
     assert ((0, REAL) in robots(world)) == shown
 
@@ -283,7 +283,7 @@ def test_a_virtual_robot_follows_a_real_one_behind_its_twin(file: Path) -> None:
     world = world_of(file, VirtualRobot(11, Follow(leader=0, gap=0.4), parameters_of=0, x=-0.5))
     assert config.DISABLE_JIT == 0
     for channel, message in messages(DEFAULT, seconds=8.0):
-        world.handle(message.utime, Received.on(channel, message))
+        world.handle(message.utime, channel, message)
         world.advance(message.utime)
     here = robots(world)
     leader, follower = here[0, REAL].state, here[11, VIRTUAL].state
@@ -328,7 +328,7 @@ def test_a_large_world_is_split_into_packets_that_hold_every_robot_once() -> Non
     assert [robot_id for part in parts for robot_id in part.robot_id] == list(range(100))
     view = WorldView()
     for part in parts:
-        view.handle(part.utime, world_state_t.decode(part.encode()))
+        view.handle(part.utime, WORLD_STATE.name, world_state_t.decode(part.encode()))
     for i in range(100):
         robot = view.robot(i)
         assert robot is not None

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cmr.bus.messages import Received
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
 from cmr.diagnosis.live import Watcher
 from cmr.parameters.file import ParameterFile, Value
@@ -75,7 +74,7 @@ def follow(file: ParameterFile | None = TRUE) -> Callable[[int], ParameterFollow
         result = ParameterFollower(robot_id)
         if file is not None:
             announced = replace(file, robot_id=robot_id).announcement(1)
-            result.handle(announced.utime, Received.on(PARAMETERS.channel(robot_id), announced))
+            result.handle(announced.utime, PARAMETERS.channel(robot_id), announced)
         return result
 
     return follower
@@ -87,7 +86,7 @@ def watch(heard: Iterable[Message], watcher: Watcher | None = None, every: int =
     said: Said = []
     due = 0
     for utime, channel, message in heard:
-        watcher.handle(utime, Received.on(channel, message))
+        watcher.handle(utime, channel, message)
         if utime >= due:
             due = utime + every
             said += [(_seconds(utime), sentence) for sentence in watcher.advance(utime)]
@@ -203,5 +202,5 @@ def halted(left: bool = True, right: bool = True) -> Recording:
 
 
 def handled(watcher: Watcher, utime: int, channel: str, message: Any) -> list[str]:
-    watcher.handle(utime, Received.on(channel, message))
+    watcher.handle(utime, channel, message)
     return watcher.advance(utime)

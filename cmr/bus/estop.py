@@ -1,6 +1,7 @@
 """The emergency stop as every process obeys it: latched until it is released."""
 
-from cmr.bus.messages import Received
+from cmr.bus.message import Message
+from cmr.bus.streams import ESTOP
 from cmr.msg import estop_t
 
 
@@ -11,9 +12,8 @@ class EmergencyStop:
         self.engaged = False
         self.reason = ""
 
-    def handle(self, _utime: int, received: Received) -> None:
+    def handle(self, _utime: int, channel: str, message: Message) -> None:
         """Take an estop_t; other messages are passed over."""
-        message = received.message
-        if isinstance(message, estop_t):
+        if channel == ESTOP.name and isinstance(message, estop_t):
             self.engaged = bool(message.engaged)
             self.reason = f"{message.source}: {message.reason}" if self.engaged else ""

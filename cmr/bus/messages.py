@@ -38,22 +38,6 @@ class Received(NamedTuple):
     robot_id: int | None
     message: Message
 
-    @classmethod
-    def of(cls, stream: Stream[M], message: M, robot_id: int | None = None) -> "Received":
-        """Return a message as it is received from a stream, of a robot where each has its own channel."""
-        return cls(stream.channel(robot_id), stream, robot_id, message)
-
-    @classmethod
-    def on(cls, channel: str, message: Message) -> "Received":
-        """Return a message as it is received on a channel.
-
-        Raises ValueError when the channel is not ours.
-        """
-        identity = identify(channel)
-        if identity is None:
-            raise ValueError(f"{channel} is not a channel of CMR")
-        return cls(channel, *identity, message)
-
     def message_of(self, stream: Stream[M]) -> M | None:
         """Return the message if it came on a channel of this stream; None otherwise."""
         return self.message if isinstance(self.message, stream.message_type) else None

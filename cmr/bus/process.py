@@ -118,10 +118,10 @@ class Process:
         received, self._received = self._received, []
         return self.bus.latest(received)
 
-    def dispatch(self, handle: Callable[[int, Received], object]) -> None:
-        """Hand what has arrived to `handle(utime, received)`, oldest first."""
+    def dispatch(self, handle: Callable[[int, str, Message], object]) -> None:
+        """Hand what has arrived to `handle(utime, channel, message)`, oldest first."""
         for received in self.received():
-            handle(received.message.utime, received)
+            handle(received.message.utime, received.channel, received.message)
 
     def publish_all(self, messages: Iterable[Outgoing]) -> None:
         """Send messages given as (stream, robot id or None, message)."""

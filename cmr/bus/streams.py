@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Generic
 
 from cmr import msg
@@ -88,8 +89,10 @@ STREAMS: tuple[Stream[Message], ...] = (
 
 _BY_NAME = {stream.name: stream for stream in STREAMS}
 _ROBOT_CHANNEL = re.compile(r"([A-Z_]+)_(0|[1-9][0-9]{0,9})")
+_MOST_REMEMBERED = 16_384  # channel names, which also strangers choose: those of a thousand robots
 
 
+@lru_cache(_MOST_REMEMBERED)  # every handler of a message asks, and parsing a name takes longer than most of them
 def identify(channel: str) -> tuple[Stream[Message], int | None] | None:
     """Return the stream and the robot id of a channel name; None if it is none of ours."""
     stream = _BY_NAME.get(channel)

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from cmr.bus.message import Message
-from cmr.bus.messages import Received, make, now_utime
-from cmr.bus.streams import PARAMETERS, VELOCITY_COMMAND, Stream
+from cmr.bus.messages import make, now_utime
+from cmr.bus.streams import PARAMETERS, VELOCITY_COMMAND, Stream, identify
 from cmr.calibration.calibrate import AVERAGE, PAPER, calibrate
 from cmr.calibration.coverage import MOVING_AT_ALL, Coverage, second_speed
 from cmr.calibration.fitting import PAPER_PARAMETERS
@@ -75,22 +75,22 @@ class Calibrator:
         self._forgotten = 0
         self.left_out = 0.0  # s of a log that follow the manoeuvre
 
-    def handle(self, utime: int, received: Received) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take one message; those of other robots, and those after the manoeuvre, are passed over."""
-        if received.stream not in HEARD or received.robot_id != self.robot_id or self.complete:
+        stream, robot_id = identify(channel) or (None, None)
+        if stream is None or stream not in HEARD or robot_id != self.robot_id or self.complete:
             return
-        self._recorder.handle(utime, received)
+        self._recorder.handle(utime, channel, message)
         self._latest = max(self._latest, utime)
         if self._onset is None and self._latest > self._forgotten + FORGET:
             # A robot may be parked for hours before it drives.
             self._recorder.forget(self._latest - FORGET // 2)
             self._forgotten = self._latest
-        message = received.message
         if isinstance(message, motor_feedback_t):
             self._has_wheels = True
             self._watch(utime, message.psi_left, message.psi_right)
         elif isinstance(message, COMMANDS) and not self._has_wheels:
-            self._watch(utime, *self._asked(received.stream, *asked_by(message)))
+            self._watch(utime, *self._asked(stream, *asked_by(message)))
 
     @classmethod
     def of(cls, messages: RobotMessages, nominal: ParameterFile | None = None) -> "Calibrator":

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cmr.bus.messages import Received, make
+from cmr.bus.message import Message
+from cmr.bus.messages import make
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CAMERA_IMAGE, POSE, WAYPOINTS, WORLD_STATE
 from cmr.commands.command_line import CommandError, parse_seconds, parser
@@ -183,13 +184,12 @@ class _Showing:
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(WAYPOINTS)
 
-    def handle(self, utime: int, received: Received) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message from the bus."""
-        message = received.message
         if isinstance(message, world_state_t):
             self._tracks.handle(utime, message)
         elif isinstance(message, waypoints_t):
-            self._waypoints[received.channel] = self._make_waypoints(list(message.x), list(message.y))
+            self._waypoints[channel] = self._make_waypoints(list(message.x), list(message.y))
 
     def publish(self, seen: "Seen") -> None:
         """Publish the poses in a picture, and the picture if it is time for one."""

@@ -273,7 +273,7 @@ class _Demo:
         for received in self._process.received():
             message = received.message
             if isinstance(message, world_state_t):
-                self._world.handle(message.utime, message)
+                self._world.handle(message.utime, received.channel, message)
                 self._note_motion()
             elif isinstance(message, calibration_status_t):
                 self._calibration = message

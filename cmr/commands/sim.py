@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cmr.bus.message import Message
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Outgoing, Process, Timer
 from cmr.bus.streams import (
@@ -120,7 +120,7 @@ def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loa
     if cast:
         world.view.geofence = cast.geofence
         for robot_id, message in cast.waypoints:
-            world.handle(message.utime, Received.of(WAYPOINTS, message, robot_id))
+            world.handle(message.utime, WAYPOINTS.channel(robot_id), message)
     return world, loader
 
 

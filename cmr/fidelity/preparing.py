@@ -6,7 +6,6 @@ The drives are made without hardware; what is made of them is the very work of c
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from cmr.bus.messages import Received
 from cmr.calibration.calibrator import Calibrator
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.document import extended_file
@@ -18,6 +17,7 @@ from cmr.team.casting import Cast
 from cmr.team.experiment import run
 from cmr.team.hidden import Laboratory
 from cmr.team.population import population_of
+from cmr.team.real_robots import OnChannel
 
 EIGHT = {"size": "0.7", "speed": "0.3", "laps": "1", "start": "1.5"}
 EIGHT_DURATION = 24.0  # s
@@ -106,7 +106,7 @@ def _drive(behaviour: _Behaviour, duration: float, cast: Cast, seed: int, hears:
     """Let one real robot drive alone, and have somebody hear its messages."""
     robot_id = cast.believed.robot_id
 
-    def listen(utime: int, message: Received) -> None:
-        hears.handle(utime, message)
+    def listen(utime: int, message: OnChannel) -> None:
+        hears.handle(utime, *message)
 
     run(_Drive((_Robot(robot_id, behaviour),), duration), cast, seed, listen=listen)

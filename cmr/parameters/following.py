@@ -4,7 +4,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from cmr.bus.messages import Received, now_utime
+from cmr.bus.message import Message
+from cmr.bus.messages import now_utime
+from cmr.bus.streams import PARAMETERS
 from cmr.msg import parameters_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, announcement, parse, sha256_of
 
@@ -75,10 +77,9 @@ class ParameterFollower:
         self._file_problem = self._content_problem
         return changed
 
-    def handle(self, _utime: int, received: Received) -> bool:
+    def handle(self, _utime: int, channel: str, message: Message) -> bool:
         """Take an announcement (parameters_t); tell whether the parameters in use changed."""
-        channel, message = received.channel, received.message
-        if not isinstance(message, parameters_t) or received.robot_id != self.robot_id:
+        if not isinstance(message, parameters_t) or channel != PARAMETERS.channel(self.robot_id):
             return False
         if sha256_of(message.yaml) != message.sha256:
             self._announcement_problem = self._kept(f"{channel}: the announced sha256 does not fit the content")

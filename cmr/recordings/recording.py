@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cmr.bus.message import Message
-from cmr.bus.messages import Received
+from cmr.bus.streams import PARAMETERS
 from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 from cmr.msg import parameters_t
 from cmr.parameters.file import ParameterFile
@@ -180,17 +180,17 @@ class Recorder:
     def __init__(self, robot_id: int) -> None:
         self.robot_id = robot_id
         self._announcements = Announcements()
+        self._announcing = PARAMETERS.channel(robot_id)
         self._columns = {kept.stream.channel(robot_id): _Columns(kept) for kept in KEPT.values()}
         self._number = 0
 
-    def handle(self, _utime: int, received: Received) -> None:
+    def handle(self, _utime: int, channel: str, message: Message) -> None:
         """Take one message; those of other robots and other streams are passed over."""
-        message = received.message
-        columns = self._columns.get(received.channel)
+        columns = self._columns.get(channel)
         if columns is not None:
             columns.add(self._number, message)
-        elif isinstance(message, parameters_t) and received.robot_id == self.robot_id:
-            self._announcements.take(self._number, received.channel, message)
+        elif isinstance(message, parameters_t) and channel == self._announcing:
+            self._announcements.take(self._number, channel, message)
         self._number += 1
 
     def forget(self, before: int) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cmr.bus.estop import EmergencyStop
-from cmr.bus.messages import Received
+from cmr.bus.message import Message
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.msg import process_status_t
@@ -160,10 +160,10 @@ class LiveRun:
         self._process.state = process_status_t.DEGRADED if down else ready
         self._process.message = f"Not running: {', '.join(down)}." if down else ""
 
-    def _hear(self, utime: int, received: Received) -> None:
-        self.watch.handle(utime, received)
+    def _hear(self, utime: int, channel: str, message: Message) -> None:
+        self.watch.handle(utime, channel, message)
         stop, was_engaged = self._emergency_stop, self._emergency_stop.engaged
-        stop.handle(utime, received)
+        stop.handle(utime, channel, message)
         if stop.engaged != was_engaged:
             self.say(f"ESTOP is engaged by {stop.reason}." if stop.engaged else "ESTOP is released.")
 

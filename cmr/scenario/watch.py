@@ -11,7 +11,8 @@ from typing import ClassVar, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.bus.messages import Received
+from cmr.bus.message import Message
+from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.msg import process_status_t, world_state_t
 from cmr.scenario.plan import Point, Pose
 from cmr.scenario.scenario import Scenario
@@ -68,12 +69,11 @@ class TeamWatch:
         self.reached_utime: dict[int, int] = {}  # when a robot was at its last waypoint
         self._anchor = np.full((2, count), np.nan)
 
-    def handle(self, utime: int, received: Received) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take WORLD_STATE or PROCESS_STATUS."""
-        message = received.message
-        if isinstance(message, world_state_t):
+        if channel == WORLD_STATE.name and isinstance(message, world_state_t):
             self._take_world(utime, message)
-        elif isinstance(message, process_status_t):
+        elif channel == PROCESS_STATUS.name and isinstance(message, process_status_t):
             if message.host == self._host:
                 self._take_status(message)
             else:

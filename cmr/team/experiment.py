@@ -11,14 +11,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import PARAMETERS, WAYPOINTS, WORLD_STATE
 from cmr.msg import waypoints_t
 from cmr.parameters.file import ParameterFile
 from cmr.parameters.following import ParameterFollower
 from cmr.team.casting import Cast, RobotLike, ScenarioLike
 from cmr.team.metrics import Way, passed
-from cmr.team.real_robots import PERIOD, RealRobots
+from cmr.team.real_robots import PERIOD, OnChannel, RealRobots
 from cmr.team.scoring import scores, ways_of
 from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviours
 from cmr.world.interaction.obstacles import Geofence, Obstacles
@@ -58,7 +58,7 @@ def run(
     cast: Cast,
     seed: int,
     *,
-    listen: Callable[[int, Received], None] = lambda _utime, _message: None,
+    listen: Callable[[int, OnChannel], None] = lambda _utime, _message: None,
 ) -> TeamRun:
     """Run a scenario until its duration is over, or its waypoints are reached where it ends then.
 
@@ -68,7 +68,7 @@ def run(
     """
     world, real = _world(scenario, cast, seed), _real_robots(scenario, cast, seed)
     for message in _waypoints(scenario):
-        world.handle(EPOCH, message)
+        world.handle(EPOCH, *message)
         real.hear(EPOCH, [message])
     places: list[Floats] = []
     all_passed = False
@@ -85,15 +85,15 @@ def run(
     return _run_of(scenario, np.array(places), all_passed)
 
 
-def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[int, Received], None]) -> None:
+def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[int, OnChannel], None]) -> None:
     """Let a period pass: robots measure, the simulator goes on, pilots see its news and decide."""
     for message in real.advance(utime):
-        world.handle(utime, message)
+        world.handle(utime, *message)
         listen(utime, message)
     world.advance(utime)
-    real.hear(utime, [Received.of(WORLD_STATE, message) for message in world_messages(utime, world.everybody())])
+    real.hear(utime, [(WORLD_STATE.name, message) for message in world_messages(utime, world.everybody())])
     for message in real.decide(utime):
-        world.handle(utime, message)
+        world.handle(utime, *message)
         listen(utime, message)
 
 
@@ -169,16 +169,16 @@ def _follower(believed: ParameterFile, robot_id: int) -> ParameterFollower:
     """Return the parameters of a robot in use: those believed, under its own id."""
     follower = ParameterFollower(robot_id)
     announced = replace(believed, robot_id=robot_id).announcement(sequence=1)
-    follower.handle(0, Received.of(PARAMETERS, announced, robot_id))
+    follower.handle(0, PARAMETERS.channel(robot_id), announced)
     return follower
 
 
-def _waypoints(scenario: ScenarioLike) -> Iterator[Received]:
+def _waypoints(scenario: ScenarioLike) -> Iterator[OnChannel]:
     for robot in scenario.robots:
         if robot.waypoints:
             x, y = zip(*robot.waypoints, strict=True)
             message = make(waypoints_t, utime=EPOCH, robot_id=robot.robot_id, x=x, y=y)
-            yield Received.of(WAYPOINTS, message, robot.robot_id)
+            yield WAYPOINTS.channel(robot.robot_id), message
 
 
 def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:

@@ -7,10 +7,12 @@ than a driver lets them.
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
-from cmr.bus.messages import Received, make
+from cmr.bus.message import Message
+from cmr.bus.messages import make
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE
 from cmr.model.body import wrap
 from cmr.msg import gyro_t, motor_feedback_t, pose_xyt_t
@@ -25,6 +27,8 @@ from robot_driver.ramp import Limits, Ramp
 PERIOD = 20_000  # us
 POSE_EVERY = 2  # periods
 READINGS = 4  # random numbers a period and robot: gyro and pose
+
+OnChannel: TypeAlias = tuple[str, Message]  # channel, message
 
 
 class RealRobots:
@@ -57,7 +61,7 @@ class RealRobots:
         """Whose columns those of `place` are."""
         return [pilot.robot_id for pilot in self._pilots]
 
-    def advance(self, utime: int) -> Iterator[Received]:
+    def advance(self, utime: int) -> Iterator[OnChannel]:
         """Let a period pass until `utime` [us]; yield what drivers, gyros and cameras say then."""
         if not self._pilots:
             return
@@ -70,23 +74,23 @@ class RealRobots:
         turned = (self.place[2] - before[2]) / (PERIOD * 1e-6)
         for column, pilot in enumerate(self._pilots):
             measured = self._measured(column, pilot.robot_id, utime, ticks, float(turned[column]), duties[column])
-            for received in measured:
-                pilot.handle(utime, received)
-                yield received
+            for channel, message in measured:
+                pilot.handle(utime, channel, message)
+                yield channel, message
         self._ticks = ticks
 
-    def hear(self, utime: int, messages: Sequence[Received]) -> None:
+    def hear(self, utime: int, messages: Sequence[OnChannel]) -> None:
         """Let all pilots hear these messages."""
         for pilot in self._pilots:
-            for received in messages:
-                pilot.handle(utime, received)
+            for channel, message in messages:
+                pilot.handle(utime, channel, message)
 
-    def decide(self, utime: int) -> Iterator[Received]:
+    def decide(self, utime: int) -> Iterator[OnChannel]:
         """Yield the commands of all pilots; the drivers have them in the next period."""
         for column, (pilot, memory) in enumerate(zip(self._pilots, self._memories, strict=True)):
             stream, command = COMMANDS_OF[pilot.kind], pilot.command(utime)
             memory.take(utime, *(duties_of(command, self._controllers[column]) or (0.0, 0.0)))
-            yield Received.of(stream, command, pilot.robot_id)
+            yield stream.channel(pilot.robot_id), command
 
     def _serve(self, column: int, utime: int) -> tuple[float, float]:
         """Return the duties that a driver sends now, or those that stand for the speeds that a robot was told."""
@@ -99,22 +103,21 @@ class RealRobots:
 
     def _measured(
         self, column: int, robot_id: int, utime: int, ticks: Floats, turned: float, duties: tuple[float, float]
-    ) -> Iterator[Received]:
+    ) -> Iterator[OnChannel]:
         robot = self._robots[column]
         noise = self._random[column].standard_normal(READINGS)
         psi = (ticks[:, column] - self._ticks[:, column]) * 2.0 * math.pi / robot.ticks_per_turn / (PERIOD * 1e-6)
         # The rate is that of the period that the feedback ends: a gyro is fast enough not to tell it a period late.
         rate = turned + robot.gyro_bias + robot.gyro_noise * float(noise[0])
         gyro = make(gyro_t, utime=utime, robot_id=robot_id, yaw_rate=rate, valid=1, received_utime=utime)
-        yield Received.of(GYRO, gyro, robot_id)
+        yield GYRO.channel(robot_id), gyro
         applied = duties if self._controllers[column] is None else (math.nan, math.nan)  # nobody tells those inside
-        feedback = _feedback(utime, robot_id, ticks[:, column], psi, applied)
-        yield Received.of(MOTOR_FEEDBACK, feedback, robot_id)
+        yield MOTOR_FEEDBACK.channel(robot_id), _feedback(utime, robot_id, ticks[:, column], psi, applied)
         if self._periods % POSE_EVERY == 1:  # also in the first: the simulator must not show a robot where it is not
             deviation = noise[1:4] * (robot.position_noise, robot.position_noise, robot.heading_noise)
             x, y, theta = (self.place[:, column] + deviation).tolist()
             pose = make(pose_xyt_t, utime=utime, robot_id=robot_id, x=x, y=y, theta=float(wrap(theta)))
-            yield Received.of(POSE, pose, robot_id)
+            yield POSE.channel(robot_id), pose
 
 
 def _feedback(utime: int, robot_id: int, ticks: Floats, psi: Floats, duties: tuple[float, float]) -> motor_feedback_t:

@@ -50,4 +50,4 @@ class Intake:
         except RejectedMessage:
             self.state.traffic.reject(channel)
         else:
-            self.state.handle(utime, received)
+            self.state.handle(utime, channel, received.message)

@@ -1,6 +1,7 @@
 """What the page can order on the bus: the emergency stop, its release, and a figure-eight."""
 
-from cmr.bus.messages import Received, make
+from cmr.bus.message import Message
+from cmr.bus.messages import make
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import ESTOP, WAYPOINTS
 from cmr.msg import estop_t, waypoints_t
@@ -24,10 +25,9 @@ class Orders:
         self._releases = 0
         self._outgoing: list[Outgoing] = []
 
-    def handle(self, _utime: int, received: Received) -> None:
+    def handle(self, _utime: int, channel: str, message: Message) -> None:
         """Take a message from the bus, our own among them."""
-        message = received.message
-        if not isinstance(message, estop_t):
+        if channel != ESTOP.name or not isinstance(message, estop_t):
             return
         if message.engaged:
             # Our own repetitions come back even after we have released; they engage nothing again.

@@ -133,7 +133,7 @@ class Playback:
         if received.stream is WORLD_STATE and moment - self._world_begun > PARTS_WITHIN:
             self._end_world()
             self._world_begun = moment
-        self.state.handle(moment, received)
+        self.state.handle(moment, event.channel, received.message)
 
     def _end_world(self) -> None:
         """Let time pass until the last WORLD_STATE, all parts of which are there."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import M, M_co, Message
-from cmr.bus.messages import Received
 from cmr.bus.streams import PARAMETERS, Stream, identify
 from cmr.msg import (
     calibration_status_t,
@@ -65,12 +64,15 @@ class ViewState:
         self.divergence: dict[int, deque[tuple[int, float]]] = {}
         self.drives = Drives()
 
-    def handle(self, utime: int, received: Received) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message that came at `utime` [us]."""
-        robot_id, message, name = received.robot_id, received.message, received.stream.name
+        stream, robot_id = identify(channel) or (None, None)
+        if stream is None:
+            return
+        name = stream.name
         if robot_id is not None and name in self.latest and not self._is_outdated(robot_id, message):
             self.latest[name][robot_id] = Heard(utime, message)
-        self.estop.handle(utime, received)
+        self.estop.handle(utime, channel, message)
         if isinstance(message, world_state_t):
             self.robots.take_world(utime, message)
         elif isinstance(message, robot_state_t):

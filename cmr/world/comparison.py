@@ -41,7 +41,7 @@ def drives_of(log: Path, robot_id: int) -> list[Drive]:
     for received in LogReader(log):
         message = received.message
         if isinstance(message, world_state_t):
-            view.handle(message.utime, message)
+            view.handle(message.utime, received.channel, message)
             twin = view.twin(robot_id)
             if twin is not None and twin.utime == message.utime:
                 twins.append((message.utime, twin.state.x, twin.state.y))

@@ -11,7 +11,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.bus.messages import Received
+from cmr.bus.message import Message
+from cmr.bus.streams import identify
 from cmr.model.body import arc, forward, turn, wrap
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -65,11 +66,11 @@ class Estimator:
         """Whether the estimate may be shown: a pose has been seen, or waited for long enough."""
         return self.located or (self._first_utime is not None and self.utime - self._first_utime >= PATIENCE)
 
-    def handle(self, _utime: int, received: Received) -> None:
+    def handle(self, _utime: int, channel: str, message: Message) -> None:
         """Take MOTOR_FEEDBACK_N, GYRO_N or POSE_N of this robot."""
-        if received.robot_id != self.robot_id:
+        _, robot_id = identify(channel) or (None, None)
+        if robot_id != self.robot_id:
             return
-        message = received.message
         if isinstance(message, motor_feedback_t):
             self._roll(message)
         elif isinstance(message, gyro_t) and message.valid:

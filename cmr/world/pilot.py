@@ -3,7 +3,9 @@
 import math
 
 from cmr.bus.estop import EmergencyStop
-from cmr.bus.messages import Received, now_utime
+from cmr.bus.message import Message
+from cmr.bus.messages import now_utime
+from cmr.bus.streams import identify
 from cmr.model.body import forward
 from cmr.model.command_kinds import DUTY, VELOCITY
 from cmr.model.parameters import RobotParameters
@@ -71,13 +73,13 @@ class Pilot:
         if self._keep_clear:
             load()
 
-    def handle(self, utime: int, received: Received) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N or ESTOP."""
-        self._estop.handle(utime, received)
-        message = received.message
+        _, robot_id = identify(channel) or (None, None)
+        self._estop.handle(utime, channel, message)
         if isinstance(message, world_state_t):
-            self._world.handle(utime, message)
-        elif received.robot_id != self.robot_id:
+            self._world.handle(utime, channel, message)
+        elif robot_id != self.robot_id:
             return
         elif isinstance(message, pose_xyt_t):
             self._poses.take(message)
@@ -85,7 +87,7 @@ class Pilot:
             if message.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
                 self._zeros_to_send = FIRST_ZEROS
         elif isinstance(message, parameters_t):
-            self.parameters.handle(utime, received)
+            self.parameters.handle(utime, channel, message)
         elif isinstance(message, waypoints_t):
             self.behaviour.take_waypoints(list(message.x), list(message.y))
 

@@ -144,7 +144,7 @@ class WorldView:
         self.utime = max(self.utime, utime) if self.utime - utime <= OLDEST else utime  # or a clock was set back
         self._surroundings = None
 
-    def handle(self, utime: int, message: world_state_t) -> None:
+    def handle(self, utime: int, _channel: str, message: world_state_t) -> None:
         """Take a world_state_t, the whole world or a part of it."""
         state = RobotState(*(getattr(message, name) for name in RobotState._fields))
         self.take(utime, Robots(numbers_of(message.robot_id), numbers_of(message.origin), state))

@@ -12,7 +12,7 @@ import numpy as np
 
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import Message
-from cmr.bus.messages import Received
+from cmr.bus.streams import identify
 from cmr.model.body import wrap
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -145,21 +145,21 @@ class World:
         """The ids of the real robots heard of so far."""
         return sorted(self._real)
 
-    def handle(self, utime: int, received: Received) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take one message from the bus or from a log."""
-        self.estop.handle(utime, received)
-        robot_id, message = received.robot_id, received.message
+        _, robot_id = identify(channel) or (None, None)
+        self.estop.handle(utime, channel, message)
         if isinstance(message, world_state_t):
             self._take_others(message)
         if robot_id is None:
             return
         if isinstance(message, parameters_t):
-            if self._parameters_of(robot_id).handle(utime, received):
+            if self._parameters_of(robot_id).handle(utime, channel, message):
                 self._take_over(robot_id)
         elif robot_id in self._virtual:
             self._handle_virtual(robot_id, message)
         elif isinstance(message, MEASURED) and self._estimates(robot_id):
-            self._real_robot(robot_id).estimator.handle(utime, received)
+            self._real_robot(robot_id).estimator.handle(utime, channel, message)
         elif isinstance(message, COMMANDS) and robot_id in self._real:
             duties = duties_of(message, self._controller_of(robot_id))
             if duties is not None:

@@ -7,7 +7,7 @@ import math
 from typing import TypeAlias
 
 from cmr.bus.message import Message
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND, Stream
 from cmr.model.command_kinds import VELOCITY, WHEEL_SPEED
@@ -40,6 +40,7 @@ class SpeedRobot:
         self.gate = CommandGate(largest=math.inf)  # too fast is as fast as it can
         self.plant = Plant(settings, settings.plant_of_speeds)
         self._robot_id, self._command_type, self._host = robot_id, COMMANDS[commands].message_type, host
+        self._commanded_on = COMMANDS[commands].channel(robot_id)
         self._gyro = YawGyro(settings, self.plant)
         self._encoders = WheelEncoders(round(settings.robot.ticks_per_turn))
         self._stamps = Stamps(host.utime_at), Stamps(host.utime_at)
@@ -55,12 +56,12 @@ class SpeedRobot:
         """Note that the process is alive; to be called before messages are handled."""
         self.gate.note_turn(self._host.seconds_since_boot())
 
-    def handle(self, utime: int, received: Received) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message from the bus; a command takes effect when it was decided, unless that has passed."""
-        now, message = self._host.utime(), received.message
+        now = self._host.utime()
         if isinstance(message, estop_t):
             self.gate.take_estop(bool(message.engaged), utime, utime=now)
-        elif isinstance(message, self._command_type) and received.robot_id == self._robot_id:
+        elif isinstance(message, self._command_type) and channel == self._commanded_on:
             speeds = self._wheel_speeds(message)
             if self.gate.offer(utime, *speeds, now=self._host.seconds_since_boot(), utime=now):
                 self._go_on(self._now() - max(now - utime, 0) / 1e6)

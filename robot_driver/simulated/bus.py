@@ -6,11 +6,10 @@ from types import TracebackType
 import lcm
 
 from cmr.bus.message import Message
-from cmr.bus.messages import Received
 from cmr.bus.streams import Stream
 from robot_driver.simulated.host import SimulatedHost
 
-Inbox = list[Received]
+Inbox = list[tuple[str, Message]]  # channel, message
 
 
 class SimulatedBus:
@@ -45,9 +44,8 @@ class SimulatedBus:
             channel = stream.channel(robot_id if stream.per_robot else None)
             self._channels[stream.name, robot_id] = channel
         self._log.write_event(self._host.utime(), channel, message.encode())
-        received = Received(channel, stream, robot_id if stream.per_robot else None, message)
         for inbox in self._inboxes.get(channel, ()):
-            inbox.append(received)
+            inbox.append((channel, message))
 
 
 def taken(inbox: Inbox) -> Inbox:

@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from random import Random
 
-from cmr.bus.messages import Received, make
+from cmr.bus.messages import make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, WORLD_STATE
 from cmr.msg import gyro_t, motor_command_t, parameters_t, pose_xyt_t
 from cmr.parameters.file import ParameterFile, Value
@@ -131,8 +131,8 @@ class SimulatedDrive:
         with driver.Driver(settings, host) as running:
             for _ in steadily(host, DRIVER_RATE, done):
                 running.turn()
-                for received in taken(inbox):
-                    running.handle(received.message.utime, received)
+                for channel, message in taken(inbox):
+                    running.handle(message.utime, channel, message)
                 for stream, robot_id, message in running.outgoing():
                     bus.publish(stream, message, robot_id or 0)
                 running.problems()
@@ -142,19 +142,19 @@ class SimulatedDrive:
         behaviour = make_behaviour(self.behaviour, self.behaviour_settings)
         pilot = Pilot(self.robot_id, behaviour, ParameterFollower(self.robot_id), keep_clear=False)
         announcement = self._announcement()
-        pilot.handle(announcement.utime, Received.of(PARAMETERS, announcement, self.robot_id))
+        pilot.handle(announcement.utime, PARAMETERS.channel(self.robot_id), announcement)
         pilot.prepare()
         estimator = Estimator(self.robot_id)
         parameters = pilot.parameters.parameters
         estimator.parameters = parameters.robot_parameters if parameters else None
         inbox = bus.subscribe(*(stream.channel(self.robot_id) for stream in (MOTOR_FEEDBACK, GYRO, POSE)))
         for utime in steadily(host, PILOT_RATE, done):
-            for received in without_superseded_rates(taken(inbox)):
-                estimator.handle(received.message.utime, received)
-                pilot.handle(received.message.utime, received)
+            for channel, message in without_superseded_rates(taken(inbox)):
+                estimator.handle(message.utime, channel, message)
+                pilot.handle(message.utime, channel, message)
             me = Robot(estimator.utime, self.robot_id, REAL, estimator.state)
             for world in world_messages(me.utime, [me]) if estimator.known else ():
-                pilot.handle(world.utime, Received.of(WORLD_STATE, world))
+                pilot.handle(world.utime, WORLD_STATE.name, world)
             bus.publish(MOTOR_COMMAND, pilot.command(utime), self.robot_id)
             if isinstance(behaviour, Behaviour) and behaviour.finished:
                 break
@@ -165,11 +165,10 @@ class SimulatedDrive:
 def without_superseded_rates(messages: Inbox) -> Inbox:
     """Return the messages without those of the gyro that another one follows: an estimate takes the newest rate."""
     kept: Inbox = []
-    for received in messages:
-        message = received.message
-        if kept and kept[-1].channel == received.channel and isinstance(message, gyro_t) and message.valid:
+    for channel, message in messages:
+        if kept and kept[-1][0] == channel and isinstance(message, gyro_t) and message.valid:
             kept.pop()
-        kept.append(received)
+        kept.append((channel, message))
     return kept
 
 

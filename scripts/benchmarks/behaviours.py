@@ -9,7 +9,6 @@ import numpy as np
 from benchmarks.drive import EPOCH, NOMINAL, TRUTH
 from benchmarks.report import Row, per_robot, seconds
 from benchmarks.timing import clocked, in_turns
-from cmr.bus.messages import Received
 from cmr.model.catalogue import together
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -111,7 +110,7 @@ def _one_by_one() -> Row:
         for robot_id in range(ONE_BY_ONE)
     ]
     world = World(robots, ParameterFollower)
-    world.handle(EPOCH, Received.on("PARAMETERS_0", NOMINAL.announcement(1)))
+    world.handle(EPOCH, "PARAMETERS_0", NOMINAL.announcement(1))
     moments = count(EPOCH, STEP)
     world.advance(next(moments))
     timing = in_turns({"world": clocked(lambda: world.advance(next(moments)))})["world"]

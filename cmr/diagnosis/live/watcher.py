@@ -7,8 +7,8 @@ come less than LATEST later than those of the wheels with the same time stamp.
 import math
 from collections.abc import Callable
 
-from cmr.bus.messages import Received
-from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS
+from cmr.bus.message import Message
+from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, identify
 from cmr.diagnosis.live.hearing import Hearing
 from cmr.diagnosis.live.robot import RobotWatch
 from cmr.diagnosis.live.second import AROUND, SECOND, observe
@@ -47,15 +47,15 @@ class Watcher:
         if robot_id is not None:
             self._robot(robot_id)
 
-    def handle(self, utime: int, received: Received) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take one message from the bus or from a log."""
-        robot_id = received.robot_id
+        stream, robot_id = identify(channel) or (None, None)
         if robot_id is None or self._robot_id not in (None, robot_id):
             return
-        if isinstance(received.message, motor_feedback_t):
-            self._robot(robot_id).roll(utime, received.message)
-        elif robot_id in self._robots or received.stream is PARAMETERS:
-            self._robot(robot_id).take(utime, received)
+        if isinstance(message, motor_feedback_t):
+            self._robot(robot_id).roll(utime, message)
+        elif robot_id in self._robots or stream is PARAMETERS:
+            self._robot(robot_id).take(utime, channel, message)
 
     def advance(self, utime: int) -> list[str]:
         """Let time pass, look for replaced parameter files, and return what is to be said since the last call."""
@@ -128,11 +128,10 @@ class _Robot:
             self._begin += SECOND
             self._hearing.keep(self._begin - AROUND, self.heard + LONGEST_GAP)
 
-    def take(self, utime: int, received: Received) -> None:
+    def take(self, utime: int, channel: str, message: Message) -> None:
         """Take any other message of the robot."""
-        message = received.message
         if isinstance(message, parameters_t):
-            self.follower.handle(utime, received)
+            self.follower.handle(utime, channel, message)
             self.look_for_parameters()
         elif isinstance(message, COMMANDS):
             duties = duties_of(message, self._controller)
