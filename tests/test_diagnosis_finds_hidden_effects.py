@@ -25,7 +25,7 @@ ON_RICH_DRIVES = (
     *("battery_sag", "deadband", "command_delay", "command_jitter"),
     *("coulomb_friction", "backlash", "payload_change"),
     *("turn_slip", "slope", "surface_patch"),
-    *("pose_offset", "pose_heading_offset"),
+    *("pose_offset", "pose_heading_offset", "pose_smoothing"),
 )
 SINGLE = [Case((effect,), RICH, SEED) for effect in ON_RICH_DRIVES]
 # Some that a figure-eight shows, some that it hides, and some that it cannot tell from others.

@@ -139,6 +139,15 @@ def test_the_speed_of_the_body_may_be_the_feedback(tmp_path: Path, capsys: pytes
     assert "follow from v and omega by wheel_radius 0.05 m and base_width 0.2 m" in capsys.readouterr().out
 
 
+def test_odometry_is_the_mean_since_the_row_before(tmp_path: Path) -> None:
+    """A base that counts 0, 1, 3 and 3 m at 0, 1, 2 and 3 s publishes 0, 1, 2 and 0 m/s."""
+    body = {"v": {"column": "v", "unit": "m/s"}, "omega": {"column": "w", "unit": "rad/s"}}
+    recording = write_csv(tmp_path, "t,v,w\n0,0,0\n1,1,0\n2,2,0\n3,0,0\n")
+    feedback = run(tmp_path, CSV_HEAD | {"motor_feedback": body}, recording)["MOTOR_FEEDBACK_0"]
+    ways = [message.ticks_left / 65536 * 2 * math.pi * NOMINAL["wheel_radius"] for message in feedback]
+    assert ways == pytest.approx([0.0, 1.0, 3.0, 3.0], abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("feedback", "said"),
     [

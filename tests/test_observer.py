@@ -56,7 +56,14 @@ def test_without_gains_the_observer_drives_as_the_simulation_does() -> None:
 
 @pytest.mark.parametrize(
     "effect",
-    [{}, {"pose_offset": 0.05}, {"pose_latency": 0.04}, {"gyro_latency": 0.02}, {"encoder_scale": 0.02}],
+    [
+        {},
+        {"pose_offset": 0.05},
+        {"pose_latency": 0.04},
+        {"pose_smoothing": 0.02},
+        {"gyro_latency": 0.02},
+        {"encoder_scale": 0.02},
+    ],
     ids=lambda effect: "".join(effect) or "none",
 )
 def test_the_true_parameters_leave_no_prediction_error(effect: dict[str, float]) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cmr.calibration import calibrate
+from cmr.plant import sensors
 from cmr.plant.parameters import plant_parameters
 from cmr.recordings.signal import Floats
 from tests.reference_plant import NEUTRAL, REALISTIC, TYPICAL, Commands, Noise, drive, packets, recording
@@ -155,6 +156,14 @@ def test_a_late_pose_on_a_fast_clock_is_where_the_robot_was() -> None:
     states = true_motion(packets(constant(0.3, 0.5), 10.0), {}, when, step=1e-3)
     assert poses["x"] == pytest.approx(states["x"] + 0.1 * np.cos(states["theta"]), abs=1e-9)
     assert poses["y"] == pytest.approx(states["y"] + 0.1 * np.sin(states["theta"]), abs=1e-9)
+
+
+def test_a_filter_shows_a_circle_smaller_and_turned_back() -> None:
+    """A first-order filter of T makes the turn w smaller by 1 / sqrt(1 + (w T)^2) and late by atan(w T)."""
+    time = np.linspace(0.0, 5.0, 5001)
+    x = sensors.filtered(time, np.cos(3.0 * time), 0.2)[3000:]  # what it began with is gone by then
+    expected = np.cos(3.0 * time[3000:] - math.atan(0.6)) / math.hypot(1.0, 0.6)
+    assert x == pytest.approx(expected, abs=1e-5)  # the chord of a step is 1e-6 inside of the arc
 
 
 def test_a_coarse_encoder_counts_whole_steps_and_is_never_a_step_off() -> None:

@@ -172,7 +172,9 @@ class _Converter:
     def _feedback(self, feedback: Feedback) -> Batch:
         table, values, raw = self._usable(MOTOR_FEEDBACK, feedback)
         keep = np.ones(len(table.utime), bool)
+        turned = _turned
         if "omega" in values:
+            turned = _turned_since
             speeds = self._wheel_speeds(values["v"], values["omega"])
             values |= {f"psi_{side}": speed for side, speed in speeds.items()}
             self._source.notes.append(BODY_FEEDBACK.format(**self._mapping.nominal))
@@ -184,7 +186,7 @@ class _Converter:
                 values[psi] = _wheel_speed(table, values[ticks], feedback.ticks_per_turn)
                 keep &= np.isfinite(values[psi])
             if ticks not in values:
-                values[ticks] = np.rint(_turned(table, values[psi]) / TURN * feedback.ticks_per_turn)
+                values[ticks] = np.rint(turned(table, values[psi]) / TURN * feedback.ticks_per_turn)
         self._skip(MOTOR_FEEDBACK, "row that only starts the count, or is no later than the one before it", keep)
         unknown = np.full(len(table.utime), np.nan)
         names = [f"{name}_{side}" for name in FEEDBACK_PAIRS for side in SIDES] + list(FEEDBACK_SINGLES)
@@ -290,5 +292,19 @@ def _wheel_speed(table: Table, ticks: Floats, ticks_per_turn: float) -> Floats:
 
 def _turned(table: Table, psi: Floats) -> Floats:
     """Return the angle since the first row [rad] by the trapezoidal rule; between segments nothing turns."""
+    return _sum_over(table, (psi[1:] + psi[:-1]) / 2)
+
+
+def _turned_since(table: Table, psi: Floats) -> Floats:
+    """Return the angle since the first row [rad] of speeds that are means since the row before.
+
+    Odometry is: a base divides what its encoders counted by the time since they were read last. Taken for speeds of the
+    moment, they would be smoothed once more, which looks like a lag of the motors.
+    """
+    return _sum_over(table, psi[1:])
+
+
+def _sum_over(table: Table, speeds: Floats) -> Floats:
+    """Return the angle at each row, (n,), from the speeds between them, (n - 1,); between segments nothing turns."""
     seconds = np.where(np.diff(table.segment) == 0, np.diff(table.utime), 0) / MICROSECONDS
-    return np.concatenate([[0.0], np.cumsum((psi[1:] + psi[:-1]) / 2 * seconds)])[: len(psi)]
+    return np.concatenate([[0.0], np.cumsum(speeds * seconds)])[: len(table.utime)]
