@@ -50,6 +50,7 @@ FAULTS = {
     "cut_off",
     "gaps",
     "uneven_rates",
+    "uneven_stamps",
     "held_up_readings",
     "damaged_log",
     "rejected_messages",
