@@ -120,7 +120,8 @@ class Problem:
         Poses are exactly the same only if they are set; those of a robot that comes along are set if nearly the same.
         """
         observations = [predictor.segment.observations for predictor in self.predictors]
-        begins = np.concatenate([one.pose[:1] for one in observations])
+        segments = [predictor.segment for predictor in self.predictors if len(predictor.segment.observations.pose)]
+        begins = np.array([*{(one.recording, one.piece): one.piece_pose for one in segments}.values()])
         if len(begins) < 2:
             return False
         apart = np.max(np.abs(begins - np.median(begins, axis=0)), axis=1)

@@ -37,7 +37,8 @@ class Segment:
 
     `wheel_doubt` [rad], shape (W, 2), is the standard deviation that the encoder's ticks leave of each reading;
     `tick` [rad] their size, 0 where there are none. `first` [us] is the time of the grid's beginning, `recording` the
-    number of the recording to which it belongs.
+    number of the recording to which it belongs, `piece` that of the recording's piece in which it lies. `piece_pose`
+    (x, y, theta) [m, m, rad] is the first pose of that piece, which may have come before the commands.
     """
 
     observations: Observations
@@ -45,6 +46,8 @@ class Segment:
     tick: float
     first: int
     recording: int
+    piece: int = 0
+    piece_pose: tuple[float, float, float] = (np.nan, np.nan, np.nan)
 
     @property
     def rolling(self) -> "Segment":
@@ -163,7 +166,18 @@ def _segment(
         tick,
         first,
         number,
+        piece=(piece := int(recording.pieces.number(np.array([first]))[0])),
+        piece_pose=_first_pose(recording, piece),
     )
+
+
+def _first_pose(recording: Recording, piece: int) -> tuple[float, float, float]:
+    """Return the first pose of a piece; NaN where none came from then on."""
+    poses = recording.poses
+    index = int(np.searchsorted(poses.utime, recording.pieces.first[piece]))
+    if index == len(poses):
+        return (np.nan, np.nan, np.nan)
+    return (float(poses["x"][index]), float(poses["y"][index]), float(poses["theta"][index]))
 
 
 def _commands(duty: Signal, first: int, end: int) -> Commands:
