@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cmr.calibration.preparing import prepare
 from cmr.diagnosis.diagnose import diagnose
 from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
@@ -90,3 +91,16 @@ def test_uneven_stamps_make_no_gyro_read_too_little() -> None:
     unknown = dict.fromkeys(("applied_left", "applied_right"), np.full(len(wheels), np.nan))
     stamped = replace(recording, commands=nothing, wheels=Signal(utime, {**wheels.fields, **speeds, **unknown}))
     assert [effect.name for effect in diagnose(stamped).effects] == []
+
+
+def test_the_paper_s_method_cuts_the_path_at_stamps_that_were_evened_out() -> None:
+    recording = hidden_recording(manoeuvre=EIGHT, seed=4).recording
+    poses = recording.poses
+    seconds = np.sort(poses.seconds + late(len(poses), 5))
+    utime = poses.utime[0] + np.round(1e6 * seconds).astype(np.int64) + np.arange(len(poses))
+    fields = poses.fields | {"x": poses["x"] + np.where(np.arange(len(poses)) < 1500, 0.0, 1.0)}
+    ready = prepare([replace(recording, poses=Signal(utime, fields))])
+    assert any("stamped unevenly" in note for note in ready.notes)
+    (splits,) = ready.splits
+    assert len(splits) == 1
+    assert set(splits) <= set(ready.recordings[0].poses.utime.tolist())

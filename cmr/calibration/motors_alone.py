@@ -30,7 +30,9 @@ def calibrate_motors(recordings: Sequence[Recording], nominal: ParameterFile) ->
     Raises EstimationError where nothing moved or nothing was commanded.
     """
     findings = [check(recording) for recording in recordings]
-    recordings = [found.cleaned(recording) for found, recording in zip(findings, recordings, strict=True)]
+    recordings = [
+        found.cleaned(found.stamped(recording)) for found, recording in zip(findings, recordings, strict=True)
+    ]
     require_consistent_signs(recordings)
     driven = [r for r in recordings if r.wheels.varies("psi_left", "psi_right") and r.duty.varies("left", "right")]
     if not driven:

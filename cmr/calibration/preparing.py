@@ -15,7 +15,7 @@ from cmr.recordings.signal import SECONDS, Signal
 UNKNOWN_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 USUAL_MOTOR = 0.15  # s that wheels lag their commands
 # Findings of the data checks that are worth telling though nothing was set aside.
-TOLD = ("pose_jumps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
+TOLD = ("pose_jumps", "uneven_stamps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
 LEAST_LAG = 0.02  # s; the refinement finds a smaller one itself
 LAG_MARGIN, LEAST_CLOCK_STD = 3.0, 2e-3  # standard deviations of the lag; s
 
@@ -68,6 +68,7 @@ def prepare(recordings: Sequence[Recording]) -> Prepared:
     ready, splits, notes, moved, doubts = [], [], [], [], []
     for recording in recordings:
         findings = check(recording)
+        recording = findings.stamped(recording)
         poses, commands = _pose_lag(findings), _command_lag(findings, recording)
         late = poses.seconds if poses and abs(poses.seconds) > LEAST_LAG else 0.0
         # A command that moves the wheels before it is sent, or long after, was stamped by another clock.

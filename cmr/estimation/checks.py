@@ -80,7 +80,9 @@ def looked_at(
     if wheels_late is None and len(recordings) > 1:
         late = together(one.wheels_late for one in found)
         if not any(one.lag("gyro") for one in found):
-            late = late_wheels_in_all([one.cleaned(each) for one, each in zip(found, recordings, strict=True)])
+            late = late_wheels_in_all(
+                [one.cleaned(one.stamped(each)) for one, each in zip(found, recordings, strict=True)]
+            )
         if late is not None:
             found = [check(recording, late) for recording in recordings]
     return [
@@ -113,8 +115,7 @@ def with_clocks_set(recording: Recording, findings: Findings | None = None) -> t
     """
     findings = check(recording) if findings is None else findings
     notes = []
-    for stamps in findings.even_stamps:
-        recording = stamps.of(recording)
+    recording = findings.stamped(recording)
     if findings.wheels_late is not None:
         recording = with_wheels_in_time(recording, findings.wheels_late)
     lag = findings.lag("poses")

@@ -58,6 +58,12 @@ class Findings:
         """Return every check with what it counted, as it stands in a diagnosis."""
         return [{"check": finding.check, "found": finding.found} for finding in self.all]
 
+    def stamped(self, recording: Recording) -> Recording:
+        """Return the recording, the one that was checked, with the stamps with which everything was found."""
+        for stamps in self.even_stamps:
+            recording = stamps.of(recording)
+        return recording
+
     def cleaned(self, recording: Recording) -> Recording:
         """Return the recording, the one that was checked, without the samples to set aside."""
         keep: dict[str, Mask] = {}
