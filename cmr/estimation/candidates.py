@@ -50,11 +50,11 @@ AS_THE_DELAY = ("longitudinal_slip", "pose_latency")  # only wheels, or a gyro, 
 AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # only commands distinguish it from the wheel radius itself
 # By so much must a rare effect explain more. Wheels differ in size more often than their encoders, which are numbers in
 # a data sheet, count wrongly: unequal motors look to the last bit like unequal encoders beside wheels that are just as
-# unequal. Commands come late more often than small motors have a lag of their own of 10 ms, and poses are late more
-# often than smoothed.
+# unequal. Wheels are unequal more often than a robot turns more easily to one side. Commands come late more often than
+# small motors have a lag of their own of 10 ms, and poses are late more often than smoothed.
 RARE: Mapping[str, float] = {
     **{"encoder_scale": 20.0, "encoder_asymmetry": 20.0},
-    **{"electrical_lag": 6.0, "pose_smoothing": 6.0},
+    **{"turn_asymmetry": 12.0, "electrical_lag": 6.0, "pose_smoothing": 6.0},
 }
 # Of the typical size: standard deviation of what sizes may be. Other sizes must explain so much more.
 SPREAD, SPREAD_OF_RARE = 5.0, 1.0

@@ -36,8 +36,8 @@ def decided(
     """Decide between the effect that explains most and those `close` to it that explain the same and hold.
 
     Where the data do not distinguish them, the simplest is named, which needs least to be believed: it neither chooses
-    a place nor is rare. Of several it is the one of the least unusual size, then the catalogue's first. In free runs,
-    errors count that are left out of the fits as well as those that are not.
+    a place nor is rare. Of several it is the one of the least unusual size, then the catalogue's first. A rare effect
+    must explain so much more. In free runs, errors count that are left out of the fits as well as those that are not.
     """
     if problem.by_moments:
         holding = [one for one in close if one.fit and not why_not(problem, current, one, inflation)]
@@ -46,7 +46,7 @@ def decided(
     alike = [chosen, *(one for one in holding if alternatives(current, chosen.fit, one.fit))]
     if len(alike) == 1:
         return Tie(chosen, (chosen,))
-    gains = [_gain(problem, current, one) for one in alike]
+    gains = [_gain(problem, current, one) - 0.5 * rarity(one.effect.name) for one in alike]
     order = list(CATALOGUE)
     margin = EQUAL + CONVERGED * chosen.drop
     equals = [one for one, gain in zip(alike, gains, strict=True) if gain > max(gains) - margin]
