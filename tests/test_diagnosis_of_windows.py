@@ -1,4 +1,4 @@
-"""Recordings in windows whose readings fall between the steps of the model: late sensors are told from slip."""
+"""Windowed recordings with readings between the steps of the model: late sensors are distinguished from slip."""
 
 import pytest
 

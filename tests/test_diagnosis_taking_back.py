@@ -5,7 +5,7 @@ import pytest
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import NO_EFFECT
 from cmr.estimation.search.trace import ADDED, REMOVED
-from cmr.estimation.usefulness import MUCH_WORSE, OF_USE
+from cmr.estimation.usefulness import OF_USE
 from tests.hidden_effects import hidden_recording
 
 LITTLE = 0.02  # by which the drift that chance made may move a parameter: what a calibration is to reach for k1
@@ -29,6 +29,4 @@ def test_what_is_of_no_use_in_free_runs_is_not_named_and_leaves_the_paper_s_mode
     for name, before in found.baseline.estimates.items():
         assert found.extended.estimates[name].value == pytest.approx(before.value, rel=LITTLE), name
     assert found.gain is not None
-    assert found.gain.ratio > 0.95
-    assert found.gain.interval[0] < 1.0 < found.gain.interval[1]
-    assert min(found.gain.signals.values()) > MUCH_WORSE
+    assert min(found.gain.signals.values()) > 0.95

@@ -39,10 +39,9 @@ HANDLERS: dict[str, Callable[[], Callable[[int, str, Message], object]]] = {
 def test_a_handler_takes_time_channel_and_message_and_passes_over_channels_that_are_not_ours(name: str) -> None:
     handle = HANDLERS[name]()
     pose = make(pose_xyt_t, utime=NOW, robot_id=0, x=1.0, y=2.0, theta=0.5)
+    for channel in ("POSE_7", "NOBODYS", "POSE_00"):
+        assert not handle(NOW, channel, pose)
     handle(NOW, "POSE_0", pose)
-    handle(NOW, "POSE_7", pose)
-    handle(NOW, "NOBODYS", pose)
-    handle(NOW, "POSE_00", pose)
     handle(NOW, "MOTOR_FEEDBACK_0", motor_feedback_t())
     handle(NOW, "ESTOP", make(estop_t, utime=NOW, engaged=True, source="hand", reason="a test"))
 

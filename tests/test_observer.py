@@ -164,7 +164,7 @@ def test_readings_between_borders_are_those_of_finer_steps(gyro_latency: float) 
 
 
 def test_poses_from_before_the_beginning_leave_no_error_behind() -> None:
-    """What a robot did before a recording nobody knows; each late pose of that time begins the path anew."""
+    """Nobody knows what a robot did before a recording: each late pose of that time is a new beginning of the path."""
     what = observations(pose_latency=0.3)
     early = np.flatnonzero(what.pose_time < 0.3)
     pose = what.pose.copy()
