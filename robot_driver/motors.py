@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from cmr.bus.messages import make
+from cmr.model.duty_ramp import Limits, Ramp
 from cmr.msg import motor_duty_t, motor_feedback_t
 from robot_driver.asking import Asking
 from robot_driver.battery import Thresholds
@@ -17,7 +18,6 @@ from robot_driver.controllers import BadReply, Controller, Request, Telemetry
 from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, WheelMotion, Wiring
 from robot_driver.health import Health
 from robot_driver.port_thread import Device
-from robot_driver.ramp import Limits, Ramp
 from robot_driver.rhythm import Rhythm
 from robot_driver.sent_duties import SentDuties, SentDuty
 from robot_driver.serial_port import Answer, NotSent, PortLost, SerialPort

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from cmr.model.duty_ramp import Limits
 from cmr.options import Between, Option, Word
 from robot_driver.battery import Thresholds
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.encoders import Wiring
 from robot_driver.gyros import GYROS
-from robot_driver.ramp import Limits
 
 BOARD = "board"  # name of the gyro that some controllers have on their board, and say on their port
 SLOWEST_RATE = 5.0  # Hz; slower, one lost packet is silence enough for the watchdog of 0.5 s in a controller

@@ -19,6 +19,7 @@ from typing import Any
 from cmr.bus.bus import Bus
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PROCESS_STATUS
+from cmr.model.duty_ramp import Limits
 from cmr.msg import estop_t, motor_command_t, process_status_t
 from cmr.priority import go_first
 from robot_driver.battery import Thresholds
@@ -36,7 +37,6 @@ from robot_driver.emulator.settings import Settings, load_settings
 from robot_driver.encoders import Wiring
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
-from robot_driver.ramp import Limits
 from robot_driver.rhythm import Rhythm
 from robot_driver.serial_port import SerialPort
 from tests.private_bus import private_url

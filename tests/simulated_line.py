@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from cmr.model.duty_ramp import Limits
 from robot_driver.battery import Thresholds
 from robot_driver.command_gate import LISTENING_TIME, CommandGate
 from robot_driver.controllers import CONTROLLERS
@@ -18,7 +19,6 @@ from robot_driver.emulator.device import Device, Transmission
 from robot_driver.encoders import Wiring
 from robot_driver.host import Host
 from robot_driver.motors import Motors
-from robot_driver.ramp import Limits
 from robot_driver.serial_port import SerialPort
 from robot_driver.stream_port import StreamPort
 

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from cmr.commands.scenarios import parse
 from cmr.parameters.file import ParameterFile, Value
-from cmr.scenario.scenario import Scenario, parse
+from cmr.scenario.scenario import Scenario
 
 # As long as nobody has calibrated them, all robots are believed to be like this.
 BELIEVED = ParameterFile(

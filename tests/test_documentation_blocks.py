@@ -12,7 +12,7 @@ import pytest
 import yaml
 from setuptools.config.pyprojecttoml import read_configuration
 
-from cmr import scenario
+from cmr.commands import scenarios
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.file import parse as parse_parameters
 from robot_driver.emulator.settings import load_settings
@@ -165,7 +165,7 @@ def test_the_python_of_a_page_runs_from_its_first_block_to_its_last(
 def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path: Path) -> None:
     content = yaml.safe_load(block.text)
     readers: dict[str, Callable[[], object]] = {
-        "robots": lambda: scenario.scenario.parse(block.text, str(block), bench),
+        "robots": lambda: scenarios.parse(block.text, str(block), bench),
         "schema": lambda: parse_parameters(block.text, str(block)),
         "effects": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
     }

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from cmr.bus.messages import now_utime
+from cmr.model.duty_ramp import Limits
 from cmr.msg import motor_feedback_t
 from cmr.priority import go_first
 from robot_driver.battery import Thresholds
@@ -25,7 +26,6 @@ from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.encoders import Wiring
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
-from robot_driver.ramp import Limits
 from robot_driver.serial_port import PortLost, SerialPort
 from tests.driver_bench import open_gate
 from tests.exchanges import Exchanges

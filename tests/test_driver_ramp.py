@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_driver.ramp import Limits, Ramp, approach
+from cmr.model.duty_ramp import Limits, Ramp, approach
 
 DUTY = st.floats(-1.0, 1.0)
 

@@ -14,13 +14,13 @@ import pytest
 from cmr.bus.bus import Bus
 from cmr.bus.messages import make
 from cmr.bus.streams import MOTOR_COMMAND, POSE, RANGE_SCAN, WORLD_STATE
+from cmr.commands.scenarios import load, parse
 from cmr.commands.sim import main
 from cmr.model.motion import RobotState
 from cmr.msg import motor_command_t, motor_feedback_t, pose_xyt_t, range_scan_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.batch import read_robots
-from cmr.scenario.scenario import parse
 from cmr.scenario.virtual import cast_of
 from cmr.scenario.writing import to_yaml
 from cmr.world.behaviours.commanded import Commanded
@@ -182,7 +182,7 @@ def test_a_scenario_gives_robots_a_range_sensor(kind: str, tmp_path: Path) -> No
     scenario = parse(text, folder=tmp_path)
     assert [robot.range_sensor for robot in scenario.robots] == [True, False]
     (tmp_path / "sim.yaml").write_text(to_yaml(scenario))
-    assert cast_of(tmp_path / "sim.yaml").range_sensors == {3}
+    assert cast_of(load(tmp_path / "sim.yaml")).range_sensors == {3}
 
 
 @pytest.mark.parametrize("text", ["0,0.1,5", "0,0.1,5.5,3", "0,0,5,3", "0,0.1,100,3", "0,0.1,5,nan", "a,b,c,d"])

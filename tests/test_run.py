@@ -17,9 +17,9 @@ import pytest
 
 from cmr.bus.messages import make, now_utime
 from cmr.commands.run import where_logs_are
+from cmr.commands.scenarios import load
 from cmr.msg import estop_t
 from cmr.recordings.log import LogReader
-from cmr.scenario import load
 from cmr.scenario.jobs import jobs_of
 from cmr.scenario.preparing import prepare
 from cmr.scenario.recorder import logs_in

@@ -9,6 +9,7 @@ import pytest
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.commands.scenarios import load
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
 from cmr.progress import Progress
@@ -18,7 +19,7 @@ from cmr.scenario.jobs import jobs_of
 from cmr.scenario.live_run import LiveRun, Outcome
 from cmr.scenario.plan import Pose
 from cmr.scenario.preparing import prepare, write_emulators
-from cmr.scenario.scenario import Scenario, load
+from cmr.scenario.scenario import Scenario
 from cmr.scenario.shipping import shipped
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from robot_driver.emulator.settings import load_settings

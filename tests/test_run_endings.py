@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from cmr.commands.scenarios import parse
 from cmr.model.motion import RobotState
 from cmr.scenario import ScenarioError
 from cmr.scenario.measuring import EndingMetric
 from cmr.scenario.plan import Ending
-from cmr.scenario.scenario import parse
 from cmr.scenario.watch import TeamWatch
 from cmr.scenario.writing import to_yaml
 from cmr.team.metrics import UNITS

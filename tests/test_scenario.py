@@ -10,12 +10,13 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from cmr.commands.scenarios import load, parse
 from cmr.options import arguments_of
 from cmr.parameters.file import load as load_parameters
-from cmr.scenario import Scenario, ScenarioError, load
+from cmr.scenario import Scenario, ScenarioError
 from cmr.scenario.jobs import PILOT, RECORDER, SIM, jobs_of
 from cmr.scenario.robots import KEYS as ROBOT_KEYS
-from cmr.scenario.scenario import KEYS, parse
+from cmr.scenario.scenario import KEYS
 from cmr.scenario.shipping import path_of
 from cmr.scenario.writing import to_yaml
 

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cmr.commands.scenarios import load
 from cmr.model.motion import RobotState
-from cmr.scenario import Scenario, load
+from cmr.scenario import Scenario
 from cmr.scenario.measuring import measure
 from cmr.scenario.plan import BehaviourPlan, RobotPlan
 from cmr.scenario.report import metrics_in_words, metrics_of

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cmr.commands.command_line import CommandError
+from cmr.commands.scenarios import load
 from cmr.commands.sim import _options, _world
 from cmr.parameters.file import Value
 from cmr.scenario.virtual import cast_of
@@ -35,7 +36,7 @@ def folder(tmp_path: Path) -> Path:
 def world_of(folder: Path, *arguments: str) -> World:
     """The world of `cmr-sim` with three robots that all drive the same duties."""
     options = _options(["--parameters", str(folder), "--virtual", *VIRTUAL, *arguments])
-    return _world(options, cast_of(options.scenario) if options.scenario else None)[0]
+    return _world(options, cast_of(load(options.scenario, starts_checked=False)) if options.scenario else None)[0]
 
 
 def driven(world: World) -> list[float]:

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 from distributed import Client, KilledWorker, LocalCluster
 
+from cmr.commands.scenarios import HARDWARE
 from cmr.parameters.file import ParameterFile, Value
 from cmr.sweep import experiment
 from cmr.sweep.cluster import ClusterError, perform, workers
@@ -62,21 +63,21 @@ def scenario(tmp_path: Path) -> Path:
 
 def test_values_reach_robots_by_their_ids_and_behaviours_by_their_settings(scenario: Path) -> None:
     settings = [setting_of("robots.0.behaviour.gap=0.2,0.6"), setting_of("robots.12.start.spacing=0.7")]
-    runs = plan(scenario, settings, seeds=2)
+    runs = plan(scenario, settings, seeds=2, hardware=HARDWARE)
     gaps = [run.experiment.scenario.robot(0).behaviour.settings["gap"] for run in runs]  # type: ignore[union-attr]
     assert gaps == ["0.2", "0.2", "0.6", "0.6"]
     places = [robot.start for run in runs if (robot := run.experiment.scenario.robot(13))]
     assert {round(abs(place.x + 1.0), 9) for place in places if place is not None} == {0.7}
     assert [run.seed for run in runs] == [5, 6, 5, 6]
     assert len({run.key for run in runs}) == 4
-    assert [run.key for run in plan(scenario, settings, seeds=2)] == [run.key for run in runs]
+    assert [run.key for run in plan(scenario, settings, seeds=2, hardware=HARDWARE)] == [run.key for run in runs]
 
 
 def test_a_sweep_knows_its_runs_by_the_content_of_their_files_too(scenario: Path) -> None:
-    (before,) = plan(scenario, [], seeds=1)
+    (before,) = plan(scenario, [], seeds=1, hardware=HARDWARE)
     values = {name: Value(1.01 * value) for name, value in PAPER.items()}
     ParameterFile(0, values).save(scenario.parent / "robot_0.yaml")
-    (after,) = plan(scenario, [], seeds=1)
+    (after,) = plan(scenario, [], seeds=1, hardware=HARDWARE)
     assert before.key != after.key
 
 
@@ -96,9 +97,9 @@ def test_a_sweep_knows_its_runs_by_the_source_of_a_users_behaviour_too(
     module.write_text(BEHAVIOUR)
     monkeypatch.syspath_prepend(str(scenario.parent))
     scenario.write_text(scenario.read_text().replace("figure_eight,", "behaviour_of_a_user:Mine,"))
-    (before,) = plan(scenario, [], seeds=1)
+    (before,) = plan(scenario, [], seeds=1, hardware=HARDWARE)
     module.write_text(f"{BEHAVIOUR}# changed")
-    (after,) = plan(scenario, [], seeds=1)
+    (after,) = plan(scenario, [], seeds=1, hardware=HARDWARE)
     assert before.key != after.key
 
 
@@ -115,7 +116,7 @@ def test_a_sweep_knows_its_runs_by_the_source_of_a_users_behaviour_too(
 )
 def test_a_key_that_is_not_there_is_named(scenario: Path, setting: str, said: str) -> None:
     with pytest.raises(SettingError, match=said):
-        plan(scenario, [setting_of(setting)], seeds=1)
+        plan(scenario, [setting_of(setting)], seeds=1, hardware=HARDWARE)
 
 
 # What is done
@@ -227,7 +228,7 @@ def test_a_scheduler_that_ends_is_told_with_what_to_do() -> None:
 
 
 def test_a_run_is_done_by_no_other_version_of_cmr_than_that_which_planned_it(scenario: Path) -> None:
-    (run,) = plan(scenario, [], seeds=1)
+    (run,) = plan(scenario, [], seeds=1, hardware=HARDWARE)
     with pytest.raises(ImportError, match="has another CMR installed"):
         experiment.perform(replace(run.experiment, sources="of last year"), run.seed)
 
@@ -250,7 +251,7 @@ def test_a_scenario_that_cannot_be_swept_is_told_before_anything_is_done(
     assert key in text
     scenario.write_text(text.replace(key, wrong))
     with pytest.raises(experiment.ExperimentError, match=said):
-        plan(scenario, [], seeds=1)
+        plan(scenario, [], seeds=1, hardware=HARDWARE)
 
 
 # All together
@@ -294,7 +295,7 @@ def living(group: int) -> list[int]:
 
 def rows_done_here(scenario: Path) -> list[dict[str, Any]]:
     """Return the rows of the sweep, done one after another in this process."""
-    runs = plan(scenario, [setting_of("robots.0.behaviour.gap=0.3,0.5")], seeds=6)
+    runs = plan(scenario, [setting_of("robots.0.behaviour.gap=0.3,0.5")], seeds=6, hardware=HARDWARE)
     return [{"seed": run.seed, **run.values, **experiment.perform(run.experiment, run.seed)} for run in runs]
 
 

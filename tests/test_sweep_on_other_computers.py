@@ -16,6 +16,7 @@ import pytest
 from distributed import Client, LocalCluster
 from distributed.protocol import pickle
 
+from cmr.commands.scenarios import HARDWARE
 from cmr.scenario.plan import BehaviourPlan
 from cmr.sweep import experiment
 from cmr.sweep.cluster import ClusterError, _unpacked_there, lookout, perform, worker_command
@@ -98,7 +99,7 @@ def test_what_a_worker_is_told_is_read_where_there_is_no_cmr() -> None:
 
 
 def test_a_behaviour_that_is_not_on_the_workers_computer_is_told_with_its_name(scenario: Path) -> None:  # noqa: F811
-    (run,) = plan(scenario, [], seeds=1)
+    (run,) = plan(scenario, [], seeds=1, hardware=HARDWARE)
     robots = [replace(robot, behaviour=BehaviourPlan("mine:Circle")) for robot in run.experiment.scenario.robots]
     elsewhere = replace(run.experiment, scenario=replace(run.experiment.scenario, robots=tuple(robots)))
     with pytest.raises(ImportError, match=r"A worker on .* cannot do the runs: .*'mine:Circle'"):
@@ -119,7 +120,7 @@ def test_threads_of_one_worker_do_one_run_at_a_time(scenario: Path, monkeypatch:
         return SimpleNamespace(metrics={}, **dict.fromkeys(("time", "x", "y", "theta"), np.zeros(1)))
 
     monkeypatch.setattr(experiment, "run", run)
-    planned = plan(scenario, [], seeds=4)
+    planned = plan(scenario, [], seeds=4, hardware=HARDWARE)
     with ThreadPoolExecutor(4) as threads:
         list(threads.map(lambda one: experiment.perform(one.experiment, one.seed), planned))
     assert most == 1
@@ -127,7 +128,7 @@ def test_threads_of_one_worker_do_one_run_at_a_time(scenario: Path, monkeypatch:
 
 def test_virtual_robots_alone_can_be_swept(scenario: Path) -> None:  # noqa: F811
     scenario.write_text(scenario.read_text().replace("emulated", "virtual"))
-    (one,) = plan(scenario, [], seeds=1)
+    (one,) = plan(scenario, [], seeds=1, hardware=HARDWARE)
     result = experiment.perform(one.experiment, one.seed)
     assert float(result["minimum_separation"] or 0.0) > 0.0
 

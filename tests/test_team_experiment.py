@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmr.commands.scenarios import parse
 from cmr.model.parameters import RobotParameters
-from cmr.scenario.scenario import parse
 from cmr.team.casting import Cast
 from cmr.team.experiment import ExperimentError, TeamRun, run
 from cmr.team.hidden import HiddenRobot, Laboratory

@@ -11,9 +11,10 @@ from cmr.bus.preflight import parse_udpm, resolve_url
 from cmr.bus.process import Process
 from cmr.commands import first_use
 from cmr.commands.command_line import CommandError, check_writable, parser
+from cmr.commands.scenarios import load
 from cmr.configuration import results
 from cmr.progress import Progress
-from cmr.scenario import Scenario, ScenarioError, load
+from cmr.scenario import Scenario, ScenarioError
 from cmr.scenario.children import Children
 from cmr.scenario.jobs import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, Job, jobs_of
 from cmr.scenario.live_run import LiveRun, Outcome

@@ -342,11 +342,12 @@ def _rate(text: str) -> float:
 
 
 def _cast(path: Path) -> "Cast":
-    from cmr.scenario import ScenarioError  # and all that scenarios take: few simulators have one
+    from cmr.commands.scenarios import load  # and all that scenarios take: few simulators have one
+    from cmr.scenario import ScenarioError
     from cmr.scenario.virtual import cast_of
 
     try:
-        return cast_of(path)
+        return cast_of(load(path, starts_checked=False))
     except ScenarioError as error:
         raise CommandError(str(error)) from error
 

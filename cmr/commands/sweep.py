@@ -60,6 +60,7 @@ def main(arguments: list[str]) -> int:
 
 def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedRun]]":
     """Return the settings and the runs that were asked for."""
+    from cmr.commands.scenarios import HARDWARE
     from cmr.scenario.errors import ScenarioError
     from cmr.scenario.shipping import path_of
     from cmr.sweep.experiment import ExperimentError
@@ -68,7 +69,7 @@ def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedR
 
     try:
         settings = [setting_of(text) for text in options.set]
-        return settings, plan(path_of(options.scenario), settings, options.seeds)
+        return settings, plan(path_of(options.scenario), settings, options.seeds, HARDWARE)
     except SettingError as error:
         raise CommandError(f"--set {error}") from error
     except (ScenarioError, ExperimentError) as error:

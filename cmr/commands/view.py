@@ -106,8 +106,8 @@ def _room(options: argparse.Namespace) -> tuple[Obstacles, Geofence | None]:
 
 
 def _room_of(path: str) -> tuple[Obstacles, Geofence | None]:
+    from cmr.commands.scenarios import load
     from cmr.scenario import ScenarioError
-    from cmr.scenario.scenario import load
     from cmr.scenario.shipping import path_of
 
     try:

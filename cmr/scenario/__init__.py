@@ -5,6 +5,6 @@
 
 from cmr.scenario.errors import ScenarioError
 from cmr.scenario.plan import BehaviourPlan, RobotPlan
-from cmr.scenario.scenario import Scenario, load
+from cmr.scenario.scenario import Scenario, load, parse
 
-__all__ = ["BehaviourPlan", "RobotPlan", "Scenario", "ScenarioError", "load"]
+__all__ = ["BehaviourPlan", "RobotPlan", "Scenario", "ScenarioError", "load", "parse"]

@@ -3,12 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from cmr.model.command_kinds import DUTY
-
-if TYPE_CHECKING:
-    from robot_driver.settings import Connection
 
 Kind = Literal["real", "emulated", "virtual"]
 KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
@@ -89,7 +86,7 @@ class RobotPlan:
     parameters_of: int | None = None
     start: Pose | None = None
     waypoints: tuple[Point, ...] = ()
-    driver: "Connection | None" = None  # the options of cmr-driver
+    driver: object | None = None  # the dataclass of the options of cmr-driver
     emulator: EmulatorPlan | None = None
     calibrate: bool = False
     diagnose: bool = False

@@ -3,18 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import NamedTuple, cast
 
 from cmr.bus.streams import LARGEST_ROBOT_ID
-from cmr.document import Item, Place, Section
+from cmr.document import DocumentError, Item, Place, Section
 from cmr.model.command_kinds import KINDS as COMMAND_KINDS
+from cmr.scenario.hardware import Hardware
 from cmr.scenario.plan import KINDS, BehaviourPlan, EmulatorPlan, Kind, Point, RobotPlan
 from cmr.scenario.starts import starts_of
-from cmr.structure import structured
 from cmr.world.behaviours import BehaviourError, make_behaviour
-
-if TYPE_CHECKING:
-    from robot_driver.settings import Connection
 
 KEYS = (
     *("id", "count", "first_id", "kind", "behaviour", "parameters", "parameters_of", "start", "waypoints"),
@@ -31,14 +28,14 @@ class Placed(NamedTuple):
     place: Place
 
 
-def read_robots(item: Item, folder: Path) -> list[Placed]:
+def read_robots(item: Item, folder: Path, hardware: Hardware) -> list[Placed]:
     """Return all robots of the list; files are named from `folder`.
 
     Raises ScenarioError for what is wrong with one of them, an id that is there twice, or none at all.
     """
     placed: list[Placed] = []
     for entry in item.items():
-        placed += _read_entry(entry.section(KEYS), folder)
+        placed += _read_entry(entry.section(KEYS), folder, hardware)
         if len(placed) > MOST_ROBOTS:
             raise entry.place.error(f"there are more than {MOST_ROBOTS} robots")
     if not placed:
@@ -56,7 +53,7 @@ def _refuse_twins(placed: Sequence[Placed]) -> None:
         first[plan.robot_id] = place
 
 
-def _read_entry(section: Section, folder: Path) -> list[Placed]:
+def _read_entry(section: Section, folder: Path, hardware: Hardware) -> list[Placed]:
     """Return the robots of one entry of the list."""
     ids = _ids(section)
     kind = cast(Kind, section.need("kind", "real, emulated or virtual").word(KINDS))
@@ -67,7 +64,8 @@ def _read_entry(section: Section, folder: Path) -> list[Placed]:
     parameters_of = section.get("parameters_of")
     whose = parameters_of.whole(0, LARGEST_ROBOT_ID) if parameters_of else None
     waypoints = read_points(section.get("waypoints"))
-    driver, emulator = _driver(section.get("driver")), _emulator(section.get("emulator"), folder)
+    driver = hardware.connection(connection) if (connection := section.get("driver")) else None
+    emulator = _emulator(section.get("emulator"), folder, hardware)
     calibrate, diagnose, host = section.get("calibrate"), section.get("diagnose"), section.get("host")
     range_sensor = section.get("range_sensor")
     return [
@@ -200,40 +198,28 @@ def read_path(item: Item | None, folder: Path) -> Path | None:
     return path
 
 
-def _driver(item: Item | None) -> "Connection | None":
+def _emulator(item: Item | None, folder: Path, hardware: Hardware) -> EmulatorPlan | None:
     if item is None:
         return None
-    from robot_driver.settings import Connection
-
-    return structured(item, Connection)
-
-
-def _emulator(item: Item | None, folder: Path) -> EmulatorPlan | None:
-    if item is None:
-        return None
-    from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
-
     section = item.section([entry.name for entry in fields(EmulatorPlan)])
     ideal, controller, gyro = section.get("ideal"), section.get("controller"), section.get("gyro")
     rate, command = section.get("pose_rate"), section.get("command")
     return EmulatorPlan(
-        settings=_emulator_settings(section.get("settings"), folder),
+        settings=_emulator_settings(section.get("settings"), folder, hardware),
         command=command.word(COMMAND_KINDS) if command else EmulatorPlan.command,
         ideal=bool(ideal and ideal.flag()),
-        controller=controller.word(sorted(CONTROLLER_DEVICES)) if controller else EmulatorPlan.controller,
-        gyro=gyro.word(sorted(GYRO_DEVICES)) if gyro else EmulatorPlan.gyro,
+        controller=controller.word(hardware.controllers) if controller else EmulatorPlan.controller,
+        gyro=gyro.word(hardware.gyros) if gyro else EmulatorPlan.gyro,
         pose_rate=rate.number(0.1, 1000.0) if rate else EmulatorPlan.pose_rate,
     )
 
 
-def _emulator_settings(item: Item | None, folder: Path) -> Path | None:
+def _emulator_settings(item: Item | None, folder: Path, hardware: Hardware) -> Path | None:
     """Return the settings file of an emulator, which is read to see that it can be."""
-    from robot_driver.emulator.settings import SettingsError, load_settings
-
     path = read_path(item, folder)
     if item is not None and path is not None:
         try:
-            load_settings(path)
-        except SettingsError as error:
+            hardware.check_emulator(path)
+        except DocumentError as error:
             raise item.place.error(str(error)) from error
     return path

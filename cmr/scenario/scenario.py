@@ -9,6 +9,7 @@ from cmr.document import Item, Section, read, read_file
 from cmr.scenario.checks import check_noise, check_room, check_team, with_sources_of_parameters
 from cmr.scenario.ending import check_ending, read_ending
 from cmr.scenario.errors import ScenarioError
+from cmr.scenario.hardware import Hardware
 from cmr.scenario.plan import Disc, Ending, Point, RobotPlan, Wall
 from cmr.scenario.robots import read_path, read_points, read_robots
 from cmr.team.metrics import UNITS
@@ -70,8 +71,8 @@ class Scenario:
         return tuple(robot for robot in self.robots if robot.kind == "virtual")
 
 
-def load(path: Path, *, starts_checked: bool = True) -> Scenario:
-    """Read a scenario from a YAML file.
+def load(path: Path, hardware: Hardware, *, starts_checked: bool = True) -> Scenario:
+    """Read a scenario from a YAML file; `hardware` knows the options of drivers and emulators.
 
     Where robots go on from wherever they are, starts are not checked, as they need not be clear of one another, nor is
     process noise: a calibration may have written parameters anew that say nothing of it. Behaviours given as
@@ -80,20 +81,27 @@ def load(path: Path, *, starts_checked: bool = True) -> Scenario:
     """
     if "" not in sys.path:
         sys.path.append("")
-    return _scenario(read_file(path, ScenarioError), path.parent, starts_checked)
+    return _scenario(read_file(path, ScenarioError), path.parent, hardware, starts_checked)
 
 
-def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, starts_checked: bool = True) -> Scenario:
+def parse(
+    text: str,
+    hardware: Hardware,
+    source: str = "scenario.yaml",
+    folder: Path = Path(),
+    *,
+    starts_checked: bool = True,
+) -> Scenario:
     """Return the scenario that a YAML text describes; `source` names it in errors, `folder` is where its files lie.
 
     Raises ScenarioError naming line and key.
     """
-    return _scenario(read(text, source, ScenarioError), folder, starts_checked)
+    return _scenario(read(text, source, ScenarioError), folder, hardware, starts_checked)
 
 
-def _scenario(document: Item, folder: Path, starts_checked: bool) -> Scenario:
+def _scenario(document: Item, folder: Path, hardware: Hardware, starts_checked: bool) -> Scenario:
     root = document.section(KEYS)
-    placed = read_robots(root.need("robots", "a list of robots"), folder)
+    placed = read_robots(root.need("robots", "a list of robots"), folder, hardware)
     placed = with_sources_of_parameters(placed, read_path(root.get("parameters"), folder))
     discs, walls = _obstacles(root.get("obstacles"))
     radius = root.get("robot_radius")

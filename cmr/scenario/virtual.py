@@ -8,7 +8,7 @@ from cmr.bus.messages import make, now_utime
 from cmr.model.parameters import RobotParameters
 from cmr.msg import waypoints_t
 from cmr.scenario.plan import Point
-from cmr.scenario.scenario import Scenario, load
+from cmr.scenario.scenario import Scenario
 from cmr.team.population import drawn_from
 from cmr.world.behaviours import make_behaviours
 from cmr.world.interaction.obstacles import Geofence, Obstacles
@@ -41,14 +41,10 @@ class Cast:
         return self.files.get(robot_id, folder / f"robot_{robot_id}.yaml")
 
 
-def cast_of(path: Path | None) -> Cast:
-    """Return what the scenario in a file has for cmr-sim; nothing where there is no scenario.
-
-    Raises ScenarioError.
-    """
-    if path is None:
+def cast_of(scenario: Scenario | None) -> Cast:
+    """Return what a scenario has for cmr-sim; nothing where there is no scenario."""
+    if scenario is None:
         return Cast()
-    scenario = load(path, starts_checked=False)
     ids = [plan.robot_id for plan in scenario.virtual]
     return Cast(
         tuple(virtual_robots(scenario)),

@@ -10,7 +10,7 @@ from pathlib import Path
 from socket import gethostname
 from threading import Lock
 
-import robot_driver
+import cmr
 from cmr.distribution import version
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.scenario.ending import why_only_live
@@ -113,8 +113,7 @@ def key_of(document: str, files: Iterable[Path], seed: int) -> str:
 @cache
 def sources_digest() -> str:
     """Return a digest of CMR's source files: results of a checkout that has changed since are not mixed."""
-    folders = (Path(__file__).parents[1], Path(robot_driver.__file__).parent)  # whose ramps are in the runs, too
-    paths = (path for folder in folders for path in sorted(folder.rglob("*.py")))
+    paths = sorted(Path(cmr.__file__).parent.rglob("*.py"))
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
 
 

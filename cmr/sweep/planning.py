@@ -8,6 +8,7 @@ from pathlib import Path
 import yaml
 
 from cmr.scenario.errors import ScenarioError
+from cmr.scenario.hardware import Hardware
 from cmr.scenario.scenario import load, parse
 from cmr.sweep.experiment import Experiment, experiment_of, files_of, key_of
 from cmr.sweep.settings import Setting, SettingError, Value, combinations, with_settings
@@ -25,19 +26,21 @@ class PlannedRun:
     seed: int
 
 
-def plan(path: Path, settings: Sequence[Setting], seeds: int) -> list[PlannedRun]:
+def plan(path: Path, settings: Sequence[Setting], seeds: int, hardware: Hardware) -> list[PlannedRun]:
     """Return the runs of a scenario's file: for each combination of settings, `seeds` seeds from its own on.
+
+    `hardware` knows the options of drivers and emulators.
 
     Raises ScenarioError naming file, line and key, SettingError naming the key that is set, or ExperimentError.
     """
-    load(path)  # what is wrong with the file itself is told with its lines
+    load(path, hardware)  # what is wrong with the file itself is told with its lines
     document = yaml.safe_load(path.read_text(encoding="utf-8"))
     runs = []
     for values in combinations(settings):
         text = yaml.safe_dump(with_settings(document, values), sort_keys=False)
         chosen = ", ".join(f"{key}={value}" for key, value in values.items())
         try:
-            scenario = parse(text, path.name, path.parent)
+            scenario = parse(text, hardware, path.name, path.parent)
         except ScenarioError as error:
             raise SettingError(f"{chosen}: {LINE.sub('', str(error))}") from error
         experiment, files = experiment_of(scenario), files_of(scenario)

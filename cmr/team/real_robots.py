@@ -15,6 +15,7 @@ from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE
 from cmr.model.body import wrap
+from cmr.model.duty_ramp import Limits, Ramp
 from cmr.msg import gyro_t, motor_feedback_t, pose_xyt_t
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.recordings.commanding import duties_of
@@ -22,7 +23,6 @@ from cmr.team.hidden import HiddenRobot
 from cmr.team.plant import Floats, Plant
 from cmr.world.commands import CommandMemory
 from cmr.world.pilot import Pilot
-from robot_driver.ramp import Limits, Ramp
 
 PERIOD = 20_000  # us
 POSE_EVERY = 2  # periods

@@ -1,0 +1,55 @@
+"""Scenarios as commands read them: the options of drivers and emulators in them are those of `robot_driver`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from cmr import scenario
+from cmr.document import Item
+from cmr.scenario import Scenario
+from cmr.structure import structured
+
+
+class RobotDriver:
+    """The devices of `robot_driver`, loaded when a scenario has options for them: few have."""
+
+    @property
+    def controllers(self) -> Sequence[str]:
+        """The names of the motor controllers that can be emulated."""
+        from robot_driver.emulator.devices import CONTROLLER_DEVICES
+
+        return sorted(CONTROLLER_DEVICES)
+
+    @property
+    def gyros(self) -> Sequence[str]:
+        """The names of the gyros that can be emulated."""
+        from robot_driver.emulator.devices import GYRO_DEVICES
+
+        return sorted(GYRO_DEVICES)
+
+    def connection(self, item: Item) -> object:
+        """Return the options of cmr-driver that an item describes.
+
+        Raises the document's error for what the driver does not allow.
+        """
+        from robot_driver.settings import Connection
+
+        return structured(item, Connection)
+
+    def check_emulator(self, settings: Path) -> None:
+        """Raise SettingsError unless an emulator can be made by the settings of this file."""
+        from robot_driver.emulator.settings import load_settings
+
+        load_settings(settings)
+
+
+HARDWARE = RobotDriver()
+
+
+def load(path: Path, *, starts_checked: bool = True) -> Scenario:
+    """Read a scenario from a YAML file, as `cmr.scenario.load` does."""
+    return scenario.load(path, HARDWARE, starts_checked=starts_checked)
+
+
+def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, starts_checked: bool = True) -> Scenario:
+    """Return the scenario that a YAML text describes, as `cmr.scenario.parse` does."""
+    return scenario.parse(text, HARDWARE, source, folder, starts_checked=starts_checked)
