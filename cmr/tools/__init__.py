@@ -1,0 +1,1 @@
+"""Log tools, which are run as cmr-* commands."""

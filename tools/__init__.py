@@ -1,1 +1,0 @@
-"""Log tools, installed as `cmr.tools` and run as cmr-* commands."""
