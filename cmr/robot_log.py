@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cmr.cli.progress import Progress
 from cmr.distribution import how_to_install
 from cmr.parameters.file import ParameterFile
-from cmr.progress import Progress
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 

@@ -7,9 +7,10 @@ from contextlib import contextmanager
 
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
-from cmr.commands.command_line import CommandError, add_robot, parser
+from cmr.cli.command_line import add_robot, parser
+from cmr.cli.errors import CommandError
+from cmr.cli.options import add_options, made_of
 from cmr.msg import process_status_t
-from cmr.options import add_options, made_of
 from robot_driver.driver import Driver
 from robot_driver.listing import Rates, describe
 from robot_driver.serial_port import PortLost, available_ports

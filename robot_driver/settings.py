@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from cmr.documents.declared import Between, Option, Word
 from cmr.model.duty_ramp import Limits
-from cmr.options import Between, Option, Word
 from robot_driver.battery import Thresholds
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.encoders import Wiring

@@ -12,9 +12,10 @@ import pytest
 
 from cmr.bus import preflight
 from cmr.bus.bus import Bus
-from cmr.bus.preflight import DEFAULT_URL, BusError, open_lcm, resolve_url, self_test, warnings
+from cmr.bus.preflight import BusError, open_lcm, resolve_url, self_test, warnings
 from cmr.bus.process import Process
 from cmr.bus.streams import PROCESS_STATUS
+from cmr.cli.configuration import DEFAULT_URL
 from tests.bus_bench import PATIENCE, our_command, receive_until
 from tests.typed_messages import all_of
 

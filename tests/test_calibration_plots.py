@@ -15,10 +15,10 @@ from cmr.calibration.plots import figure_of
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.seen_path import seen_path
 from cmr.calibration.segments import path_error, segments_of
-from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recorder
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 from tests.emulated_drive import IDEAL, NOMINAL, TRUTH, messages
 
 

@@ -22,8 +22,8 @@ from cmr.camera.lens import CameraFileError, Lens
 from cmr.camera.sources import Film, SourceError, Taken, Video
 from cmr.camera.watcher import Watcher
 from cmr.camera.watching import Latency, Watching
+from cmr.cli.errors import CommandError
 from cmr.commands.camera import main
-from cmr.commands.command_line import CommandError
 from cmr.model.motion import RobotState
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from tests.bus_bench import PATIENCE, our_command

@@ -18,9 +18,10 @@ import numpy as np
 import pytest
 
 from cmr.bus.preflight import BusError
-from cmr.bus.streams import LARGEST_ROBOT_ID
 from cmr.camera.lens import Lens
-from cmr.commands.command_line import CommandError, guarded, parse_robot_id, parser
+from cmr.cli.command_line import guarded, parse_robot_id, parser
+from cmr.cli.configuration import LARGEST_ROBOT_ID
+from cmr.cli.errors import CommandError
 from cmr.distribution import NAME, version
 
 COMMANDS = sorted(
@@ -193,7 +194,7 @@ def test_the_exit_code_of_a_command_is_handed_on() -> None:
 
 
 def test_a_command_whose_reader_has_ended_says_nothing_more() -> None:
-    program = "import cmr.commands.command_line as c, sys; sys.exit(c.guarded(lambda _: print('x' * 100_000) or 0, []))"
+    program = "import cmr.cli.command_line as c, sys; sys.exit(c.guarded(lambda _: print('x' * 100_000) or 0, []))"
     command = ["bash", "-c", '"$0" -c "$1" | true', sys.executable, program]
     result = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
     assert result.stderr == ""

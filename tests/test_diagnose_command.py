@@ -18,7 +18,7 @@ import pytest
 from cmr.bus.bus import Bus
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, PROCESS_STATUS
-from cmr.commands.command_line import guarded
+from cmr.cli.command_line import guarded
 from cmr.commands.diagnose import main
 from cmr.diagnosis.job import Job, Telling, attempt
 from cmr.diagnosis.result import EFFECTS_FOUND, Diagnosis

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from cmr import threads
-from cmr.commands.command_line import guarded
+from cmr.cli.command_line import guarded
 from cmr.commands.diagnose import main
 from cmr.diagnosis.job import Job, Outcome, Telling
 from cmr.diagnosis.many import Pool, distinct_names, jobs_of

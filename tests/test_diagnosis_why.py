@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cmr.commands.command_line import guarded
+from cmr.cli.command_line import guarded
 from cmr.commands.diagnose import main
 from cmr.diagnosis.report import report_of
 from cmr.diagnosis.why import NOTHING_DECIDED, WIDTH, why

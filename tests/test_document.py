@@ -6,10 +6,10 @@ from typing import Annotated
 
 import pytest
 
-from cmr.document import DocumentError, Item, read, read_file
-from cmr.options import Between, Word
+from cmr.documents.declared import Between, Word
+from cmr.documents.document import DocumentError, Item, read, read_file
+from cmr.documents.structure import Names, structured
 from cmr.parameters.file import ParameterFileError, parse
-from cmr.structure import Names, structured
 from robot_driver.emulator.settings import SettingsError, load_settings
 
 

@@ -15,10 +15,10 @@ import yaml
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND
-from cmr.document import DocumentError, read
+from cmr.cli.options import arguments_of, made_of
+from cmr.documents.document import DocumentError, read
+from cmr.documents.structure import structured
 from cmr.msg import estop_t, motor_command_t
-from cmr.options import arguments_of, made_of
-from cmr.structure import structured
 from robot_driver import gyro_device
 from robot_driver.clock import seconds_since_boot
 from robot_driver.controllers import CONTROLLERS

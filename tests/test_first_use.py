@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from cmr.cli.errors import CommandError
 from cmr.commands import doctor, first_use
-from cmr.commands.command_line import CommandError
 from cmr.commands.demo import free_folder
 from cmr.commands.demo import main as demo
 from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first

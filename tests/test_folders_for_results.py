@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.commands.diagnose import main as diagnose
 from cmr.files import folder_for_results
 from cmr.sweep.journal import Journal

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.parameters.file import parse
 from cmr.tools.block import MappingError
 from cmr.tools.mapping import load

@@ -119,7 +119,7 @@ def test_the_driver_knows_neither_world_nor_model() -> None:
         known = {name for name in imports(path.read_text(encoding="utf-8")) if name.startswith("cmr.")}
         assert {name.split(".")[1] for name in known} <= DRIVER, path.name
         commands = {name for name in known if name.startswith("cmr.commands.")}
-        assert all(name.startswith("cmr.commands.command_line.") for name in commands), path.name
+        assert all(name.startswith("cmr.cli.command_line.") for name in commands), path.name
 
 
 def test_imports_inside_functions_and_of_whole_rooms_are_seen() -> None:

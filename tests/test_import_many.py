@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.tools.import_log import main
 from tests.import_bench import CSV_HEAD, POSE, messages_of, write_csv, write_mapping
 from tests.test_import_csv import SEVERAL, several_files

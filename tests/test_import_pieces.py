@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.parameters.file import parse
 from tests.import_bench import CSV_HEAD, POSE, START, run, write_csv
 

@@ -10,7 +10,7 @@ from typing import Any
 import lcm
 import pytest
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.parameters.file import parse
 from cmr.tools.import_log import main
 from tests.import_bench import CSV_HEAD, NOMINAL, POSE, START, run, write_csv, write_mapping

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.parameters.file import parse
 from cmr.tools.import_log import main
 from cmr.tools.ros_messages import decoder

@@ -15,7 +15,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.tools.mapping import load
 from cmr.tools.ros_source import read_bag
 from cmr.tools.sources import Source, SourceError

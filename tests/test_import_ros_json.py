@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from cmr.bus.messages import decode, make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, POSE
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.tools import import_log, log_main
 from tests.ros_bags import mapping_of, run
 

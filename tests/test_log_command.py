@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.distribution import how_to_install
 from cmr.recordings.events import Event, EventReader, event_bytes
 from cmr.tools.log_main import main

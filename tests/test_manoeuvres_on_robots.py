@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmr.bus.streams import WORLD_STATE
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.commands.pilot import main as run_pilot
 from cmr.commands.robots import behaviour_of, numbered, virtual_robots
 from cmr.manoeuvres import TYPICAL, in_sequence

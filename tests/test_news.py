@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from cmr import news
 from cmr.bus.process import Process
+from cmr.cli import news
 from cmr.msg import process_status_t
 
 

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cmr.bus.streams import LARGEST_ROBOT_ID
+from cmr.cli.configuration import LARGEST_ROBOT_ID
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import ParameterDefinition, RobotParameters

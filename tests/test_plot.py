@@ -9,7 +9,7 @@ import pytest
 
 from cmr.bus.fields import FieldName, unit_of
 from cmr.bus.messages import make
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.msg import motor_feedback_t, pose_xyt_t, waypoints_t, world_state_t
 from cmr.recordings.events import Event, EventReader
 from cmr.recordings.thinning import Rows, broken_at_gaps, thinned, thinned_path

@@ -8,13 +8,13 @@ import sys
 
 import pytest
 
-from cmr import news, progress
-from cmr.progress import BYTES, Progress
+from cmr.cli import news, progress
+from cmr.cli.progress import BYTES, Progress
 from tests.terminals import plain, read_all
 
 BAR_AND_RESULT = """
 import sys, time
-from cmr.progress import Progress
+from cmr.cli.progress import Progress
 with Progress(4, "runs") as progress:
     progress.advance(3, "third")
     progress.say("a line that stays")
@@ -23,7 +23,7 @@ with Progress(4, "runs") as progress:
 """
 ENDED_BY_A_SIGNAL = """
 import os, signal, time
-from cmr.progress import Progress
+from cmr.cli.progress import Progress
 from cmr.commands import _end
 signal.signal(signal.SIGTERM, _end)
 with Progress(4, "runs"):

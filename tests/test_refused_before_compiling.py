@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from cmr.bus.preflight import BusError
+from cmr.cli.errors import CommandError
 from cmr.commands import first_use
 from cmr.commands.calibrate import main as calibrate
-from cmr.commands.command_line import CommandError
 from cmr.commands.demo import main as demo
 from cmr.commands.diagnose import main as diagnose
 from cmr.commands.run import main as run

@@ -13,9 +13,9 @@ import pytest
 
 from cmr.bus.messages import decode, make, now_utime
 from cmr.bus.streams import SELF_TESTS
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
 from cmr.msg import pose_xyt_t
-from cmr.progress import Progress
 from cmr.recordings.events import Event, EventReader
 from cmr.tools.replay import main, play
 from cmr.tools.replay_player import Player

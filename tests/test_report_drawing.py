@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.report.density import CELL, MOST_LINES, density, passes
 from cmr.report.markup import Html
 from cmr.report.page import MOST_WITHOUT_CONTENTS, page_of

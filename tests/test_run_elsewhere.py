@@ -9,10 +9,10 @@ import pytest
 
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.cli.progress import Progress
 from cmr.commands.scenarios import load
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
-from cmr.progress import Progress
 from cmr.scenario.children import Children
 from cmr.scenario.elsewhere import Elsewhere
 from cmr.scenario.jobs import jobs_of

@@ -10,8 +10,8 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from cmr.cli.options import arguments_of
 from cmr.commands.scenarios import load, parse
-from cmr.options import arguments_of
 from cmr.parameters.file import load as load_parameters
 from cmr.scenario import Scenario, ScenarioError
 from cmr.scenario.jobs import PILOT, RECORDER, SIM, jobs_of

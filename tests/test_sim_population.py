@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.commands.scenarios import load
 from cmr.commands.sim import _options, _world
 from cmr.parameters.file import Value

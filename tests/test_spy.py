@@ -13,7 +13,7 @@ import lcm
 import pytest
 
 from cmr.bus.messages import Received, decode, make
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.msg import motor_feedback_t, pose_xyt_t, process_status_t, waypoints_t
 from cmr.tools import spy
 from cmr.tools.spy_statistics import Statistics

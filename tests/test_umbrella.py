@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from cmr import configuration
 from cmr.bus.preflight import resolve_url
+from cmr.cli import configuration
+from cmr.cli.configuration import ConfigurationError
 from cmr.commands import doctor, init
 from cmr.commands.catalogue import COMMANDS, UMBRELLA_ONLY
 from cmr.commands.completion import SHELLS, script
 from cmr.commands.scenarios import load as load_scenario
-from cmr.configuration import ConfigurationError
 from cmr.parameters.file import load
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.gyros import GYROS

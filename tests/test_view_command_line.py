@@ -2,7 +2,7 @@
 
 import pytest
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.commands.view import main
 
 

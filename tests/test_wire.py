@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from cmr import msg
 from cmr.bus.message import Message
 from cmr.bus.messages import REASONS, Received, RejectedMessage, decode, make
-from cmr.bus.streams import LARGEST_ROBOT_ID, LCM_CHANNEL_NAME_LIMIT, MOTOR_COMMAND, STREAMS, Stream, identify
+from cmr.bus.streams import LCM_CHANNEL_NAME_LIMIT, MOTOR_COMMAND, STREAMS, Stream, identify
+from cmr.cli.configuration import LARGEST_ROBOT_ID
 from tests.typed_messages import as_a
 
 LCM_TYPES = sorted((Path(__file__).parent.parent / "lcmtypes").glob("*.lcm"))

@@ -12,16 +12,17 @@ from urllib.parse import parse_qsl, urlsplit
 
 import lcm
 
-from cmr import configuration
 from cmr.bus.streams import SELF_TEST
+from cmr.cli import configuration
+from cmr.cli.configuration import DEFAULT_URL
+from cmr.cli.errors import ExpectedError
 
-DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"
 LARGEST_TTL = 255  # one byte in the IP header
 LARGEST_BUFFER = 2**31 - 1  # bytes; the int that LCM and the kernel take
 SELF_TEST_SECONDS = 1.0  # the loopback takes a tenth of a millisecond; more is a fault, not load
 
 
-class BusError(Exception):
+class BusError(ExpectedError):
     """The bus cannot be used; the text says why and what to do."""
 
 

@@ -12,8 +12,8 @@ from cmr.bus.bus import Bus
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, Stream
+from cmr.cli.news import say
 from cmr.msg import process_status_t
-from cmr.news import say
 
 LONGEST_WAIT = 0.1  # s; a signal is noticed within this time
 NAP = 0.01  # s; what arrives meanwhile is taken at once, as waking up for a message costs more than taking it

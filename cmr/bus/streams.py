@@ -7,9 +7,9 @@ from typing import Generic
 
 from cmr import msg
 from cmr.bus.message import M_co, Message
+from cmr.cli.configuration import LARGEST_ROBOT_ID
 
 LCM_CHANNEL_NAME_LIMIT = 63  # bytes; LCM refuses longer names
-LARGEST_ROBOT_ID = 2**31 - 1  # what the int32 of the messages holds
 COMMAND_LIFETIME = 500_000  # us; an older command of any kind means zero, for real and simulated robots alike
 SELF_TEST = "CMR_SELF_TEST"  # on which a process of ours tries the bus when it starts
 SELF_TESTS = (SELF_TEST, "LCM_SELF_TEST")  # and LCM's own; whatever comes there is meant for nobody else

@@ -12,11 +12,11 @@ from cmr.calibration.preparing import prepare
 from cmr.calibration.result import GRID, CalibrationResult
 from cmr.calibration.seen_path import seen_path
 from cmr.calibration.segments import Segment
-from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.estimation import free_runs
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 from cmr.recordings.signal import Floats
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from cmr.document import DocumentError, Item, read_file
+from cmr.documents.document import DocumentError, Item, read_file
 from cmr.files import write_atomically
 
 Floats = NDArray[np.float64]

@@ -1,48 +1,13 @@
 """The cmr-* commands: each is a thin process around classes that know no bus.
 
-This module is what the shell starts. It loads a command only after it has seen to it that Ctrl-C ends the
+This module is what the shell starts. `cmr.cli.start` loads a command only after it has seen to it that Ctrl-C ends the
 process quietly even while libraries are still being imported.
 """
 
-import os
-import signal
-import sys
-from importlib import import_module
-
+from cmr.cli.start import run
 from cmr.threads import one_thread_for_linear_algebra
 
 one_thread_for_linear_algebra()
-
-
-def run(module: str) -> int:
-    """Run `main()` of a command's module and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _end)
-    try:
-        main = import_module(module).main
-        from cmr.commands.command_line import guarded
-    except ImportError as error:
-        if "libglib-2.0.so.0" not in str(error):
-            raise
-        command = sys.argv[0].rsplit("/", 1)[-1]
-        print(
-            f"{command}: LCM needs the system's library libglib-2.0.so.0. To install it: "
-            "sudo apt-get install libglib2.0-0",
-            file=sys.stderr,
-        )
-        return 1
-    code = guarded(main, sys.argv[1:])
-    sys.stdout.flush()
-    sys.stderr.flush()
-    # Everything of ours is closed; to take Numba apart would keep an interrupted process for half a second longer.
-    os._exit(code)
-
-
-def _end(_number: int, _frame: object) -> None:
-    progress = sys.modules.get("cmr.progress")  # nothing is imported here: an import may be what is interrupted
-    if progress is not None and hasattr(progress, "leave_terminal"):
-        progress.leave_terminal()
-    os._exit(130)
 
 
 def calibrate() -> int:

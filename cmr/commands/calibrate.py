@@ -15,24 +15,16 @@ from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
 from cmr.calibration.calibrator import HEARD, Calibrator
 from cmr.calibration.result import CalibrationResult
-from cmr.commands.command_line import (
-    CommandError,
-    add_json,
-    add_logs,
-    check_writable,
-    logs_of,
-    parse_robot_id,
-    parser,
-    print_json,
-)
+from cmr.cli.command_line import add_json, add_logs, check_writable, logs_of, parse_robot_id, parser, print_json
+from cmr.cli.configuration import parameter_file
+from cmr.cli.configuration import robot as default_robot
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
 from cmr.commands.first_use import ESTIMATOR, compile_first
-from cmr.configuration import parameter_file
-from cmr.configuration import robot as default_robot
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.priority import give_way
-from cmr.progress import Progress
 from cmr.recordings.recording import RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s

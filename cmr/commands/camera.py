@@ -11,10 +11,11 @@ from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CAMERA_IMAGE, POSE, WAYPOINTS, WORLD_STATE
-from cmr.commands.command_line import CommandError, parse_seconds, parser
+from cmr.cli.command_line import parse_seconds, parser
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
 from cmr.distribution import how_to_install
 from cmr.msg import camera_image_t, pose_xyt_t, process_status_t, waypoints_t, world_state_t
-from cmr.progress import Progress
 
 if TYPE_CHECKING:
     from cmr.camera.drawing import Picture

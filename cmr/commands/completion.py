@@ -4,8 +4,8 @@ import argparse
 from importlib import import_module
 from pathlib import Path
 
+from cmr.cli.command_line import parser
 from cmr.commands.catalogue import COMMANDS, UMBRELLA_ONLY, name_of
-from cmr.commands.command_line import parser
 
 SHELLS = ("bash", "zsh", "fish")
 # `cmr-sim --<Tab>` is completed as `cmr sim --<Tab>`.

@@ -13,17 +13,17 @@ import lcm
 import numpy as np
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.preflight import DEFAULT_URL
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Process
 from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
-from cmr.commands.command_line import CommandError, check_writable, parser
+from cmr.cli.command_line import check_writable, parser
+from cmr.cli.configuration import DEFAULT_URL, results
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
 from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
-from cmr.configuration import results
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, process_status_t, waypoints_t, world_state_t
 from cmr.parameters.file import ParameterFile, Value, load
-from cmr.progress import Progress
 from cmr.scenario.children import Children, our_command
 from cmr.world.behaviours.leading import LENGTH, SPEEDS, figure_eight, laps_within, read_speeds, seconds_of
 from cmr.world.comparison import Drive, drives_of

@@ -14,23 +14,15 @@ from cmr.bus.message import Message
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
-from cmr.commands.command_line import (
-    CommandError,
-    add_json,
-    add_logs,
-    check_writable,
-    logs_of,
-    parse_count,
-    parse_robot_id,
-    parser,
-)
+from cmr.cli.command_line import add_json, add_logs, check_writable, logs_of, parse_count, parse_robot_id, parser
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
 from cmr.commands.first_use import ESTIMATOR, announce_compiling, compile_first
 from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform, robots_in
 from cmr.diagnosis.many import Pool, jobs_of
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.parameters.following import ParameterFollower
-from cmr.progress import Progress
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.recordings.recording import RecordingError, choose_robot
 

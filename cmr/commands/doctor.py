@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from cmr.bus.preflight import BusError, open_lcm, resolve_url, self_test, warnings
-from cmr.commands.command_line import add_json, parser, print_json
+from cmr.cli.command_line import add_json, parser, print_json
 
 GREEN, AMBER, RED = "green", "amber", "red"
 NAPS, NAP = 100, 0.005  # as cmr-driver's loop naps

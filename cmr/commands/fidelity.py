@@ -6,11 +6,12 @@ import os
 import time
 from pathlib import Path
 
-from cmr.commands.command_line import CommandError, add_json, parse_count, parse_robot_id, parser
+from cmr.cli.command_line import add_json, parse_count, parse_robot_id, parser
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
 from cmr.commands.scenarios import load as load_scenario
 from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, Task, gathered, perform_all, tasks_of
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
-from cmr.progress import Progress
 from cmr.scenario.ending import why_only_live
 from cmr.scenario.errors import ScenarioError
 from cmr.scenario.scenario import Scenario

@@ -15,8 +15,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cmr.cli.progress import Progress
 from cmr.model.cache import lasting_folder
-from cmr.progress import Progress
 
 MODEL, WORLD, EMULATOR, ESTIMATOR = "model", "world", "emulator", "estimator"
 HERE = Path(__file__).resolve().parents[1]

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from textwrap import dedent
 
-from cmr.commands.command_line import CommandError, add_robot, parse_robot_id, parser
+from cmr.cli.command_line import add_robot, parse_robot_id, parser
+from cmr.cli.errors import CommandError
 from cmr.files import write_atomically
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value
 from cmr.scenario.children import our_command

@@ -5,9 +5,10 @@ from pathlib import Path
 
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
-from cmr.commands.command_line import CommandError, add_robot, parser
+from cmr.cli.command_line import add_robot, parser
+from cmr.cli.configuration import parameter_file
+from cmr.cli.errors import CommandError
 from cmr.commands.robots import behaviour_of
-from cmr.configuration import parameter_file
 from cmr.model.command_kinds import KINDS
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower

@@ -5,7 +5,8 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from cmr.commands.command_line import CommandError, parse_robot_id
+from cmr.cli.command_line import parse_robot_id
+from cmr.cli.errors import CommandError
 from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviours
 from cmr.world.behaviours.making import number_of
 from cmr.world.world import VirtualRobot

@@ -9,11 +9,12 @@ from pathlib import Path
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.preflight import parse_udpm, resolve_url
 from cmr.bus.process import Process
+from cmr.cli.command_line import check_writable, parser
+from cmr.cli.configuration import results
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
 from cmr.commands import first_use
-from cmr.commands.command_line import CommandError, check_writable, parser
 from cmr.commands.scenarios import load
-from cmr.configuration import results
-from cmr.progress import Progress
 from cmr.scenario import Scenario, ScenarioError
 from cmr.scenario.children import Children
 from cmr.scenario.jobs import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, Job, jobs_of

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cmr import scenario
-from cmr.document import Item
+from cmr.documents.document import Item
+from cmr.documents.structure import structured
 from cmr.scenario import Scenario
-from cmr.structure import structured
 
 
 class RobotDriver:

@@ -21,10 +21,11 @@ from cmr.bus.streams import (
     WORLD_STATE,
     Stream,
 )
-from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.cli.command_line import parse_robot_id, parser
+from cmr.cli.configuration import parameters
+from cmr.cli.errors import CommandError
 from cmr.commands.first_use import MODEL, WORLD, compile_first
 from cmr.commands.robots import numbered, virtual_robots
-from cmr.configuration import parameters
 from cmr.model.parameters import RobotParameters
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.file import ParameterFileError

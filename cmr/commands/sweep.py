@@ -7,11 +7,12 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cmr.commands.command_line import CommandError, check_writable, parser
+from cmr.cli.command_line import check_writable, parser
+from cmr.cli.configuration import results
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
 from cmr.commands.first_use import EMULATOR, MODEL, WORLD, compile_first
-from cmr.configuration import results
 from cmr.distribution import how_to_install
-from cmr.progress import Progress
 from cmr.sweep.stopping import end_on_signals
 
 if TYPE_CHECKING:

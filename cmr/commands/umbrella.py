@@ -24,14 +24,14 @@ def main(arguments: list[str]) -> int:
         hint = f"Did you mean {' or '.join(near)}?" if near else "cmr --help lists all commands."
         print(f"{USAGE}\ncmr: error: there is no command {name!r}. {hint}", file=sys.stderr)
         return 2
-    from cmr.commands import run
+    from cmr.cli.start import run
 
     sys.argv = [name_of(name), *rest]
     return run(COMMANDS[name][0])
 
 
 def _help() -> str:
-    from cmr.commands.command_line import EXIT_CODES
+    from cmr.cli.command_line import EXIT_CODES
 
     width = max(map(len, COMMANDS))
     commands = "\n".join(f"  {name:{width}}  {purpose}" for name, (_module, purpose) in COMMANDS.items())

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP
-from cmr.commands.command_line import CommandError, add_logs, logs_of, parser
+from cmr.cli.command_line import add_logs, logs_of, parser
+from cmr.cli.errors import CommandError
 from cmr.distribution import how_to_install
 from cmr.msg import process_status_t
 from cmr.world.interaction.obstacles import Geofence, ObstacleError, Obstacles

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.fidelity.findings import Finding
 from cmr.fidelity.study import PREPARATIONS, REAL_A, REAL_B
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,8 +11,8 @@ from typing import Any
 import yaml
 
 from cmr.bus.messages import make, now_utime
-from cmr.bus.streams import LARGEST_ROBOT_ID
-from cmr.document import DocumentError, Item, read, read_file
+from cmr.cli.configuration import LARGEST_ROBOT_ID
+from cmr.documents.document import DocumentError, Item, read, read_file
 from cmr.files import write_atomically
 from cmr.model.parameters import DEFINITIONS, ParameterDefinition, RobotParameters
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, NEEDED, VelocityController, motor_of

@@ -5,7 +5,7 @@ Figures name their colours, as in `stroke="var(--real)"`, so that one drawing se
 
 from pathlib import Path
 
-from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 
 TONES = ("plain", "good", "doubtful", "bad")  # of the header, after what a report says
 DENSITY_STEPS = (1, 4, 16, 64)  # robots from which on a cell of a density has its colour

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
-from cmr.document import DocumentError, Item, Place
+from cmr.documents.document import DocumentError, Item, Place
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.parameters.file import load as load_parameters
 from cmr.scenario.plan import Disc, Pose, RobotPlan, Wall

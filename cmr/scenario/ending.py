@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from cmr.document import Item, Section
+from cmr.documents.document import Item, Section
 from cmr.scenario.plan import Ending
 from cmr.team.metrics import UNITS
 from cmr.team.scoring import bonds_of, ways_of

@@ -1,6 +1,6 @@
 """What is raised for a scenario that cannot be used."""
 
-from cmr.document import DocumentError
+from cmr.documents.document import DocumentError
 
 
 class ScenarioError(DocumentError):

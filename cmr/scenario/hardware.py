@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from cmr.document import Item
+from cmr.documents.document import Item
 
 
 class Hardware(Protocol):

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from cmr.cli.options import arguments_of
 from cmr.model.command_kinds import DUTY
-from cmr.options import arguments_of
 from cmr.scenario.children import our_command
 from cmr.scenario.plan import EmulatorPlan, RobotPlan
 from cmr.scenario.scenario import Scenario

@@ -9,8 +9,8 @@ from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import Message
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
+from cmr.cli.progress import Progress
 from cmr.msg import process_status_t
-from cmr.progress import Progress
 from cmr.scenario.children import Children
 from cmr.scenario.elsewhere import Elsewhere
 from cmr.scenario.jobs import EMULATOR, PILOT, SIM, Job

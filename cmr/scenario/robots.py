@@ -5,8 +5,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple, cast
 
-from cmr.bus.streams import LARGEST_ROBOT_ID
-from cmr.document import DocumentError, Item, Place, Section
+from cmr.cli.configuration import LARGEST_ROBOT_ID
+from cmr.documents.document import DocumentError, Item, Place, Section
 from cmr.model.command_kinds import KINDS as COMMAND_KINDS
 from cmr.scenario.hardware import Hardware
 from cmr.scenario.plan import KINDS, BehaviourPlan, EmulatorPlan, Kind, Point, RobotPlan

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cmr.bus.preflight import BusError, parse_udpm
-from cmr.document import Item, Section, read, read_file
+from cmr.documents.document import Item, Section, read, read_file
 from cmr.scenario.checks import check_noise, check_room, check_team, with_sources_of_parameters
 from cmr.scenario.ending import check_ending, read_ending
 from cmr.scenario.errors import ScenarioError

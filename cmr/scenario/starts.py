@@ -2,7 +2,7 @@
 
 import math
 
-from cmr.document import Item
+from cmr.documents.document import Item
 from cmr.scenario.plan import Pose
 
 RULES = ("line", "grid", "circle")

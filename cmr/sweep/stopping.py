@@ -3,7 +3,7 @@
 import os
 import signal
 
-from cmr.progress import leave_terminal
+from cmr.cli.progress import leave_terminal
 
 EXIT_INTERRUPTED = 130
 

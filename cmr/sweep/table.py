@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.sweep.settings import Value
 from cmr.team.metrics import UNITS
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from cmr.document import DocumentError, Item, Place
+from cmr.documents.document import DocumentError, Item, Place
 
 
 class MappingError(DocumentError):

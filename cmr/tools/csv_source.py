@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.progress import BYTES, Progress
+from cmr.cli.progress import BYTES, Progress
 from cmr.tools.mapping_types import File, Mapping, Pieces
 from cmr.tools.sources import (
     LATEST_UTIME,

@@ -6,8 +6,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from cmr.bus.older import as_of_today
-from cmr.commands.command_line import CommandError
-from cmr.progress import BYTES, Progress
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import BYTES, Progress
 from cmr.recordings.events import Event, EventReader
 
 __all__ = ["Event", "EventReader", "channel_chooser", "damage_sentence", "open_log", "progress_of", "reading"]

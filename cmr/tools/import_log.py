@@ -11,7 +11,8 @@ from contextlib import ExitStack, contextmanager
 from glob import has_magic
 from pathlib import Path
 
-from cmr.commands.command_line import CommandError, parse_robot_id, parser
+from cmr.cli.command_line import parse_robot_id, parser
+from cmr.cli.errors import CommandError
 from cmr.files import folder_for_results
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFileError

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from glob import glob, has_magic
 from pathlib import Path
 
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.tools.mapping_types import CSV_TABLE, Mapping
 from cmr.tools.ros_files import files_of
 from cmr.tools.sources import SourceError

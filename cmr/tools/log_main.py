@@ -11,8 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
-from cmr.commands.command_line import (
-    CommandError,
+from cmr.cli.command_line import (
     add_channels,
     add_json,
     add_logs,
@@ -23,6 +22,7 @@ from cmr.commands.command_line import (
     print_json,
     usual_options,
 )
+from cmr.cli.errors import CommandError
 from cmr.distribution import how_to_install
 from cmr.recordings.events import EventReader
 from cmr.tools.events import channel_chooser, damage_sentence, open_log, progress_of, reading

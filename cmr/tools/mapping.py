@@ -8,7 +8,7 @@ from collections.abc import Mapping as Dictionary
 from datetime import datetime, timezone
 from pathlib import Path
 
-from cmr.document import Place, read_file
+from cmr.documents.document import Place, read_file
 from cmr.model.command_kinds import DUTY
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value
 from cmr.tools.block import Block, MappingError

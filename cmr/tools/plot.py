@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from cmr.bus.fields import FieldName, unit_of
-from cmr.commands.command_line import CommandError, parser
+from cmr.cli.command_line import parser
+from cmr.cli.errors import CommandError
 from cmr.tools.events import damage_sentence, open_log, progress_of, reading
 from cmr.tools.plot_fields import Gathered, against, near_names, parse_field
 from cmr.tools.plot_figure import Curve, Panel, draw, figure_of

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cmr.bus.fields import BYTES, ROBOTS, Field, FieldName, fields_on, number_in
 from cmr.bus.messages import RejectedMessage, decode
-from cmr.commands.command_line import CommandError
+from cmr.cli.errors import CommandError
 from cmr.recordings.events import Event
 from cmr.recordings.thinning import Rows
 

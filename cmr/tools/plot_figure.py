@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.recordings.thinning import broken_at_gaps, thinned, thinned_path
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,8 +15,9 @@ from cmr.bus.messages import now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test
 from cmr.bus.process import EXIT_INTERRUPTED
 from cmr.bus.streams import LCM_CHANNEL_NAME_LIMIT, MOTOR_COMMAND, identify
-from cmr.commands.command_line import CommandError, add_channels, add_logs, add_without, logs_of, parse_seconds, parser
-from cmr.progress import Progress
+from cmr.cli.command_line import add_channels, add_logs, add_without, logs_of, parse_seconds, parser
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
 from cmr.recordings.events import Event, EventReader
 from cmr.tools.events import damage_sentence, open_log
 from cmr.tools.replay_changes import Changes, ChannelFilter, moved_to

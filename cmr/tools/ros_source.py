@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cmr.cli.progress import BYTES, Progress
 from cmr.distribution import how_to_install
-from cmr.progress import BYTES, Progress
 from cmr.tools.mapping_types import Mapping
 from cmr.tools.mapping_types import Topic as MappedTopic
 from cmr.tools.ros_fields import AbsentError, PathError, Types, getter, parse_path

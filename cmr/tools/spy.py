@@ -16,7 +16,8 @@ from cmr.bus.messages import now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test
 from cmr.bus.process import EXIT_INTERRUPTED
 from cmr.bus.streams import SELF_TESTS
-from cmr.commands.command_line import CommandError, add_channels, parse_seconds, parser, print_json
+from cmr.cli.command_line import add_channels, parse_seconds, parser, print_json
+from cmr.cli.errors import CommandError
 from cmr.tools.events import channel_chooser
 from cmr.tools.spy_statistics import Statistics
 from cmr.tools.spy_view import View, document, table

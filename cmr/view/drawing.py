@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.view.drives import Paths
 from cmr.view.robots import Floats
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.bus.streams import RANGE_SCAN, WAYPOINTS
-from cmr.colours import REAL_COLOUR
 from cmr.msg import range_scan_t
+from cmr.report.colours import REAL_COLOUR
 from cmr.view import shapes
 from cmr.view.robots import REAL, TWIN, VIRTUAL, Integers, Robots
 from cmr.view.state import ViewState

@@ -8,8 +8,8 @@ import viser
 from viser import uplot
 
 from cmr.bus.fields import FieldName, unit_of
-from cmr.colours import TWIN_COLOUR
 from cmr.recordings.thinning import broken_at_gaps, thinned
+from cmr.report.colours import TWIN_COLOUR
 from cmr.view.charts import LABEL_HEIGHT, value_axis, value_range
 from cmr.view.curves import Curve, Curves
 from cmr.view.inputs import write

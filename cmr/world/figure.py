@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from cmr.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.world.comparison import Drive
 
 TITLES = ("before calibration", "after calibration")

@@ -8,7 +8,8 @@ from pathlib import Path
 from cmr.bus.messages import make
 from cmr.bus.process import EXIT_INTERRUPTED, Process
 from cmr.bus.streams import ESTOP, POSE
-from cmr.commands.command_line import CommandError, add_robot, parser
+from cmr.cli.command_line import add_robot, parser
+from cmr.cli.errors import CommandError
 from cmr.model.command_kinds import DUTY, KINDS
 from cmr.msg import pose_xyt_t
 from cmr.priority import go_first

@@ -2,7 +2,7 @@
 
 import math
 
-from cmr.document import DocumentError
+from cmr.documents.document import DocumentError
 from cmr.plant.parameters import RANGES
 
 

@@ -7,9 +7,9 @@ from typing import Annotated, TypeAlias
 
 import yaml
 
-from cmr.document import read, read_file
+from cmr.documents.document import read, read_file
+from cmr.documents.structure import Names, structured
 from cmr.plant.parameters import PlantParameters, plant_parameters
-from cmr.structure import Names, structured
 from robot_driver.emulator.requiring import SettingsError, require, require_positive, require_possible
 
 __all__ = ["Settings", "SettingsError", "load_settings"]

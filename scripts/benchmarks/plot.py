@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.report import Point
-from cmr.colours import TWIN_COLOUR
+from cmr.report.colours import TWIN_COLOUR
 
 OURS = "CMR"  # what the names of our own series begin with
 STEP = 0.01  # s

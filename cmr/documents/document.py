@@ -1,7 +1,8 @@
 """YAML as values that know where they stand, so that every error names file, line and key.
 
 All files that people write are read by it: scenarios, settings of the emulated robot, parameter files, mappings, camera
-files and the configuration. Each has a subclass of `DocumentError`. `cmr.structure` makes dataclasses of its values.
+files and the configuration. Each has a subclass of `DocumentError`. `cmr.documents.structure` makes dataclasses of its
+values.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -9,13 +9,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from textwrap import fill
 
-from cmr import configuration
-from cmr.bus.preflight import DEFAULT_URL, BusError
-from cmr.bus.streams import LARGEST_ROBOT_ID
-from cmr.configuration import ConfigurationError
+from cmr.cli import configuration
+from cmr.cli.configuration import DEFAULT_URL, LARGEST_ROBOT_ID
+from cmr.cli.errors import CommandError, ExpectedError
+from cmr.cli.news import be_quiet
 from cmr.distribution import version
 from cmr.files import why_not_writable
-from cmr.news import be_quiet
 
 EXIT_CODES = """\
 exit codes:
@@ -24,10 +23,6 @@ exit codes:
   2    wrong usage
   130  interrupted by Ctrl-C, SIGTERM or SIGHUP"""
 HELP_WIDTH = 79  # characters; a terminal's usual 80 leave room for no more
-
-
-class CommandError(Exception):
-    """The command cannot do what was asked; the text is one line that says what is wrong and what to do."""
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
@@ -201,7 +196,7 @@ def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (CommandError, BusError, ConfigurationError) as error:
+    except ExpectedError as error:
         print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

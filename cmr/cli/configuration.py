@@ -6,6 +6,10 @@ The file is `$XDG_CONFIG_HOME/cmr/config.yaml`, usually `~/.config/cmr/config.ya
 import os
 from pathlib import Path
 
+from cmr.cli.errors import ExpectedError
+
+DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"  # of LCM; stays on this host
+LARGEST_ROBOT_ID = 2**31 - 1  # what the int32 of the messages holds
 # Each setting with the environment variable that comes before it.
 SETTINGS = {
     "lcm_url": "LCM_DEFAULT_URL",  # LCM's own name for it
@@ -15,7 +19,7 @@ SETTINGS = {
 }
 
 
-class ConfigurationError(Exception):
+class ConfigurationError(ExpectedError):
     """The configuration cannot be used; the text says where, what is wrong and what is allowed."""
 
 
@@ -74,7 +78,7 @@ def _file() -> dict[str, str]:
     except OSError as error:
         raise ConfigurationError(f"{path()}: cannot be read: {error.strerror}") from error
     # YAML takes a while, and most have no file.
-    from cmr.document import DocumentError, read_file
+    from cmr.documents.document import DocumentError, read_file
 
     try:
         document = read_file(path(), DocumentError, may_be_empty=True)

@@ -19,8 +19,8 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
 from cattrs import Converter
 from cattrs.gen import make_dict_structure_fn
 
-from cmr.document import DocumentError, Item
-from cmr.options import Between, Word, help_of
+from cmr.documents.declared import Between, Word, help_of
+from cmr.documents.document import DocumentError, Item
 
 Made = TypeVar("Made")
 

@@ -6,7 +6,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from cmr.news import is_quiet
+from cmr.cli.news import is_quiet
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -1,0 +1,41 @@
+"""How a command starts and ends: what the shell starts calls `run`.
+
+A command is loaded only after it has been seen to that Ctrl-C ends the process quietly even while libraries are still
+being imported; this module imports next to nothing itself.
+"""
+
+import os
+import signal
+import sys
+from importlib import import_module
+
+
+def run(module: str) -> int:
+    """Run `main()` of a command's module and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _end)
+    try:
+        main = import_module(module).main
+        from cmr.cli.command_line import guarded
+    except ImportError as error:
+        if "libglib-2.0.so.0" not in str(error):
+            raise
+        command = sys.argv[0].rsplit("/", 1)[-1]
+        print(
+            f"{command}: LCM needs the system's library libglib-2.0.so.0. To install it: "
+            "sudo apt-get install libglib2.0-0",
+            file=sys.stderr,
+        )
+        return 1
+    code = guarded(main, sys.argv[1:])
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Everything of ours is closed; to take Numba apart would keep an interrupted process for half a second longer.
+    os._exit(code)
+
+
+def _end(_number: int, _frame: object) -> None:
+    progress = sys.modules.get("cmr.cli.progress")  # nothing is imported here: an import may be what is interrupted
+    if progress is not None and hasattr(progress, "leave_terminal"):
+        progress.leave_terminal()
+    os._exit(130)

@@ -1,0 +1,49 @@
+"""How a dataclass declares what its fields may be: in a file, and as options of a command."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import Field, dataclass, fields
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+
+@dataclass(frozen=True)
+class Between:
+    """The bounds of a number in a file, both allowed; on the command line it is greater than 0."""
+
+    least: float
+    most: float
+
+
+@dataclass(frozen=True)
+class Word:
+    """One of some words, which are looked up when they are needed."""
+
+    allowed: Callable[[], Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Option:
+    """What the help of the command says of a field."""
+
+    help: str
+    metavar: str | None = None
+
+
+def help_of(made: type[Any]) -> dict[str, str]:
+    """Return the help of each field that has one."""
+    return {entry.name: rule.help for entry, _, rules in declared(made) for rule in rules if isinstance(rule, Option)}
+
+
+def declared(made: type[Any]) -> list[tuple[Field[Any], Any, list[Any]]]:
+    """Return each field of a dataclass with its type, and what is annotated to it."""
+    hints = get_type_hints(made, include_extras=True)
+    return [(entry, *_taken_apart(hints[entry.name])) for entry in fields(made)]
+
+
+def _taken_apart(hint: Any) -> tuple[Any, list[Any]]:
+    """Return the type of a field that may be None, and what is annotated to it."""
+    if get_origin(hint) is Annotated:
+        inner, *rules = get_args(hint)
+        kind, others = _taken_apart(inner)
+        return kind, rules + others
+    alternatives = [one for one in get_args(hint) if one is not type(None)]
+    return _taken_apart(alternatives[0]) if alternatives else (hint, [])
