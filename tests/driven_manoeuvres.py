@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from cmr.manoeuvres import TYPICAL, in_sequence
+from cmr.geometry.manoeuvres import TYPICAL, in_sequence
 from cmr.model.motion import RobotState, Trajectory, drive
 from cmr.model.parameters import RobotParameters
 

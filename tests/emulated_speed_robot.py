@@ -5,7 +5,7 @@ from typing import Any
 
 from cmr.bus.messages import make
 from cmr.bus.streams import ESTOP, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND
-from cmr.manoeuvres import in_sequence
+from cmr.geometry.manoeuvres import in_sequence
 from cmr.model.command_kinds import VELOCITY
 from cmr.msg import estop_t, motor_feedback_t, velocity_command_t, wheel_speed_command_t
 from cmr.parameters.file import ParameterFile, Value

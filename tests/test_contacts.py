@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from cmr.geometry.obstacles import Obstacles
 from cmr.world.interaction.contacts import LARGEST_PUSH, SKIN, TOLERANCE, Contacts
-from cmr.world.interaction.obstacles import Obstacles
 
 Floats = NDArray[np.float64]
 RADIUS, WHEEL = 0.1, 0.04

@@ -13,7 +13,7 @@ from cmr.diagnosis.document import extended_file
 from cmr.diagnosis.job import Job, JobError, perform
 from cmr.diagnosis.result import BAD_DATA, Diagnosis
 from cmr.estimation.estimates import EstimationError
-from cmr.manoeuvres import MANOEUVRES
+from cmr.geometry.manoeuvres import MANOEUVRES
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.parameters.file import ParameterFile, Value, load
 from cmr.recordings.arrivals import NOT_FINITE

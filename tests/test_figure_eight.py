@@ -9,9 +9,10 @@ import pytest
 from cmr.bus.messages import make
 from cmr.bus.streams import WAYPOINTS
 from cmr.commands.demo import DRIVE, GAP, SIZE
+from cmr.geometry.figures import LENGTH
 from cmr.msg import waypoints_t
 from cmr.world.behaviours import FigureEight, Follow, make_behaviour
-from cmr.world.behaviours.leading import LENGTH, SPEEDS, laps_within, read_speeds, seconds_of
+from cmr.world.behaviours.leading import SPEEDS, laps_within, read_speeds, seconds_of
 from cmr.world.view import VIRTUAL
 from cmr.world.world import VirtualRobot
 from tests.emulated_drive import EPOCH

@@ -14,7 +14,7 @@ from cmr.commands.demo import main as demo
 from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
 from cmr.commands.run import parts_to_compile
 from cmr.commands.scenarios import load
-from cmr.manoeuvres import TYPICAL
+from cmr.geometry.manoeuvres import TYPICAL
 from cmr.model.parameters import RobotParameters
 from cmr.scenario.shipping import path_of
 from cmr.world import loading
@@ -22,7 +22,7 @@ from cmr.world.loading import Loader
 
 LOAD = """
 from numba.core import event
-from cmr.manoeuvres import TYPICAL
+from cmr.geometry.manoeuvres import TYPICAL
 from cmr.model.parameters import RobotParameters
 from cmr.world.loading import Loader
 with event.install_recorder("numba:compile") as compiled:

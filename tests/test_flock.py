@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.world.behaviours.flocking import Flock
-from cmr.world.interaction.obstacles import Geofence, Obstacles
 from tests.team_bench import DIAMETER, Bench
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmr.manoeuvres import MANOEUVRES, TYPICAL, help_text, in_sequence
-from cmr.manoeuvres.pieces import FREQUENCIES, PERIOD
+from cmr.geometry.manoeuvres import MANOEUVRES, TYPICAL, help_text, in_sequence
+from cmr.geometry.manoeuvres.pieces import FREQUENCIES, PERIOD
 from cmr.model.body import forward, turn
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters

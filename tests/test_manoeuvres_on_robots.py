@@ -9,7 +9,7 @@ from cmr.bus.streams import WORLD_STATE
 from cmr.cli.errors import CommandError
 from cmr.commands.pilot import main as run_pilot
 from cmr.commands.robots import behaviour_of, numbered, virtual_robots
-from cmr.manoeuvres import TYPICAL, in_sequence
+from cmr.geometry.manoeuvres import TYPICAL, in_sequence
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value

@@ -23,8 +23,8 @@ from cmr.diagnosis.next_experiment import (
     telling_apart,
 )
 from cmr.diagnosis.words import REGRESSORS
-from cmr.manoeuvres import MANOEUVRES, TYPICAL, in_sequence
-from cmr.manoeuvres.in_words import WORDS, Pace
+from cmr.geometry.manoeuvres import MANOEUVRES, TYPICAL, in_sequence
+from cmr.geometry.manoeuvres.in_words import WORDS, Pace
 from cmr.model.catalogue import CATALOGUE, typical, with_effects
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters

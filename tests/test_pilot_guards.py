@@ -8,6 +8,7 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.bus.streams import POSE, WORLD_STATE
+from cmr.geometry.obstacles import Geofence
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.msg import motor_command_t, pose_xyt_t
@@ -15,7 +16,6 @@ from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour
 from cmr.world.interaction.body import body_radius
-from cmr.world.interaction.obstacles import Geofence
 from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, VIRTUAL, Robot, WorldView, world_messages
 from tests.emulated_drive import EPOCH, TRUTH

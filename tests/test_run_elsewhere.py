@@ -11,13 +11,13 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.cli.progress import Progress
 from cmr.commands.scenarios import load
+from cmr.geometry.places import Pose
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
 from cmr.scenario.children import Children
 from cmr.scenario.elsewhere import Elsewhere
 from cmr.scenario.jobs import jobs_of
 from cmr.scenario.live_run import LiveRun, Outcome
-from cmr.scenario.plan import Pose
 from cmr.scenario.preparing import prepare, write_emulators
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.shipping import shipped

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cmr.bus.streams import PARAMETERS
-from cmr.manoeuvres import in_sequence
+from cmr.geometry.manoeuvres import in_sequence
 from cmr.model.body import wrap
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cmr.commands.robots import behaviour_of, numbered, virtual_robots
+from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.model.catalogue import together
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value
@@ -24,7 +25,6 @@ from cmr.world.behaviours import (
 from cmr.world.behaviours.following import SPEED_PER_DISTANCE
 from cmr.world.behaviours.team import Duties, Memory, duties_of
 from cmr.world.behaviours.waypoints import Waypoints, read_points
-from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.view import VIRTUAL, Robots, WorldView
 from cmr.world.world import VirtualRobot, World
 from tests.team_bench import DIAMETER, EPOCH, MODEL, Bench

@@ -11,6 +11,8 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.geometry.figures import figure_eight
+from cmr.geometry.obstacles import Obstacles
 from cmr.model.compiled import config
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
@@ -20,11 +22,9 @@ from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour, FigureEight, Follow, make_behaviour
 from cmr.world.behaviours.behaviour import BehaviourError
 from cmr.world.behaviours.commanded import Commanded
-from cmr.world.behaviours.leading import figure_eight
 from cmr.world.behaviours.waypoints import Waypoints
 from cmr.world.estimator import Estimator
 from cmr.world.interaction.body import body_radius
-from cmr.world.interaction.obstacles import Obstacles
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView, world_messages
 from cmr.world.world import VirtualRobot, World
 from robot_driver.emulator.settings import Settings

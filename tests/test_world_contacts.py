@@ -6,11 +6,11 @@ from math import hypot
 import numpy as np
 import pytest
 
+from cmr.geometry.obstacles import Obstacles
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.fleet import STEP, Fleet
 from cmr.world.interaction.contacts import TOLERANCE
-from cmr.world.interaction.obstacles import Obstacles
 from cmr.world.view import TWIN, VIRTUAL
 
 EPOCH = 1_700_000_000_000_000  # us

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cmr.manoeuvres import TYPICAL
+from cmr.geometry.manoeuvres import TYPICAL
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value

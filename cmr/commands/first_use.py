@@ -132,7 +132,7 @@ def _load_model() -> None:
     """Move a robot by the paper's model, and one with an effect and late commands by the composed one."""
     import numpy as np
 
-    from cmr.manoeuvres import TYPICAL
+    from cmr.geometry.manoeuvres import TYPICAL
     from cmr.model.fleet import Fleet
     from cmr.model.motion import RobotState
     from cmr.model.parameters import RobotParameters
@@ -150,10 +150,10 @@ def _load_world() -> None:
     """Let two robots and an obstacle touch, and keep a robot clear of others."""
     import numpy as np
 
+    from cmr.geometry.obstacles import Obstacles
     from cmr.world.bounding import bounded
     from cmr.world.guarding import load
     from cmr.world.interaction.contacts import Contacts
-    from cmr.world.interaction.obstacles import Obstacles
 
     contacts = Contacts(Obstacles([(0.1, 0.0, 0.2)], []))
     contacts.resolve(np.zeros((5, 2)), np.full(2, 0.1), np.full(2, 0.04), np.zeros((3, 0)))

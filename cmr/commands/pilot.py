@@ -9,13 +9,13 @@ from cmr.cli.command_line import add_robot, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
 from cmr.commands.robots import behaviour_of
+from cmr.geometry.obstacles import FURTHEST, Geofence
 from cmr.model.command_kinds import KINDS
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.world.behaviours.help_text import help_text
 from cmr.world.guarding import MARGIN
-from cmr.world.interaction.obstacles import FURTHEST, Geofence
 from cmr.world.pilot import Pilot
 
 RATE = 50.0  # Hz

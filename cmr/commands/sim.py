@@ -26,6 +26,7 @@ from cmr.cli.configuration import parameters
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import MODEL, WORLD, compile_first
 from cmr.commands.robots import numbered, virtual_robots
+from cmr.geometry.obstacles import ObstacleError, Obstacles
 from cmr.model.parameters import RobotParameters
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.file import ParameterFileError
@@ -33,7 +34,6 @@ from cmr.parameters.file import load as load_parameters
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.world.behaviours.help_text import help_text
-from cmr.world.interaction.obstacles import ObstacleError, Obstacles
 from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
 from cmr.world.process_noise import ProcessNoise

@@ -12,8 +12,8 @@ from cmr.bus.streams import ESTOP
 from cmr.cli.command_line import add_logs, logs_of, parser
 from cmr.cli.errors import CommandError
 from cmr.distribution import how_to_install
+from cmr.geometry.obstacles import Geofence, ObstacleError, Obstacles
 from cmr.msg import process_status_t
-from cmr.world.interaction.obstacles import Geofence, ObstacleError, Obstacles
 
 if TYPE_CHECKING:
     from cmr.view.showing import Showing

@@ -55,7 +55,7 @@ from cmr.estimation.search.trace import with_rivals
 from cmr.estimation.unexplained.extending import Extended
 from cmr.estimation.unexplained.generic import formula
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained, not_judged
-from cmr.manoeuvres.in_words import Pace
+from cmr.geometry.manoeuvres.in_words import Pace
 from cmr.model.catalogue import CATALOGUE, definitions_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters

@@ -14,9 +14,9 @@ from itertools import chain, combinations, zip_longest
 from typing import Protocol
 
 from cmr.diagnosis.words import MOST_NAMED, regressor_name, signal_name
-from cmr.manoeuvres import MANOEUVRES, TYPICAL, Manoeuvre, in_sequence
-from cmr.manoeuvres.in_words import Pace, instruction
-from cmr.manoeuvres.table import BETWEEN
+from cmr.geometry.manoeuvres import MANOEUVRES, TYPICAL, Manoeuvre, in_sequence
+from cmr.geometry.manoeuvres.in_words import Pace, instruction
+from cmr.geometry.manoeuvres.table import BETWEEN
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.effect import GROUPS
 from cmr.model.parameters import RobotParameters

@@ -14,7 +14,7 @@ from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Errors, Predictor, errors_of, predictors
 from cmr.estimation.problem import Problem
 from cmr.estimation.thinning import thinned, thinning_of
-from cmr.manoeuvres import TYPICAL
+from cmr.geometry.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.command_kinds import DUTY
 from cmr.model.observer import MOTION, Gains

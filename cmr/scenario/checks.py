@@ -8,11 +8,12 @@ from itertools import product
 from pathlib import Path
 
 from cmr.documents.document import DocumentError, Item, Place
+from cmr.geometry.obstacles import Geofence
+from cmr.geometry.places import Disc, Pose, Wall, distance_to
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.parameters.file import load as load_parameters
-from cmr.scenario.plan import Disc, Pose, RobotPlan, Wall
+from cmr.scenario.plan import RobotPlan
 from cmr.scenario.robots import Placed
-from cmr.world.interaction.obstacles import Geofence
 from cmr.world.process_noise import STRAYED
 
 LEADER = "leader"  # the setting of a behaviour that names another robot
@@ -146,12 +147,3 @@ def _overlap(robot: Placed, other: Placed, distance: float, nearest: float) -> D
         f"start: robots {other.plan.robot_id} and {robot.plan.robot_id} are {distance:.3g} m apart, inside one "
         f"another; {nearest:g} m (twice robot_radius) is the least"
     )
-
-
-def distance_to(point: Pose, wall: Wall) -> float:
-    """Return how far [m] a point is from a wall."""
-    dx, dy = wall.x2 - wall.x1, wall.y2 - wall.y1
-    length = dx * dx + dy * dy
-    along = ((point.x - wall.x1) * dx + (point.y - wall.y1) * dy) / length if length else 0.0
-    share = min(max(along, 0.0), 1.0)
-    return math.hypot(wall.x1 + share * dx - point.x, wall.y1 + share * dy - point.y)

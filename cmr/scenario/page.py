@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cmr.geometry.places import Disc
 from cmr.report import density as swarm
 from cmr.report.density import MOST_LINES
 from cmr.report.keys import keys, real_key, simulated_key
@@ -12,7 +13,6 @@ from cmr.report.section import Section, code, paragraph, quiet, section
 from cmr.report.style import AFTER, INK, PAPER, REAL, REAL_OUTLINE
 from cmr.report.svg import Curve, Floats, Frame, dots, line, plot
 from cmr.report.table import table
-from cmr.scenario.plan import Disc
 from cmr.scenario.run_document import ProcessDocument, RobotDocument, RunDocument
 from cmr.team.metrics import UNITS
 

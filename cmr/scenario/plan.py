@@ -3,40 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
+from cmr.geometry.places import Point, Pose
 from cmr.model.command_kinds import DUTY
 
 Kind = Literal["real", "emulated", "virtual"]
 KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
-
-
-class Pose(NamedTuple):
-    """A place [m; world frame] and a heading [rad, counter-clockwise from x]."""
-
-    x: float
-    y: float
-    theta: float = 0.0
-
-
-class Disc(NamedTuple):
-    """A round obstacle: its centre and radius [m; world frame]."""
-
-    x: float
-    y: float
-    radius: float
-
-
-class Wall(NamedTuple):
-    """A straight wall from one point to another [m; world frame]."""
-
-    x1: float
-    y1: float
-    x2: float
-    y2: float
-
-
-Point = tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from typing import Any
 import yaml
 
 from cmr.files import write_atomically
+from cmr.geometry.places import Pose
 from cmr.parameters.file import load as load_parameters
 from cmr.scenario.jobs import SIM_SCENARIO
-from cmr.scenario.plan import EmulatorPlan, Pose, RobotPlan
+from cmr.scenario.plan import EmulatorPlan, RobotPlan
 from cmr.scenario.scenario import Scenario
 from cmr.scenario.writing import to_yaml
 

@@ -7,9 +7,10 @@ from typing import NamedTuple, cast
 
 from cmr.cli.configuration import LARGEST_ROBOT_ID
 from cmr.documents.document import DocumentError, Item, Place, Section
+from cmr.geometry.places import Point
 from cmr.model.command_kinds import KINDS as COMMAND_KINDS
 from cmr.scenario.hardware import Hardware
-from cmr.scenario.plan import KINDS, BehaviourPlan, EmulatorPlan, Kind, Point, RobotPlan
+from cmr.scenario.plan import KINDS, BehaviourPlan, EmulatorPlan, Kind, RobotPlan
 from cmr.scenario.starts import starts_of
 from cmr.world.behaviours import BehaviourError, make_behaviour
 

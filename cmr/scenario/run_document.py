@@ -2,7 +2,7 @@
 
 from typing import TypedDict
 
-from cmr.scenario.plan import Point
+from cmr.geometry.places import Point
 
 
 class PathDocument(TypedDict):

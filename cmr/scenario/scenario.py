@@ -6,15 +6,16 @@ from pathlib import Path
 
 from cmr.bus.preflight import BusError, parse_udpm
 from cmr.documents.document import Item, Section, read, read_file
+from cmr.geometry.obstacles import Geofence, ObstacleError, Obstacles
+from cmr.geometry.places import Disc, Point, Wall
 from cmr.scenario.checks import check_noise, check_room, check_team, with_sources_of_parameters
 from cmr.scenario.ending import check_ending, read_ending
 from cmr.scenario.errors import ScenarioError
 from cmr.scenario.hardware import Hardware
-from cmr.scenario.plan import Disc, Ending, Point, RobotPlan, Wall
+from cmr.scenario.plan import Ending, RobotPlan
 from cmr.scenario.robots import read_path, read_points, read_robots
 from cmr.team.metrics import UNITS
 from cmr.team.population import PopulationError, drawn_from
-from cmr.world.interaction.obstacles import Geofence, ObstacleError, Obstacles
 
 KEYS = (
     *("name", "about", "duration", "seed", "rate", "robots", "obstacles", "geofence", "metrics", "ends_when"),

@@ -1,9 +1,8 @@
 """Where robots start: one pose for one robot, a rule for many."""
 
-import math
-
 from cmr.documents.document import Item
-from cmr.scenario.plan import Pose
+from cmr.geometry.figures import circle, grid, line
+from cmr.geometry.places import Pose
 
 RULES = ("line", "grid", "circle")
 DEFAULT_SPACING = 0.5  # m
@@ -41,33 +40,3 @@ def _pose(item: Item | None) -> Pose:
         return Pose(*numbers)
     section = item.section(Pose._fields)
     return Pose(*(entry.number() if (entry := section.get(key)) else 0.0 for key in Pose._fields))
-
-
-def line(count: int, spacing: float, first: Pose) -> list[Pose]:
-    """Return poses one behind the other, `spacing` [m] apart, all with the heading of the first."""
-    dx, dy = math.cos(first.theta) * spacing, math.sin(first.theta) * spacing
-    return [Pose(first.x - k * dx, first.y - k * dy, first.theta) for k in range(count)]
-
-
-def grid(count: int, spacing: float, centre: Pose) -> list[Pose]:
-    """Return poses in rows and columns `spacing` [m] apart about a centre, which stays free.
-
-    Their number is even, so that the nearest stand 0.7 spacings from the centre. All have its heading.
-    """
-    columns = math.ceil(math.sqrt(count))
-    columns += columns % 2
-    middle = (columns - 1) / 2.0
-    return [
-        Pose(centre.x + (k % columns - middle) * spacing, centre.y + (k // columns - middle) * spacing, centre.theta)
-        for k in range(count)
-    ]
-
-
-def circle(count: int, spacing: float, centre: Pose) -> list[Pose]:
-    """Return poses on a circle, neighbours `spacing` [m] apart, each headed `theta` to the left of outwards.
-
-    The circle has a radius of one spacing at least; the first robot stands in the direction of x.
-    """
-    radius = spacing if count < 3 else max(spacing / (2.0 * math.sin(math.pi / count)), spacing)
-    bearings = [2.0 * math.pi * k / count for k in range(count)]
-    return [Pose(centre.x + radius * math.cos(b), centre.y + radius * math.sin(b), b + centre.theta) for b in bearings]

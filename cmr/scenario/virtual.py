@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cmr.bus.messages import make, now_utime
+from cmr.geometry.obstacles import Geofence, Obstacles
+from cmr.geometry.places import Point
 from cmr.model.parameters import RobotParameters
 from cmr.msg import waypoints_t
-from cmr.scenario.plan import Point
 from cmr.scenario.scenario import Scenario
 from cmr.team.population import drawn_from
 from cmr.world.behaviours import make_behaviours
-from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.world import VirtualRobot
 
 COMMANDED = "commanded"  # the behaviour that does what MOTOR_COMMAND_N says

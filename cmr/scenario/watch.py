@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from cmr.bus.message import Message
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.geometry.places import Point, Pose
 from cmr.msg import process_status_t, world_state_t
-from cmr.scenario.plan import Point, Pose
 from cmr.scenario.scenario import Scenario
 from cmr.team.metrics import passed
 from cmr.world.view import OLDEST, TWIN

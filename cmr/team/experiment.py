@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cmr.bus.messages import make
 from cmr.bus.streams import PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.msg import waypoints_t
 from cmr.parameters.file import ParameterFile
 from cmr.parameters.following import ParameterFollower
@@ -21,7 +22,6 @@ from cmr.team.metrics import Way, passed
 from cmr.team.real_robots import PERIOD, OnChannel, RealRobots
 from cmr.team.scoring import scores, ways_of
 from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviours
-from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.pilot import Pilot
 from cmr.world.process_noise import ProcessNoise
 from cmr.world.view import VIRTUAL, world_messages

@@ -52,7 +52,7 @@ class Orders:
 
     def figure_eight(self, utime: int, robot_id: int, place: tuple[float, float, float]) -> None:
         """Tell a robot to drive a figure-eight from where it is: x, y [m], theta [rad]."""
-        from cmr.world.behaviours.leading import figure_eight
+        from cmr.geometry.figures import figure_eight
 
         x, y = figure_eight(*place, FIGURE_EIGHT)
         self._outgoing.append((WAYPOINTS, robot_id, make(waypoints_t, utime=utime, robot_id=robot_id, x=x, y=y)))

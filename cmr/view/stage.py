@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
+from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.view import shapes
 from cmr.view.picture import WAYPOINT_HEIGHT, Bodies, Lines, Picture
-from cmr.world.interaction.obstacles import Geofence, Obstacles
 
 MANY = 2000  # things of a kind; more of them are drawn plainly
 GHOST_OPACITY = 0.35

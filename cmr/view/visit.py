@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import viser
 
+from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.view.opening import OpenedLog
 from cmr.view.page import Page, Surroundings
 from cmr.view.picture import Picture
@@ -11,7 +12,6 @@ from cmr.view.showing import Showing
 from cmr.view.stage import Stage
 from cmr.view.uploads import Upload, clear
 from cmr.view.wishes import CLICK, OPEN, Permission, Wish, Wishes
-from cmr.world.interaction.obstacles import Geofence, Obstacles
 
 
 class Room(NamedTuple):

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cmr.geometry.obstacles import Floats, Obstacles
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.bounding import bounded
 from cmr.world.interaction.body import body_radius
-from cmr.world.interaction.obstacles import Floats, Obstacles
 from cmr.world.view import TWIN, Robots, numbers_of
 
 if TYPE_CHECKING:

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
+from cmr.geometry.obstacles import Geofence
 from cmr.model.body import forward
 from cmr.model.parameters import RobotParameters
 from cmr.msg import pose_xyt_t
-from cmr.world.interaction.obstacles import Geofence
 from cmr.world.view import Robot, WorldView
 
 MARGIN = 0.3  # m from the geofence's border at which a robot is stopped

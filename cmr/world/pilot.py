@@ -6,6 +6,7 @@ from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import Message
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import identify
+from cmr.geometry.obstacles import Geofence
 from cmr.model.body import forward
 from cmr.model.command_kinds import DUTY, VELOCITY
 from cmr.model.parameters import RobotParameters
@@ -17,7 +18,6 @@ from cmr.recordings.commanding import command_of
 from cmr.world.behaviours import AnyBehaviour, TeamBehaviour
 from cmr.world.behaviours.team import Alone
 from cmr.world.guarding import MARGIN, FenceGuard, PoseGuard, kept_clear, load
-from cmr.world.interaction.obstacles import Geofence
 from cmr.world.view import Robot, WorldView
 
 OLDEST_WORLD = 500_000  # us; with older knowledge of the world the robot stops

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from cmr.bus.world_state import BYTES_PER_ROBOT, HEAD, WorldState
+from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.model.motion import RobotState
 from cmr.msg import robot_state_t, world_state_t
-from cmr.world.interaction.obstacles import Geofence, Obstacles
 from cmr.world.lazy_module import LazyModule
 from cmr.world.surroundings import Floats, Indices, Members, Surroundings
 

@@ -13,6 +13,7 @@ import numpy as np
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import Message
 from cmr.bus.streams import identify
+from cmr.geometry.obstacles import Floats, Obstacles
 from cmr.model.body import wrap
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -27,7 +28,6 @@ from cmr.world.deciding import Deciding
 from cmr.world.estimator import Estimator
 from cmr.world.fleet import STEP, Fleet, Key
 from cmr.world.interaction.body import Bodies, body_radius
-from cmr.world.interaction.obstacles import Floats, Obstacles
 from cmr.world.others import Others
 from cmr.world.process_noise import ProcessNoise
 from cmr.world.reaction import Reaction

@@ -1,6 +1,6 @@
 """What commands that take a behaviour say of the shipped ones."""
 
-from cmr import manoeuvres
+from cmr.geometry import manoeuvres
 
 
 def help_text() -> str:

@@ -5,31 +5,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cmr.geometry.figures import LENGTH, POINTS, figure_eight
 from cmr.world.behaviours.paths import SHORTEST
 from cmr.world.behaviours.seeking import CLEARANCE, Goals, Team
 from cmr.world.behaviours.waypoints import MOST_POINTS, Path, Waypoints
 from cmr.world.view import Robots, WorldView
 
-POINTS = 200  # of one figure-eight
-LENGTH = 6.097  # of Gerono's lemniscate, over the distance from its crossing to a tip
 # At one speed friction, drag and battery sag look like another k1, and slip that grows with turning like another base
 # width; at two they do not.
 SPEEDS = "0.2/0.5"  # m/s, of the drive to calibrate with
-
-
-def figure_eight(x: float, y: float, theta: float, size: float, laps: int = 1) -> Path:
-    """Return the points [m; world frame] of a figure-eight that starts and ends at its crossing.
-
-    The curve is Gerono's lemniscate, `size` [m] from the crossing to each tip; the robot leaves (x, y) with heading
-    `theta` [rad], turns right through the first lobe and left through the second.
-    """
-    t = np.linspace(0.0, 2.0 * np.pi * laps, POINTS * laps + 1)
-    along, across = size * np.sin(t), size * np.sin(t) * np.cos(t)
-    rotation = theta - math.pi / 4.0  # the curve leaves its crossing at 45 degrees
-    return (
-        (x + along * math.cos(rotation) - across * math.sin(rotation)).tolist(),
-        (y + along * math.sin(rotation) + across * math.cos(rotation)).tolist(),
-    )
 
 
 def read_speeds(text: str) -> tuple[float, ...]:

@@ -3,8 +3,8 @@
 import math
 
 from cmr.bus.streams import COMMAND_LIFETIME
-from cmr.manoeuvres import Duties, in_sequence
-from cmr.manoeuvres.table import BETWEEN
+from cmr.geometry.manoeuvres import Duties, in_sequence
+from cmr.geometry.manoeuvres.table import BETWEEN
 from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours.behaviour import Behaviour
 from cmr.world.view import Robot, WorldView
@@ -19,7 +19,7 @@ class DriveManoeuvre(Behaviour):
     `speed` multiplies all duties, `repeats` is how often all is driven. Nobody steers meanwhile, so the robot stops
     for good when its centre is further than `space` [m] from where it began, or when the drive was interrupted: it
     must not go on by surprise. By default `space` is what the manoeuvre says that it needs on a robot of this speed
-    and width (`cmr.manoeuvres.table`).
+    and width (`cmr.geometry.manoeuvres.table`).
     """
 
     def __init__(

@@ -17,10 +17,10 @@ Who is near whom is looked up in lists that hold for several steps, until somebo
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.geometry.obstacles import Obstacles
 from cmr.model.compiled import compiled, inlined
 from cmr.model.elementary import sincos
 from cmr.world.interaction.cells import close_pairs
-from cmr.world.interaction.obstacles import Obstacles
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.uint8]

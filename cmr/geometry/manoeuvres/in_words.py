@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from cmr.manoeuvres.manoeuvre import TYPICAL
+from cmr.geometry.manoeuvres.manoeuvre import TYPICAL
 from cmr.model.body import forward, turn
 
 ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # times a power of ten

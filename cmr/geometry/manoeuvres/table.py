@@ -2,9 +2,9 @@
 
 from textwrap import fill
 
-from cmr.manoeuvres import drives
-from cmr.manoeuvres.manoeuvre import STILL, Manoeuvre
-from cmr.manoeuvres.pieces import Piece, rest
+from cmr.geometry.manoeuvres import drives
+from cmr.geometry.manoeuvres.manoeuvre import STILL, Manoeuvre
+from cmr.geometry.manoeuvres.pieces import Piece, rest
 
 BETWEEN = "+"  # names in a sequence
 WIDTH = 79  # characters of a line of help

@@ -5,8 +5,8 @@ it needs. They know nobody but the model. The behaviour `manoeuvre` of `cmr.worl
 `cmr.diagnosis.next_experiment` recommends them.
 """
 
-from cmr.manoeuvres.manoeuvre import TYPICAL, Manoeuvre
-from cmr.manoeuvres.pieces import Duties
-from cmr.manoeuvres.table import MANOEUVRES, UnknownManoeuvreError, help_text, in_sequence
+from cmr.geometry.manoeuvres.manoeuvre import TYPICAL, Manoeuvre
+from cmr.geometry.manoeuvres.pieces import Duties
+from cmr.geometry.manoeuvres.table import MANOEUVRES, UnknownManoeuvreError, help_text, in_sequence
 
 __all__ = ["MANOEUVRES", "TYPICAL", "Duties", "Manoeuvre", "UnknownManoeuvreError", "help_text", "in_sequence"]

@@ -8,7 +8,7 @@ comes back to nearly where it began.
 from collections.abc import Iterable
 from itertools import chain, product
 
-from cmr.manoeuvres.pieces import (
+from cmr.geometry.manoeuvres.pieces import (
     BRISK,
     Piece,
     backwards,

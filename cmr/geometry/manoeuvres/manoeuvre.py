@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cmr.manoeuvres.pieces import Duties, Piece, in_turn, rest
+from cmr.geometry.manoeuvres.pieces import Duties, Piece, in_turn, rest
 from cmr.model.body import turn
 from cmr.model.parameters import RobotParameters
 
