@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cmr.scenario.run_document import RobotDocument, RunDocument
+from cmr.experiments.live.run_document import RobotDocument, RunDocument
 
 SECONDS = 20.0
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from cmr.commands.scenarios import parse
+from cmr.experiments.scenario.plan import Scenario
 from cmr.parameters.file import ParameterFile, Value
-from cmr.scenario.scenario import Scenario
 
 # As long as nobody has calibrated them, all robots are believed to be like this.
 BELIEVED = ParameterFile(

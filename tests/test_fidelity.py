@@ -14,14 +14,14 @@ import pytest
 
 from cmr.cli.errors import CommandError
 from cmr.commands.fidelity import JOURNAL, main
-from cmr.fidelity.distances import CLOSES, NO_GAP, NOT_SHOWN, WIDENS, Closing, closing, distance
-from cmr.fidelity.findings import Finding, cautions, failures, findings_of, sentences, table
-from cmr.fidelity.preparing import calibrated, moved_by
-from cmr.fidelity.study import PREPARED, SETS, Scores, Study, Task, perform, tasks_of
-from cmr.fidelity.writing import DOCUMENT, FIGURE, RUNS, TABLE, write
+from cmr.experiments.fidelity.distances import CLOSES, NO_GAP, NOT_SHOWN, WIDENS, Closing, closing, distance
+from cmr.experiments.fidelity.findings import Finding, cautions, failures, findings_of, sentences, table
+from cmr.experiments.fidelity.preparing import calibrated, moved_by
+from cmr.experiments.fidelity.study import PREPARED, SETS, Scores, Study, Task, perform, tasks_of
+from cmr.experiments.fidelity.writing import DOCUMENT, FIGURE, RUNS, TABLE, write
+from cmr.experiments.team.hidden import HiddenRobot, Laboratory, believed_of
+from cmr.experiments.team.metrics import UNITS
 from cmr.parameters.file import ParameterFile, Value
-from cmr.team.hidden import HiddenRobot, Laboratory, believed_of
-from cmr.team.metrics import UNITS
 from tests.bus_bench import our_command
 from tests.documented_keys import documented
 from tests.small_teams import BELIEVED, LINE, line_of_three
@@ -182,8 +182,8 @@ def test_where_robots_are_as_believed_all_teams_are_alike(tmp_path: Path) -> Non
 def test_where_robots_have_no_other_imperfections_calibration_closes_the_gap(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cmr.team.hidden.USUAL", HiddenRobot())
-    monkeypatch.setattr("cmr.team.hidden.SIGNED_SPREAD", {})
+    monkeypatch.setattr("cmr.experiments.team.hidden.USUAL", HiddenRobot())
+    monkeypatch.setattr("cmr.experiments.team.hidden.SIGNED_SPREAD", {})
     study = study_of(tmp_path, 1.0)
     real, before, after = (time_to_goal(study, group) for group in ("real A", "uncalibrated", "calibrated"))
     assert abs(after - real) < 0.3 * abs(before - real)

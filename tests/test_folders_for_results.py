@@ -6,8 +6,8 @@ import pytest
 
 from cmr.cli.errors import CommandError
 from cmr.commands.diagnose import main as diagnose
+from cmr.experiments.sweep.journal import Journal
 from cmr.files import folder_for_results
-from cmr.sweep.journal import Journal
 from cmr.tools.log_main import main as log
 
 

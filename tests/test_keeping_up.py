@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from cmr.scenario.keeping_up import Pace, in_words, is_too_late, what_was_too_slow
-from cmr.scenario.page import run_page
-from cmr.scenario.report import document_of, metrics_in_words
+from cmr.experiments.live.keeping_up import Pace, in_words, is_too_late, what_was_too_slow
+from cmr.experiments.live.page import run_page
+from cmr.experiments.live.report import document_of, metrics_in_words
 from tests.test_run_elsewhere import all_statuses, live_run
 
 STEADY = [Pace("sim", 100.0, 3), Pace("driver 0", 100.0, 0)]
@@ -41,7 +41,7 @@ def test_each_figure_that_is_spoilt_is_marked_and_the_computer_blamed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     late = "sim was late in 14 % of its cycles"
-    monkeypatch.setattr("cmr.scenario.report.what_was_too_slow", lambda *_measured: [late])
+    monkeypatch.setattr("cmr.experiments.live.report.what_was_too_slow", lambda *_measured: [late])
     run, outcome, _ = live_run(tmp_path, all_statuses(), all_statuses())
     document = document_of(run, outcome, 0.0)
     document["metrics"] = {"formation_error": 0.2, "distance_driven": 5.0}

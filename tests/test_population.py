@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmr.experiments.team.population import PopulationError, drawn_from, population_of
 from cmr.model.catalogue import MODELLED, definition
 from cmr.parameters.file import ParameterFile, Value
-from cmr.team.population import PopulationError, drawn_from, population_of
 
 DRAWS = 2000
 

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmr.experiments.team.casting import Cast
+from cmr.experiments.team.experiment import ExperimentError, TeamRun, run
+from cmr.experiments.team.hidden import Laboratory
 from cmr.model.fleet import Fleet
 from cmr.model.motion import RobotState
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.recordings.signal import Floats
-from cmr.team.casting import Cast
-from cmr.team.experiment import ExperimentError, TeamRun, run
-from cmr.team.hidden import Laboratory
 from cmr.world.process_noise import ARC, SETTLING, STEP, WINDOW, ProcessNoise, size_of
 from cmr.world.view import TWIN, VIRTUAL, Robots
 from tests.small_teams import BELIEVED, NUMBERS, line_of_three

@@ -16,14 +16,14 @@ from cmr.bus.messages import make
 from cmr.bus.streams import MOTOR_COMMAND, POSE, RANGE_SCAN, WORLD_STATE
 from cmr.commands.scenarios import load, parse
 from cmr.commands.sim import main
+from cmr.experiments.live.virtual import cast_of
+from cmr.experiments.scenario.writing import to_yaml
 from cmr.geometry.obstacles import Obstacles
 from cmr.model.motion import RobotState
 from cmr.msg import motor_command_t, motor_feedback_t, pose_xyt_t, range_scan_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.batch import read_robots
-from cmr.scenario.virtual import cast_of
-from cmr.scenario.writing import to_yaml
 from cmr.world.behaviours.commanded import Commanded
 from cmr.world.fleet import STEP
 from cmr.world.interaction.range_sensor import RangeSensor

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmr.experiments.team.casting import Cast
+from cmr.experiments.team.experiment import run
+from cmr.experiments.team.hidden import HiddenRobot, Laboratory
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
-from cmr.team.casting import Cast
-from cmr.team.experiment import run
-from cmr.team.hidden import HiddenRobot, Laboratory
 from cmr.world.reaction import Reaction
 from cmr.world.view import TWIN, VIRTUAL, Robots
 from tests.small_teams import BELIEVED, NUMBERS, line_of_three

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from cmr.experiments.live.page import run_page
 from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.report.density import CELL, MOST_LINES, density, passes
 from cmr.report.markup import Html
@@ -12,7 +13,6 @@ from cmr.report.page import MOST_WITHOUT_CONTENTS, page_of
 from cmr.report.section import paragraph, section
 from cmr.report.style import DARK, DENSITY_STEPS, LIGHT, TONES, style_sheet
 from cmr.report.svg import Curve, Frame, line
-from cmr.scenario.page import run_page
 from tests.html_page import Page
 from tests.run_example import document
 

@@ -9,8 +9,8 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from cmr.diagnosis.report import report_of
+from cmr.experiments.live.page import run_page
 from cmr.report.density import MOST_LINES
-from cmr.scenario.page import run_page
 from tests.diagnosis_example import FOUND, SPOILT, STRANGE
 from tests.run_example import document
 

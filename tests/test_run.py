@@ -18,12 +18,12 @@ import pytest
 from cmr.bus.messages import make, now_utime
 from cmr.commands.run import where_logs_are
 from cmr.commands.scenarios import load
+from cmr.experiments.live.jobs import jobs_of
+from cmr.experiments.live.preparing import prepare
+from cmr.experiments.live.recorder import logs_in
+from cmr.experiments.scenario.shipping import shipped
 from cmr.msg import estop_t
 from cmr.recordings.log import LogReader
-from cmr.scenario.jobs import jobs_of
-from cmr.scenario.preparing import prepare
-from cmr.scenario.recorder import logs_in
-from cmr.scenario.shipping import shipped
 from tests.html_page import Page
 from tests.private_bus import private_url
 

@@ -11,16 +11,16 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.cli.progress import Progress
 from cmr.commands.scenarios import load
+from cmr.experiments.live.children import Children
+from cmr.experiments.live.elsewhere import Elsewhere
+from cmr.experiments.live.jobs import jobs_of
+from cmr.experiments.live.live_run import LiveRun, Outcome
+from cmr.experiments.live.preparing import prepare, write_emulators
+from cmr.experiments.scenario.plan import Scenario
+from cmr.experiments.scenario.shipping import shipped
 from cmr.geometry.places import Pose
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
-from cmr.scenario.children import Children
-from cmr.scenario.elsewhere import Elsewhere
-from cmr.scenario.jobs import jobs_of
-from cmr.scenario.live_run import LiveRun, Outcome
-from cmr.scenario.preparing import prepare, write_emulators
-from cmr.scenario.scenario import Scenario
-from cmr.scenario.shipping import shipped
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from robot_driver.emulator.settings import load_settings
 
@@ -107,7 +107,7 @@ def test_it_begins_when_all_processes_of_other_machines_are_there_and_sends_robo
 def test_a_doubt_that_is_told_a_moment_after_the_first_word_keeps_the_run_waiting(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cmr.scenario.live_run.GRACE", 2.0)
+    monkeypatch.setattr("cmr.experiments.live.live_run.GRACE", 2.0)
     doubt = status("cmr-sim", 100, process_status_t.DEGRADED, "The robot model is still being compiled.")
     run, outcome, _ = live_run(tmp_path, all_statuses(), [*all_statuses(), doubt])
     assert outcome.ended_by == "its time is over"

@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 
 from cmr.commands.scenarios import parse
+from cmr.experiments.live.measuring import EndingMetric
+from cmr.experiments.live.watch import TeamWatch
+from cmr.experiments.scenario import ScenarioError
+from cmr.experiments.scenario.plan import Ending
+from cmr.experiments.scenario.writing import to_yaml
+from cmr.experiments.team.metrics import UNITS
 from cmr.model.motion import RobotState
-from cmr.scenario import ScenarioError
-from cmr.scenario.measuring import EndingMetric
-from cmr.scenario.plan import Ending
-from cmr.scenario.watch import TeamWatch
-from cmr.scenario.writing import to_yaml
-from cmr.team.metrics import UNITS
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from tests.test_scenario import PARAMETERS
 from tests.test_scenario_scores import EPOCH, STEP, team
@@ -60,7 +60,9 @@ BOUNDS = {
 
 @pytest.mark.parametrize("bound", BOUNDS)
 def test_a_run_ends_when_its_metric_is_beyond_the_bound(bound: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cmr.scenario.measuring.SHARE", math.inf)  # on a busy machine, too, look at every moment
+    monkeypatch.setattr(
+        "cmr.experiments.live.measuring.SHARE", math.inf
+    )  # on a busy machine, too, look at every moment
     ending, seconds, words = BOUNDS[bound]
     found = ended(ending, closing_up)
     assert found[0] == pytest.approx(seconds, abs=0.25), found

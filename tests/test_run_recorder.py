@@ -7,7 +7,7 @@ import lcm
 import numpy as np
 import pytest
 
-from cmr.scenario.recorder import Recorder
+from cmr.experiments.live.recorder import Recorder
 from tests.private_bus import private_url
 
 COUNT = 30
@@ -33,7 +33,7 @@ def test_each_message_is_logged_when_it_comes(tmp_path: Path) -> None:
 def test_a_recorder_that_cannot_write_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     url = private_url()
     recorder, bus = Recorder(tmp_path / "run.lcm", url), lcm.LCM(url)
-    monkeypatch.setattr("cmr.scenario.recorder.now_utime", lambda: "never")
+    monkeypatch.setattr("cmr.experiments.live.recorder.now_utime", lambda: "never")
     bus.publish("COUNT", b"1")
     deadline = time.monotonic() + 10.0
     while recorder.is_well and time.monotonic() < deadline:

@@ -5,7 +5,7 @@ from importlib import import_module
 
 import pytest
 
-from cmr.team.metrics import UNITS
+from cmr.experiments.team.metrics import UNITS
 
 COMMANDS = ("run", "sim", "sweep")
 

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 from cmr.cli.options import arguments_of
 from cmr.commands.scenarios import load, parse
+from cmr.experiments.live.jobs import PILOT, RECORDER, SIM, jobs_of
+from cmr.experiments.scenario import Scenario, ScenarioError
+from cmr.experiments.scenario.reading import KEYS
+from cmr.experiments.scenario.robots import KEYS as ROBOT_KEYS
+from cmr.experiments.scenario.shipping import path_of
+from cmr.experiments.scenario.writing import to_yaml
 from cmr.parameters.file import load as load_parameters
-from cmr.scenario import Scenario, ScenarioError
-from cmr.scenario.jobs import PILOT, RECORDER, SIM, jobs_of
-from cmr.scenario.robots import KEYS as ROBOT_KEYS
-from cmr.scenario.scenario import KEYS
-from cmr.scenario.shipping import path_of
-from cmr.scenario.writing import to_yaml
 
-SHIPPED = Path(__file__).resolve().parents[1] / "cmr/scenario/shipped"
+SHIPPED = Path(__file__).resolve().parents[1] / "cmr/experiments/scenario/shipped"
 PARAMETERS = SHIPPED / "parameters/robot_0.yaml"
 
 TEXT = f"""\

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from cmr.commands.scenarios import load
+from cmr.experiments.live.measuring import measure
+from cmr.experiments.live.report import metrics_in_words, metrics_of
+from cmr.experiments.live.watch import TeamWatch
+from cmr.experiments.scenario import Scenario
+from cmr.experiments.scenario.plan import BehaviourPlan, RobotPlan
+from cmr.experiments.scenario.shipping import shipped
+from cmr.experiments.team.metrics import UNITS, Bond
+from cmr.experiments.team.scoring import bonds_of, scores, ways_of
 from cmr.model.motion import RobotState
-from cmr.scenario import Scenario
-from cmr.scenario.measuring import measure
-from cmr.scenario.plan import BehaviourPlan, RobotPlan
-from cmr.scenario.report import metrics_in_words, metrics_of
-from cmr.scenario.shipping import shipped
-from cmr.scenario.watch import TeamWatch
-from cmr.team.metrics import UNITS, Bond
-from cmr.team.scoring import bonds_of, scores, ways_of
 from cmr.world.view import VIRTUAL, Robot, world_messages
 
 EPOCH = 1_700_000_000_000_000
@@ -114,7 +114,7 @@ def test_a_long_run_is_measured_at_a_bounded_number_of_moments() -> None:
 def test_a_goal_counts_from_when_the_robot_was_there_in_a_live_run_of_any_length(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cmr.scenario.watch.MOST_SAMPLES", 4)  # as after an hour: places are kept seconds apart
+    monkeypatch.setattr("cmr.experiments.live.watch.MOST_SAMPLES", 4)  # as after an hour: places are kept seconds apart
     found = measure(team(), watched(team(), 100, range(0)), ["time_to_goal"], most_moments=10)
     assert found["time_to_goal"] == pytest.approx(1.9)
 

@@ -9,9 +9,9 @@ import pytest
 from cmr.cli.errors import CommandError
 from cmr.commands.scenarios import load
 from cmr.commands.sim import _options, _world
+from cmr.experiments.live.virtual import cast_of
+from cmr.experiments.team.population import drawn_from
 from cmr.parameters.file import Value
-from cmr.scenario.virtual import cast_of
-from cmr.team.population import drawn_from
 from cmr.world.loading import Loader
 from cmr.world.world import World
 from tests.test_population import robot

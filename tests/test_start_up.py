@@ -10,7 +10,7 @@ import pytest
 
 from cmr.diagnosis.diagnose import p_value
 from cmr.estimation.nonnegative import nonnegative
-from cmr.fidelity.distances import wasserstein
+from cmr.experiments.fidelity.distances import wasserstein
 from cmr.threads import LINEAR_ALGEBRA
 from tests.test_import_directions import imports
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cmr.scenario.children import Children
-from cmr.scenario.jobs import DRIVER, PILOT, RECORDER, SIM, Job
-from cmr.scenario.supervisor import FIRST_DELAY, PROVEN, Supervisor
+from cmr.experiments.live.children import Children
+from cmr.experiments.live.jobs import DRIVER, PILOT, RECORDER, SIM, Job
+from cmr.experiments.live.supervisor import FIRST_DELAY, PROVEN, Supervisor
 
 LIVE = "import time; print('here'); time.sleep(60)"
 FAIL = "import sys; print('no port'); sys.exit(1)"

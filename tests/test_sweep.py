@@ -17,13 +17,13 @@ import pytest
 from distributed import Client, KilledWorker, LocalCluster
 
 from cmr.commands.scenarios import HARDWARE
+from cmr.experiments.sweep import experiment
+from cmr.experiments.sweep.cluster import ClusterError, perform, workers
+from cmr.experiments.sweep.journal import Journal, JournalError, Result
+from cmr.experiments.sweep.planning import plan
+from cmr.experiments.sweep.settings import SettingError, setting_of
+from cmr.experiments.sweep.table import medians, write_parquet, write_tables
 from cmr.parameters.file import ParameterFile, Value
-from cmr.sweep import experiment
-from cmr.sweep.cluster import ClusterError, perform, workers
-from cmr.sweep.journal import Journal, JournalError, Result
-from cmr.sweep.planning import plan
-from cmr.sweep.settings import SettingError, setting_of
-from cmr.sweep.table import medians, write_parquet, write_tables
 from tests.bus_bench import our_command
 
 LONGEST_END = 2.0  # s
@@ -210,7 +210,7 @@ def test_a_run_that_kills_every_worker_is_given_up_in_the_end(client: Client, mo
 
 
 def test_a_scheduler_that_is_not_there_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cmr.sweep.cluster.PATIENCE", 0.5)
+    monkeypatch.setattr("cmr.experiments.sweep.cluster.PATIENCE", 0.5)
     with pytest.raises(ClusterError, match="dask scheduler"), workers("tcp://127.0.0.1:1"):
         pass
 

@@ -17,10 +17,10 @@ from distributed import Client, LocalCluster
 from distributed.protocol import pickle
 
 from cmr.commands.scenarios import HARDWARE
-from cmr.scenario.plan import BehaviourPlan
-from cmr.sweep import experiment
-from cmr.sweep.cluster import ClusterError, _unpacked_there, lookout, perform, worker_command
-from cmr.sweep.planning import plan
+from cmr.experiments.scenario.plan import BehaviourPlan
+from cmr.experiments.sweep import experiment
+from cmr.experiments.sweep.cluster import ClusterError, _unpacked_there, lookout, perform, worker_command
+from cmr.experiments.sweep.planning import plan
 from tests.test_sweep import scenario  # noqa: F401 - a fixture
 
 
@@ -71,7 +71,7 @@ def test_a_worker_that_lacks_a_module_ends_the_sweep_and_lives(
 def test_that_no_worker_is_left_is_told_once_and_that_the_scheduler_ended_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cmr.sweep.cluster.LOOK", 0.02)
+    monkeypatch.setattr("cmr.experiments.sweep.cluster.LOOK", 0.02)
     told: list[int] = []
     answers = iter([{"a": 1}, {"a": 1}, {}, {}, {"b": 1}, {}, {}])
     client = SimpleNamespace(nthreads=lambda: next(answers, None) if len(told) < 2 else ended())

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cmr.sweep.settings import SettingError, combinations, setting_of, with_settings
+from cmr.experiments.sweep.settings import SettingError, combinations, setting_of, with_settings
 
 
 def test_a_setting_is_read_with_its_values_as_yaml_has_them() -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cmr.commands.scenarios import parse
+from cmr.experiments.team.casting import Cast
+from cmr.experiments.team.experiment import ExperimentError, TeamRun, run
+from cmr.experiments.team.hidden import HiddenRobot, Laboratory
+from cmr.experiments.team.plant import Plant
 from cmr.model.parameters import RobotParameters
-from cmr.team.casting import Cast
-from cmr.team.experiment import ExperimentError, TeamRun, run
-from cmr.team.hidden import HiddenRobot, Laboratory
-from cmr.team.plant import Plant
 from robot_driver.emulator import plant as emulated
 from robot_driver.emulator.settings import Settings, load_settings
 from tests.small_teams import BELIEVED, NUMBERS, line_of_three

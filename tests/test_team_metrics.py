@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from cmr.team import metrics
-from cmr.team.metrics import Bond
+from cmr.experiments.team import metrics
+from cmr.experiments.team.metrics import Bond
 
 TIME = np.array([0.0, 1.0, 2.0, 3.0])
 X = np.array([[1.0, 0.0], [2.0, 1.0], [3.0, 1.0], [3.0, 2.5]])

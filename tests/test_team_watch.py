@@ -8,11 +8,10 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.experiments.live.watch import TeamWatch
+from cmr.experiments.scenario.plan import RobotPlan, Scenario
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
-from cmr.scenario.plan import RobotPlan
-from cmr.scenario.scenario import Scenario
-from cmr.scenario.watch import TeamWatch
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, world_messages
 
 EPOCH = 1_700_000_000_000_000
@@ -89,7 +88,7 @@ def test_robots_of_others_are_passed_over() -> None:
 
 def test_a_long_run_keeps_a_bounded_number_of_places(monkeypatch: pytest.MonkeyPatch) -> None:
     most = 100
-    monkeypatch.setattr("cmr.scenario.watch.MOST_SAMPLES", most)
+    monkeypatch.setattr("cmr.experiments.live.watch.MOST_SAMPLES", most)
     watched = watch()
     for k in range(3 * most):
         see(watched, 5 * k, (0, VIRTUAL, 0.001 * k, 0.0), (1, VIRTUAL, 0.0, 1.0))

@@ -10,16 +10,24 @@ from cmr.cli.command_line import add_json, parse_count, parse_robot_id, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.commands.scenarios import load as load_scenario
-from cmr.fidelity.study import PREPARATIONS, UNCALIBRATED, Scores, Study, Task, gathered, perform_all, tasks_of
+from cmr.experiments.fidelity.study import (
+    PREPARATIONS,
+    UNCALIBRATED,
+    Scores,
+    Study,
+    Task,
+    gathered,
+    perform_all,
+    tasks_of,
+)
+from cmr.experiments.scenario.ending import why_only_live
+from cmr.experiments.scenario.plan import Scenario, ScenarioError
+from cmr.experiments.scenario.shipping import path_of
+from cmr.experiments.sweep.experiment import files_of, sources_digest
+from cmr.experiments.sweep.journal import Journal, JournalError, Result
+from cmr.experiments.sweep.stopping import end_on_signals
+from cmr.experiments.team.experiment import ExperimentError
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
-from cmr.scenario.ending import why_only_live
-from cmr.scenario.errors import ScenarioError
-from cmr.scenario.scenario import Scenario
-from cmr.scenario.shipping import path_of
-from cmr.sweep.experiment import files_of, sources_digest
-from cmr.sweep.journal import Journal, JournalError, Result
-from cmr.sweep.stopping import end_on_signals
-from cmr.team.experiment import ExperimentError
 
 FEWEST = 4  # seeds; fewer say nothing of a distribution
 JOURNAL = "experiments.jsonl"  # what is done, for a study that was stopped
@@ -38,8 +46,8 @@ def main(arguments: list[str]) -> int:
         raise CommandError(str(error)) from error
     except OSError as error:
         raise CommandError(f"{options.out}: cannot be written: {error.strerror}. Choose another with --out.") from error
-    from cmr.fidelity.findings import conclusions, findings_of, table  # SciPy, which is slow to import
-    from cmr.fidelity.writing import DOCUMENT, write
+    from cmr.experiments.fidelity.findings import conclusions, findings_of, table  # SciPy, which is slow to import
+    from cmr.experiments.fidelity.writing import DOCUMENT, write
 
     findings = findings_of(scores)
     about = {

@@ -15,15 +15,15 @@ from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.commands import first_use
 from cmr.commands.scenarios import load
-from cmr.scenario import Scenario, ScenarioError
-from cmr.scenario.children import Children
-from cmr.scenario.jobs import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, Job, jobs_of
-from cmr.scenario.live_run import LiveRun, Outcome
-from cmr.scenario.preparing import prepare
-from cmr.scenario.recorder import logs_in
-from cmr.scenario.report import metrics_in_words, write_report
-from cmr.scenario.shipping import SHIPPED, path_of, shipped
-from cmr.team.metrics import UNITS
+from cmr.experiments.live.children import Children
+from cmr.experiments.live.jobs import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, Job, jobs_of
+from cmr.experiments.live.live_run import LiveRun, Outcome
+from cmr.experiments.live.preparing import prepare
+from cmr.experiments.live.recorder import logs_in
+from cmr.experiments.live.report import metrics_in_words, write_report
+from cmr.experiments.scenario import Scenario, ScenarioError
+from cmr.experiments.scenario.shipping import SHIPPED, path_of, shipped
+from cmr.experiments.team.metrics import UNITS
 
 # What processes have to be compiled for, by their role.
 TAKES = {

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from cmr import scenario
 from cmr.documents.document import Item
 from cmr.documents.structure import structured
-from cmr.scenario import Scenario
+from cmr.experiments import scenario
+from cmr.experiments.scenario import Scenario
 
 
 class RobotDriver:
@@ -46,10 +46,10 @@ HARDWARE = RobotDriver()
 
 
 def load(path: Path, *, starts_checked: bool = True) -> Scenario:
-    """Read a scenario from a YAML file, as `cmr.scenario.load` does."""
+    """Read a scenario from a YAML file, as `cmr.experiments.scenario.load` does."""
     return scenario.load(path, HARDWARE, starts_checked=starts_checked)
 
 
 def parse(text: str, source: str = "scenario.yaml", folder: Path = Path(), *, starts_checked: bool = True) -> Scenario:
-    """Return the scenario that a YAML text describes, as `cmr.scenario.parse` does."""
+    """Return the scenario that a YAML text describes, as `cmr.experiments.scenario.parse` does."""
     return scenario.parse(text, HARDWARE, source, folder, starts_checked=starts_checked)

@@ -41,13 +41,13 @@ from cmr.world.view import REAL, VIRTUAL, world_messages
 from cmr.world.world import VirtualRobot, World
 
 if TYPE_CHECKING:
-    from cmr.scenario.virtual import Cast
+    from cmr.experiments.live.virtual import Cast
     from cmr.world.interaction.range_sensor import RangeSensor
     from cmr.world.scanning import Scanner
 
 HEARD: tuple[Stream[Message], ...] = (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP, WORLD_STATE)
 STEP_RATE = 100.0  # Hz
-DEFAULT_PARAMETERS = Path(__file__).parents[1] / "scenario" / "shipped" / "parameters" / "robot_0.yaml"
+DEFAULT_PARAMETERS = Path(__file__).parents[1] / "experiments" / "scenario" / "shipped" / "parameters" / "robot_0.yaml"
 PACKET = 1400  # bytes; more than that is split by a real network
 
 
@@ -150,7 +150,7 @@ def _drawn(population: list[Path], virtual: list[VirtualRobot], seed: int) -> di
     """Return the parameters of each virtual robot, drawn from a population; none where there is none."""
     if not population:
         return {}
-    from cmr.team.population import PopulationError, drawn_from
+    from cmr.experiments.team.population import PopulationError, drawn_from
 
     try:
         return drawn_from(population, [robot.robot_id for robot in virtual], seed)
@@ -344,8 +344,8 @@ def _rate(text: str) -> float:
 
 def _cast(path: Path) -> "Cast":
     from cmr.commands.scenarios import load  # and all that scenarios take: few simulators have one
-    from cmr.scenario import ScenarioError
-    from cmr.scenario.virtual import cast_of
+    from cmr.experiments.live.virtual import cast_of
+    from cmr.experiments.scenario import ScenarioError
 
     try:
         return cast_of(load(path, starts_checked=False))

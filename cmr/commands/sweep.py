@@ -13,12 +13,12 @@ from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.commands.first_use import EMULATOR, MODEL, WORLD, compile_first
 from cmr.distribution import how_to_install
-from cmr.sweep.stopping import end_on_signals
+from cmr.experiments.sweep.stopping import end_on_signals
 
 if TYPE_CHECKING:
-    from cmr.sweep.journal import Journal, Result
-    from cmr.sweep.planning import PlannedRun
-    from cmr.sweep.settings import Setting, Value
+    from cmr.experiments.sweep.journal import Journal, Result
+    from cmr.experiments.sweep.planning import PlannedRun
+    from cmr.experiments.sweep.settings import Setting, Value
 
 MOST_SEEDS = 1_000_000
 MOST_WORKERS = 4096
@@ -30,9 +30,9 @@ def main(arguments: list[str]) -> int:
     end_on_signals("cmr-sweep")
     settings, runs = _planned(options)
     try:
-        from cmr.sweep.cluster import ClusterError
-        from cmr.sweep.journal import Journal, JournalError
-        from cmr.sweep.table import write_tables
+        from cmr.experiments.sweep.cluster import ClusterError
+        from cmr.experiments.sweep.journal import Journal, JournalError
+        from cmr.experiments.sweep.table import write_tables
     except ModuleNotFoundError as error:
         raise CommandError(
             f"{error.name} is missing, which sweeps need. To install it: {how_to_install('sweep')}"
@@ -62,11 +62,11 @@ def main(arguments: list[str]) -> int:
 def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedRun]]":
     """Return the settings and the runs that were asked for."""
     from cmr.commands.scenarios import HARDWARE
-    from cmr.scenario.errors import ScenarioError
-    from cmr.scenario.shipping import path_of
-    from cmr.sweep.experiment import ExperimentError
-    from cmr.sweep.planning import plan
-    from cmr.sweep.settings import SettingError, setting_of
+    from cmr.experiments.scenario.plan import ScenarioError
+    from cmr.experiments.scenario.shipping import path_of
+    from cmr.experiments.sweep.experiment import ExperimentError
+    from cmr.experiments.sweep.planning import plan
+    from cmr.experiments.sweep.settings import SettingError, setting_of
 
     try:
         settings = [setting_of(text) for text in options.set]
@@ -79,8 +79,8 @@ def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedR
 
 def _perform(runs: "list[PlannedRun]", journal: "Journal", options: argparse.Namespace) -> list[str]:
     """Do the runs that are not in the journal yet; return a sentence for each that failed."""
-    from cmr.sweep.cluster import lookout, perform, worker_command, workers
-    from cmr.sweep.experiment import perform as work
+    from cmr.experiments.sweep.cluster import lookout, perform, worker_command, workers
+    from cmr.experiments.sweep.experiment import perform as work
 
     missing = {run.key: run for run in runs if run.key not in journal.results}
     progress = Progress(len(missing), "runs", lines=True)

@@ -108,8 +108,8 @@ def _room(options: argparse.Namespace) -> tuple[Obstacles, Geofence | None]:
 
 def _room_of(path: str) -> tuple[Obstacles, Geofence | None]:
     from cmr.commands.scenarios import load
-    from cmr.scenario import ScenarioError
-    from cmr.scenario.shipping import path_of
+    from cmr.experiments.scenario import ScenarioError
+    from cmr.experiments.scenario.shipping import path_of
 
     try:
         scenario = load(path_of(path), starts_checked=False)

@@ -1,0 +1,93 @@
+"""Which processes a scenario needs, with their commands, in the order in which they start."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from cmr.cli.options import arguments_of
+from cmr.experiments.live.children import our_command
+from cmr.experiments.scenario.plan import EmulatorPlan, RobotPlan, Scenario
+from cmr.model.command_kinds import DUTY
+
+# What a process is for.
+RECORDER, EMULATOR, DRIVER, SIM = "recorder", "emulator", "driver", "sim"
+CALIBRATOR, DIAGNOSER, PILOT = "calibrator", "diagnoser", "pilot"
+START_ORDER = (RECORDER, EMULATOR, DRIVER, SIM, CALIBRATOR, DIAGNOSER, PILOT)
+# Those that command motors first, those that hold them next, and who writes it all down at last.
+STOP_ORDER = (PILOT, CALIBRATOR, DIAGNOSER, SIM, DRIVER, EMULATOR, RECORDER)
+
+OPEN_LOOP = "manoeuvre"  # the behaviour that drives without looking where it is
+LOG = "run.lcm"
+SIM_SCENARIO = "sim.yaml"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One process: its name, what it is for, its command, and the robot that it belongs to, if to one.
+
+    It is started when there is a file `after`. `host` is the machine on which it runs; None: this one.
+    """
+
+    name: str
+    role: str
+    command: list[str]
+    robot_id: int | None = None
+    after: Path | None = None
+    host: str | None = None
+    once: bool = False  # never started again: it would begin its drive anew, from wherever the robot is
+
+
+def jobs_of(scenario: Scenario, folder: Path, url: str) -> list[Job]:
+    """Return the processes of a scenario whose files lie in `folder`, on the bus at `url`."""
+    bus = ["--lcm-url", url]
+    recorder = [sys.executable, "-m", "cmr.experiments.live.recorder", str(folder / LOG), *bus]
+    sim = [our_command("cmr-sim"), "--scenario", str(folder / SIM_SCENARIO), "--parameters", str(folder)]
+    sim += ["--rate", f"{scenario.rate:g}", *bus]
+    jobs = [Job("recorder", RECORDER, recorder, host=scenario.host), Job("sim", SIM, sim, host=scenario.host)]
+    for robot in scenario.of_flesh:
+        jobs += _of_robot(robot, scenario, folder, bus)
+    return sorted(jobs, key=lambda job: START_ORDER.index(job.role))
+
+
+def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]) -> Iterator[Job]:
+    """Yield the processes of a real or emulated robot."""
+    robot_id = robot.robot_id
+    who = ["--robot", str(robot_id)]
+    parameters = ["--parameters", str(folder / f"robot_{robot_id}.yaml")]
+    ports = folder / f"ports_{robot_id}"
+    if robot.emulator is not None:
+        command = [our_command("cmr-emulate"), *who, *_emulation(robot.emulator, ports), *bus]
+        command += ["--settings", str(folder / f"emulator_{robot_id}.yaml"), "--seed", str(scenario.seed + robot_id)]
+        yield Job(f"emulator {robot_id}", EMULATOR, command, robot_id, host=robot.host)
+        connection = ["--port", str(ports / "motor"), "--controller", robot.emulator.controller]
+        connection += ["--gyro-port", str(ports / "gyro"), "--gyro", robot.emulator.gyro]
+        after: Path | None = ports / "gyro"
+    else:
+        connection = arguments_of(robot.driver) if robot.driver is not None else []
+        after = None
+    # Robots with a velocity controller are on the bus themselves, real ones by a bridge of their own.
+    if robot.driver is not None or (robot.emulator is not None and robot.emulator.command == DUTY):
+        driver = [our_command("cmr-driver"), *who, *connection, *parameters, *bus]
+        yield Job(f"driver {robot_id}", DRIVER, driver, robot_id, after, robot.host)
+    if robot.calibrate:
+        command = [our_command("cmr-calibrate"), *who, "--out", str(folder / f"robot_{robot_id}.yaml"), *bus]
+        yield Job(f"calibrator {robot_id}", CALIBRATOR, command, robot_id, host=scenario.host)
+    if robot.diagnose:
+        command = [our_command("cmr-diagnose"), "--live", *who, *parameters, "--out"]
+        command += [str(folder / f"diagnosis_{robot_id}"), *bus]
+        yield Job(f"diagnoser {robot_id}", DIAGNOSER, command, robot_id, host=scenario.host)
+    if robot.behaviour is not None:
+        command = [our_command("cmr-pilot"), *who, "--behaviour", str(robot.behaviour), *parameters, *bus]
+        if scenario.geofence is not None:
+            corners = ",".join(f"{value!r}" for corner in scenario.geofence for value in corner)
+            command.append(f"--geofence={corners}")
+        once = robot.behaviour.name == OPEN_LOOP
+        yield Job(f"pilot {robot_id}", PILOT, command, robot_id, host=robot.host, once=once)
+
+
+def _emulation(emulator: EmulatorPlan, ports: Path) -> list[str]:
+    """Return how a robot is emulated, as options of cmr-emulate."""
+    devices = ["--ports", str(ports), "--controller", emulator.controller, "--gyro", emulator.gyro]
+    told = devices if emulator.command == DUTY else ["--command", emulator.command]
+    return [*told, "--pose-rate", f"{emulator.pose_rate:g}", *(["--ideal"] if emulator.ideal else [])]

@@ -1,0 +1,75 @@
+"""The metrics of a live run, as they stand at any moment; and whether one is beyond the bound that ends the run."""
+
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from cmr.experiments.live.watch import Floats, TeamWatch
+from cmr.experiments.scenario.plan import Scenario
+from cmr.experiments.team.metrics import UNITS
+from cmr.experiments.team.scoring import scores
+
+MOST_MOMENTS = 1500  # that a report measures at; some metrics look at each moment together with each other one
+MOMENTS_WHILE_DRIVING = 300
+PERIOD = 0.1  # s between two looks at a metric, at least, as there are no places in between
+SHARE = 0.05  # of the time, at most, is for looking
+
+
+def measure(
+    scenario: Scenario,
+    watch: TeamWatch,
+    chosen: Sequence[str],
+    most_moments: int = MOST_MOMENTS,
+    over: float = math.inf,
+) -> dict[str, float]:
+    """Return metrics of a team, in the units of `UNITS`; those are absent, or NaN, of which nothing can be said.
+
+    They are measured since all robots were ready, or in the last `over` [s], at moments at which all were there.
+    What the watch keeps up to date, at any number of robots, is taken from there.
+    """
+    if not watch.first_utime:
+        return {}
+    kept = {name: watch.measure(name) for name in chosen if name in watch.MEASURED}
+    others = [name for name in chosen if name not in kept]
+    if not others:
+        return kept
+    since = max(watch.first_utime, watch.utime - over * 1e6)
+    there = np.flatnonzero(np.array(watch.sample_utime, dtype=np.int64) >= since)
+    there = there[:: math.ceil(len(there) / most_moments) or 1]
+    places: Floats = np.array([watch.samples[k] for k in there], dtype=float).reshape(-1, 2, len(watch.ids))
+    whole = np.isfinite(places).all(axis=(1, 2))
+    if np.count_nonzero(whole) < 2:
+        return kept
+    utimes = np.array([watch.sample_utime[k] for k in there[whole]], dtype=np.int64)
+    seconds = np.asarray(utimes - watch.first_utime, dtype=np.float64) * 1e-6
+    x, y = places[whole].transpose(1, 0, 2)
+    return kept | scores(scenario, watch.ids.tolist(), seconds, x, y, others)
+
+
+class EndingMetric:
+    """Knows when the metric of a scenario's `ends_when` is beyond its bound."""
+
+    def __init__(self, scenario: Scenario, watch: TeamWatch) -> None:
+        self._scenario = scenario
+        self._watch = watch
+        self._next = 0.0  # s since all were ready, when to look again
+
+    def reason(self, seconds: float) -> str:
+        """Return, `seconds` after all were ready, why the run is over; empty while it is not."""
+        ending = self._scenario.ends_when
+        if ending.metric is None or seconds < max(self._next, ending.after, ending.over or 0.0):
+            return ""
+        began = time.perf_counter()
+        found = measure(self._scenario, self._watch, [ending.metric], MOMENTS_WHILE_DRIVING, ending.over or math.inf)
+        self._next = seconds + max(PERIOD, (time.perf_counter() - began) / SHARE)
+        return _beyond(ending.metric, found.get(ending.metric, math.nan), ending.below, ending.above)
+
+
+def _beyond(metric: str, value: float, below: float | None, above: float | None) -> str:
+    """Return in words that a metric is beyond its bound; empty if it is not, or is NaN."""
+    words = f"the {metric.replace('_', ' ')} is {value:.3g} {UNITS[metric]}"
+    if below is not None and value < below:
+        return f"{words}, below {below:g}"
+    return f"{words}, above {above:g}" if above is not None and value > above else ""

@@ -1,0 +1,106 @@
+"""Record everything that is said on the bus into an LCM event log; a process of its own, started by cmr-run.
+
+Usage: python -m cmr.experiments.live.recorder FILE [--lcm-url URL]
+"""
+
+import argparse
+import sys
+import threading
+from pathlib import Path
+
+import lcm
+
+from cmr.bus.messages import now_utime
+from cmr.bus.preflight import open_lcm
+from cmr.bus.process import Process
+from cmr.experiments.live.jobs import LOG
+
+RATE = 10.0  # Hz, of looking how it goes
+LONGEST_WAIT = 100  # ms for a message, before it looks whether it is to end
+
+
+class Recorder:
+    """Writes every message to the file at `path`, in a thread, so that each has the time at which it came.
+
+    Raises OSError when the file cannot be written.
+    """
+
+    def __init__(self, path: Path, url: str) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("wb"):
+            pass  # LCM's own error does not say why a file cannot be written
+        self.events = 0
+        self._log = lcm.EventLog(str(path), "w", overwrite=True)
+        self._lcm = open_lcm(url)
+        subscription = self._lcm.subscribe(".*", self._write)
+        subscription.set_queue_capacity(0)  # unlimited
+        self._is_closing = False
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    @property
+    def is_well(self) -> bool:
+        """Whether nothing keeps it from writing."""
+        return self._error is None
+
+    def check(self) -> None:
+        """Raise what keeps it from writing, if anything does."""
+        if self._error is not None:
+            raise self._error
+
+    def close(self) -> None:
+        """Write what has arrived, and close the file."""
+        self._is_closing = True
+        self._thread.join()
+        while self._error is None and self._lcm.handle_timeout(0) > 0:
+            pass
+        self._log.close()
+
+    def _listen(self) -> None:
+        try:
+            while not self._is_closing:
+                self._lcm.handle_timeout(LONGEST_WAIT)
+        except Exception as error:  # of whatever kind: reported by the thread that looks how it goes
+            self._error = error
+
+    def _write(self, channel: str, data: bytes) -> None:
+        self._log.write_event(now_utime(), channel, data)
+        self.events += 1
+
+
+def free_path(path: Path) -> Path:
+    """Return the path, or one with a number where there is such a file: a recorder that died left the others."""
+    number = 1
+    free = path
+    while free.exists():
+        number += 1
+        free = path.with_name(f"{path.stem}_{number}{path.suffix}")
+    return free
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Return the logs that recorders wrote into a folder."""
+    return sorted(folder.glob(f"{Path(LOG).stem}*{Path(LOG).suffix}"))
+
+
+def main(arguments: list[str]) -> int:
+    """Record until a signal comes; return the exit code."""
+    options = argparse.ArgumentParser(prog="cmr.experiments.live.recorder", description=__doc__)
+    options.add_argument("file", type=Path)
+    options.add_argument("--lcm-url")
+    chosen = options.parse_args(arguments)
+    path = free_path(chosen.file)
+    with Process("cmr-run recorder", chosen.lcm_url) as process:
+        recorder = Recorder(path, process.bus.url)
+        try:
+            for _ in process.loop(RATE):
+                recorder.check()
+                process.message = f"{recorder.events} messages in {path}."
+        finally:
+            recorder.close()
+    return process.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

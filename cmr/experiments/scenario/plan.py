@@ -1,0 +1,135 @@
+"""A scenario: the whole of a team experiment as plain values, which are checked where they are read."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from cmr.documents.document import DocumentError
+from cmr.experiments.team.metrics import UNITS
+from cmr.geometry.places import Disc, Point, Pose, Wall
+from cmr.model.command_kinds import DUTY
+
+ROBOT_RADIUS = 0.1  # m; the paper's robots are 0.16 m from wheel to wheel
+Kind = Literal["real", "emulated", "virtual"]
+KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
+
+
+class ScenarioError(DocumentError):
+    """A scenario cannot be used; the text names file, line and key, and says what is allowed."""
+
+
+@dataclass(frozen=True)
+class BehaviourPlan:
+    """A behaviour by its name or `module:Class`, and its settings as texts: what make_behaviour takes."""
+
+    name: str
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """Return it as on a command line: `follow,leader=10,gap=0.5`."""
+        return ",".join([self.name, *(f"{key}={value}" for key, value in self.settings.items())])
+
+    @property
+    def mapping(self) -> dict[str, Any]:
+        """The same as a mapping: `name` and the settings; one that is called `name`, too, is in `settings`."""
+        others = {key: value for key, value in self.settings.items() if key != "name"}
+        apart = {"settings": {"name": self.settings["name"]}} if "name" in self.settings else {}
+        return {"name": self.name, **others, **apart}
+
+
+@dataclass(frozen=True)
+class EmulatorPlan:
+    """How an emulated robot is emulated: the options of cmr-emulate of the same names."""
+
+    settings: Path | None = None
+    command: str = DUTY
+    ideal: bool = False
+    controller: str = "roboclaw"
+    gyro: str = "dsp3000"
+    pose_rate: float = 50.0
+
+
+@dataclass(frozen=True)
+class RobotPlan:
+    """One robot.
+
+    `parameters` is its own parameter file. Without one, a virtual robot moves by the parameters in force of robot
+    `parameters_of`; one of the two is set for every virtual robot. `start` is None only for a real robot: it begins
+    where it stands. `host` None: any machine, the one on which cmr-run is started.
+    """
+
+    robot_id: int
+    kind: Kind
+    behaviour: BehaviourPlan | None = None
+    parameters: Path | None = None
+    parameters_of: int | None = None
+    start: Pose | None = None
+    waypoints: tuple[Point, ...] = ()
+    driver: object | None = None  # the dataclass of the options of cmr-driver
+    emulator: EmulatorPlan | None = None
+    calibrate: bool = False
+    diagnose: bool = False
+    range_sensor: bool = False
+    host: str | None = None
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What ends a run before its duration is over: all waypoints reached, or a metric beyond a bound.
+
+    Bounds are in the unit of the metric in `cmr.experiments.team.metrics`. The metric is looked at from `after` [s] on,
+    counted since all were ready, and is that of the last `over` [s]; None: of the whole run so far.
+    """
+
+    waypoints_reached: bool = False
+    metric: str | None = None
+    below: float | None = None
+    above: float | None = None
+    after: float = 0.0
+    over: float | None = None
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A team experiment.
+
+    `duration` [s] is how long it takes at most, `ends_when` what may end it before. `rate` [Hz] is that of WORLD_STATE.
+    `geofence` is the polygon [m; world frame] that real robots must not leave, None where there is none. `metrics`
+    are what is measured of the team. Virtual robots draw their parameters from the robots of the files `population`,
+    where there are any; what they decide is in force `reaction` [s] later. `robot_radius` [m] is the size of robots
+    where they start. `host` is the machine of what is there once, simulation and log; None: the one on which cmr-run is
+    started.
+    """
+
+    name: str
+    duration: float
+    robots: tuple[RobotPlan, ...]
+    about: str = ""
+    seed: int = 0
+    rate: float = 50.0
+    discs: tuple[Disc, ...] = ()
+    walls: tuple[Wall, ...] = ()
+    geofence: tuple[Point, ...] | None = None
+    metrics: tuple[str, ...] = tuple(UNITS)
+    ends_when: Ending = field(default_factory=Ending)
+    population: tuple[Path, ...] = ()
+    process_noise: bool = False
+    reaction: float = 0.0
+    robot_radius: float = ROBOT_RADIUS
+    host: str | None = None
+    lcm_url: str | None = None
+
+    def robot(self, robot_id: int) -> RobotPlan | None:
+        """Return the robot of this id, None if there is none."""
+        return next((robot for robot in self.robots if robot.robot_id == robot_id), None)
+
+    @property
+    def of_flesh(self) -> tuple[RobotPlan, ...]:
+        """The robots that have a driver: real and emulated ones."""
+        return tuple(robot for robot in self.robots if robot.kind != "virtual")
+
+    @property
+    def virtual(self) -> tuple[RobotPlan, ...]:
+        """The virtual robots."""
+        return tuple(robot for robot in self.robots if robot.kind == "virtual")

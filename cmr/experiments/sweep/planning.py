@@ -1,0 +1,49 @@
+"""Which runs a sweep consists of: every combination of settings with every seed."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from cmr.experiments.scenario.hardware import Hardware
+from cmr.experiments.scenario.plan import ScenarioError
+from cmr.experiments.scenario.reading import load, parse
+from cmr.experiments.sweep.experiment import Experiment, experiment_of, files_of, key_of
+from cmr.experiments.sweep.settings import Setting, SettingError, Value, combinations, with_settings
+
+LINE = re.compile(r"^.*?: line \d+: ")  # says nothing of a scenario with other values than those of its file
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One run: `key` is what its result is known by, `values` are its settings by path."""
+
+    key: str
+    experiment: Experiment
+    values: dict[str, Value]
+    seed: int
+
+
+def plan(path: Path, settings: Sequence[Setting], seeds: int, hardware: Hardware) -> list[PlannedRun]:
+    """Return the runs of a scenario's file: for each combination of settings, `seeds` seeds from its own on.
+
+    `hardware` knows the options of drivers and emulators.
+
+    Raises ScenarioError naming file, line and key, SettingError naming the key that is set, or ExperimentError.
+    """
+    load(path, hardware)  # what is wrong with the file itself is told with its lines
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    runs = []
+    for values in combinations(settings):
+        text = yaml.safe_dump(with_settings(document, values), sort_keys=False)
+        chosen = ", ".join(f"{key}={value}" for key, value in values.items())
+        try:
+            scenario = parse(text, hardware, path.name, path.parent)
+        except ScenarioError as error:
+            raise SettingError(f"{chosen}: {LINE.sub('', str(error))}") from error
+        experiment, files = experiment_of(scenario), files_of(scenario)
+        for seed in range(scenario.seed, scenario.seed + seeds):
+            runs.append(PlannedRun(key_of(text, files, seed), experiment, values, seed))
+    return runs

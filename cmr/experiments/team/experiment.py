@@ -1,0 +1,200 @@
+"""One experiment with a team, without hardware and without a bus, as fast as it goes; the same seed, the same result.
+
+Simulator, estimators and pilots are those of the live system (`cmr.world`), fed with messages at the rates of the
+live system. Virtual robots move by the model. Real robots move by a plant of its own, which the model never sees.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.bus.messages import make
+from cmr.bus.streams import PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.experiments.team.casting import Cast, RobotLike, ScenarioLike
+from cmr.experiments.team.metrics import Way, passed
+from cmr.experiments.team.real_robots import PERIOD, OnChannel, RealRobots
+from cmr.experiments.team.scoring import scores, ways_of
+from cmr.geometry.obstacles import Geofence, Obstacles
+from cmr.msg import waypoints_t
+from cmr.parameters.file import ParameterFile
+from cmr.parameters.following import ParameterFollower
+from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviours
+from cmr.world.pilot import Pilot
+from cmr.world.process_noise import ProcessNoise
+from cmr.world.view import VIRTUAL, world_messages
+from cmr.world.world import VirtualRobot, World
+
+Floats = NDArray[np.float64]
+EPOCH = 1_700_000_000_000_000  # us; when experiments begin
+RECORD_EVERY = 2  # periods: trajectories at 25 Hz
+
+
+class ExperimentError(Exception):
+    """The experiment cannot be run; the text says why and what to do."""
+
+
+@dataclass(frozen=True)
+class TeamRun:
+    """Where the robots really were: `time` [s] of shape (t,), `x`, `y` [m] and `theta` [rad] of shape (t, n).
+
+    `robot_ids` are those of the columns; `metrics` holds the team's metrics by name, in the units of
+    `cmr.experiments.team.metrics`, NaN for those that mean nothing for this team. `waypoints_reached`: nobody is on
+    the way.
+    """
+
+    robot_ids: tuple[int, ...]
+    time: Floats
+    x: Floats
+    y: Floats
+    theta: Floats
+    metrics: Mapping[str, float]
+    waypoints_reached: bool
+
+
+def run(
+    scenario: ScenarioLike,
+    cast: Cast,
+    seed: int,
+    *,
+    listen: Callable[[int, OnChannel], None] = lambda _utime, _message: None,
+) -> TeamRun:
+    """Run a scenario until its duration is over, or its waypoints are reached where it ends then.
+
+    `seed` fixes all that is random. `listen` gets all messages from and to real robots, with their time [us].
+    Raises ExperimentError for a robot that starts nowhere or that nobody commands, and where the scenario has process
+    noise and the parameter file does not tell how much.
+    """
+    world, real = _world(scenario, cast, seed), _real_robots(scenario, cast, seed)
+    for message in _waypoints(scenario):
+        world.handle(EPOCH, *message)
+        real.hear(EPOCH, [message])
+    places: list[Floats] = []
+    all_passed = False
+    ways = ways_of(scenario, {robot.robot_id: column for column, robot in enumerate(scenario.robots)})
+    counts = dict.fromkeys(ways, 0)  # waypoints passed
+    for period in range(round(scenario.duration * 1e6) // PERIOD + 1):
+        utime = EPOCH + period * PERIOD
+        if period % RECORD_EVERY == 0:
+            places.append(_places(scenario, world, real))
+            all_passed = _count_waypoints(counts, ways, places[-1])
+            if scenario.ends_when.waypoints_reached and all_passed:
+                break
+        _take_turns(utime, world, real, listen)
+    return _run_of(scenario, np.array(places), all_passed)
+
+
+def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[int, OnChannel], None]) -> None:
+    """Let a period pass: robots measure, the simulator goes on, pilots see its news and decide."""
+    for message in real.advance(utime):
+        world.handle(utime, *message)
+        listen(utime, message)
+    world.advance(utime)
+    real.hear(utime, [(WORLD_STATE.name, message) for message in world_messages(utime, world.everybody())])
+    for message in real.decide(utime):
+        world.handle(utime, *message)
+        listen(utime, message)
+
+
+def _count_waypoints(counts: dict[int, int], ways: Mapping[int, Way], places: Floats) -> bool:
+    """Count on, by column, the waypoints that robots at these places, (3, n), have passed; tell if those are all."""
+    for column, way in ways.items():
+        counts[column] = passed(float(places[0, column]), float(places[1, column]), way, counts[column])
+    return all(counts[column] == len(way) for column, way in ways.items())
+
+
+def _behaviours(robots: Iterable[RobotLike]) -> dict[int, AnyBehaviour]:
+    """Return the behaviours of robots of one program, by robot id; those described equally share an object.
+
+    Raises ExperimentError for a robot without a behaviour, or with one that cannot be.
+    """
+    try:
+        return make_behaviours({robot.robot_id: _description(robot) for robot in robots})
+    except BehaviourError as error:
+        raise ExperimentError(str(error)) from error
+
+
+def _description(robot: RobotLike) -> tuple[str, Mapping[str, str]]:
+    if robot.behaviour is None:
+        raise ExperimentError(f"Robot {robot.robot_id} has no behaviour; without hardware nobody else commands it.")
+    return robot.behaviour.name, robot.behaviour.settings
+
+
+def _start(robot: RobotLike) -> tuple[float, float, float]:
+    if robot.start is None:
+        raise ExperimentError(f"Robot {robot.robot_id} has no start: without hardware somebody must say where it is.")
+    return robot.start
+
+
+def _world(scenario: ScenarioLike, cast: Cast, seed: int) -> World:
+    """Return the simulator with all virtual robots, and parameters for everybody."""
+    robots = [robot for robot in scenario.robots if robot.robot_id not in cast.real]
+    behaviours = _behaviours(robots)
+    world = World(
+        [VirtualRobot(r.robot_id, behaviours[r.robot_id], cast.believed.robot_id, *_start(r)) for r in robots],
+        partial(_follower, cast.believed),
+        own_parameters=cast.moves_by,
+        obstacles=Obstacles(scenario.discs, scenario.walls),
+        noise=ProcessNoise(seed) if scenario.process_noise else None,
+        reaction=scenario.reaction,
+    )
+    world.view.geofence = _geofence(scenario)
+    if world.noise_problem:
+        raise ExperimentError(world.noise_problem)
+    return world
+
+
+def _geofence(scenario: ScenarioLike) -> Geofence | None:
+    return Geofence(scenario.geofence) if scenario.geofence is not None else None
+
+
+def _real_robots(scenario: ScenarioLike, cast: Cast, seed: int) -> RealRobots:
+    robots = [robot for robot in scenario.robots if robot.robot_id in cast.real]
+    return RealRobots(
+        [_pilot(robot, cast.believed, _geofence(scenario)) for robot in robots],
+        [cast.laboratory.robot(r.robot_id) for r in robots],
+        np.reshape([_start(robot) for robot in robots], (-1, 3)).T,
+        [(seed, robot.robot_id) for robot in robots],
+    )
+
+
+def _pilot(robot: RobotLike, believed: ParameterFile, geofence: Geofence | None) -> Pilot:
+    """Return the pilot of a real robot; each has a behaviour of its own, as each is a program of its own."""
+    behaviour = _behaviours([robot])[robot.robot_id]
+    return Pilot(robot.robot_id, behaviour, _follower(believed, robot.robot_id), geofence=geofence)
+
+
+def _follower(believed: ParameterFile, robot_id: int) -> ParameterFollower:
+    """Return the parameters of a robot in use: those believed, under its own id."""
+    follower = ParameterFollower(robot_id)
+    announced = replace(believed, robot_id=robot_id).announcement(sequence=1)
+    follower.handle(0, PARAMETERS.channel(robot_id), announced)
+    return follower
+
+
+def _waypoints(scenario: ScenarioLike) -> Iterator[OnChannel]:
+    for robot in scenario.robots:
+        if robot.waypoints:
+            x, y = zip(*robot.waypoints, strict=True)
+            message = make(waypoints_t, utime=EPOCH, robot_id=robot.robot_id, x=x, y=y)
+            yield WAYPOINTS.channel(robot.robot_id), message
+
+
+def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:
+    """Return where all robots really are, shape (3, n), in the order of the scenario."""
+    everybody = world.everybody()
+    simulated = np.array(everybody.state[:3], dtype=float)
+    keys = zip(everybody.robot_id, everybody.origin, strict=True)
+    columns = {robot_id: simulated[:, at] for at, (robot_id, origin) in enumerate(keys) if origin == VIRTUAL}
+    columns.update(zip(real.robot_ids, real.place.T.copy(), strict=True))
+    return np.array([columns.get(robot.robot_id, _start(robot)) for robot in scenario.robots]).T
+
+
+def _run_of(scenario: ScenarioLike, places: Floats, waypoints_reached: bool) -> TeamRun:
+    """Return the run with its metrics; `places` has the shape (t, 3, n)."""
+    time: Floats = np.arange(len(places), dtype=float) * (RECORD_EVERY * PERIOD * 1e-6)
+    x, y, theta = places.transpose(1, 0, 2)
+    ids = tuple(robot.robot_id for robot in scenario.robots)
+    return TeamRun(ids, time, x, y, theta, scores(scenario, ids, time, x, y), waypoints_reached)

@@ -1,0 +1,83 @@
+"""Score a team: who keeps which distance to whom, who has a goal, and the metrics of the paths that all drove."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from inspect import signature
+
+import numpy as np
+
+from cmr.experiments.team import metrics
+from cmr.experiments.team.casting import BehaviourLike, RobotLike, ScenarioLike
+from cmr.experiments.team.metrics import UNITS, Bond, Floats, Way
+from cmr.world.behaviours import make_behaviour
+from cmr.world.behaviours.formation import NO_LEADER, Formation, places_of
+
+
+def scores(
+    scenario: ScenarioLike,
+    robot_ids: Sequence[int],
+    time: Floats,
+    x: Floats,
+    y: Floats,
+    chosen: Sequence[str] = tuple(UNITS),
+) -> dict[str, float]:
+    """Return the metrics of a team by name, in the units of `UNITS`, NaN for those that mean nothing for this team.
+
+    `time` [s] is of shape (t,), `x` and `y` [m] of shape (t, n), with a column for each of `robot_ids`.
+    """
+    columns = {robot_id: column for column, robot_id in enumerate(robot_ids)}
+    bonds = bonds_of(scenario, columns)
+    measures: dict[str, Callable[[], float]] = {
+        "formation_error": lambda: metrics.formation_error(x, y, bonds),
+        "time_to_goal": lambda: metrics.time_to_goal(time, x, y, ways_of(scenario, columns)),
+        "minimum_separation": lambda: metrics.minimum_separation(x, y),
+        "path_spread": lambda: metrics.path_spread(x, y, [bond for bond in bonds if bond.follows]),
+        "distance_driven": lambda: metrics.distance_driven(x, y),
+    }
+    return {name: measures[name]() for name in chosen}
+
+
+def ways_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> dict[int, Way]:
+    """Return the waypoints [m] of each robot that has some, by its column."""
+    return {columns[robot.robot_id]: robot.waypoints for robot in scenario.robots if robot.waypoints}
+
+
+def bonds_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> list[Bond]:
+    """Return which robot keeps which distance to which, by their columns.
+
+    That is who has a behaviour with the settings `leader` and `gap`, and who has a place in a formation with a leader.
+    """
+    found: list[tuple[int, int, float, bool]] = []
+    teams: defaultdict[tuple[object, ...], list[int]] = defaultdict(list)
+    for robot in scenario.robots:
+        plan = robot.behaviour
+        if plan is not None:
+            found += _following(robot, plan)
+            teams[(plan.name, *sorted(plan.settings.items()))].append(robot.robot_id)
+    plans = {robot.robot_id: robot.behaviour for robot in scenario.robots}
+    for team in teams.values():
+        found += _in_formation(sorted(team), plans[team[0]])
+    return [
+        Bond(columns[robot], columns[leader], distance, follows)
+        for robot, leader, distance, follows in found
+        if leader in columns and leader != robot
+    ]
+
+
+def _following(robot: RobotLike, plan: BehaviourLike) -> Iterator[tuple[int, int, float, bool]]:
+    takes = signature(type(make_behaviour(plan.name, plan.settings))).parameters
+    if "leader" in takes and "gap" in takes:
+        leader, gap = (float(plan.settings.get(key, takes[key].default)) for key in ("leader", "gap"))
+        yield robot.robot_id, int(leader), gap, True
+
+
+def _in_formation(team: Sequence[int], plan: BehaviourLike | None) -> Iterator[tuple[int, int, float, bool]]:
+    """Yield how far from their leader those of a team with one description have their places."""
+    made = make_behaviour(plan.name, plan.settings) if plan is not None else None
+    if not isinstance(made, Formation) or made.leader == NO_LEADER:
+        return
+    members = made.members or tuple(team)
+    places = places_of(made.shape, made.spacing, len(members), with_leader=True)
+    for robot_id, place in zip(members, places, strict=True):
+        if robot_id in team:
+            yield robot_id, made.leader, float(np.hypot(*place)), False
