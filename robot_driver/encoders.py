@@ -3,14 +3,10 @@
 import math
 from dataclasses import dataclass
 
-COUNTER_RANGE = 2**32  # counters wrap at this value, both ways
+from robot_driver.controllers.controller import COUNTER_RANGE, signed_step
+
 FASTEST_WHEEL = 200.0  # rad/s; no wheel of a robot of this kind gets there, whatever its parameters say
 UNTIMED = 0.1  # s that a step may have taken when its time is not known
-
-
-def signed_step(before: int, after: int) -> int:
-    """Return the step from one raw count to another, modulo 2^32, as the smaller of the two ways round (ticks)."""
-    return (after - before + COUNTER_RANGE // 2) % COUNTER_RANGE - COUNTER_RANGE // 2
 
 
 class CountersReset(Exception):  # noqa: N818 - a device that was switched off and on is an event to live with

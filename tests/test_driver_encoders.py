@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_driver.encoders import CountersReset, WheelEncoders, Wiring, signed_step
+from robot_driver.controllers.controller import signed_step
+from robot_driver.encoders import CountersReset, WheelEncoders, Wiring
 
 FAST = 1e12  # rad/s
 MS = 1_000_000  # ns

@@ -11,6 +11,7 @@ from cmr.msg import motor_feedback_t
 from robot_driver.gyros.gyro import Gyro
 
 T = TypeVar("T")
+COUNTER_RANGE = 2**32  # encoder counters wrap at this value, both ways
 
 
 class BadReply(Exception):  # noqa: N818 - noise on a line is an everyday event, not a failure of the program
@@ -124,3 +125,8 @@ class Controller(ABC):
     @abstractmethod
     def read_telemetry(self) -> list[Request[Telemetry]]:
         """Return the requests for everything else, to be made in turn, one in a cycle."""
+
+
+def signed_step(before: int, after: int) -> int:
+    """Return the step from one raw count to another, modulo 2^32, as the smaller of the two ways round (ticks)."""
+    return (after - before + COUNTER_RANGE // 2) % COUNTER_RANGE - COUNTER_RANGE // 2

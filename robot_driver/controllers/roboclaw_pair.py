@@ -4,9 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from robot_driver.controllers.controller import Controller, Request, Telemetry
+from robot_driver.controllers.controller import COUNTER_RANGE, Controller, Request, Telemetry, signed_step
 from robot_driver.controllers.roboclaw import RoboClaw
-from robot_driver.encoders import COUNTER_RANGE, signed_step
 
 T = TypeVar("T")
 

@@ -1,0 +1,101 @@
+"""Who imports whom, read from the sources: for the test of the layers, and for the picture in ARCHITECTURE.md."""
+
+import ast
+from collections.abc import Iterator, Mapping, Set
+from pathlib import Path
+from typing import NamedTuple
+
+PROJECT = Path(__file__).resolve().parents[2]
+ROOTS = ("cmr", "robot_driver")
+GENERATED = "cmr.msg"
+# Calls whose argument is the name of a module that is imported later.
+LATE_BY_NAME = ("LazyModule", "import_module")
+TOP, LATE, TYPING = "top", "late", "typing"
+
+
+class Import(NamedTuple):
+    """A module imports another: at its top, late (inside a function, or by name), or for type checkers alone."""
+
+    importer: str
+    imported: str
+    kind: str
+
+
+def modules(project: Path = PROJECT) -> dict[str, Path]:
+    """Return the modules of both packages by their full names; the generated messages count as one."""
+    found = {}
+    for path in sorted(path for root in ROOTS for path in (project / root).rglob("*.py")):
+        parts = path.relative_to(project).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        if not name.startswith(f"{GENERATED}."):
+            found[name] = path
+    return {GENERATED: project / "cmr" / "msg", **found}
+
+
+def imports(sources: Mapping[str, Path]) -> list[Import]:
+    """Return the imports among modules; one that is imported in several ways has the strongest alone."""
+    found: dict[tuple[str, str], str] = {}
+    for module, path in sources.items():
+        if not path.is_file() or module == GENERATED:
+            continue
+        for name, kind in imported_by(ast.parse(path.read_text(encoding="utf-8"))):
+            imported = _known(name, sources)
+            if imported and imported != module:
+                kinds = {kind, found.get((module, imported), kind)}
+                found[module, imported] = next(one for one in (TOP, LATE, TYPING) if one in kinds)
+    return [Import(*pair, kind) for pair, kind in found.items()]
+
+
+def imported_by(node: ast.AST, kind: str = TOP) -> Iterator[tuple[str, str]]:
+    """Yield the names that a source imports, each with how."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import):
+            yield from ((alias.name, kind) for alias in child.names)
+        elif isinstance(child, ast.ImportFrom):
+            if child.level or child.module is None:
+                raise ValueError("an import is absolute: a reader sees where it leads")
+            yield from ((f"{child.module}.{alias.name}", kind) for alias in child.names)
+        elif isinstance(child, ast.Call) and _name(child.func) in LATE_BY_NAME:
+            yield from ((str(one.value), LATE) for one in child.args if isinstance(one, ast.Constant))
+        inside = LATE if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)) and kind == TOP else kind
+        if isinstance(child, ast.If) and _name(child.test) == "TYPE_CHECKING":
+            inside = TYPING
+        yield from imported_by(child, inside)
+
+
+def _name(node: ast.AST) -> str:
+    return node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
+
+
+def _known(name: str, sources: Mapping[str, Path]) -> str:
+    """Return the module that a dotted name leads to, empty where it is none of ours."""
+    while name and name not in sources:
+        name = name.rpartition(".")[0]
+    return "" if name in ROOTS else name
+
+
+def folder_of(module: str, sources: Mapping[str, Path]) -> str:
+    """Return the package in which a module lies; a package lies in itself."""
+    return module if sources[module].name in ("__init__.py", "msg") else module.rpartition(".")[0]
+
+
+def cycles(graph: Mapping[str, Set[str]]) -> list[set[str]]:
+    """Return the sets of names that reach one another, two or more in each (strongly connected components)."""
+    rest = {name: set(followers) for name, followers in graph.items()}
+    while ends := [name for name, followers in rest.items() if not followers & rest.keys()]:  # they are on no cycle
+        for name in ends:
+            del rest[name]
+    reached = {start: _reached(start, rest) for start in rest}
+    found = {frozenset(other for other in reach if start in reached.get(other, ())) for start, reach in reached.items()}
+    return sorted((set(names) for names in found if len(names) > 1), key=sorted)
+
+
+def _reached(start: str, graph: Mapping[str, Set[str]]) -> set[str]:
+    reached: set[str] = set()
+    waiting = [start]
+    while waiting:
+        for name in graph.get(waiting.pop(), ()):
+            if name not in reached:
+                reached.add(name)
+                waiting.append(name)
+    return reached
