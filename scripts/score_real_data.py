@@ -30,7 +30,7 @@ from cmr.calibration.motors_alone import fit_motor
 from cmr.calibration.scoring import EndErrors, end_errors, path_rmse, pieces, root_mean_square, wheel_speed_errors
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats, Recording
-from cmr.tools.import_log import main as import_log
+from cmr.tools.importing.import_log import main as import_log
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 DECIMALS = {"m": 4, "m/s": 3, "rad/s": 3, "degrees": 1}

@@ -93,7 +93,6 @@ LARGER = {
     "cmr.estimation": 28,
     "cmr.model": 34,
     "cmr.recordings": 30,
-    "cmr.tools": 42,
     "cmr.view": 33,
     "cmr.world.behaviours": 26,
 }

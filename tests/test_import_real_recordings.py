@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cmr.bus.messages import decode
-from cmr.tools.import_log import main
-from cmr.tools.mapping import load
+from cmr.tools.importing.import_log import main
+from cmr.tools.importing.mapping import load
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 RECORDINGS = {

@@ -12,8 +12,8 @@ import pytest
 
 from cmr.cli.errors import CommandError
 from cmr.parameters.file import parse
-from cmr.tools.import_log import main
-from cmr.tools.ros_messages import decoder
+from cmr.tools.importing.import_log import main
+from cmr.tools.importing.ros_messages import decoder
 from tests.ros_bags import (
     COUNT,
     COUNTER,

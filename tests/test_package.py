@@ -77,7 +77,7 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: Path, sources: Path) 
     generated = {f"msg/{name}" for name in names(wheel / "cmr" / "msg", "*.py")}
     assert parts(wheel / "robot_driver") == parts(sources / "robot_driver")
     assert parts(wheel / "cmr") - generated == parts(sources / "cmr")
-    assert {"py.typed", "tools/import_log.py", "tools/mappings/mbot.yaml"} <= parts(wheel / "cmr")
+    assert {"py.typed", "tools/importing/import_log.py", "tools/importing/mappings/mbot.yaml"} <= parts(wheel / "cmr")
     assert {"py.typed", "emulator/default.yaml"} <= parts(wheel / "robot_driver")
 
 

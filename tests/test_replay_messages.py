@@ -11,8 +11,8 @@ from cmr.bus.messages import decode, make
 from cmr.bus.streams import STREAMS
 from cmr.msg import gyro_t, pose_xyt_t
 from cmr.recordings.events import Event, EventReader
-from cmr.tools.replay_changes import Changes, ChannelFilter, moved_to, offsets
-from cmr.tools.replay_tape import LogTape
+from cmr.tools.replay.changes import Changes, ChannelFilter, moved_to, offsets
+from cmr.tools.replay.tape import LogTape
 from tests.typed_messages import as_a
 
 SECOND = 1_000_000  # us

@@ -15,13 +15,13 @@ from cmr.bus.messages import decode, make, now_utime
 from cmr.bus.streams import SELF_TESTS
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
+from cmr.cli.stopping import Stopping, stopped_by_signals
 from cmr.msg import pose_xyt_t
 from cmr.recordings.events import Event, EventReader
-from cmr.tools.replay import main, play
-from cmr.tools.replay_player import Player
-from cmr.tools.replay_tape import LogTape
-from cmr.tools.replay_terminal import Keys, parse_keys
-from cmr.tools.stopping import Stopping, stopped_by_signals
+from cmr.tools.replay.main import main, play
+from cmr.tools.replay.player import Player
+from cmr.tools.replay.tape import LogTape
+from cmr.tools.replay.terminal import Keys, parse_keys
 from tests.typed_messages import as_a
 
 pytestmark = pytest.mark.real_time

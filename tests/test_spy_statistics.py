@@ -9,8 +9,8 @@ from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.streams import STREAMS, Stream
 from cmr.msg import gyro_t, pose_xyt_t
-from cmr.tools.replay_changes import offsets
-from cmr.tools.spy_statistics import ROBOT_ID, Line, Statistics
+from cmr.tools.replay.changes import offsets
+from cmr.tools.spy.statistics import ROBOT_ID, Line, Statistics
 
 SECOND = 1_000_000  # us
 BEGIN = 1_700_000_000 * SECOND

@@ -11,8 +11,8 @@ from cmr.recordings.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Mask, Signal
 from cmr.recordings.stale_poses import stale_poses
-from cmr.tools.import_log import main
-from cmr.tools.mapping import SHIPPED
+from cmr.tools.importing.import_log import main
+from cmr.tools.importing.mapping import SHIPPED
 from scripts.score_real_data import DATA
 from tests.drives_in_pieces import Shape, drawn, recorded
 

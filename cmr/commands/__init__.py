@@ -47,12 +47,12 @@ def fidelity() -> int:
 
 def import_log() -> int:
     """Start cmr-import."""
-    return run("cmr.tools.import_log")
+    return run("cmr.tools.importing.import_log")
 
 
 def log() -> int:
     """Start cmr-log."""
-    return run("cmr.tools.log_main")
+    return run("cmr.tools.logs.main")
 
 
 def pilot() -> int:
@@ -62,12 +62,12 @@ def pilot() -> int:
 
 def plot() -> int:
     """Start cmr-plot."""
-    return run("cmr.tools.plot")
+    return run("cmr.tools.plot.main")
 
 
 def replay() -> int:
     """Start cmr-replay."""
-    return run("cmr.tools.replay")
+    return run("cmr.tools.replay.main")
 
 
 def run_scenario() -> int:
@@ -82,7 +82,7 @@ def sim() -> int:
 
 def spy() -> int:
     """Start cmr-spy."""
-    return run("cmr.tools.spy")
+    return run("cmr.tools.spy.main")
 
 
 def sweep() -> int:

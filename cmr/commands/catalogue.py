@@ -16,11 +16,11 @@ COMMANDS = {
     "diagnose": ("cmr.commands.diagnose", "name what the simulation of a robot gets wrong"),
     "fidelity": ("cmr.commands.fidelity", "compare teams of real robots with mixed ones"),
     "sweep": ("cmr.commands.sweep", "run a scenario many times, without hardware"),
-    "import": ("cmr.tools.import_log", "turn recordings of other robots into event logs"),
-    "log": ("cmr.tools.log_main", "check, cut, merge and convert event logs"),
-    "plot": ("cmr.tools.plot", "plot fields of an event log over time"),
-    "replay": ("cmr.tools.replay", "send the messages of an event log again"),
-    "spy": ("cmr.tools.spy", "show what is on the bus"),
+    "import": ("cmr.tools.importing.import_log", "turn recordings of other robots into event logs"),
+    "log": ("cmr.tools.logs.main", "check, cut, merge and convert event logs"),
+    "plot": ("cmr.tools.plot.main", "plot fields of an event log over time"),
+    "replay": ("cmr.tools.replay.main", "send the messages of an event log again"),
+    "spy": ("cmr.tools.spy.main", "show what is on the bus"),
     "completion": ("cmr.commands.completion", "print the completion of bash, zsh or fish"),
 }
 UMBRELLA_ONLY = ("init", "doctor", "completion")  # of the others each is also a command by itself: cmr-sim

@@ -9,6 +9,7 @@ from pathlib import Path
 from cmr.cli.command_line import add_json, parse_count, parse_robot_id, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
+from cmr.cli.stopping import end_on_signals
 from cmr.commands.scenarios import load as load_scenario
 from cmr.experiments.fidelity.study import (
     PREPARATIONS,
@@ -25,7 +26,6 @@ from cmr.experiments.scenario.plan import Scenario, ScenarioError
 from cmr.experiments.scenario.shipping import path_of
 from cmr.experiments.sweep.experiment import files_of, sources_digest
 from cmr.experiments.sweep.journal import Journal, JournalError, Result
-from cmr.experiments.sweep.stopping import end_on_signals
 from cmr.experiments.team.experiment import ExperimentError
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 

@@ -11,9 +11,9 @@ from cmr.cli.command_line import check_writable, parser
 from cmr.cli.configuration import results
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
+from cmr.cli.stopping import end_on_signals
 from cmr.commands.first_use import EMULATOR, MODEL, WORLD, compile_first
 from cmr.distribution import how_to_install
-from cmr.experiments.sweep.stopping import end_on_signals
 
 if TYPE_CHECKING:
     from cmr.experiments.sweep.journal import Journal, Result

@@ -1,32 +1,13 @@
-"""Write an event log so that an interrupted command leaves no half file."""
+"""Write files so that an interrupted command leaves no half ones."""
 
 import os
 import signal
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import lcm
-
 from cmr.files import folder_for_results
-from cmr.tools.converting import Event
-
-
-def write_log(path: Path, events: Iterable[Event], robot_id: int) -> None:
-    """Write the messages as an LCM event log, each logged at its own utime, in the order given.
-
-    The log appears under its name when it is complete, in place of one that was there. Raises OSError when the
-    folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.
-    """
-    with complete_or_none(path) as temporary:
-        log = lcm.EventLog(str(temporary), "w", overwrite=True)
-        try:
-            for event in events:
-                channel = event.stream.channel(robot_id)
-                log.write_event(event.message.utime, channel, event.message.encode())
-        finally:
-            log.close()
 
 
 @contextmanager

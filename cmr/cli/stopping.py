@@ -1,0 +1,49 @@
+"""Signals that ask a command to end: in its own time, or at once where what is done is kept."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from cmr.cli.progress import leave_terminal
+
+EXIT_INTERRUPTED = 130
+
+
+class Stopping:
+    """Whether a signal asked to end; false until then."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def __bool__(self) -> bool:
+        return self._asked
+
+    def note(self, _number: int, _frame: FrameType | None) -> None:
+        """Take a signal."""
+        self._asked = True
+
+
+@contextmanager
+def stopped_by_signals() -> Iterator[Stopping]:
+    """Give what says whether SIGINT, SIGTERM or SIGHUP came, which then end nothing by themselves."""
+    stopping = Stopping()
+    before = {number: signal.signal(number, stopping.note) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield stopping
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def end_on_signals(command: str) -> None:
+    """End on SIGINT, SIGTERM and SIGHUP with a sentence; processes of ours end with their parent."""
+
+    def end(_number: int, _frame: object) -> None:
+        leave_terminal()
+        os.write(2, f"\n{command}: stopped; the same command goes on from here.\n".encode())
+        os._exit(EXIT_INTERRUPTED)
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, end)

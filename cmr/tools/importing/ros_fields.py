@@ -1,0 +1,212 @@
+"""Numbers inside ROS messages by path: `twist.twist.angular.z`, `position[left_wheel_joint]`, `orientation.yaw`.
+
+A step may choose one of an array: by its index (`data[2]`), by the message's own list `name` (a joint), or by frames
+(`transforms[odom>base_link]`). `yaw` behind a quaternion is the heading it means [rad], -pi to pi.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from cmr.tools.importing.ros_records import plain
+
+YAW = "yaw"
+QUATERNION = {"x", "y", "z", "w"}
+FRAMES = ">"
+MOST_NAMES = 12  # that an error lists
+
+# array.array's code of each type of ROS numbers
+CODES = {
+    "bool": "B", "byte": "B", "char": "B", "octet": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H",
+    "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
+}  # fmt: skip
+
+_STEP = re.compile(r"([A-Za-z_]\w*)(?:\[([^\[\]]+)\])?")
+
+
+class PathError(Exception):
+    """The path is none, or leads nowhere; the text says what there is instead."""
+
+
+class AbsentError(Exception):
+    """This message lacks what the path asks for; the text says what there is instead."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a path: into the member `name`, and of an array to what `chosen` says."""
+
+    name: str
+    chosen: str | None
+
+    def __str__(self) -> str:
+        return self.name if self.chosen is None else f"{self.name}[{self.chosen}]"
+
+
+def parse_path(text: str) -> list[Step]:
+    """Return the steps of a path. Raises PathError where it is none."""
+    steps = []
+    place = 0
+    while match := _STEP.match(text, place):
+        steps.append(Step(match[1], match[2] and match[2].strip()))
+        place = match.end() + 1
+        if match.end() == len(text):
+            return steps
+        if text[match.end()] != ".":
+            break
+    raise PathError(f"is {text!r}, which is no path such as twist.linear.x, position[left_wheel] or orientation.yaw")
+
+
+def getter(path: str) -> Callable[[Any], Any]:
+    """Return what gets the path's value out of a message; it raises AbsentError where there is none."""
+    steps = [_stepper(step) for step in parse_path(path)]
+
+    def get(message: Any) -> Any:
+        for step in steps:
+            message = step(message)
+        return message
+
+    return get
+
+
+def _stepper(step: Step) -> Callable[[Any], Any]:
+    if step.chosen is None:
+        return partial(_yaw if step.name == YAW else _member, step.name)
+    if step.chosen.isdecimal():
+        return partial(_element, step, int(step.chosen))
+    if FRAMES in step.chosen:
+        parent, _, child = (frame.strip().lstrip("/") for frame in step.chosen.partition(FRAMES))
+        return partial(_between_frames, step, parent, child)
+    return partial(_named, step)
+
+
+def _member(name: str, parent: object) -> Any:
+    try:
+        return getattr(parent, name)
+    except AttributeError:
+        raise AbsentError(f"no {name!r}; there is {_listed(_members(parent))}") from None
+
+
+def _yaw(name: str, parent: object) -> Any:
+    if hasattr(parent, name):
+        return getattr(parent, name)
+    return heading(*(_member(part, parent) for part in "xyzw"))
+
+
+def heading(x: float, y: float, z: float, w: float) -> float:
+    """Return the turn about the vertical [rad] that a quaternion means, of any length; NaN where it means none."""
+    squares = x * x + y * y + z * z + w * w
+    if not 0.0 < squares < math.inf:
+        return math.nan
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+def _element(step: Step, index: int, parent: object) -> Any:
+    values = _member(step.name, parent)
+    try:
+        return values[index]
+    except (IndexError, TypeError, KeyError):
+        size = len(values) if hasattr(values, "__len__") else "no"
+        raise AbsentError(f"no {step}; {step.name} has {size} elements") from None
+
+
+def _named(step: Step, parent: object) -> Any:
+    names = list(_member("name", parent))
+    if step.chosen not in names:
+        raise AbsentError(f"no {step}; names there are {_listed(map(str, names))}")
+    values = _member(step.name, parent)
+    index = names.index(step.chosen)
+    if index >= len(values):
+        raise AbsentError(f"no {step}; {step.name} has {len(values)} elements for {len(names)} names")
+    return values[index]
+
+
+def _between_frames(step: Step, parent: str, child: str, message: object) -> Any:
+    pairs = []
+    for transform in _member(step.name, message):
+        pair = transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/")
+        if pair == (parent, child):
+            return transform
+        pairs.append(FRAMES.join(pair))
+    raise AbsentError(f"no {step}; transforms there are {_listed(pairs)}")
+
+
+def _members(value: object) -> list[str]:
+    members = getattr(value, "__dataclass_fields__", None) or getattr(value, "__dict__", {})
+    return [name for name in members if not name.startswith("_")]
+
+
+def _listed(names: Iterable[str]) -> str:
+    names = list(dict.fromkeys(map(plain, names)))
+    more = ", ..." if len(names) > MOST_NAMES else ""
+    return ", ".join(names[:MOST_NAMES]) + more or "nothing"
+
+
+class Types:
+    """The types of a topic's messages: checks a path before any message is read.
+
+    `definitions` are rosbags' fielddefs: {type: (constants, [(member, (node, what))])}.
+    """
+
+    def __init__(self, message_type: str, definitions: Any) -> None:
+        self.message_type = message_type
+        self._definitions = definitions
+
+    def code(self, path: str) -> str:
+        """Return array.array's code of the number that the path leads to. Raises PathError where it leads to none."""
+        kind, parents = self.message_type, parse_path(path)
+        for place, step in enumerate(parents):
+            members = self._members(kind)
+            is_last = place == len(parents) - 1
+            if is_last and step.name == YAW and YAW not in members and set(members) >= QUATERNION:
+                return "d"
+            if step.name not in members:
+                raise PathError(f"has no {path!r}: {kind} has {', '.join(members)}")
+            kind, is_number = self._enter(step, members, kind, path)
+            if is_number:
+                if is_last:
+                    return CODES[kind]
+                raise PathError(f"has no {path!r}: {step} is a {kind} already")
+        raise PathError(f"{path!r} is no number but a {kind} of {', '.join(self._choices(kind))}")
+
+    def _members(self, kind: str) -> dict[str, Any]:
+        return dict(self._definitions[kind][1]) if kind in self._definitions else {}
+
+    def _choices(self, kind: str) -> Sequence[str]:
+        members = list(self._members(kind))
+        return [*members, YAW] if set(members) == QUATERNION else members
+
+    def _enter(self, step: Step, members: dict[str, Any], kind: str, path: str) -> tuple[str, bool]:
+        """Return the type that a step leads to, and whether it is a number."""
+        node, what = members[step.name]
+        if node.name in ("ARRAY", "SEQUENCE"):
+            if step.chosen is None:
+                raise PathError(
+                    f"{path!r}: {step.name} is an array; choose one of it: {self._how_to_choose(step, members)}"
+                )
+            node, what = what[0]
+            self._check_choice(step, members, node, what, path)
+        elif step.chosen is not None:
+            raise PathError(f"{path!r}: {step.name} is no array in {kind}")
+        if node.name == "NAME":
+            return str(what), False
+        if what[0] not in CODES:
+            raise PathError(f"{path!r} is a {what[0]}, no number")
+        return str(what[0]), True
+
+    def _how_to_choose(self, step: Step, members: dict[str, Any]) -> str:
+        node, what = members[step.name][1][0]
+        if node.name == "NAME" and {"header", "child_frame_id"} <= set(self._members(str(what))):
+            return f"{step.name}[PARENT_FRAME>CHILD_FRAME]"
+        return f"{step.name}[NAME]" if "name" in members else f"{step.name}[0]"
+
+    def _check_choice(self, step: Step, members: dict[str, Any], node: Any, what: Any, path: str) -> None:
+        assert step.chosen is not None
+        if step.chosen.isdecimal():
+            return
+        by_frames = node.name == "NAME" and {"header", "child_frame_id"} <= set(self._members(str(what)))
+        if not (by_frames if FRAMES in step.chosen else "name" in members):
+            raise PathError(f"{path!r}: choose one of {step.name} by {self._how_to_choose(step, members)}")

@@ -1,0 +1,81 @@
+"""Which files make a bag, and which reader each needs: by its first bytes, since names of bags lie."""
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from cmr.tools.importing import ros_bag1, ros_mcap, ros_sqlite
+from cmr.tools.importing.ros_records import BagError, BagReader
+
+ZSTANDARD_SUFFIX = ".zstd"  # of files that rosbag2 compressed as a whole
+SUFFIXES = (".bag", ".active", ".mcap", ".db3")
+
+_READERS: tuple[tuple[bytes, type[BagReader]], ...] = (
+    (ros_bag1.MAGIC, ros_bag1.Bag1Reader),
+    (ros_mcap.MAGIC, ros_mcap.McapReader),
+    (ros_sqlite.MAGIC, ros_sqlite.SqliteReader),
+)
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return the files of a recording: itself, or of a folder all that belong to bags, in the order of their names.
+
+    Raises BagError for a folder without any, OSError when it cannot be read.
+    """
+    if not path.is_dir():
+        return [path]
+    present = sorted(file for file in path.iterdir() if file.is_file())
+    files = [file for file in present if file.suffix in SUFFIXES]
+    files += [
+        file
+        for file in present
+        if file.suffix == ZSTANDARD_SUFFIX
+        and file.with_suffix("").suffix in SUFFIXES
+        and file.with_suffix("") not in files
+    ]
+    if not files:
+        inside = sorted(path.iterdir())[:10]
+        names = ", ".join(f"{one.name}/" if one.is_dir() else one.name for one in inside) or "nothing"
+        raise BagError(f"{path}: has no file that ends in .bag, .mcap or .db3; there is {names}")
+    return files
+
+
+@contextmanager
+def opened(path: Path, wanted: frozenset[str]) -> Iterator[BagReader]:
+    """Give the reader of the wanted topics of one file; one that is compressed as a whole is unpacked.
+
+    Raises BagError where it is no bag, OSError when it cannot be read.
+    """
+    if path.suffix != ZSTANDARD_SUFFIX:
+        yield _reader_class(path)(path, wanted)
+        return
+    with tempfile.TemporaryDirectory(prefix="cmr-import.") as folder:
+        unpacked = Path(folder) / path.stem
+        is_whole = _unpack(path, unpacked)
+        reader = _reader_class(unpacked)(unpacked, wanted)
+        if not is_whole:
+            reader.fault("its compression breaks off")
+        yield reader
+
+
+def _reader_class(path: Path) -> type[BagReader]:
+    with path.open("rb") as stream:
+        begin = stream.read(16)
+    for magic, reader in _READERS:
+        if begin.startswith(magic):
+            return reader
+    raise BagError(f"{path}: is no ROS bag (.bag, .db3) and no MCAP file; it begins with {begin[:8]!r}")
+
+
+def _unpack(path: Path, unpacked: Path) -> bool:
+    """Unpack what can be unpacked; return whether that is all."""
+    import zstandard
+
+    with path.open("rb") as source, unpacked.open("wb") as sink:
+        try:
+            shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(source), sink)
+        except zstandard.ZstdError:
+            return False
+    return True

@@ -1,0 +1,92 @@
+"""The values of a mapped signal at the rows of the message that it goes into, which may be those of another table."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.tools.importing.mapping_types import Signal
+from cmr.tools.importing.sources import Table
+
+Values = NDArray[Any]
+
+AGAIN = (
+    50_000  # us after which a command that is in force is sent again; the robots of this project forget it after 500 ms
+)
+MOST_AGAIN = 20_000_000  # messages, eleven days of them; more come of a damaged time
+
+
+class SamplingError(Exception):
+    """The recording's times make no sense with the mapping; the text says why."""
+
+
+@dataclass(frozen=True)
+class Again:
+    """When values in force are sent, `utime` [us], and the row that each is of; both of shape (n,)."""
+
+    rows: NDArray[np.int64]
+    utime: NDArray[np.int64]
+
+
+def recorded(signal: Signal, table: Table, own: Table, period: float | None = None) -> Values:
+    """Return what was recorded of a signal, which is in `own`, at the rows of `table`; NaN where nothing was.
+
+    Between its rows a signal is interpolated, or held. One that starts anew after `period` does so no more. Nothing is
+    carried from one piece to the next.
+    """
+    values = _heading(*(own.columns[name] for name in signal.columns)) if len(signal.columns) > 1 else None
+    values = own.columns[signal.columns[0]] if values is None else values
+    if own is table and not signal.holds:
+        return values
+    known = np.isfinite(values)
+    values, times, pieces = values[known], own.utime[known], own.segment[known]
+    if not len(values):
+        return np.full(len(table.utime), np.nan)
+    before = np.searchsorted(times, table.utime, side="right") - 1
+    begun = (before >= 0) & (pieces[before] == table.segment)
+    if signal.holds:
+        return np.where(begun, values[before], np.nan)
+    after = np.minimum(before + 1, len(times) - 1)
+    between = (times[before] == table.utime) | ((after > before) & (pieces[after] == table.segment))
+    values = values if period is None else np.unwrap(values, period=period)
+    return np.where(begun & between, np.interp(table.utime, times, values), np.nan)
+
+
+def in_force_again(table: Table, tables: Collection[Table]) -> Again:
+    """Send the values in each row of `table` again until the next row of the piece, or the end of the recording's.
+
+    Raises SamplingError where that would never end.
+    """
+    if not len(table.utime):
+        return Again(np.empty(0, np.int64), table.utime)
+    end = np.zeros(1 + max(int(one.segment.max(initial=0)) for one in tables), np.int64)
+    for one in tables:
+        np.maximum.at(end, one.segment, one.utime)
+    until = end[table.segment] + 1
+    continues = table.segment[1:] == table.segment[:-1]
+    until[:-1][continues] = table.utime[1:][continues]
+    counts = np.maximum(-((table.utime - until) // AGAIN), 1)
+    if counts.sum() > MOST_AGAIN:
+        longest = float((until - table.utime).max()) / 1e6
+        raise SamplingError(f"motor_command: holds: a command would hold for {longest:.4g} s: a time is damaged")
+    rows = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return Again(rows, table.utime[rows] + number * AGAIN)
+
+
+def rows_of(table: Table, rows: Values, utime: NDArray[np.int64] | None = None) -> Table:
+    """Return these rows of a table, by a mask or by their numbers; at other times where `utime` [us] is given."""
+    columns = {name: values[rows] for name, values in table.columns.items()}
+    times = (table.utime[rows], table.received_utime[rows]) if utime is None else (utime, utime)
+    return Table(*times, table.segment[rows], columns)
+
+
+def _heading(w: Values, *others: Values) -> Values:
+    """Return the heading [rad] that a quaternion means, of its members w, z or w, x, y, z."""
+    z = others[-1]
+    if len(others) == 1:
+        return np.asarray(np.arctan2(2 * w * z, w * w - z * z))
+    x, y = others[:2]
+    return np.asarray(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))

@@ -1,0 +1,117 @@
+"""Turn one foreign recording into a log."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import lcm
+
+from cmr.tools.importing.converting import Conversion, Event, convert
+from cmr.tools.importing.csv_source import read_csv
+from cmr.tools.importing.inputs import Recorded
+from cmr.tools.importing.mapping_types import Mapping
+from cmr.tools.importing.ros_source import read_bag
+from cmr.tools.importing.sources import MICROSECONDS, Source, read_log
+from cmr.tools.writing import complete_or_none
+
+PIECE_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What became of a recording: its messages, how it was read, and the log in which they are."""
+
+    conversion: Conversion
+    source: Source
+    robot_id: int
+    out: Path
+
+    def headline(self) -> str:
+        """Return how much is in the log."""
+        times = self.conversion.times()
+        start, end = int(times[0][1][0]), max(int(utimes[-1]) for _, utimes in times)
+        count = sum(len(utimes) for _, utimes in times)
+        pieces = f", in {len(self.source.pieces)} pieces" if self.source.pieces else ""
+        return f"{self.out}: {count} messages over {(end - start) / MICROSECONDS:.1f} s{pieces}"
+
+    def channels(self) -> list[str]:
+        """Return what is in each channel, a line each."""
+        times = self.conversion.times()
+        start = int(times[0][1][0])
+        lines = []
+        for stream, utimes in times:
+            first, last = (int(utime - start) / MICROSECONDS for utime in (utimes[0], utimes[-1]))
+            channel = stream.channel(self.robot_id)
+            lines.append(f"  {channel:20} {len(utimes):7}  from {first:8.2f} s to {last:8.2f} s")
+        return lines
+
+    def remarks(self) -> list[str]:
+        """Return what was left out, and what else a person wants to know, a line each."""
+        skipped = sorted(self.source.skipped.items())
+        lines = [f"  skipped, {place}: {count} x {reason}" for (place, reason), count in skipped]
+        return lines + [f"  note: {note}" for note in self.source.notes]
+
+
+def import_recording(mapping: Mapping, recording: Recorded, out: Path, robot_id: int) -> Imported:
+    """Write the log of a recording; it appears under its name when it is complete.
+
+    Raises BagError, SourceError or ConversionError where the recording cannot be used, OSError where a file cannot.
+    """
+    if mapping.topics:
+        source = read_bag(mapping, recording.path)
+    elif mapping.channels:
+        source = read_log(mapping, recording.path)
+    else:
+        source = read_csv(mapping, recording.files)
+    conversion = convert(mapping, source, robot_id, _provenance(mapping, recording, source))
+    write_log(out, conversion, robot_id)
+    return Imported(conversion, source, robot_id, out)
+
+
+def _provenance(mapping: Mapping, recording: Recorded, source: Source) -> dict[str, Any]:
+    """Return where the nominal parameters and the log come from, and what is needed to undo the mapping.
+
+    `pieces` says where the import set pieces of the recording apart: for each the utime [us] at which it begins, its
+    name in the recording, and the recording's own time [s] there.
+    """
+    provenance: dict[str, Any] = {
+        "method": "nominal",
+        "mapping": mapping.name,
+        "log": recording.path.name or recording.path.resolve().name,
+        "sha256": _digest(list(recording.files.values())),
+    }
+    if mapping.feedback is not None:
+        provenance["ticks_per_turn"] = mapping.feedback.ticks_per_turn
+    if mapping.command is not None and mapping.command.full_scale is not None:
+        provenance["full_scale_rad_s"] = mapping.command.full_scale
+    if source.pieces:
+        provenance["pieces"] = [[piece.utime, piece.name, piece.seconds] for piece in source.pieces]
+    return provenance
+
+
+def _digest(files: Sequence[Path]) -> str:
+    """Return the SHA-256 of the files' bytes, one after the other."""
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            while piece := stream.read(PIECE_BYTES):
+                digest.update(piece)
+    return digest.hexdigest()
+
+
+def write_log(path: Path, events: Iterable[Event], robot_id: int) -> None:
+    """Write the messages as an LCM event log, each logged at its own utime, in the order given.
+
+    The log appears under its name when it is complete, in place of one that was there. Raises OSError when the
+    folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.
+    """
+    with complete_or_none(path) as temporary:
+        log = lcm.EventLog(str(temporary), "w", overwrite=True)
+        try:
+            for event in events:
+                channel = event.stream.channel(robot_id)
+                log.write_event(event.message.utime, channel, event.message.encode())
+        finally:
+            log.close()

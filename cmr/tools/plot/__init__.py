@@ -1,0 +1,1 @@
+"""cmr-plot: fields of messages over time, from event logs."""

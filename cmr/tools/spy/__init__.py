@@ -1,0 +1,1 @@
+"""cmr-spy: which channels there are on the bus, how fast, and what their messages say."""
