@@ -25,8 +25,8 @@ from cmr.estimation.free_runs import Values, free_run, stacked
 from cmr.estimation.segments import segments_of
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
+from cmr.recordings.faults.late_wheels import with_wheels_in_time
 from cmr.recordings.lags import Lag
-from cmr.recordings.late_wheels import with_wheels_in_time
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, hold
 from scripts.score_real_data import DATA, GRASS_PIECE, MAEBOT_PIECE, Importer

@@ -3,7 +3,7 @@
 from cmr.calibration.preparing import prepare
 from cmr.estimation.checks import looked_at, refusal
 from cmr.estimation.commanded_speeds import as_duties, controller_of
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from cmr.recordings.recording import Recording
 
 

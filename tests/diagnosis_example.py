@@ -21,7 +21,7 @@ from cmr.diagnosis.result import (
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.estimation.unexplained.result import Unexplained
-from cmr.recordings.findings import Finding
+from cmr.recordings.faults.findings import Finding
 from cmr.recordings.signal import Floats
 
 OFFSET, ASYMMETRY = 0.144, 0.05  # m; share

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from cmr.recordings import Recorder, Recording
-from cmr.recordings.findings import Findings
+from cmr.recordings.faults.findings import Findings
 from cmr.recordings.signal import Floats, Mask, Signal
 from tests.emulated_drive import figure_eight, messages
 

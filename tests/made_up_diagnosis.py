@@ -9,7 +9,7 @@ from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.estimation.search.trace import ADDED, REJECTED, REMOVED, REPLACED, Decision, Measure
 from cmr.estimation.unexplained.result import Unexplained
-from cmr.recordings.findings import Finding
+from cmr.recordings.faults.findings import Finding
 from cmr.recordings.lateness import Lateness
 
 BASELINE = {"k2_over_k3": Estimate(118.0, 0.8), "k1": Estimate(0.054, 2e-4), "base_width": Estimate(0.172, 6e-4)}

@@ -11,11 +11,10 @@ from cmr.calibration import CalibrationResult, calibrate
 from cmr.calibration.calibrate import PAPER
 from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.contradictions import wheels_against_poses
-from cmr.calibration.grid import Grid
+from cmr.calibration.grid import Grid, told_by_surface
 from cmr.calibration.paper import _radius_note
 from cmr.calibration.plots import figure_of
 from cmr.calibration.segments import segments_of
-from cmr.calibration.surface import told_by_surface
 from cmr.commands.calibrate import main
 from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import RobotParameters

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cmr.estimation.checks import with_clocks_set
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Mask, Signal
 from tests.clean_drives import clean_drive

@@ -17,7 +17,7 @@ from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.recordings.commanding import asked_by
 from cmr.world.behaviours import Follow
-from cmr.world.behaviours.commanded import Commanded
+from cmr.world.behaviours.behaviour import Commanded
 from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, world_messages
 from cmr.world.world import VirtualRobot, World

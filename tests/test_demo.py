@@ -26,7 +26,7 @@ from cmr.commands.demo import main as demo
 from cmr.msg import parameters_t, world_state_t
 from cmr.parameters.file import ParameterFile, load, parse
 from cmr.recordings import Recording
-from cmr.recordings.log import LogReader
+from cmr.recordings.events import LogReader
 from cmr.world.comparison import Drive, drives_of
 from tests.emulated_drive import TRUTH
 from tests.private_bus import private_url

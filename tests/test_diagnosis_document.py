@@ -23,7 +23,7 @@ from cmr.estimation.unexplained.result import Unexplained
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFileError, load, sha256_of
-from cmr.recordings.findings import Finding
+from cmr.recordings.faults.findings import Finding
 from tests.made_up_diagnosis import BAD, DIAGNOSIS, REFITTED, TOO_SMALL
 
 Seen = Callable[[str, Any], bool]  # channel, message

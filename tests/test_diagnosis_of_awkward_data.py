@@ -126,7 +126,7 @@ def test_a_late_clock_of_held_out_poses_is_set_right_and_told_and_the_checks_run
         checked.append(recording)
         return lags_of(recording)
 
-    monkeypatch.setattr("cmr.recordings.checks.lags_of", counting)
+    monkeypatch.setattr("cmr.recordings.faults.checks.lags_of", counting)
     other = drive(30.0, 60.0)
     found = diagnose(
         drive(), held_out=[later(other, "poses", 2.0)], sources=["fitted.lcm"], held_out_sources=["late.lcm"]

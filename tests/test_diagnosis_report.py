@@ -20,7 +20,7 @@ from cmr.diagnosis.result import VERDICTS, Diagnosis, Fitted, NamedEffect, Path,
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.estimation.unexplained.result import Unexplained
-from cmr.recordings.findings import Finding
+from cmr.recordings.faults.findings import Finding
 from cmr.recordings.signal import Floats
 from tests.diagnosis_example import ALL, CANDIDATES, EFFECTS, FOUND, MOTION, RATE, STRANGE, path, residuals
 from tests.html_page import Page

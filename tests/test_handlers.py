@@ -13,8 +13,8 @@ from cmr.diagnosis.live.watcher import Watcher
 from cmr.msg import estop_t, motor_feedback_t, pose_xyt_t
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.recording import Recorder
+from cmr.view.data.state import ViewState
 from cmr.view.orders import Orders
-from cmr.view.state import ViewState
 from cmr.world.behaviours import make_behaviour
 from cmr.world.estimator import Estimator
 from cmr.world.pilot import Pilot

@@ -12,7 +12,7 @@ from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import Diagnosis
 from cmr.estimation.checks import looked_at
 from cmr.model.parameters import RobotParameters
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Signal
 from tests.hidden_effects import hidden_recording

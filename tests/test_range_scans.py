@@ -24,7 +24,7 @@ from cmr.msg import motor_command_t, motor_feedback_t, pose_xyt_t, range_scan_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.batch import read_robots
-from cmr.world.behaviours.commanded import Commanded
+from cmr.world.behaviours.behaviour import Commanded
 from cmr.world.fleet import STEP
 from cmr.world.interaction.range_sensor import RangeSensor
 from cmr.world.scanning import PERIOD, Scanner

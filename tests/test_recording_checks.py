@@ -16,7 +16,7 @@ from cmr.bus.messages import make
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, pose_xyt_t
 from cmr.recordings import Recorder, Recording
 from cmr.recordings.arrivals import KEPT, Kept
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from cmr.recordings.signal import Floats, Signal
 from tests.emulated_drive import EPOCH, figure_eight, messages, write_log
 from tests.faulty_drive import (
@@ -220,7 +220,9 @@ def test_findings_are_those_of_the_recording_that_was_checked_and_name_its_sampl
 
 
 def test_the_checks_need_no_scipy_whose_import_takes_most_of_a_second() -> None:
-    code = "import sys, cmr.recordings.checks; sys.exit(any(name.split('.')[0] == 'scipy' for name in sys.modules))"
+    code = (
+        "import sys, cmr.recordings.faults.checks; sys.exit(any(name.split('.')[0] == 'scipy' for name in sys.modules))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -18,7 +18,7 @@ from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, parameters_t, pos
 from cmr.recordings import Recorder, Recording, RecordingError, read_messages, read_robots
 from cmr.recordings.arrivals import KEPT
 from cmr.recordings.batch import WIRE_TYPES, layout_of
-from cmr.recordings.log import LogReader
+from cmr.recordings.events import LogReader
 from tests.emulated_drive import EPOCH, NOMINAL, Message, messages, write_log
 
 Event = tuple[str, bytes]  # channel, data

@@ -9,7 +9,7 @@ import pytest
 from cmr.calibration import calibrate
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings import Recording
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from tests.emulated_drive import figure_eight
 from tests.faulty_drive import Duties, at_rest, circle, later, lively, recording, without
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from cmr.recordings.lags import lags_of
 from tests.emulated_drive import DEFAULT, EPOCH, figure_eight
 from tests.faulty_drive import Duties, at_rest, circle, later, lively, recording, scattered, without

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmr.recordings import Recording
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from scripts.score_real_data import DATA, Importer
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from tests.emulated_drive import DEFAULT, figure_eight
 from tests.faulty_drive import (
     Duties,

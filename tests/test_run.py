@@ -23,7 +23,7 @@ from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.recorder import logs_in
 from cmr.experiments.scenario.shipping import shipped
 from cmr.msg import estop_t
-from cmr.recordings.log import LogReader
+from cmr.recordings.events import LogReader
 from tests.html_page import Page
 from tests.private_bus import private_url
 

@@ -11,7 +11,7 @@ import pytest
 
 from cmr.bus.streams import COMMAND_LIFETIME
 from cmr.msg import motor_feedback_t
-from cmr.recordings.log import LogReader
+from cmr.recordings.events import LogReader
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.emulator.faults import Faults
 from robot_driver.emulator.settings import Settings, load_settings

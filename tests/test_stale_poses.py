@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
+from cmr.recordings.faults.stale_poses import stale_poses
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Mask, Signal
-from cmr.recordings.stale_poses import stale_poses
 from cmr.tools.importing.import_log import main
 from cmr.tools.importing.mapping import SHIPPED
 from scripts.score_real_data import DATA

@@ -10,7 +10,7 @@ from cmr.calibration.linear import COMMAND_TIME, POSE_TIME
 from cmr.calibration.preparing import Prepared
 from cmr.estimation.checks import looked_at, refusal
 from cmr.estimation.estimates import Estimate
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from cmr.recordings.recording import Recording
 from tests.clean_drives import clean_drive
 from tests.faulty_drive import placed, without

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from cmr.calibration.preparing import prepare
 from cmr.diagnosis.diagnose import diagnose
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
+from cmr.recordings.faults.uneven_stamps import even_stamps
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal, no_times
-from cmr.recordings.uneven_stamps import even_stamps
 from tests.hidden_effects import hidden_recording
 from tests.hidden_effects.cases import EIGHT
 

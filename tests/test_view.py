@@ -32,13 +32,13 @@ from cmr.view import shapes, words
 from cmr.view.camera import INITIAL, TOP, Camera, overview
 from cmr.view.camera_panel import caption
 from cmr.view.charts import distances, estimates, ticks
-from cmr.view.intake import Intake
+from cmr.view.data.intake import Intake
+from cmr.view.data.robots import REAL, TWIN, VIRTUAL
+from cmr.view.data.state import ViewState
 from cmr.view.look import legend
 from cmr.view.picture import BLUE, GREY, YELLOW, Bodies, picture_of, rays, trails
-from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.showing import crowd
 from cmr.view.stage import MANY, Instances
-from cmr.view.state import ViewState
 from tests.small_log import FIELDS, small_log
 
 NOW = 1_700_000_000_000_000  # us

@@ -13,10 +13,10 @@ from cmr.bus.world_state import WorldState
 from cmr.msg import gyro_t
 from cmr.recordings.events import Event, EventReader, event_bytes
 from cmr.view.curves import MOST_SIGNALS, WHOLE, Curve, LiveCurves, LogCurves
-from cmr.view.log_index import LogIndex
+from cmr.view.data.log_index import LogIndex
+from cmr.view.data.robots import REAL, TWIN, VIRTUAL, RobotTable
+from cmr.view.data.signals import Source, sources
 from cmr.view.plots import PIXELS, columns, title
-from cmr.view.robots import REAL, TWIN, VIRTUAL, RobotTable
-from cmr.view.signals import Source, sources
 
 NOW = 1_700_000_000_000_000  # us
 SECOND = 1_000_000  # us

@@ -11,10 +11,10 @@ from cmr.bus.streams import CALIBRATION_STATUS, WORLD_STATE
 from cmr.bus.world_state import WorldState
 from cmr.msg import calibration_status_t
 from cmr.view import words
+from cmr.view.data.drives import Calibrations, Course, Drives, Paths
+from cmr.view.data.robots import REAL, TWIN, Robots
+from cmr.view.data.state import ViewState
 from cmr.view.drawing import SIZE, TOP, paths_drawing
-from cmr.view.drives import Calibrations, Course, Drives, Paths
-from cmr.view.robots import REAL, TWIN, Robots
-from cmr.view.state import ViewState
 from tests.small_log import FIELDS
 
 NOW = 1_700_000_000_000_000  # us

@@ -12,10 +12,10 @@ from cmr.bus.streams import PARAMETERS
 from cmr.bus.world_state import WorldState
 from cmr.msg import calibration_status_t, camera_image_t, estop_t, parameters_t, process_status_t, waypoints_t
 from cmr.recordings.events import Event, EventReader, event_bytes
-from cmr.view.log_index import LogIndex
-from cmr.view.playback import Playback
+from cmr.view.data.log_index import LogIndex
+from cmr.view.data.playback import Playback
+from cmr.view.data.robots import REAL, TWIN, VIRTUAL
 from cmr.view.replay_panel import ReplayPanel, labelled, seconds_of
-from cmr.view.robots import REAL, TWIN, VIRTUAL
 from cmr.view.showing import LogShowing
 from cmr.view.wishes import JUMP, PAUSE, SPEED, Wish
 from tests.small_log import FIELDS, gyro_readings
@@ -244,7 +244,7 @@ def test_a_log_can_be_jumped_in_before_it_is_read_and_shows_all_once_it_is(log: 
 
 
 def test_a_jump_into_what_has_not_been_read_reads_little(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cmr.view.log_index.CHUNK", 20_000)
+    monkeypatch.setattr("cmr.view.data.log_index.CHUNK", 20_000)
     playback = playback_of(log, indexed=False)
     for seconds in (99.5, 33.3, 0.0, 66.6):
         moments = [

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cmr.bus.world_state import WorldState
-from cmr.view.log_index import Mark
+from cmr.view.data.log_index import Mark
+from cmr.view.data.state import ViewState
 from cmr.view.look import LEGEND, legend, time_bar
 from cmr.view.picture import COLOURS, TRAIL_COLOURS
-from cmr.view.state import ViewState
 
 # How a deuteranope sees linear red, green and blue (Machado, Oliveira and Fernandes 2009, severity 1.0).
 DEUTERANOPIA = np.array(

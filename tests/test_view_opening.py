@@ -11,9 +11,9 @@ from viser import UploadedFile
 
 from cmr.recordings.events import event_bytes
 from cmr.view import server
+from cmr.view.data.state import ViewState
 from cmr.view.opening import LARGEST_LOG, MOST_ARRIVING, MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
 from cmr.view.orders import Orders
-from cmr.view.state import ViewState
 from cmr.view.uploads import Upload, arriving
 from cmr.view.visit import NO_ROOM
 from cmr.view.wishes import CLOSE, COME, JUMP, LEAVE, OPEN, STOP, Permission, Wish

@@ -20,8 +20,7 @@ from cmr.msg import estop_t, motor_command_t, waypoints_t, world_state_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour, FigureEight, Follow, make_behaviour
-from cmr.world.behaviours.behaviour import BehaviourError
-from cmr.world.behaviours.commanded import Commanded
+from cmr.world.behaviours.behaviour import BehaviourError, Commanded
 from cmr.world.behaviours.waypoints import Waypoints
 from cmr.world.estimator import Estimator
 from cmr.world.interaction.body import body_radius

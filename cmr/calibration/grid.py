@@ -1,13 +1,15 @@
 """The paper's grid search: every candidate drives the whole path; the nearest to the real path wins."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from cmr.calibration.segments import Segment, travelled, turned_angle
-from cmr.estimation.estimates import EstimationError
+from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.model.motion import parts_of
+from cmr.model.parameters import DEFINITIONS
 from cmr.recordings.signal import Floats, Times
 
 # Motors of wheeled robots answer with time constants from that of a toy to that of a loaded tractor.
@@ -196,3 +198,37 @@ def axes_for(segments: list[Segment], wheel_radius: float, base_width: float | N
         return gain_axis, k1_axis, np.array([base_width or 1.0])
     rough = wheel_radius / k1 * difference / angle
     return gain_axis, k1_axis, rough * np.geomspace(1.0 / BASE_WIDTH_SPREAD, BASE_WIDTH_SPREAD, POINTS[2])
+
+
+NAMES = ("k2_over_k3", "k1", "base_width")  # the axes of a grid
+ALIKE = 1.1  # times the least path error, up to which errors count as alike
+AT_THE_EDGE = (
+    "the error surface does not determine it: from {low:.4g} to {high:.4g} {unit}, the edge of the grid, the path "
+    "error is within 10 % of the least, which is at {best:.4g}"
+)
+
+
+def told_by_surface(grid: Grid, names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, str]]:
+    """Return the estimates that the surface tells, and why it does not tell the others, both by name.
+
+    A value is that of the least error. Its standard deviation is half the range in which errors are alike, whatever the
+    other two parameters are; where that reaches the edge of the grid, nobody knows how far it goes.
+    """
+    estimates, untold = {}, {}
+    for name in names:
+        values: Floats = getattr(grid, name)
+        others = tuple(axis for axis, other in enumerate(NAMES) if other != name)
+        alike = np.sqrt(grid.mean_square.min(axis=others)) <= ALIKE * np.sqrt(grid.mean_square.min())
+        low, high = values[alike].min(), values[alike].max()
+        if alike[0] or alike[-1]:
+            unit = DEFINITIONS[name].unit
+            untold[name] = AT_THE_EDGE.format(low=low, high=high, unit=unit, best=grid.best[name])
+        else:
+            estimates[name] = Estimate(grid.best[name], max(float(high - low), _step(values, grid.best[name])) / 2.0)
+    return estimates, untold
+
+
+def _step(values: Floats, at: float) -> float:
+    """Return how far apart the grid's values are around one of them."""
+    index = int(np.searchsorted(values, at))
+    return float(values[min(index + 1, len(values) - 1)] - values[max(index - 1, 0)])

@@ -13,7 +13,7 @@ from cmr.model.motion import wheel_speeds
 from cmr.model.motor import wheel_angle_after
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile
-from cmr.recordings.checks import check
+from cmr.recordings.faults.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal, hold
 

@@ -13,12 +13,11 @@ import numpy as np
 
 from cmr.calibration.contradictions import SMALLEST_RADIUS_ERROR, radius_sentence, wheels_against_poses
 from cmr.calibration.fitting import PAPER_PARAMETERS, Fit, fit_by_path
-from cmr.calibration.grid import Axes, Grid, axes_for, minimum, search
+from cmr.calibration.grid import Axes, Grid, axes_for, minimum, search, told_by_surface
 from cmr.calibration.linear import WHEEL_FACTOR
 from cmr.calibration.preparing import Prepared, prepare
 from cmr.calibration.result import GRID, CalibrationResult, tells
 from cmr.calibration.segments import MOVING_DUTY, Segment, heading_range, path_error, travelled
-from cmr.calibration.surface import told_by_surface
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.signs import require_consistent_signs
 from cmr.model.parameters import DEFINITIONS, RobotParameters

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.calibration.segments import Segment, segments_of
-from cmr.recordings.checks import check
-from cmr.recordings.findings import Findings
+from cmr.recordings.faults.checks import check
+from cmr.recordings.faults.findings import Findings
 from cmr.recordings.lags import Lag, clocks_differ, slowest_response
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Signal

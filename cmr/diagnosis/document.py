@@ -20,7 +20,7 @@ from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
-from cmr.recordings.findings import Finding
+from cmr.recordings.faults.findings import Finding
 from cmr.recordings.lateness import Lateness
 
 SCHEMA = 1

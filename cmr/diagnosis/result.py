@@ -9,7 +9,7 @@ from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.estimation.search.trace import Decision, Measure
 from cmr.estimation.unexplained.result import Unexplained
-from cmr.recordings.findings import Finding
+from cmr.recordings.faults.findings import Finding
 from cmr.recordings.lateness import Lateness
 from cmr.recordings.signal import Floats
 

@@ -10,10 +10,10 @@ from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
 from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
 from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
-from cmr.recordings.checks import check, late_wheels_in_all
-from cmr.recordings.findings import Finding, Findings, counted
+from cmr.recordings.faults.checks import check, late_wheels_in_all
+from cmr.recordings.faults.findings import Finding, Findings, counted
+from cmr.recordings.faults.late_wheels import together, with_wheels_in_time
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
-from cmr.recordings.late_wheels import together, with_wheels_in_time
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 

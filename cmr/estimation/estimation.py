@@ -29,7 +29,7 @@ from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
-from cmr.recordings.late_wheels import IN_TIME
+from cmr.recordings.faults.late_wheels import IN_TIME
 from cmr.recordings.recording import Recording
 
 SEEN_IN_A_PATH = 0.02  # of the typical size: more of an effect that was not named changes a path that is predicted

@@ -19,7 +19,7 @@ from cmr.model.catalogue import CATALOGUE
 from cmr.model.command_kinds import DUTY
 from cmr.model.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
-from cmr.recordings.findings import Finding
+from cmr.recordings.faults.findings import Finding
 
 MOTOR = ("k2_over_k3", "k1")
 THINNED = "More was recorded than is needed. Used are: {shares}."

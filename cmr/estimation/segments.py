@@ -8,11 +8,11 @@ import numpy as np
 from cmr.estimation.encoders import moved_on, tick_of, within_tick
 from cmr.model.commands import Commands
 from cmr.model.observer import FOLLOWED, RESTART, Observations
+from cmr.recordings.faults.time_checks import held_up
+from cmr.recordings.faults.wheel_checks import motion_of
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
-from cmr.recordings.time_checks import held_up
 from cmr.recordings.wheel_angles import wheel_angles
-from cmr.recordings.wheel_checks import motion_of
 
 STEP = 0.01  # s of the raster
 LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is foretold

@@ -5,9 +5,13 @@ LCM's own reader gives up the event before every damage and, where a length is d
 
 import os
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+from cmr.bus.messages import Received, RejectedMessage, decode
+from cmr.bus.streams import SELF_TESTS
 
 SYNC = b"\xed\xa1\xda\x01"  # every event begins with it
 HEADER = struct.Struct(">4sqqII")  # sync word, event number, time stamp, lengths of channel name and of data
@@ -181,3 +185,25 @@ class EventReader:
             self.damaged_places += self.position != self._damaged_until
             self.damaged_bytes += end - self.position
             self.position = self._damaged_until = end
+
+
+class LogReader:
+    """The messages of an event log at `path`, in the order in which they were logged.
+
+    `rejected` counts by (channel, reason) what was not taken while iterating; what processes send to test the bus is
+    passed over. A truncated log yields its intact events. Raises OSError when the file cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.rejected: Counter[tuple[str, str]] = Counter()
+        self._events = EventReader(path)
+
+    def __iter__(self) -> Iterator[Received]:
+        for event in self._events:
+            if event.channel in SELF_TESTS:
+                continue
+            try:
+                yield decode(event.channel, event.data)
+            except RejectedMessage as rejected:
+                self.rejected[event.channel, rejected.reason] += 1

@@ -17,7 +17,7 @@ from cmr.msg import parameters_t
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
 from cmr.recordings.batch import read_robots
-from cmr.recordings.log import LogReader
+from cmr.recordings.events import LogReader
 from cmr.recordings.pieces import Pieces
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times, no_times
 

@@ -3,7 +3,7 @@
 import numpy as np
 import viser
 
-from cmr.view.robots import Floats, Robots
+from cmr.view.data.robots import Floats, Robots
 
 FREE, TOP, FOLLOW = "free", "from above", "follow the robot"
 LEAST_EXTENT = 3.0  # m that are in the picture at least

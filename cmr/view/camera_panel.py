@@ -4,8 +4,8 @@ import numpy as np
 import viser
 
 from cmr.msg import camera_image_t
+from cmr.view.data.state import Heard, ViewState
 from cmr.view.inputs import write
-from cmr.view.state import Heard, ViewState
 
 STALE = 2.0  # s after which the age of a picture is shown
 NO_CAMERA = "no camera"

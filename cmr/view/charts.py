@@ -10,8 +10,8 @@ from viser import uplot
 
 from cmr.model.velocity_controller import VelocityController
 from cmr.msg import calibration_status_t
-from cmr.view.robots import Floats
-from cmr.view.state import Heard
+from cmr.view.data.robots import Floats
+from cmr.view.data.state import Heard
 from cmr.view.words import CONFIDENCE, ESTIMATES, estimated
 
 BAND = "rgba(53, 116, 226, 0.25)"

@@ -14,8 +14,8 @@ from cmr.bus.fields import FieldName, number_in
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.recordings.events import Event
 from cmr.recordings.thinning import Rows
-from cmr.view.log_index import LogIndex
-from cmr.view.robots import Floats, Integers
+from cmr.view.data.log_index import LogIndex
+from cmr.view.data.robots import Floats, Integers
 
 MOST_SIGNALS = 16
 MOST_LIVE = 30_000  # values: the longest window of 300 s at 100 Hz; of faster channels the last ones are shown

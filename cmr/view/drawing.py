@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
-from cmr.view.drives import Paths
-from cmr.view.robots import Floats
+from cmr.view.data.drives import Paths
+from cmr.view.data.robots import Floats
 
 SIZE, GAP, TOP, BOTTOM = 160, 16, 32, 22  # units of the drawing: of a square, between two, above and below
 MARGIN = 0.08  # of a square's side around the paths

@@ -8,11 +8,11 @@ and takes files that are dropped on it.
 from collections.abc import Sequence
 from html import escape
 
-from cmr.view.log_index import Mark
+from cmr.view.data.log_index import Mark
+from cmr.view.data.state import ViewState
 from cmr.view.opening import LARGEST_LOG, too_large
 from cmr.view.picture import BLUE, COLOURS, GREEN, GREY, RED, YELLOW, waypoints
 from cmr.view.stage import FENCE_COLOUR
-from cmr.view.state import ViewState
 
 GO_TO = "go to"  # the label of the box into which a visitor types a time
 TITLE = "CMR: real and virtual robots"

@@ -12,6 +12,7 @@ from cmr.view import words
 from cmr.view.camera import FOLLOW, FREE, TOP, Camera
 from cmr.view.camera_panel import CameraPanel
 from cmr.view.charts import Chart, distances, estimates
+from cmr.view.data.state import ViewState
 from cmr.view.inputs import write
 from cmr.view.look import legend, page_look
 from cmr.view.picture import Lines, rays, trails
@@ -20,7 +21,6 @@ from cmr.view.replay_panel import ReplayPanel
 from cmr.view.shapes import LENGTH, at_height, circle
 from cmr.view.showing import Showing
 from cmr.view.stage import TRAIL_WIDTH, LineSet
-from cmr.view.state import ViewState
 from cmr.view.wishes import CLOSE, FIGURE_EIGHT, RELEASE, STOP, Permission, Wish, Wishes
 from cmr.view.words import ESTIMATES
 

@@ -10,9 +10,9 @@ from cmr.bus.streams import RANGE_SCAN, WAYPOINTS
 from cmr.msg import range_scan_t
 from cmr.report.colours import REAL_COLOUR
 from cmr.view import shapes
-from cmr.view.robots import REAL, TWIN, VIRTUAL, Integers, Robots
-from cmr.view.state import ViewState
-from cmr.view.trails import Trail
+from cmr.view.data.robots import REAL, TWIN, VIRTUAL, Integers, Robots
+from cmr.view.data.state import ViewState
+from cmr.view.data.trails import Trail
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

@@ -12,9 +12,9 @@ from cmr.recordings.thinning import broken_at_gaps, thinned
 from cmr.report.colours import TWIN_COLOUR
 from cmr.view.charts import LABEL_HEIGHT, value_axis, value_range
 from cmr.view.curves import Curve, Curves
+from cmr.view.data.robots import Floats
+from cmr.view.data.signals import Source
 from cmr.view.inputs import write
-from cmr.view.robots import Floats
-from cmr.view.signals import Source
 
 MOST_PLOTS = 6  # of one visitor, so that a page stays quick
 PIXELS = 600  # of a plot's width, at least; of more values the lowest and highest of each pixel are drawn

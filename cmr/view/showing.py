@@ -7,15 +7,15 @@ from cmr.bus.messages import now_utime
 from cmr.recordings.events import EventReader
 from cmr.view import words
 from cmr.view.curves import Curves, LiveCurves, LogCurves
-from cmr.view.intake import Intake
-from cmr.view.live import Ear
-from cmr.view.log_index import LogIndex
+from cmr.view.data.intake import Intake
+from cmr.view.data.live import Ear
+from cmr.view.data.log_index import LogIndex
+from cmr.view.data.playback import Playback
+from cmr.view.data.robots import REAL, TWIN, VIRTUAL
+from cmr.view.data.signals import Source, sources
+from cmr.view.data.state import ViewState
 from cmr.view.orders import Orders
-from cmr.view.playback import Playback
 from cmr.view.replay_panel import ReplayPanel
-from cmr.view.robots import REAL, TWIN, VIRTUAL
-from cmr.view.signals import Source, sources
-from cmr.view.state import ViewState
 from cmr.view.wishes import FIGURE_EIGHT, JUMP, PAUSE, RELEASE, SPEED, STOP, Wish
 
 SHARE_FOR_INDEX = 0.5  # of the time in which a log is read to the end, while its page is already there

@@ -18,9 +18,9 @@ from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, VelocityContro
 from cmr.msg import calibration_status_t, motor_command_t, motor_feedback_t, process_status_t, wheel_speed_command_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
 from cmr.recordings.arrivals import COMMANDS_OF, Command
+from cmr.view.data.robots import REAL, TWIN, VIRTUAL
+from cmr.view.data.state import ViewState
 from cmr.view.drawing import bar, distance, paths_drawing
-from cmr.view.robots import REAL, TWIN, VIRTUAL
-from cmr.view.state import ViewState
 
 SILENT = 3.0  # s without a report after which a process is said to be silent
 CONFIDENCE = 1.96  # standard deviations to each side that hold the truth in 95 of 100 cases

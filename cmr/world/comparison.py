@@ -7,7 +7,7 @@ import numpy as np
 
 from cmr.msg import pose_xyt_t, world_state_t
 from cmr.recordings.commanding import COMMANDS, asks_to_move
-from cmr.recordings.log import LogReader
+from cmr.recordings.events import LogReader
 from cmr.recordings.recording import Floats, Times
 from cmr.world.view import WorldView
 from cmr.world.world import REST_BEFORE_DRIVE

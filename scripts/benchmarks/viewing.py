@@ -10,8 +10,8 @@ from pathlib import Path
 from benchmarks import long_log
 from benchmarks.report import Row
 from cmr.recordings.events import EventReader
-from cmr.view.log_index import LogIndex
-from cmr.view.playback import Playback
+from cmr.view.data.log_index import LogIndex
+from cmr.view.data.playback import Playback
 
 HOUR = 3600  # s
 JUMPS = 40

@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 
 from cmr.model.parameters import RobotParameters
+from cmr.world.commands import CommandMemory
 from cmr.world.view import Robot, WorldView
 
 
@@ -34,3 +35,18 @@ class Behaviour(ABC):
 
     def take_command(self, utime: int, left: float, right: float) -> None:  # noqa: B027 - few robots are steered so
         """Take a motor command from the bus. Ignored unless overridden."""
+
+
+class Commanded(Behaviour):
+    """Drive the newest motor command, as a real robot's driver would: zero when it is older than 0.5 s."""
+
+    def __init__(self) -> None:
+        self._memory = CommandMemory()
+
+    def take_command(self, utime: int, left: float, right: float) -> None:
+        """Keep the command until it is too old."""
+        self._memory.take(utime, left, right)
+
+    def command(self, utime: int, _me: Robot, _world: WorldView, _parameters: RobotParameters) -> tuple[float, float]:
+        """Return the newest command, or zero."""
+        return self._memory.at(utime)

@@ -19,7 +19,7 @@ SHIPPED = {
     "formation": "cmr.world.behaviours.formation:Formation",
     "flock": "cmr.world.behaviours.flocking:Flock",
     "right_of_way": "cmr.world.behaviours.right_of_way:RightOfWay",
-    "commanded": "cmr.world.behaviours.commanded:Commanded",
+    "commanded": "cmr.world.behaviours.behaviour:Commanded",
     "manoeuvre": "cmr.world.behaviours.manoeuvring:DriveManoeuvre",
 }
 GROUP = "cmr.behaviours"  # of entry points, by which packages bring behaviours of their own

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cmr.recordings.findings import Finding, counted
+from cmr.recordings.faults.findings import Finding, counted
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cmr.recordings.faults.uneven_stamps import EvenStamps
 from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Mask, Times
-from cmr.recordings.uneven_stamps import EvenStamps
 
 
 @dataclass(frozen=True)

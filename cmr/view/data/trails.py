@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.view.robots import Floats, Integers, Robots
+from cmr.view.data.robots import Floats, Integers, Robots
 
 PERIOD = 250_000  # us between the points of a trail
 LONGEST = 60_000_000  # us that are kept

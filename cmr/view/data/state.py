@@ -20,10 +20,10 @@ from cmr.msg import (
     waypoints_t,
     world_state_t,
 )
-from cmr.view.drives import Drives
-from cmr.view.robots import GONE_AFTER, Robots, RobotTable
-from cmr.view.traffic import Traffic
-from cmr.view.trails import Trails
+from cmr.view.data.drives import Drives
+from cmr.view.data.robots import GONE_AFTER, Robots, RobotTable
+from cmr.view.data.traffic import Traffic
+from cmr.view.data.trails import Trails
 
 COMMANDS = ("MOTOR_COMMAND", "WHEEL_SPEED_COMMAND", "VELOCITY_COMMAND")  # a robot takes one kind of them
 LATEST_OF = (*COMMANDS, "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOINTS", "PARAMETERS")

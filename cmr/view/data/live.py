@@ -4,7 +4,7 @@ import time
 
 from cmr.bus.messages import now_utime
 from cmr.bus.preflight import open_lcm, resolve_url, self_test
-from cmr.view.intake import Intake
+from cmr.view.data.intake import Intake
 
 LONGEST = 0.2  # s in one go; a flood must not keep the page from being drawn
 

@@ -21,9 +21,9 @@ from cmr.bus.streams import (
 )
 from cmr.msg import calibration_status_t, estop_t, parameters_t, process_status_t
 from cmr.recordings.events import CHUNK, HEADER, Event, EventReader
-from cmr.view.drives import Calibrations
-from cmr.view.log_drives import PARTS_WITHIN, DriveWatch
-from cmr.view.state import DIAGNOSIS
+from cmr.view.data.drives import Calibrations
+from cmr.view.data.log_drives import PARTS_WITHIN, DriveWatch
+from cmr.view.data.state import DIAGNOSIS
 
 PLACES_APART = 250_000  # us between the messages of a channel that are remembered
 ALL_REMEMBERED = {stream.name for stream in (PROCESS_STATUS, ESTOP, CALIBRATION_STATUS, PARAMETERS, WAYPOINTS)}

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.recordings.held_poses import held_poses
-from cmr.recordings.path import Path
+from cmr.recordings.faults.held_poses import held_poses
+from cmr.recordings.faults.path import Path
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import local_noise, running_median, spread, wrapped
 from cmr.recordings.signal import Floats, Mask

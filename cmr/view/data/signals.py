@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from cmr.bus.fields import BYTES, ROBOTS, FieldName, fields_on
 from cmr.bus.streams import WORLD_STATE, identify
-from cmr.view.robots import TWIN, Robots
+from cmr.view.data.robots import TWIN, Robots
 
 MOST_ROBOTS = 500  # of WORLD_STATE that are offered; more cannot be chosen from
 MOST_ELEMENTS = 400  # of an array that are offered

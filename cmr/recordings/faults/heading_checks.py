@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.recordings.findings import Finding, counted
-from cmr.recordings.path_faults import PathFaults
+from cmr.recordings.faults.findings import Finding, counted
+from cmr.recordings.faults.path_faults import PathFaults
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import spread, wrapped
 from cmr.recordings.signal import SECONDS, Floats, Mask

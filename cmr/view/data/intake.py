@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import CAMERA_IMAGE, PROCESS_STATUS, SELF_TESTS, WORLD_STATE
-from cmr.view.state import ViewState
+from cmr.view.data.state import ViewState
 
 MOST_KEPT = 100  # messages between two pictures of a channel of which every one counts
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.recordings.findings import Finding, counted
+from cmr.recordings.faults.findings import Finding, counted
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import quantile, ratio, running_median
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.recordings.faults.run_ends import off_the_ends
 from cmr.recordings.lags import response_to_commands
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import quantile, ratio, run_ends, running_largest, running_median, running_range, wrapped
-from cmr.recordings.run_ends import off_the_ends
 from cmr.recordings.signal import Floats, Mask, Signal
 from cmr.recordings.travel import Travel, travel_of
 

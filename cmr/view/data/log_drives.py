@@ -4,8 +4,8 @@ from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import CALIBRATION_STATUS, WORLD_STATE
 from cmr.msg import calibration_status_t, world_state_t
 from cmr.recordings.events import Event
-from cmr.view.drives import Calibrations, Drives
-from cmr.view.robots import RobotTable
+from cmr.view.data.drives import Calibrations, Drives
+from cmr.view.data.robots import RobotTable
 
 PARTS_WITHIN = 10_000  # us in which the parts of one WORLD_STATE are logged
 

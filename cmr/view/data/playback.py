@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import CALIBRATION_STATUS, CAMERA_IMAGE, PARAMETERS, PROCESS_STATUS, WORLD_STATE, identify
 from cmr.recordings.events import Event
-from cmr.view.intake import Intake
-from cmr.view.log_drives import PARTS_WITHIN
-from cmr.view.log_index import LogIndex, Place
-from cmr.view.state import ViewState
-from cmr.view.traffic import WINDOW
+from cmr.view.data.intake import Intake
+from cmr.view.data.log_drives import PARTS_WITHIN
+from cmr.view.data.log_index import LogIndex, Place
+from cmr.view.data.state import ViewState
+from cmr.view.data.traffic import WINDOW
 
 LONGEST_WORK = 0.04  # s of reading in one go
 BETWEEN_FLUSHES = 250_000  # us of the log, so that trails have all their points at high speed

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from cmr.view.robots import Floats, Robots
+from cmr.view.data.robots import Floats, Robots
 
 MOVING = 0.2  # rad/s of both wheels together
 REST = 1_000_000  # us at rest, or unseen, that end a drive

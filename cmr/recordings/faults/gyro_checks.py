@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.recordings.findings import Finding
+from cmr.recordings.faults.findings import Finding
 from cmr.recordings.rates import STEP, IncomparableError, Rates, common_rates, correlation_of
 from cmr.recordings.recording import Recording
 from cmr.recordings.travel import travel_of

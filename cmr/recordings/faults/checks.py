@@ -7,19 +7,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cmr.recordings.findings import Finding, Findings, counted
-from cmr.recordings.gyro_checks import gyro_findings
-from cmr.recordings.heading_checks import turned_headings
-from cmr.recordings.held_poses import held_poses
-from cmr.recordings.joining import one_after_another
+from cmr.recordings.faults.findings import Finding, Findings, counted
+from cmr.recordings.faults.gyro_checks import gyro_findings
+from cmr.recordings.faults.heading_checks import turned_headings
+from cmr.recordings.faults.held_poses import held_poses
+from cmr.recordings.faults.joining import one_after_another
+from cmr.recordings.faults.late_wheels import IN_TIME, late_wheels, with_wheels_in_time
+from cmr.recordings.faults.path_faults import PathFaults, path_faults
+from cmr.recordings.faults.stale_poses import stale_poses
+from cmr.recordings.faults.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
+from cmr.recordings.faults.uneven_stamps import EvenStamps, even_stamps
+from cmr.recordings.faults.wheel_checks import dead_sensors, motion_findings, wheel_findings
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
-from cmr.recordings.late_wheels import IN_TIME, late_wheels, with_wheels_in_time
-from cmr.recordings.path_faults import PathFaults, path_faults
 from cmr.recordings.recording import Recording
-from cmr.recordings.stale_poses import stale_poses
-from cmr.recordings.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
-from cmr.recordings.uneven_stamps import EvenStamps, even_stamps
-from cmr.recordings.wheel_checks import dead_sensors, motion_findings, wheel_findings
 
 __all__ = ["Finding", "Findings", "check"]
 
