@@ -1,11 +1,13 @@
 """Imports run one way, as ARCHITECTURE.md says: who is below does not know who is above."""
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
-from documentation.imports import LATE, TOP, TYPING, Import, cycles, folder_of, imports, modules
+from documentation.imports import LATE, PROJECT, TOP, TYPING, Import, cycles, folder_of, imports, modules, package_of
+from documentation.layers import PICTURE, picture
 
 BUS = {"cmr.msg", "cmr.cli", "cmr.bus"}
 RECORDED = {*BUS, "cmr.model", "cmr.parameters", "cmr.recordings"}
@@ -74,7 +76,7 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.camera", "cmr.estimation", "cmr.calibration", "cmr.diagnosis", "cmr.world", "cmr.view"),
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
-        "robot_driver.emulator",
+        *("robot_driver.emulator", "cmr.tools"),
     },
     "cmr.__main__": {"cmr.commands"},
 }
@@ -104,18 +106,8 @@ def found(sources: dict[str, Path]) -> list[Import]:
     return imports(sources)
 
 
-def unit_of(module: str, sources: dict[str, Path]) -> str:
-    """The entry of KNOWN to which a module belongs: the longest that its name begins with."""
-    parts = folder_of(module, sources).split(".") if module.startswith("robot_driver") else module.split(".")
-    names = [".".join(parts[:count]) for count in range(len(parts), 0, -1)]
-    return next(name for name in names if name in KNOWN)
-
-
 def test_every_package_has_its_place(sources: dict[str, Path]) -> None:
-    top = {name for name in sources if name.count(".") == 1}
-    packages = {folder_of(name, sources) for name in sources if name.startswith(("robot_driver", "cmr.experiments"))}
-    deeper = {name for name in packages if name.count(".") > 1 and not name.startswith("cmr.experiments.")}
-    assert {name for name in top if name.startswith("cmr.")} | (packages - deeper) | {"cmr"} == set(KNOWN)
+    assert {package_of(name, sources) for name in sources} | {"cmr"} == set(KNOWN)
 
 
 def test_the_table_runs_one_way() -> None:
@@ -130,9 +122,9 @@ def test_a_package_knows_only_those_below_it(package: str, sources: dict[str, Pa
     wrong = [
         f"{one.importer} imports {one.imported}"
         for one in found
-        if unit_of(one.importer, sources) == package
+        if package_of(one.importer, sources) == package
         and one.kind != TYPING
-        and unit_of(one.imported, sources) not in {*KNOWN[package], package}
+        and package_of(one.imported, sources) not in {*KNOWN[package], package}
     ]
     assert wrong == []
 
@@ -144,7 +136,7 @@ def test_types_alone_make_no_package_known_either(sources: dict[str, Path], foun
         for one in found
         if one.kind == TYPING
         and one.importer != "cmr"
-        and unit_of(one.imported, sources) not in {*KNOWN[(unit := unit_of(one.importer, sources))], unit}
+        and package_of(one.imported, sources) not in {*KNOWN[(own := package_of(one.importer, sources))], own}
     ]
     assert wrong == []
 
@@ -172,7 +164,7 @@ def test_the_exceptions_are_needed(found: list[Import]) -> None:
 
 
 def test_the_driver_knows_neither_world_nor_model(sources: dict[str, Path], found: list[Import]) -> None:
-    known = {one.imported for one in found if unit_of(one.importer, sources) in OF_DRIVER}
+    known = {one.imported for one in found if package_of(one.importer, sources) in OF_DRIVER}
     # Of the model only the ramp, plain arithmetic: the driver works where neither NumPy nor Numba is.
     assert {name for name in known if name.startswith(("cmr.world", "cmr.model"))} == {"cmr.model.duty_ramp"}
 
@@ -205,3 +197,21 @@ def test_imports_inside_functions_of_whole_packages_and_by_name_are_seen(tmp_pat
         Import("robot_driver", "cmr.low", TOP),
     }
     assert cycles(graph_of(found, TOP, LATE)) == [{"cmr.high", "cmr.low"}]
+
+
+def test_the_picture_of_the_architecture_is_made_from_the_imports() -> None:
+    assert PICTURE.read_text(encoding="utf-8") == picture(), "run scripts/write_architecture_picture"
+
+
+def test_every_file_and_folder_that_the_architecture_names_is_there() -> None:
+    text = (PROJECT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:cmr|robot_driver|lcmtypes|tests|scripts)/[\w/.]*)`", text))
+    assert {name for name in named if not (PROJECT / name).exists()} == set()
+
+
+def test_the_ways_of_data_take_as_many_files_as_they_say() -> None:
+    text = (PROJECT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Four ways of data")[2]
+    ways = re.findall(r"\*\*(.+?)\*\* \((\d+) files\)(.+?)(?=\n\n|$)", text, re.DOTALL)
+    assert len(ways) == 4
+    for name, files, way in ways:
+        assert len(set(re.findall(r"`([\w/]+\.py)`", way))) == int(files), name

@@ -15,7 +15,7 @@ import pytest
 from cmr.bus.messages import Received, decode, make
 from cmr.cli.errors import CommandError
 from cmr.msg import motor_feedback_t, pose_xyt_t, process_status_t, waypoints_t
-from cmr.tools.spy.main import main as spy
+from cmr.tools.spy import main as spy
 from cmr.tools.spy.statistics import Statistics
 from cmr.tools.spy.view import ESCAPE, View, details, document, table
 from tests.documented_keys import documented

@@ -1,15 +1,15 @@
 """Who imports whom, read from the sources: for the test of the layers, and for the picture in ARCHITECTURE.md."""
 
 import ast
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from pathlib import Path
 from typing import NamedTuple
 
 PROJECT = Path(__file__).resolve().parents[2]
 ROOTS = ("cmr", "robot_driver")
 GENERATED = "cmr.msg"
-# Calls whose argument is the name of a module that is imported later.
-LATE_BY_NAME = ("LazyModule", "import_module")
+# Calls whose argument is the name of a module that is imported later; `run` is that of cmr.cli.start.
+LATE_BY_NAME = ("LazyModule", "import_module", "run")
 TOP, LATE, TYPING = "top", "late", "typing"
 
 
@@ -77,6 +77,26 @@ def _known(name: str, sources: Mapping[str, Path]) -> str:
 def folder_of(module: str, sources: Mapping[str, Path]) -> str:
     """Return the package in which a module lies; a package lies in itself."""
     return module if sources[module].name in ("__init__.py", "msg") else module.rpartition(".")[0]
+
+
+def package_of(module: str, sources: Mapping[str, Path]) -> str:
+    """Return the package to which a module belongs: a folder or module of `cmr`, one of its experiments, or a device.
+
+    What lies deeper is part of it.
+    """
+    if module.startswith("robot_driver"):
+        return ".".join(folder_of(module, sources).split(".")[:2])
+    return ".".join(module.split(".")[: 3 if module.startswith("cmr.experiments.") else 2])
+
+
+def between_packages(found: Iterable[Import], sources: Mapping[str, Path]) -> dict[str, set[str]]:
+    """Return the packages that each package imports, at the top or late."""
+    graph: dict[str, set[str]] = {package_of(module, sources): set() for module in sources}
+    for one in found:
+        importer, imported = package_of(one.importer, sources), package_of(one.imported, sources)
+        if one.kind != TYPING and importer != imported:
+            graph[importer].add(imported)
+    return graph
 
 
 def cycles(graph: Mapping[str, Set[str]]) -> list[set[str]]:

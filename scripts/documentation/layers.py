@@ -1,0 +1,169 @@
+"""The picture of the packages in ARCHITECTURE.md, made from the imports: who is above imports who is below."""
+
+from collections.abc import Iterator, Mapping, Sequence, Set
+from html import escape
+from itertools import pairwise
+from typing import NamedTuple
+
+from documentation.imports import PROJECT, between_packages, imports, modules
+
+PICTURE = PROJECT / "docs" / "pictures" / "packages.svg"
+# Any package may import these, and they import one another alone; arrows to them would hide all others.
+GROUND = (
+    *("cmr.cli", "cmr.documents", "cmr.report", "cmr.distribution", "cmr.files", "cmr.priority", "cmr.threads"),
+    "cmr.workers",
+)
+WITHOUT = ("cmr", "cmr.__main__", "cmr.experiments")  # they hold other packages, or start one
+WIDTH, HEIGHT = 150, 30  # of a box
+APART, POINT = 16, 4  # between two in a row; width of an arrow in it
+DOWN = 74  # from row to row
+MARGIN = 20
+SWEEPS = 8  # over the rows, to put boxes above what they import
+STYLE = """\
+text { font: 13px system-ui, sans-serif; text-anchor: middle; fill: #1a1a1a }
+rect { fill: #fff; stroke: #555 }
+.device { fill: #fdf3d0 }
+.ground { fill: #eee }
+path { fill: none; stroke: #888 }
+.back { fill: #fff; stroke: none }
+@media (prefers-color-scheme: dark) {
+  text { fill: #eee }
+  rect { fill: #262626; stroke: #999 }
+  .device { fill: #4a3f14 }
+  .ground { fill: #3a3a3a }
+  .back { fill: #121212 }
+}"""
+
+Graph = Mapping[str, Set[str]]
+
+
+def packages() -> dict[str, set[str]]:
+    """Return the packages of the picture, each with those that it imports."""
+    sources = modules()
+    graph = between_packages(imports(sources), sources)
+    hidden = {*GROUND, *WITHOUT}
+    return {name: imported - hidden for name, imported in sorted(graph.items()) if name not in hidden}
+
+
+def depths(graph: Graph) -> dict[str, int]:
+    """Return the row of each package: 0 for those that import none, else one above the highest that it imports."""
+    found: dict[str, int] = {}
+    while len(found) < len(graph):
+        ready = [name for name, imported in graph.items() if name not in found and imported <= found.keys()]
+        if not ready:
+            raise ValueError(f"packages import one another in a circle: {sorted(graph.keys() - found.keys())}")
+        found |= {name: max((found[one] + 1 for one in graph[name]), default=0) for name in ready}
+    return found
+
+
+def reduced(graph: Graph) -> dict[str, set[str]]:
+    """Return the graph without the arrows that follow from others: what is imported by what is imported, too."""
+    below: dict[str, set[str]] = {}
+    for name in sorted(graph, key=depths(graph).__getitem__):
+        below[name] = set(graph[name]).union(*(below[one] for one in graph[name]))
+    return {
+        name: {one for one in imported if not any(one in below[other] for other in imported)}
+        for name, imported in graph.items()
+    }
+
+
+class Layout(NamedTuple):
+    """Where the boxes stand: the middle of the upper side of each, and the points between which arrows bend [px].
+
+    Arrows over several rows pass between the boxes of the rows between, at points of their own.
+    """
+
+    places: dict[str, tuple[float, float]]
+    ways: dict[tuple[str, str], list[str]]  # of each arrow: the names of what it passes, its ends included
+    width: float
+    height: float
+
+
+def layout(graph: Graph) -> Layout:
+    """Return where packages stand: by row, and in a row as near as they can be to their neighbours."""
+    depth = depths(graph)
+    ways: dict[tuple[str, str], list[str]] = {}
+    members = {row: [name for name in graph if depth[name] == row] for row in range(max(depth.values()) + 1)}
+    for name in graph:
+        for imported in sorted(graph[name]):
+            between = [f"{name}>{imported}:{row}" for row in range(depth[name] - 1, depth[imported], -1)]
+            ways[name, imported] = [name, *between, imported]
+            for row, point in zip(range(depth[name] - 1, depth[imported], -1), between, strict=True):
+                members[row].append(point)
+    neighbours: dict[str, set[str]] = {name: set() for row in members.values() for name in row}
+    for way in ways.values():
+        for one, other in pairwise(way):
+            neighbours[one].add(other)
+            neighbours[other].add(one)
+    for _ in range(SWEEPS):
+        for row in (*members, *reversed(members)):
+            x = _across(members)
+            means = {name: sum(x[one] for one in neighbours[name]) / max(len(neighbours[name]), 1) for name in x}
+            members[row].sort(key=lambda name: (round(means[name], 6), name))
+    x = _across(members)
+    left = min(x.values()) - WIDTH / 2 - MARGIN
+    top = max(members)
+    places = {name: (x[name] - left, MARGIN + (top - row) * DOWN) for row in members for name in members[row]}
+    right = max(place[0] for place in places.values()) + WIDTH / 2 + MARGIN
+    return Layout(places, ways, right, (top + 2) * DOWN - (DOWN - HEIGHT) + 2 * MARGIN)
+
+
+def _across(members: Mapping[int, Sequence[str]]) -> dict[str, float]:
+    """Return the middle of each box and point of an arrow, every row about 0 [px]."""
+    found: dict[str, float] = {}
+    for row in members.values():
+        widths = [POINT if ">" in name else WIDTH for name in row]
+        at = -(sum(widths) + APART * (len(row) - 1)) / 2.0
+        for name, width in zip(row, widths, strict=True):
+            found[name] = at + width / 2.0
+            at += width + APART
+    return found
+
+
+def picture() -> str:
+    """Return the picture as SVG."""
+    graph = reduced(packages())
+    laid = layout(graph)
+    width, height = f"{laid.width:g}", f"{laid.height:g}"
+    boxes = {name: laid.places[name] for name in graph}
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}">',
+        "<!-- Made from the imports by scripts/write_architecture_picture; a test compares it with them. -->",
+        f"<style>\n{STYLE}\n</style>",
+        f'<rect class="back" width="{width}" height="{height}"/>',
+        *(_arrow([laid.places[point] for point in way]) for way in laid.ways.values()),
+        *_boxes(boxes),
+        *_ground(laid.width, laid.height),
+        "</svg>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _arrow(points: Sequence[tuple[float, float]]) -> str:
+    """Return a curve from the lower side of the first box to the upper side of the last, straight past others."""
+    parts = []
+    for (x1, y1), (x2, y2) in pairwise(points):
+        start, end, half = y1 + HEIGHT, y2, (y2 - y1 - HEIGHT) / 2.0
+        parts.append(f"M{x1:g} {start:g} C{x1:g} {start + half:g} {x2:g} {end - half:g} {x2:g} {end:g}")
+        if (x2, y2) != points[-1]:
+            parts.append(f"L{x2:g} {y2 + HEIGHT:g}")
+    return f'<path d="{" ".join(parts)}"/>'
+
+
+def _boxes(places: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+    for name, (x, y) in sorted(places.items()):
+        kind = ' class="device"' if name.startswith("robot_driver") else ""
+        yield f'<rect{kind} x="{x - WIDTH / 2:g}" y="{y:g}" width="{WIDTH}" height="{HEIGHT}" rx="4"/>'
+        yield f'<text x="{x:g}" y="{y + 20:g}">{escape(label(name))}</text>'
+
+
+def _ground(width: float, height: float) -> Iterator[str]:
+    y = height - MARGIN - HEIGHT
+    yield f'<rect class="ground" x="{MARGIN}" y="{y:g}" width="{width - 2 * MARGIN:g}" height="{HEIGHT}" rx="4"/>'
+    names = ", ".join(map(label, GROUND))
+    yield f'<text x="{width / 2:g}" y="{y + 20:g}">ground, for all: {escape(names)}</text>'
+
+
+def label(name: str) -> str:
+    """Return what a box says: the package without `cmr`, whose packages most are."""
+    return name.removeprefix("cmr.").replace("experiments.", "experiments/").replace("driver.", "driver/")
