@@ -1,8 +1,7 @@
 """Calibrated Mixed Reality: real and virtual robots in one world.
 
-Packages: `bus` (channels, messages, processes on LCM), `recordings` (event logs as arrays), `parameters`
-(the parameter file), `model` (how a robot moves), `calibration`, `world` (all robots, real and virtual),
-`diagnosis`, `tools` (log tools), `commands` (the cmr-* processes). Imports run towards `model`, which knows nobody.
+What `import cmr` offers is in `__all__` and is supported, with the entry points for effects and behaviours; packages
+are how it is made. ARCHITECTURE.md names them: imports run one way, from `commands` to `model` and the ground.
 
 This module imports next to nothing, so that a command hears Ctrl-C before anything that takes time.
 """

@@ -73,7 +73,7 @@ class Layout(NamedTuple):
     Arrows over several rows pass between the boxes of the rows between, at points of their own.
     """
 
-    places: dict[str, tuple[float, float]]
+    places: Mapping[str, tuple[float, float]]
     ways: dict[tuple[str, str], list[str]]  # of each arrow: the names of what it passes, its ends included
     width: float
     height: float
