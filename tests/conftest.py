@@ -11,9 +11,9 @@ from hypothesis import settings
 
 from robot_driver.serial_port import SerialPort
 from robot_driver.stream_port import StreamPort
-from tests.exchanges import Exchanges
-from tests.private_bus import private_url
-from tests.stalls import Stalls
+from tests.support.exchanges import Exchanges
+from tests.support.private_bus import private_url
+from tests.support.stalls import Stalls
 
 # As the commands have it, before NumPy is imported: threads of linear algebra cost small matrices three times the CPU.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
