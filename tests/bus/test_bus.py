@@ -26,6 +26,8 @@ from cmr.parameters.file import announcement
 from tests.support.bus_bench import PATIENCE, our_command, receive_until
 from tests.support.typed_messages import all_of, as_a
 
+pytestmark = pytest.mark.real_time
+
 STARTING, RUNNING, STOPPING = process_status_t.STARTING, process_status_t.RUNNING, process_status_t.STOPPING
 TINY = """
 import sys

@@ -18,6 +18,8 @@ from cmr.bus.streams import PROCESS_STATUS
 from tests.support.bus_bench import PATIENCE, our_command, receive_until
 from tests.support.typed_messages import all_of
 
+pytestmark = pytest.mark.real_time
+
 LOSE_THE_NETWORK = """
 import subprocess, sys
 from cmr.bus.process import Process

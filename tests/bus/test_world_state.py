@@ -12,6 +12,8 @@ from cmr.world.view import VIRTUAL, Robots, WorldView, world_messages
 from tests.support.bus_bench import receive_until
 from tests.support.typed_messages import all_of
 
+pytestmark = pytest.mark.real_time
+
 EPOCH = 1_700_000_000_000_000  # us
 PERIOD = 0.01  # s
 

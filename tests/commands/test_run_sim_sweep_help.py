@@ -7,6 +7,8 @@ import pytest
 
 from cmr.team.metrics import UNITS
 
+pytestmark = pytest.mark.waits
+
 COMMANDS = ("run", "sim", "sweep")
 
 

@@ -14,6 +14,8 @@ from robot_driver.motors import PROBES, SLOWEST_ADAPTER
 from robot_driver.serial_port import USB_FRAME
 from tests.robot_driver.simulated_line import Bench, Clock, clock
 
+pytestmark = pytest.mark.real_time
+
 __all__ = ["clock"]
 CLOCKS = 50e-6  # s within which the clock of the test and the time of day are compared
 ANSWER = 0.5 * 10 / 115200  # s; half of the time of an answer's first byte on the wire

@@ -12,6 +12,8 @@ from robot_driver import battery
 from robot_driver.battery import DELAY, BatteryGuard, Thresholds
 from tests.support.driver_bench import bench, wait_for
 
+pytestmark = pytest.mark.real_time
+
 WARN_AND_STOP = Thresholds(11.0, 10.0)
 
 

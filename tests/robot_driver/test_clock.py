@@ -2,7 +2,11 @@
 
 import time
 
+import pytest
+
 from robot_driver.clock import utime_at
+
+pytestmark = pytest.mark.real_time
 
 
 def test_a_moment_keeps_its_distance_from_now() -> None:

@@ -8,6 +8,8 @@ import pytest
 
 from robot_driver.commanders import Commanders
 
+pytestmark = pytest.mark.real_time
+
 Command = tuple[int, float, float]
 
 

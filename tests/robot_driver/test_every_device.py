@@ -20,6 +20,8 @@ from robot_driver.settings import Settings
 from tests.robot_driver.controllers.test_mbot import Client
 from tests.support.driver_bench import PunctualEngine, wait_for
 
+pytestmark = pytest.mark.real_time
+
 LEFT, RIGHT = 0.25, 0.5
 
 

@@ -15,6 +15,8 @@ from robot_driver.emulator.device import Transmission
 from robot_driver.health import Health
 from tests.support.driver_bench import Bench, bench, open_gate, wait_for
 
+pytestmark = pytest.mark.real_time
+
 THRESHOLDS = Thresholds(11.0, 10.0)
 ESTOP, BATTERY = motor_feedback_t.STATUS_ESTOP, motor_feedback_t.STATUS_BATTERY
 PRESSED = 0x00000001  # in a status of four bytes

@@ -18,6 +18,8 @@ from robot_driver.serial_port import PortLost, SerialPort
 from tests.robot_driver.emulator.test_emulator_kvh_binary import kvh_settings
 from tests.support.driver_bench import PunctualEngine, wait_for
 
+pytestmark = pytest.mark.waits
+
 
 def described(folder: Path, kind: str) -> tuple[str, Plant]:
     """Return what is said of a port with such a device behind it, and the robot."""

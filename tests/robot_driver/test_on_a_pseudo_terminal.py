@@ -30,6 +30,8 @@ from robot_driver.serial_port import PortLost, SerialPort
 from tests.support.driver_bench import open_gate
 from tests.support.exchanges import Exchanges
 
+pytestmark = pytest.mark.real_time
+
 NOT_ARMED, STALE = motor_feedback_t.STATUS_NOT_ARMED, motor_feedback_t.STATUS_COMMAND_STALE
 ACKNOWLEDGED = b"\xff"
 LENGTHS = {14: 5, 15: 2, 21: 2, 24: 2, 34: 8, 49: 2, 78: 2, 82: 2, 90: 2}  # of requests, in bytes

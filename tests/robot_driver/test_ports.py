@@ -20,6 +20,8 @@ from robot_driver.settings import Settings
 from robot_driver.stream_port import PATIENCE, StreamPort
 from tests.support.driver_bench import DriverProcess, driving
 
+pytestmark = pytest.mark.real_time
+
 TIOCGEXCL = 0x80045440  # of Linux: whether TIOCEXCL holds
 
 

@@ -30,6 +30,8 @@ from robot_driver.serial_port import why_not_open
 from robot_driver.settings import Connection, Settings
 from tests.support.driver_bench import bench, open_gate_of, wait_for
 
+pytestmark = pytest.mark.real_time
+
 PARAMETER_FILE = """schema: 1
 robot_id: {robot_id}
 written: 2026-01-31T12:00:00Z

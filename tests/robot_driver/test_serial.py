@@ -20,6 +20,8 @@ from tests.support.driver_bench import Bench, NotedRhythm, bench, bench_apart, n
 from tests.support.exchanges import Exchanges
 from tests.support.stalls import Stalls
 
+pytestmark = pytest.mark.real_time
+
 STALE = motor_feedback_t.STATUS_COMMAND_STALE
 
 

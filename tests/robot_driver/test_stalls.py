@@ -11,6 +11,8 @@ from robot_driver.serial_port import SerialPort
 from tests.support.exchanges import Exchanges
 from tests.support.stalls import Interval, Stalls
 
+pytestmark = pytest.mark.real_time
+
 PAUSE = 0.05  # s
 UNHEARD = Request[None]("test", b"x", 1, lambda _reply: 1, lambda _reply: None)
 

@@ -23,6 +23,8 @@ from robot_driver.settings import Settings
 from tests.robot_driver.golden_vectors import ROBOCLAW_STOP
 from tests.support.driver_bench import DriverProcess, Robot, bench, driving, number, wait_for
 
+pytestmark = pytest.mark.real_time
+
 WATCHDOG = 0.5  # s, of the device
 CYCLE = 0.01  # s
 ESTOP_EVERY = 5  # commands, at 50 Hz: ESTOP is repeated at 10 Hz

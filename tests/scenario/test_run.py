@@ -27,6 +27,8 @@ from cmr.scenario.shipping import shipped
 from tests.support.html_page import Page
 from tests.support.private_bus import private_url
 
+pytestmark = pytest.mark.waits
+
 RUN = str(Path(sys.executable).parent / "cmr-run")
 PARAMETERS = shipped()["line"].parent / "parameters/robot_0.yaml"
 TEXT = f"""\

@@ -23,6 +23,8 @@ from cmr.scenario.shipping import shipped
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from robot_driver.emulator.settings import load_settings
 
+pytestmark = pytest.mark.waits
+
 URL = "udpm://239.255.76.67:7667?ttl=1"
 PARAMETERS = shipped()["line"].parent / "parameters/robot_0.yaml"
 SCENARIO = f"""\

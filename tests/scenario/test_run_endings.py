@@ -18,6 +18,8 @@ from cmr.world.view import VIRTUAL, Robot, world_messages
 from tests.scenario.test_scenario import PARAMETERS
 from tests.scenario.test_scenario_scores import EPOCH, STEP, team
 
+pytestmark = pytest.mark.waits
+
 SPEED = 0.5  # m/s of the leader, along x
 LONGEST = 10.0  # s
 

@@ -10,6 +10,8 @@ import pytest
 from cmr.scenario.recorder import Recorder
 from tests.support.private_bus import private_url
 
+pytestmark = pytest.mark.waits
+
 COUNT = 30
 PERIOD = 0.01  # s
 

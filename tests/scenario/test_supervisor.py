@@ -12,6 +12,8 @@ from cmr.scenario.children import Children
 from cmr.scenario.jobs import DRIVER, PILOT, RECORDER, SIM, Job
 from cmr.scenario.supervisor import FIRST_DELAY, PROVEN, Supervisor
 
+pytestmark = pytest.mark.waits
+
 LIVE = "import time; print('here'); time.sleep(60)"
 FAIL = "import sys; print('no port'); sys.exit(1)"
 # Writes its name and when it was asked to end, then ends.

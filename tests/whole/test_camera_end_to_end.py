@@ -18,6 +18,8 @@ from tests.support.camera_bench import floor_file, lens_of
 from tests.support.emulated_drive import DEFAULT, TRUTH, Message, messages
 from tests.support.rendered_floor import Box, Eye, Scene, Sheet
 
+pytestmark = pytest.mark.waits
+
 EVERY = 10  # poses of the emulator from one picture to the next: there are 5 pictures a second
 SECONDS = 18.0  # of driving: a lobe to the right, and one to the left
 REST = 5.0  # s before and after it; a drive at one speed ends after 3 s, and half a second more for stragglers

@@ -14,7 +14,7 @@ from cmr.recordings import Recording
 from tests.hidden_effects.chain import DEFAULT, EIGHTS, ChainCase, hidden_robot
 from tests.hidden_effects.real_time import drive_in_real_time
 
-pytestmark = pytest.mark.real_time
+pytestmark = [pytest.mark.real_time, pytest.mark.longest]
 
 DELAY = 0.04  # s
 

@@ -4,8 +4,11 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.support.two_buses import DELAY, GONE, OWNED, ROUNDING, watch_two_buses
+
+pytestmark = pytest.mark.waits
 
 CUT = (2.0, 5.5)  # s
 SECONDS = 10.0

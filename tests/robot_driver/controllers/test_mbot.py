@@ -31,6 +31,8 @@ from robot_driver.settings import Settings
 from tests.support.driver_bench import DriverProcess, PunctualEngine, number, open_gate_of, wait_for
 from tests.support.exchanges import Exchanges
 
+pytestmark = pytest.mark.real_time
+
 HALF, MIRRORED = (0.5, 0.5), (0.5, -0.5)
 WATCHDOG = 1.0  # s, of the board
 PATIENCE = 20.0 + 0.1 * number("CMR_TRANSACTIONS_WITH_DAMAGE", 0)  # s

@@ -27,6 +27,8 @@ from robot_driver.settings import Settings
 from tests.support.driver_bench import PunctualEngine, open_gate_of, wait_for
 from tests.support.exchanges import Exchanges
 
+pytestmark = pytest.mark.real_time
+
 SAVE_TO_MEMORY = 94
 NEVER = 60.0  # s; longer than a test lasts
 COMMANDED_ON = 0.3  # s for which a robot that has been stopped goes on being commanded

@@ -24,6 +24,8 @@ from robot_driver.settings import Settings
 from tests.support.driver_bench import DriverProcess, PunctualEngine, open_gate_of
 from tests.support.exchanges import Exchanges
 
+pytestmark = pytest.mark.real_time
+
 PATIENCE = 20.0  # s
 NOT_ARMED, ESTOP = motor_feedback_t.STATUS_NOT_ARMED, motor_feedback_t.STATUS_ESTOP
 BATTERY = motor_feedback_t.STATUS_BATTERY

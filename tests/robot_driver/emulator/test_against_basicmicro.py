@@ -22,6 +22,8 @@ from robot_driver.emulator.roboclaw_device import FULL_DUTY, VERSION, RoboclawDe
 from robot_driver.emulator.roboclaw_pair_device import ADDRESSES, RoboclawPairDevice
 from robot_driver.emulator.settings import Settings, load_settings
 
+pytestmark = pytest.mark.waits
+
 FRONT, REAR = ADDRESSES
 NOBODY = 0x82
 PATIENCE = 1.0  # s between the bytes of an answer; a busy machine looks away

@@ -10,6 +10,8 @@ from robot_driver.emulator.dsp3000_device import Dsp3000Device
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import load_settings
 
+pytestmark = pytest.mark.waits
+
 
 def make_device() -> tuple[Dsp3000Device, Plant]:
     """Return a gyro without bias and noise, on a robot that turns counter-clockwise at a steady rate."""

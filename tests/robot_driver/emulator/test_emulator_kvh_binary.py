@@ -11,6 +11,8 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 from tests.robot_driver.golden_vectors import KVH_SAMPLE, KVH_SELF_TEST
 
+pytestmark = pytest.mark.waits
+
 RATE = 0.04 * 0.2 / 0.054 / 0.161  # rad/s, counter-clockwise
 
 

@@ -12,6 +12,8 @@ from robot_driver.emulator.settings import load_settings
 from tests.robot_driver.emulated_device import said_until
 from tests.robot_driver.golden_vectors import MBOT_DUTIES, MBOT_STOP, MBOT_TIME
 
+pytestmark = pytest.mark.waits
+
 PERIOD = 1.0 / 220.0
 
 

@@ -13,6 +13,8 @@ from robot_driver.emulator.plant import STEP, Plant
 from robot_driver.emulator.sensors import MotionCapture, YawGyro
 from robot_driver.emulator.settings import Settings, load_settings
 
+pytestmark = pytest.mark.waits
+
 IMPERFECTIONS = [
     "coulomb_friction",
     "static_friction",

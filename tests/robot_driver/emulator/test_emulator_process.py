@@ -25,6 +25,8 @@ from cmr.msg import velocity_command_t
 from robot_driver.emulator.pseudo_terminal import Ports, PortsError
 from tests.support.typed_messages import all_of
 
+pytestmark = pytest.mark.waits
+
 BUS_URL = "udpm://239.255.76.67:7698?ttl=0&recv_buf_size=4194304"
 START = [sys.executable, "-c", "from cmr.commands import emulate; raise SystemExit(emulate())"]
 ADDRESS = 0x80

@@ -12,6 +12,8 @@ from robot_driver.emulator.settings import load_settings
 from tests.robot_driver.emulated_device import answer, let_pass
 from tests.robot_driver.golden_vectors import ROBOCLAW_DUTIES, ROBOCLAW_RESET_ENCODERS, ROBOCLAW_STOP, ROBOCLAW_TIMEOUT
 
+pytestmark = pytest.mark.waits
+
 
 def make_device(**roboclaw: int) -> tuple[RoboclawDevice, Plant]:
     settings = load_settings().ideal()

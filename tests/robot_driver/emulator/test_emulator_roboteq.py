@@ -11,6 +11,8 @@ from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import load_settings
 from tests.robot_driver.emulated_device import answer, let_pass
 
+pytestmark = pytest.mark.waits
+
 
 def make_device(**roboteq: Any) -> tuple[RoboteqDevice, Plant]:
     settings = load_settings().ideal()

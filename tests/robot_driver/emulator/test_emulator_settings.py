@@ -8,6 +8,8 @@ import pytest
 from cmr.plant.parameters import NEUTRAL, RANGES, TYPICAL
 from robot_driver.emulator.settings import SettingsError, load_settings
 
+pytestmark = pytest.mark.waits
+
 
 def written(folder: Path, text: str) -> Path:
     path = folder / "robot.yaml"

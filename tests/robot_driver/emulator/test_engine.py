@@ -12,6 +12,8 @@ from robot_driver.emulator.engine import CLOCKS_TOGETHER, Engine
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import load_settings
 
+pytestmark = pytest.mark.waits
+
 PATIENCE = 20.0  # s
 
 

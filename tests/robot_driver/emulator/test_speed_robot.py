@@ -14,6 +14,8 @@ from robot_driver.command_gate import COMMAND_LIFETIME, LISTENING_TIME
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 from tests.support.emulated_speed_robot import TURN, Bench, nominal_of, recorded
 
+pytestmark = pytest.mark.waits
+
 IDEAL = load_settings(ideal=True)
 RADIUS, WIDTH = IDEAL.robot.wheel_radius, IDEAL.velocity_controller.command_base_width
 RESPONSE = IDEAL.velocity_controller.response_time

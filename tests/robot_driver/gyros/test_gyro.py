@@ -35,6 +35,8 @@ from tests.robot_driver.emulator.test_emulator_kvh_binary import RATE, kvh_setti
 from tests.robot_driver.gyros.test_dsp3000_protocol import scattered
 from tests.support.driver_bench import PunctualEngine, number, wait_for
 
+pytestmark = pytest.mark.real_time
+
 LINE = b"       1.000000   1\r\n"
 WIRE_TIME = len(LINE) * 10 / 38400  # s
 PATIENCE = 10.0  # s

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from cmr.bus.bus import Bus
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import GYRO, PROCESS_STATUS
@@ -28,6 +30,8 @@ from tests.robot_driver.emulator.test_emulator_kvh_binary import RATE, kvh_setti
 from tests.robot_driver.gyros.test_kvh_binary_protocol import RATES, interviewed, message
 from tests.support.private_bus import private_url
 from tests.support.typed_messages import as_a
+
+pytestmark = pytest.mark.real_time
 
 DRIVER = [sys.executable, "-c", "from cmr.commands import driver; raise SystemExit(driver())"]
 PATIENCE = 20.0  # s; far more than anything here takes on a loaded machine
