@@ -16,6 +16,8 @@ from tests.hidden_effects.messy import PLANS, pursuit
 from tests.reference_plant import NEUTRAL, drives, packets
 from tests.reference_plant.steering import steered
 
+pytestmark = pytest.mark.slow
+
 HIDDEN = {"motor_gain_asymmetry": 0.025, "wheel_radius_asymmetry": 0.005}  # those of the robot of cmr-demo
 PAPER = ("wheel_radius", "k2_over_k3", "k1", "base_width")
 NOMINAL = ParameterFile(

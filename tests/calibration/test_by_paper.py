@@ -23,6 +23,8 @@ from cmr.parameters.file import Value, parse
 from cmr.recordings.recording import Recording
 from tests.calibration.test_alone import HIDDEN, NOMINAL, figure_eight
 
+pytestmark = pytest.mark.slow
+
 RADIUS = 0.04  # m
 
 

@@ -15,6 +15,8 @@ from cmr.parameters.file import ParameterFile, Value, parse
 from cmr.recordings import Recorder, Recording
 from tests.support.emulated_drive import DEFAULT, IDEAL, NOMINAL, TRUTH, Message, messages, straight, write_log
 
+pytestmark = pytest.mark.slow
+
 
 def recording_of(drive: list[Message]) -> Recording:
     recorder = Recorder(0)

@@ -13,6 +13,8 @@ from cmr.msg import calibration_status_t, motor_duty_t
 from cmr.recordings.arrivals import KEPT
 from tests.support.emulated_drive import DEFAULT, EPOCH, IDEAL, TRUTH, Message, messages, straight
 
+pytestmark = pytest.mark.slow
+
 REST = 6.0  # s; a drive at one speed ends after 3, and its messages are awaited for longer
 
 

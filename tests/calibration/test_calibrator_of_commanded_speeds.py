@@ -11,6 +11,8 @@ from cmr.recordings.recording import Recorder
 from robot_driver.emulator.settings import load_settings
 from tests.support.emulated_speed_robot import messages_of, nominal_of
 
+pytestmark = pytest.mark.slow
+
 IDEAL = load_settings(ideal=True)
 NOMINAL = nominal_of(IDEAL, base_width=0.2, response_time=0.25)
 Messages = list[tuple[str, Any]]

@@ -14,6 +14,8 @@ from cmr.recordings.signal import Floats, Signal
 from tests.reference_plant import NEUTRAL, REALISTIC, packets, recording
 from tests.reference_plant.manoeuvres import figure_eight
 
+pytestmark = pytest.mark.slow
+
 NOISE = replace(REALISTIC, torque=0.0, slip=0.0)
 NAMES = ("k2_over_k3", "k1", "base_width")
 

@@ -10,6 +10,8 @@ from cmr.estimation.problem import Problem
 from cmr.parameters.file import parse
 from tests.hidden_effects.messy import Messy, messy
 
+pytestmark = pytest.mark.slow
+
 # Largest errors [share] and how far from the truth, in deviations: limits of the study in which 95 % of robots lie.
 LARGEST = {"k2_over_k3": 0.05, "k1": 0.02, "base_width": 0.012}
 DEVIATIONS = 4.0

@@ -158,6 +158,7 @@ def test_several_drives_are_drawn_one_after_the_other(result: CalibrationResult)
     assert np.count_nonzero(np.isnan(times)) == 2  # a line breaks behind each drive
 
 
+@pytest.mark.slow
 def test_the_figure_can_be_written_as_a_file(result: CalibrationResult, tmp_path: Path) -> None:
     figure_of(result).savefig(tmp_path / "calibration.png")
     assert (tmp_path / "calibration.png").read_bytes().startswith(b"\x89PNG")

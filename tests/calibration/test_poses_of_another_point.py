@@ -11,6 +11,8 @@ from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.recording import Recording, Signal
 
+pytestmark = pytest.mark.slow
+
 TRUE = RobotParameters(wheel_radius=0.16, k2_over_k3=1.0, k1=1.0, base_width=1.0)
 NOMINAL = ParameterFile(0, {"wheel_radius": Value(0.16), "base_width": Value(0.5)})
 STEP = 50_000  # us between wheel speeds; poses come at every fifth of them

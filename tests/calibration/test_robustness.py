@@ -16,6 +16,8 @@ from tests.reference_plant import REALISTIC, packets, recording
 from tests.reference_plant.manoeuvres import Manoeuvre, figure_eight
 from tests.support.emulated_drive import IDEAL, messages, write_log
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 40.0
 NOISE = replace(REALISTIC, torque=0.0, slip=0.0)
 DRIVE = figure_eight(SECONDS, 1)

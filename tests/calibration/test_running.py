@@ -16,6 +16,8 @@ from cmr.msg import calibration_status_t
 from cmr.recordings.recording import Recording
 from tests.calibration.test_alone import figure_eight
 
+pytestmark = pytest.mark.slow
+
 LOOKS = 0.4  # s between looks, if each is that short
 
 

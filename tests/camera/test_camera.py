@@ -20,6 +20,8 @@ from tests.support.camera_bench import CARRIED, EYE, floor_of, found_lens, lens_
 from tests.support.clutter import cluttered
 from tests.support.rendered_floor import FLOOR_TAGS, Box, Scene, Sheet
 
+pytestmark = pytest.mark.slow
+
 PICTURES = 4
 CENTRE = Box(0.0, 0.0, 0.4, 0)
 

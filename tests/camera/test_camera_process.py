@@ -78,6 +78,7 @@ def frames(path: Path) -> list[Taken]:
 # What is printed
 
 
+@pytest.mark.slow
 def test_the_board_is_printed_in_its_true_size(tmp_path: Path) -> None:
     assert main(["board", "--out", str(tmp_path / "board.pdf")]) == 0
     paper, squares = squares_of(tmp_path / "board.pdf")

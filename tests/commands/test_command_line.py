@@ -24,6 +24,8 @@ from cmr.commands.command_line import CommandError, guarded, parse_robot_id, par
 from cmr.distribution import NAME, version
 from tests.support.project import PROJECT
 
+pytestmark = pytest.mark.slow
+
 COMMANDS = sorted(
     entry.name
     for entry in distribution(NAME).entry_points

@@ -83,6 +83,7 @@ def files(folder: Path) -> list[str]:
 # One robot
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 def test_one_log_gives_the_three_files_and_says_what_was_found(
     logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -275,6 +276,7 @@ class Listener:
             self.heard = said[-1] if said else self.heard
 
 
+@pytest.mark.slow
 def test_live_says_what_it_waits_for_and_what_is_new(url: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     script = "import sys; sys.argv[0] = 'cmr-diagnose'; from cmr.commands import run; run('cmr.commands.diagnose')"
@@ -299,6 +301,7 @@ def test_live_says_what_it_waits_for_and_what_is_new(url: str, tmp_path: Path) -
 # The real engine
 
 
+@pytest.mark.slow
 def test_friction_hidden_in_a_log_is_named_by_the_command(tmp_path: Path) -> None:
     log = hide("coulomb_friction", path=tmp_path / "run.lcm", manoeuvre="rich", seed=1)
     assert run(log.path, "--out", tmp_path / "out", "--no-report") == 0

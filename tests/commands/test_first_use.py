@@ -89,6 +89,7 @@ def test_a_part_that_cannot_be_compiled_is_reported_and_tried_again(
     assert [text.startswith("Not compiled: KeyError") for text in said] == [False, True, False, True]
 
 
+@pytest.mark.slow
 def test_a_simulator_compiles_nothing_after_that() -> None:
     compile_first([MODEL, WORLD])
     result = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, check=True)

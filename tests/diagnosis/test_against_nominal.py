@@ -23,6 +23,8 @@ from tests.support.diagnosis_example import EXTENDED, FOUND, NOTHING
 from tests.support.faulty_drive import without
 from tests.support.html_page import Page
 
+pytestmark = pytest.mark.slow
+
 TRUE = {name: getattr(NEUTRAL, name) for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
 SECONDS = 60.0
 SURELY = Gain(ratio=0.6, interval=(0.5, 0.7), signals={})

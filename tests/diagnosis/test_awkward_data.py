@@ -24,6 +24,8 @@ from tests.hidden_effects.logs import write_log
 from tests.reference_plant import NEUTRAL, REALISTIC, packets, recording
 from tests.support.faulty_drive import later, without
 
+pytestmark = pytest.mark.slow
+
 RADIUS = Value(NEUTRAL.wheel_radius)
 WIDTH = Value(NEUTRAL.base_width)
 

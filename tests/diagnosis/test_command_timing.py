@@ -6,6 +6,8 @@ from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import Diagnosis
 from tests.support.timed_drive import Chain, timed_drive
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 60.0
 LATE_TOO = {"gyro_latency"}  # which is true: a gyro tells at its end how fast it turned over an interval
 CHAINS = {

@@ -21,6 +21,8 @@ from tests.hidden_effects.logs import write_log
 from tests.reference_plant.drives import NOMINAL_TICKS
 from tests.support.speed_commanded import SpeedRobot, driven
 
+pytestmark = pytest.mark.slow
+
 SLOW = SpeedRobot()
 QUICK = SpeedRobot(base_width=1.0, delay=0.0, response_time=0.15)  # on skidding wheels
 

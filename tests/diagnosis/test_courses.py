@@ -19,6 +19,8 @@ from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
 from tests.support.faulty_drive import without
 from tests.support.html_page import Page
 
+pytestmark = pytest.mark.slow
+
 BLOCKS, LENGTH = 400, 25
 
 

@@ -283,6 +283,7 @@ def moves_with(sha256: str, robot_id: int) -> Seen:
     return seen
 
 
+@pytest.mark.slow
 def test_cmr_sim_runs_the_extended_file_as_it_is(url: str, tmp_path: Path) -> None:
     made = extended_file(replace(DIAGNOSIS, verdict=UNEXPLAINED), {"log": "run.lcm"})
     made.save(tmp_path / "robot_4.yaml")

@@ -17,7 +17,7 @@ from tests.hidden_effects.cases import BEGINNING, EIGHT, EIGHT_OPEN, RICH, Case
 from tests.hidden_effects.diagnosing import diagnosed
 from tests.hidden_effects.rows import Row
 
-pytestmark = pytest.mark.hidden_effects
+pytestmark = [pytest.mark.hidden_effects, pytest.mark.slow]
 
 SEED = 1000  # the problem's seeds are smaller
 # Some of each group of the catalogue; scripts/study_diagnosis hides them all.

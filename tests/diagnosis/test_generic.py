@@ -27,6 +27,8 @@ from cmr.world.behaviours import FigureEight
 from cmr.world.world import VirtualRobot, World
 from tests.hidden_effects import HiddenRecording, hidden_recording
 
+pytestmark = pytest.mark.slow
+
 SEED = 3
 
 

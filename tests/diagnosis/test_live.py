@@ -44,6 +44,8 @@ from tests.reference_plant import NEUTRAL, REALISTIC, drive, packets
 from tests.reference_plant.drives import START_UTIME
 from tests.reference_plant.manoeuvres import Manoeuvre, constant, in_turn, reversals
 
+pytestmark = pytest.mark.slow
+
 SEEN_BY = CHANGE + 15.0  # s
 
 

@@ -12,6 +12,8 @@ from robot_driver.emulator.settings import load_settings
 from tests.diagnosis.watched_drive import CHANGE, Message, follow, watch
 from tests.support.emulated_speed_robot import BEGINNING, messages_of, nominal_of
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = load_settings()  # with imperfections
 KNOWN = nominal_of(SETTINGS)
 WEAKER = 0.1

@@ -24,6 +24,8 @@ from tests.support.logs_of_robots import write_logs
 from tests.support.project import PROJECT
 from tests.support.terminals import plain, read_all
 
+pytestmark = pytest.mark.slow
+
 PATIENCE = 60.0  # s until something that must happen is given up
 WIDEST = 120  # characters of a terminal
 

@@ -259,6 +259,7 @@ def test_other_drivers_are_told_in_words_with_the_space_that_this_robot_needs() 
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pace", PACES)
 def test_no_other_driver_is_told_of_a_command_or_to_drive_faster_farther_or_longer_than_it_can(pace: Pace) -> None:
     driver = AnyDriver(pace)

@@ -19,6 +19,8 @@ from scripts.diagnose_real_data import (
 )
 from scripts.score_real_data import DATA, Importer
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def importer(tmp_path: Path) -> Importer:

@@ -21,6 +21,8 @@ from tests.hidden_effects.robots import draw_nominal, draw_robot
 from tests.reference_plant import drives
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
 
+pytestmark = pytest.mark.slow
+
 CERTAIN = 3.5  # standard deviations
 CLOCK = 0.002  # s; poses are stamped on a raster of their own, commands are sent on another
 

@@ -136,6 +136,7 @@ def test_a_page_is_made_without_a_warning(verdict: str, recwarn: pytest.Warnings
     assert [str(warning.message) for warning in recwarn] == []
 
 
+@pytest.mark.slow
 def test_hours_of_data_still_make_a_page_that_can_be_mailed() -> None:
     def longer(values: Floats) -> Floats:
         return np.tile(values, 240)  # four hours
@@ -166,6 +167,7 @@ def test_a_report_is_written_as_it_is(tmp_path: FilePath) -> None:
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == report_of(FOUND)
 
 
+@pytest.mark.slow
 def test_a_disk_that_fails_leaves_the_old_report_and_no_litter(
     tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
 ) -> None:

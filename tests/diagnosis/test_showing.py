@@ -141,6 +141,7 @@ def test_a_wheel_that_turns_slower_than_simulated_has_a_negative_residual() -> N
     assert np.median(too_fast["forward"].before) == pytest.approx(0.9 * expected * TRUE["wheel_radius"], rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "signal", "regressor", "share"),
     [

@@ -7,6 +7,8 @@ from tests.hidden_effects import hidden_recording
 from tests.hidden_effects.cases import CONTROLLED_WINDOWS, WINDOWS
 from tests.hidden_effects.scoring import DEVIATIONS
 
+pytestmark = pytest.mark.slow
+
 OF_ONE_FRAME = {"slope", "surface_patch", "pose_distortion"}
 
 

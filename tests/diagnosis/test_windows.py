@@ -6,6 +6,8 @@ from cmr.diagnosis.diagnose import diagnose
 from tests.hidden_effects import hidden_recording
 from tests.hidden_effects.cases import CONTROLLED_WINDOWS, WINDOWS
 
+pytestmark = pytest.mark.slow
+
 LATE = ("gyro_latency", "pose_latency")
 
 

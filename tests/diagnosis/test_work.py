@@ -10,6 +10,8 @@ from cmr.model.drives import Drives
 from cmr.model.observer import Innovations, Observer
 from tests.hidden_effects import hidden_recording
 
+pytestmark = pytest.mark.slow
+
 SEED = 1000
 # Blocks of LANES candidates that the observer drove through the log when this was written: 82 without any effect, 161
 # with friction. Half as many again is a change for the worse.

@@ -23,6 +23,8 @@ from tests.support.emulated_drive import IDEAL, messages, write_log
 sys.path.insert(0, str(PROJECT / "scripts"))
 from documentation.commands import main_of, modules, parse
 
+pytestmark = pytest.mark.slow
+
 LANGUAGES = {"sh", "python", "yaml", "toml", "text"}
 # Command lines of CMR that are parsed and not run here, by how they begin, and why.
 ONLY_PARSED = {

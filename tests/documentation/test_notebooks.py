@@ -9,6 +9,8 @@ import pytest
 
 from tests.support.project import PROJECT
 
+pytestmark = pytest.mark.slow
+
 NOTEBOOKS = sorted((PROJECT / "docs" / "notebooks").glob("*.ipynb"))
 
 

@@ -16,6 +16,8 @@ from documentation.commands import modules
 from documentation.message_page import read
 from documentation.notebook_pages import pages as notebook_pages
 
+pytestmark = pytest.mark.slow
+
 
 class Page(HTMLParser):
     """The targets of a page's links and pictures, and the places that links can lead to."""

@@ -79,6 +79,7 @@ def test_a_model_that_holds_on_one_side_only_is_fitted_from_there() -> None:
     assert fit.values["gyro_bias"] == pytest.approx(0.01, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_fits_side_by_side_are_those_in_turn() -> None:
     """What others ask for beside it changes nothing of a fit."""
     hidden = hidden_recording("gyro_bias", manoeuvre="figure_eight", seed=5)

@@ -28,6 +28,8 @@ from cmr.recordings.signal import Floats
 from tests.reference_plant import NEUTRAL, REALISTIC, SILENT, Noise, packets, recording
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, figure_eight, rich_drive
 
+pytestmark = pytest.mark.slow
+
 TRUE = {name: getattr(NEUTRAL, name) for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
 MANOEUVRES = {"figure-eight": (figure_eight(120.0, 6), 120.0), "rich": (rich_drive(), RICH_DRIVE_SECONDS)}
 # Less than the noise of usual sensors; a start in the midst of a fast turn is not known better.

@@ -52,6 +52,7 @@ def test_a_large_error_counts_less_and_all_others_as_before() -> None:
     assert np.mean(sizes > most) == pytest.approx(0.0124, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_recording_held_out_speaks_against_a_name_that_does_not_hold_in_it() -> None:
     """Motors that were unequal in the fitted drive and were mended before the one held out."""
     unequal = hidden_recording("motor_gain_asymmetry", seed=4)
@@ -64,6 +65,7 @@ def test_a_recording_held_out_speaks_against_a_name_that_does_not_hold_in_it() -
     assert [one.quantity for one in last.measures] == ["error_ratio"]
 
 
+@pytest.mark.slow
 def test_a_pose_clock_that_runs_fast_is_named_and_no_latency_beside_it() -> None:
     """Its poses are ahead of the wheels, more and more: to shift all of them by the mean makes the first ones late."""
     hidden = hidden_recording("clock_skew", seed=0)
@@ -71,6 +73,7 @@ def test_a_pose_clock_that_runs_fast_is_named_and_no_latency_beside_it() -> None
     assert [one.name for one in diagnose(hidden.recording).effects] == ["clock_skew"]
 
 
+@pytest.mark.slow
 def test_an_effect_that_came_in_an_exchange_has_its_rivals() -> None:
     """An encoder's scale beside unequal wheels: nothing tells it from the radius of both wheels."""
     effects = diagnose(hidden_recording("wheel_radius_asymmetry", "encoder_scale", seed=1).recording).effects

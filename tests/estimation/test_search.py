@@ -127,6 +127,7 @@ def test_data_without_wheels_and_commands_are_refused() -> None:
     assert "MOTOR_FEEDBACK_N" in refusal(looked_at([blind]))
 
 
+@pytest.mark.slow
 def test_a_drive_that_does_not_show_an_effect_says_nothing_against_it() -> None:
     drives = [hidden_recording("current_limit", manoeuvre=drive, seed=1, run=k) for k, drive in enumerate(TWO_DRIVES)]
     found = diagnose([drive.recording for drive in drives])

@@ -17,6 +17,8 @@ from cmr.model.catalogue import CATALOGUE
 from tests.hidden_effects import hidden_recording
 from tests.hidden_effects.cases import BEGINNING
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     "hidden", [("coulomb_friction",), ("coulomb_friction", "gyro_bias")], ids=lambda hidden: "-".join(hidden)

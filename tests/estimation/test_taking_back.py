@@ -8,6 +8,8 @@ from cmr.estimation.search.trace import ADDED, REMOVED
 from cmr.estimation.usefulness import OF_USE
 from tests.hidden_effects import hidden_recording
 
+pytestmark = pytest.mark.slow
+
 LITTLE = 0.02  # by which the drift that chance made may move a parameter: what a calibration is to reach for k1
 STRAYING_SPINS = 25  # a short drive on the spot in which chance looks like a battery that runs down
 

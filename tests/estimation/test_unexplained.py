@@ -77,6 +77,7 @@ def predictor() -> Predictor:
     return Predictor(segment)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [(), ("quadratic_drag",)])
 def test_nothing_remains_of_a_robot_whose_model_knows_everything(hidden: tuple[str, ...]) -> None:
     left = left_by(*hidden, modelled=hidden)
@@ -84,6 +85,7 @@ def test_nothing_remains_of_a_robot_whose_model_knows_everything(hidden: tuple[s
     assert left.statistic < left.threshold
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "signals", "regressor"),
     [
@@ -104,6 +106,7 @@ def test_what_the_model_does_not_know_is_told_with_its_signal_and_what_it_goes_w
     assert 0.1 < left.unexplained.share < 1.0
 
 
+@pytest.mark.slow
 def test_coarse_encoders_are_not_taken_for_unknown_physics() -> None:
     unexplained = left_by(noise="coarse").unexplained
     assert not unexplained.present
@@ -223,6 +226,7 @@ def test_a_term_does_not_count_for_its_drop_alone(fields: dict[str, float], leas
     assert not holds(score(500.0, **fields), 1.0, least)
 
 
+@pytest.mark.slow
 def test_drops_of_terms_that_explain_nothing_tell_how_far_the_noise_is_off() -> None:
     assert spread_of([score(12.0) for _ in range(9)]) == pytest.approx(3.0)
     assert spread_of([score(2.0) for _ in range(9)]) == 1.0
@@ -250,6 +254,7 @@ def test_noise_has_no_bursts_and_a_few_loud_moments_are_counted_as_such() -> Non
     assert not bursts_count(replace(loud, number=BURSTS - 1), explained=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", ["commands", "gyro", "poses"])
 def test_what_was_not_recorded_is_done_without(missing: str) -> None:
     one = hidden_recording(seed=SEED).recording
@@ -261,6 +266,7 @@ def test_what_was_not_recorded_is_done_without(missing: str) -> None:
     assert ("east" in disturbed) == (missing != "poses")
 
 
+@pytest.mark.slow
 def test_what_remains_of_two_recordings_holds_from_one_to_the_other() -> None:
     cases = [hidden_recording("gyro_magnetism", seed=SEED, run=run) for run in (0, 1)]
     left = remaining_of([case.recording for case in cases], cases[0].recording.parameters)
@@ -301,6 +307,7 @@ def test_the_share_is_that_of_the_errors_themselves_and_never_negative() -> None
     assert shares == [pytest.approx(expected, abs=0.05), 0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_what_explains_next_to_nothing_of_the_errors_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     assert left_by("quadratic_drag").unexplained.share > SMALLEST_SHARE
     monkeypatch.setattr("cmr.estimation.unexplained.remaining.share_foretold", lambda *_: 0.9 * SMALLEST_SHARE)

@@ -20,6 +20,8 @@ from tests.reference_plant import drive as drive_plant
 from tests.reference_plant.drives import NOMINAL_TICKS, true_motion
 from tests.reference_plant.manoeuvres import figure_eight, in_turn, multisine, reversals
 
+pytestmark = pytest.mark.slow
+
 SPAN = 0.01  # s
 PAPER = {name: float(getattr(NEUTRAL, name)) for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
 # What effects do by chance differs from the plant's chance: another test compares what many drives have in common.

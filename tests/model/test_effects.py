@@ -183,6 +183,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_a_neutral_effect_equals_a_catalogue_without_it_bit_for_bit_while_all_others_are_on(tmp_path: Path) -> None:
     # Without Numba, which would compile each of these models; the source is the same.
     names = [effect.name for effect in MOTION]
@@ -288,6 +289,7 @@ print(CATALOGUE["side_brush"].sentence({"side_brush_push": -0.02, "side_brush_fr
 """
 
 
+@pytest.mark.slow
 def test_an_effect_of_your_own_lands_in_the_model_from_a_package_with_an_entry_point(tmp_path: Path) -> None:
     (tmp_path / "my_effects.py").write_text(OWN_EFFECT.read_text("utf-8"), "utf-8")
     package = tmp_path / "my_effects-1.0.dist-info"
@@ -310,6 +312,7 @@ def test_an_effect_of_your_own_lands_in_the_model_from_a_package_with_an_entry_p
     assert done.stdout == expected
 
 
+@pytest.mark.slow
 def test_the_model_knows_nobody_and_starts_cheaply() -> None:
     code = "import sys, cmr.model.motion, cmr.model.catalogue; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -318,10 +321,12 @@ def test_the_model_knows_nobody_and_starts_cheaply() -> None:
             assert imported == "cmr.model"
 
 
+@pytest.mark.slow
 def test_every_definition_is_found_by_its_name() -> None:
     assert all(name == definition.name for name, definition in DEFINITIONS.items())
 
 
+@pytest.mark.slow
 def test_a_statement_that_reads_an_unknown_name_is_refused_before_anything_is_compiled() -> None:
     misspelt = Effect(
         name="draught",
@@ -336,6 +341,7 @@ def test_a_statement_that_reads_an_unknown_name_is_refused_before_anything_is_co
         compose((misspelt,), definitions_of({"draught": misspelt}))
 
 
+@pytest.mark.slow
 def test_a_span_without_duration_changes_nothing() -> None:
     everything = {name: size for effect in MOTION for name, size in typical(effect).items()}
     for parameters in (ROBOT, with_effects(ROBOT, everything)):

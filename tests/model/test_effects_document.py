@@ -2,6 +2,8 @@
 
 import re
 
+import pytest
+
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.effects_document import document
 from cmr.model.showcase import showcase
@@ -11,6 +13,7 @@ DOCUMENT = PROJECT / "docs" / "effects.md"
 EXAMPLE = PROJECT / "docs" / "effect_of_your_own.py"
 
 
+@pytest.mark.slow
 def test_the_committed_document_is_what_the_catalogue_gives() -> None:
     # If not: .venv/bin/python scripts/write_effects_document
     showcases = {name: showcase(effect) for name, effect in CATALOGUE.items()}

@@ -80,6 +80,7 @@ def parameter_files(draw: st.DrawFn) -> ParameterFile:
     )
 
 
+@pytest.mark.slow
 @given(parameter_files())
 def test_what_is_written_is_read_back_the_same(file: ParameterFile) -> None:
     text = file.to_yaml()
@@ -87,6 +88,7 @@ def test_what_is_written_is_read_back_the_same(file: ParameterFile) -> None:
     assert parse(text).to_yaml() == text
 
 
+@pytest.mark.slow
 @given(parameter_files())
 def test_the_model_gets_every_parameter_of_the_file(file: ParameterFile) -> None:
     complete = ParameterFile(0, {**{name: Value(1.0) for name in PAPER}, **file.values}, file.effects)
@@ -217,6 +219,7 @@ def assert_refused(text: str, before: str, after: str, place: str) -> None:
         parse(text.replace(before, after, 1), "/etc/robot_0.yaml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "why"),
     [
@@ -272,6 +275,7 @@ def test_a_value_that_the_file_lacks_is_named() -> None:
 # Atomic writing
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_moment_and_a_reader_at_any_moment_find_a_whole_file(tmp_path: Path) -> None:
     path = tmp_path / "robot_0.yaml"
     moments = random.Random(1)

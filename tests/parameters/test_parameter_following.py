@@ -161,6 +161,7 @@ def test_processes_that_announce_to_each_other_settle_on_one_version(path: Path)
     assert {follower.sha256 for follower in followers} == {sha256_of(path.read_text())}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "why"),
     [

@@ -22,6 +22,8 @@ from tests.reference_plant.manoeuvres import (
 )
 from tests.reference_plant.steering import steered
 
+pytestmark = pytest.mark.slow
+
 RATE = NEUTRAL.k1 * NEUTRAL.k2_over_k3  # 1/s, one over the motor's time constant
 SENSORS = ("encoder", "gyro", "pose", "clock")
 OF_MOTION = [name for name in TYPICAL if not name.startswith(SENSORS)]

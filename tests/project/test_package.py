@@ -17,6 +17,8 @@ from setuptools.config.pyprojecttoml import read_configuration
 from cmr import msg
 from tests.support.project import PROJECT
 
+pytestmark = pytest.mark.slow
+
 # What pip says when it cannot fetch the build's requirements.
 NO_NETWORK = re.compile(r"NewConnectionError|Temporary failure in name resolution|Failed to establish a new connection")
 

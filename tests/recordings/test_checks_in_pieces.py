@@ -14,6 +14,8 @@ from tests.recordings.clean_drives import clean_drive
 from tests.recordings.complaints import complaints
 from tests.support.faulty_drive import later, moved, placed
 
+pytestmark = pytest.mark.slow
+
 # In each of these a check fired once. They have poses that are rounded (16, 149), wheel speeds of the moment at 10 Hz
 # (24, 125, 144), commands recorded at 5 Hz (39, 498), controllers slower than motors (54, 88), a speed that
 # hardly changes (432, 7080), a lag of the poses that is unknown (3074), or rounded poses of 200 Hz (383, 5061).

@@ -13,6 +13,8 @@ from cmr.recordings.checks import check
 from tests.support.emulated_drive import figure_eight
 from tests.support.faulty_drive import Duties, at_rest, circle, later, lively, recording, without
 
+pytestmark = pytest.mark.slow
+
 FAULTS = ("gyro_reversed", "gyro_factor")
 DRIVES = (figure_eight, lively, circle)
 

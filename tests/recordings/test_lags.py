@@ -43,6 +43,7 @@ def test_wheels_follow_their_commands_by_about_the_motors_time_constant() -> Non
     assert 0.5 / (truth.k1 * truth.k2_over_k3) < lag.seconds < 1.1 / (truth.k1 * truth.k2_over_k3)
 
 
+@pytest.mark.slow
 def test_the_scatter_of_lags_is_as_large_as_their_standard_deviation_says() -> None:
     errors = []
     for seed in range(12):
@@ -70,6 +71,7 @@ def test_that_poses_follow_commands_as_motors_do_is_no_fault_of_a_clock() -> Non
         assert "after the commands, motors included" in finding.sentence
 
 
+@pytest.mark.slow
 def test_coarse_encoders_neither_hide_a_lag_nor_make_it_look_more_certain_than_it_is() -> None:
     errors = []
     for seed in range(8):

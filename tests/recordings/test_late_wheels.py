@@ -19,6 +19,8 @@ from tests.hidden_effects import hidden_recording
 from tests.hidden_effects.cases import CONTROLLED_WINDOWS, EIGHT, RICH
 from tests.hidden_effects.hiding import HiddenRecording
 
+pytestmark = pytest.mark.slow
+
 LATE = "wheel_speed_latency"
 CERTAIN = 3.5  # standard deviations
 STAMPS = 0.001  # s; readings and poses lie on rasters of their own

@@ -22,6 +22,8 @@ from tests.support.faulty_drive import (
     without,
 )
 
+pytestmark = pytest.mark.slow
+
 PERIOD = 0.02  # s between two poses of the emulated drives
 NOISE = DEFAULT.imperfections.pose_noise.position  # m
 

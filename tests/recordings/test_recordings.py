@@ -264,6 +264,7 @@ def test_a_recorder_holds_an_hour_in_less_than_a_hundred_bytes_a_message() -> No
     assert held < 20_000 * 100  # two integers and six floats are 64; the arrays grow by eighths
 
 
+@pytest.mark.slow
 def test_reading_takes_at_most_three_times_the_logs_size_in_memory(drive: list[Message], tmp_path: Path) -> None:
     log = write_log(tmp_path / "run.lcm", drive * 20)
     Recording.read(log)

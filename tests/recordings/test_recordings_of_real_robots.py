@@ -24,6 +24,7 @@ def widest_steps(recording: Recording, splits: np.ndarray) -> int:
     return int(np.count_nonzero((steps > 0.5) & ~np.isin(poses.utime[1:], splits)))
 
 
+@pytest.mark.slow
 def test_motion_capture_keeps_999_of_1000_poses_and_its_path_whole(importer: Importer) -> None:
     poses = outliers = 0
     for kind in ("circular", "square"):

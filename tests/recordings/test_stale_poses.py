@@ -16,6 +16,8 @@ from cmr.tools.mapping import SHIPPED
 from scripts.score_real_data import DATA
 from tests.recordings.drives_in_pieces import Shape, drawn, recorded
 
+pytestmark = pytest.mark.slow
+
 STEADY = Shape(seed=5, lengths=(3.0,) * 40, manner="held", noise=0.004, wheels=50.0)
 
 

@@ -241,6 +241,7 @@ def is_refused_or_sound(text: str) -> None:
     assert all(refusal.startswith("scenario.yaml: line ") for refusal in refusals)
 
 
+@pytest.mark.slow
 @given(st.text())
 @example("[" * 10_000)
 @example("a: &a [*a]")
@@ -253,6 +254,7 @@ def test_no_text_ever_gives_another_exception(text: str) -> None:
     is_refused_or_sound(text)
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.dictionaries(st.sampled_from(KEYS), VALUES), ROBOTS)
 def test_no_scenario_ever_gives_another_exception(content: dict[str, Any], robots: list[dict[str, Any]]) -> None:

@@ -30,6 +30,8 @@ from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
 from tests.reference_plant import SILENT, TYPICAL, drive
 from tests.support.project import PROJECT
 
+pytestmark = pytest.mark.slow
+
 GENERATOR = [
     *(path for room in ("hidden_effects", "reference_plant") for path in PROJECT.glob(f"tests/{room}/*.py")),
     *PROJECT.glob("cmr/plant/*.py"),

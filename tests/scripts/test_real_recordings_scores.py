@@ -19,6 +19,8 @@ from scripts.score_real_data import (
     score_optiodom,
 )
 
+pytestmark = pytest.mark.slow
+
 Scores = dict[str, Score]
 
 

@@ -25,6 +25,8 @@ from cmr.sweep.settings import SettingError, setting_of
 from cmr.sweep.table import medians, write_parquet, write_tables
 from tests.support.bus_bench import our_command
 
+pytestmark = pytest.mark.slow
+
 LONGEST_END = 2.0  # s
 PATIENCE = 240.0  # s for a compiler that nobody has run before, on a busy machine
 PAPER = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.161}

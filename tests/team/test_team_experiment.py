@@ -52,6 +52,7 @@ def test_the_plant_of_teams_goes_where_the_emulator_goes() -> None:
     assert math.hypot(x, y) > 0.1
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_result_to_the_last_bit(tmp_path: Path) -> None:
     scenario = line_of_three(tmp_path, 4.0)
     cast = Cast(BELIEVED, (0, 1), LABORATORY)

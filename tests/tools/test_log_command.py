@@ -152,6 +152,7 @@ def test_a_merge_is_in_order_of_time_and_loses_nothing(tmp_path: Path, first: li
 # damage and errors
 
 
+@pytest.mark.slow
 @given(st.data())
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_damage_ends_a_tool(tmp_path: Path, data: st.DataObject) -> None:

@@ -105,6 +105,7 @@ def reach(playback: Playback) -> list[float]:
     return [float(x.min()), float(x.max())]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [1.5, 21.0, 45.2, 99.5])
 def test_after_a_jump_all_is_as_if_it_had_been_played(log: Path, seconds: float) -> None:
     played, jumped = playback_of(log), playback_of(log)

@@ -8,6 +8,8 @@ from cmr.calibration.calibrate import calibrate
 from cmr.recordings import Recording
 from tests.hidden_effects.chain import DEFAULT, EIGHTS, ChainCase, write_chain_log
 
+pytestmark = pytest.mark.slow
+
 SURE = 3.0  # standard deviations
 
 

@@ -88,6 +88,7 @@ def run(world: World, kind: str, robot_id: int, seconds: float, first: int = EPO
     return utime + TICK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["velocity", "wheel_speed"])
 def test_the_twin_takes_the_same_commands_as_its_robot(kind: str, tmp_path: Path) -> None:
     world = world_of(tmp_path)

@@ -215,6 +215,7 @@ def listen(url: str, happened: Callable[[Any], bool]) -> Any:
     raise AssertionError("it did not happen")
 
 
+@pytest.mark.slow
 def test_cmr_sim_runs_a_file_with_effects_as_it_is(sim: Callable[..., "subprocess.Popen[str]"], url: str) -> None:
     sim(file_of({**EFFECTS, "gyro_bias": 0.01}))
     message = listen(url, lambda message: message.psi_left[0] > 1.0)

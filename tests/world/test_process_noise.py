@@ -114,6 +114,7 @@ def test_a_file_that_does_not_say_how_much_gives_none_and_says_so(file: Paramete
     assert noise.problem == ""
 
 
+@pytest.mark.slow
 def test_an_experiment_with_noise_is_another_one_and_the_same_again(tmp_path: Path) -> None:
     plain, noisy = (team_run(tmp_path, diagnosed(), noise=noise) for noise in (False, True))
     assert not np.array_equal(plain.x[:, 1:], noisy.x[:, 1:])

@@ -38,6 +38,7 @@ class SharpEyed(Laboratory):
         return HiddenRobot(**self.believed, gyro_noise=0.0, position_noise=0.0, heading_noise=0.0)
 
 
+@pytest.mark.slow
 def test_virtual_robots_that_react_as_late_as_real_ones_steer_as_they_do(tmp_path: Path) -> None:
     lively = NUMBERS | {"k1": 0.05, "base_width": 0.14}  # they turn faster than everybody believes
     virtual, scenario = dict.fromkeys((1, 2), RobotParameters.of(lively)), line_of_three(tmp_path)

@@ -143,6 +143,7 @@ def assert_as_their_owners_say(both: Shards, utime: int) -> None:
             assert moved <= TOP_SPEED * (utime - robot.utime) * 1e-6 + 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "seconds", "largest"), [(0, 20.0, None), (1, 15.0, 100)])
 def test_over_a_lossy_network_no_robot_is_lost_or_doubled_and_all_are_where_their_owners_say(
     seed: int, seconds: float, largest: int | None
@@ -165,6 +166,7 @@ def test_over_a_lossy_network_no_robot_is_lost_or_doubled_and_all_are_where_thei
         assert BEHIND - CUT < math.hypot(here.x - there.x, here.y - there.y) < BEHIND + CUT + oldest * 1e-6 * SPEED
 
 
+@pytest.mark.slow
 def test_when_the_network_is_cut_each_keeps_its_own_and_all_is_as_before_when_it_is_back() -> None:
     both = shards()
     for _ in both.run(2.0):

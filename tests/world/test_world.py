@@ -92,6 +92,7 @@ def test_without_poses_the_estimate_follows_wheels_and_gyro() -> None:
     assert not estimator.located
 
 
+@pytest.mark.slow
 def test_a_late_pose_is_compared_with_where_the_robot_was() -> None:
     """Poses that arrive 0.2 s late, stamped when measured, must not pull the estimate back along the path."""
     estimator = Estimator(0)

@@ -261,6 +261,7 @@ def in_pieces(stream: bytes, sizes: list[int]) -> list[Frame]:
     return frames
 
 
+@pytest.mark.slow
 @given(
     st.lists(board_frames(), min_size=6, max_size=10),
     st.dictionaries(st.integers(0, 9), faults, min_size=1, max_size=3),

@@ -20,6 +20,8 @@ from robot_driver.serial_port import PortLost
 from robot_driver.simulated.drive import SimulatedDrive
 from robot_driver.simulated.usb import Lateness
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 6.0
 SLOW_USB = Lateness(usb_latency=0.016)
 BUSY = Lateness(busy=0.1)

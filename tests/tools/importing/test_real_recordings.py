@@ -14,6 +14,8 @@ from cmr.tools.import_log import main
 from cmr.tools.mapping import load
 from tests.support.project import PROJECT
 
+pytestmark = pytest.mark.slow
+
 DATA = PROJECT.parent / "shared" / "data"
 RECORDINGS = {
     "maebot": "maebot_convex/convex.log",

@@ -69,6 +69,7 @@ def test_a_minute_of_whole_figure_eights_is_five_laps_at_two_speeds_and_four_at_
     assert seconds_of(LENGTH * 0.7 * 5, (0.2, 0.5)) == pytest.approx(61.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_three_robots_in_line_do_not_hold_each_other_up_at_the_crossing_of_the_demo(file: Path) -> None:
     laps = laps_within(DRIVE, SIZE, read_speeds(SPEEDS))
     leader = FigureEight(size=SIZE, laps=laps, start=0.0)

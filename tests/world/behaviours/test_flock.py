@@ -7,6 +7,8 @@ from cmr.world.behaviours.flocking import Flock
 from cmr.world.interaction.obstacles import Geofence, Obstacles
 from tests.world.behaviours.team_bench import DIAMETER, Bench
 
+pytestmark = pytest.mark.slow
+
 
 def crowd(seed: int, count: int = 16) -> list[tuple[float, float, float]]:
     random = np.random.default_rng(seed)

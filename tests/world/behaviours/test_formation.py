@@ -21,6 +21,7 @@ def test_neighbours_in_a_formation_are_the_spacing_apart(shape: str, with_leader
     assert places.shape == (7, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_formation_is_kept_behind_a_leader_that_drives(shape: str) -> None:
     leader = Waypoints(points="4:0", speed=0.25)

@@ -10,6 +10,8 @@ from cmr.world.behaviours.right_of_way import RightOfWay
 from tests.support.driver_bench import number
 from tests.world.behaviours.team_bench import DIAMETER, Bench
 
+pytestmark = pytest.mark.slow
+
 ZONE = 0.8  # m from the middle to the line, as it is by default
 LANE = 0.25  # m from the middle of the road; robots keep to the right
 PARKED = 0.6  # m between those that have arrived, which stand beside the road

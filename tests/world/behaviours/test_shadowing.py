@@ -40,6 +40,7 @@ def pose_of(bench: Bench, index: int) -> tuple[float, float, float]:
     return robot.state.x, robot.state.y, robot.state.theta
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_shadow_does_what_its_leader_does(drive: str) -> None:
     bench = Bench([(0.0, 0.0, 0.0), START], [(Shadow(leader=0), [1])])
@@ -110,6 +111,7 @@ def test_each_has_a_leader_of_its_own() -> None:
     assert bench.x[3] - 3.0 == pytest.approx(bench.x[1], abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["spins", "circles"])
 def test_a_robot_of_another_kind_drives_the_manoeuvre_of_a_virtual_leader(name: str) -> None:
     """As a real robot does that a virtual leader is to take through what a diagnosis asks for."""

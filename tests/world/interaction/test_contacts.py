@@ -50,6 +50,7 @@ def heaps(draw: st.DrawFn) -> Floats:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(heaps())
 def test_however_robots_are_heaped_up_they_part(state: Floats) -> None:

@@ -40,6 +40,7 @@ def crowds(draw: st.DrawFn) -> tuple[Floats, Floats]:
     return x, y
 
 
+@pytest.mark.slow
 @given(crowds(), st.sampled_from([0.0, 0.1, 1.0, 1.25, 7.0, 1e3, 1e12]))
 def test_neighbours_are_those_of_all_pairs_in_ascending_order(crowd: tuple[Floats, Floats], radius: float) -> None:
     neighbours = pairs_within(*crowd, radius)

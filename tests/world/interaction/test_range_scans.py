@@ -81,6 +81,7 @@ def only(ranges: Any, expected: dict[int, float]) -> bool:
     return bool(np.allclose(ranges[[AHEAD, LEFT, BEHIND, RIGHT]], wanted, rtol=0.0, atol=1e-6))
 
 
+@pytest.mark.slow
 def test_a_virtual_robot_sees_a_disc_ahead_at_its_distance_less_its_radius() -> None:
     ranges = Bench(standing(10), discs=[(2.0, 0.0, 0.5)]).seen_by(10)
     assert ranges[AHEAD] == pytest.approx(2.0 - 0.5, abs=1e-12)
