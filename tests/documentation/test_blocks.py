@@ -17,8 +17,9 @@ from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.file import parse as parse_parameters
 from robot_driver.emulator.settings import load_settings
 from tests.documentation.turtlebot_bag import write_turtlebot_bag
-from tests.support.documentation_blocks import DOCS, PROJECT, Block, Line, blocks, blocks_of, command_lines, pages
+from tests.support.documentation_blocks import DOCS, Block, Line, blocks, blocks_of, command_lines, pages
 from tests.support.emulated_drive import IDEAL, messages, write_log
+from tests.support.project import PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))
 from documentation.commands import main_of, modules, parse

@@ -9,7 +9,8 @@ from urllib.parse import unquote, urldefrag
 
 import pytest
 
-from tests.support.documentation_blocks import DOCS, PROJECT
+from tests.support.documentation_blocks import DOCS
+from tests.support.project import PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))
 from documentation.commands import modules
