@@ -18,8 +18,7 @@ from cmr.cli.progress import Progress
 from cmr.cli.stopping import Stopping, stopped_by_signals
 from cmr.msg import pose_xyt_t
 from cmr.recordings.events import Event, EventReader
-from cmr.tools.replay import main
-from cmr.tools.replay.main import play
+from cmr.tools.replay.main import main, play
 from cmr.tools.replay.player import Player
 from cmr.tools.replay.tape import LogTape
 from cmr.tools.replay.terminal import Keys, parse_keys
