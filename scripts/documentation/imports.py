@@ -27,7 +27,7 @@ def modules(project: Path = PROJECT) -> dict[str, Path]:
     for path in sorted(path for root in ROOTS for path in (project / root).rglob("*.py")):
         parts = path.relative_to(project).with_suffix("").parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        if not name.startswith(f"{GENERATED}."):
+        if GENERATED not in (name, name.rpartition(".")[0]):
             found[name] = path
     return {GENERATED: project / "cmr" / "msg", **found}
 
@@ -36,7 +36,7 @@ def imports(sources: Mapping[str, Path]) -> list[Import]:
     """Return the imports among modules; one that is imported in several ways has the strongest alone."""
     found: dict[tuple[str, str], str] = {}
     for module, path in sources.items():
-        if not path.is_file() or module == GENERATED:
+        if module == GENERATED:
             continue
         for name, kind in imported_by(ast.parse(path.read_text(encoding="utf-8"))):
             imported = _known(name, sources)
