@@ -27,8 +27,7 @@ from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, process_status_t, waypoints_t, world_state_t
 from cmr.parameters.file import ParameterFile, Value, load
 from cmr.world.behaviours.leading import SPEEDS, laps_within, read_speeds, seconds_of
-from cmr.world.comparison import Drive, drives_of
-from cmr.world.figure import draw_before_and_after
+from cmr.world.comparison import Drive, draw_before_and_after, drives_of
 from cmr.world.view import WorldView
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 

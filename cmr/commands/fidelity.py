@@ -23,7 +23,7 @@ from cmr.experiments.fidelity.study import (
 )
 from cmr.experiments.scenario.ending import why_only_live
 from cmr.experiments.scenario.plan import Scenario, ScenarioError
-from cmr.experiments.scenario.shipping import path_of
+from cmr.experiments.scenario.reading import path_of
 from cmr.experiments.sweep.experiment import files_of, sources_digest
 from cmr.experiments.sweep.journal import Journal, JournalError, Result
 from cmr.experiments.team.experiment import ExperimentError

@@ -22,7 +22,7 @@ from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.recorder import logs_in
 from cmr.experiments.live.report import metrics_in_words, write_report
 from cmr.experiments.scenario import Scenario, ScenarioError
-from cmr.experiments.scenario.shipping import SHIPPED, path_of, shipped
+from cmr.experiments.scenario.reading import SHIPPED, path_of, shipped
 from cmr.experiments.team.metrics import UNITS
 
 # What processes have to be compiled for, by their role.

@@ -63,7 +63,7 @@ def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedR
     """Return the settings and the runs that were asked for."""
     from cmr.commands.scenarios import HARDWARE
     from cmr.experiments.scenario.plan import ScenarioError
-    from cmr.experiments.scenario.shipping import path_of
+    from cmr.experiments.scenario.reading import path_of
     from cmr.experiments.sweep.experiment import ExperimentError
     from cmr.experiments.sweep.planning import plan
     from cmr.experiments.sweep.settings import SettingError, setting_of

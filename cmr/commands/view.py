@@ -109,7 +109,7 @@ def _room(options: argparse.Namespace) -> tuple[Obstacles, Geofence | None]:
 def _room_of(path: str) -> tuple[Obstacles, Geofence | None]:
     from cmr.commands.scenarios import load
     from cmr.experiments.scenario import ScenarioError
-    from cmr.experiments.scenario.shipping import path_of
+    from cmr.experiments.scenario.reading import path_of
 
     try:
         scenario = load(path_of(path), starts_checked=False)

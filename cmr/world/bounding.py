@@ -5,12 +5,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from cmr.world.lazy_module import LazyModule
 
-bounding_loops = LazyModule("cmr.world.bounding_loops")
+robot_loops = LazyModule("cmr.world.robot_loops")
 
 
 def bounded(duties: ArrayLike) -> NDArray[np.float64]:
     """Return duties (n, 2) clipped to [-1, 1]; a robot of which one is no number stands."""
     sides = np.ascontiguousarray(np.asarray(duties, dtype=float).T)
     within = np.empty(sides.shape)
-    bounding_loops.bound(sides, within)
+    robot_loops.bound(sides, within)
     return within.T

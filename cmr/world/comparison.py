@@ -9,11 +9,13 @@ from cmr.msg import pose_xyt_t, world_state_t
 from cmr.recordings.commanding import COMMANDS, asks_to_move
 from cmr.recordings.events import LogReader
 from cmr.recordings.recording import Floats, Times
+from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.world.view import WorldView
 from cmr.world.world import REST_BEFORE_DRIVE
 
 SETTLING = 100_000  # us after the first command until the twin, put to its robot, is surely on the bus
 SHORTEST_DRIVE = 2_000_000  # us
+TITLES = ("before calibration", "after calibration")
 
 
 @dataclass(frozen=True)
@@ -72,3 +74,21 @@ def _drive(
         np.interp(utime, twin[:, 0], twin[:, 1]),
         np.interp(utime, twin[:, 0], twin[:, 2]),
     )
+
+
+def draw_before_and_after(drives: tuple[Drive, Drive], path: Path) -> None:
+    """Write a picture of two drives side by side, real path yellow and simulated path blue, to `path`."""
+    from matplotlib.figure import Figure  # slow to import, and writes a cache
+
+    figure = Figure(figsize=(11.0, 5.5), dpi=120, layout="constrained")
+    for axes, drive, title in zip(figure.subplots(1, 2), drives, TITLES, strict=True):
+        axes.plot(drive.real_x, drive.real_y, color=REAL_COLOUR, linewidth=4.0, label="real robot")
+        axes.plot(drive.twin_x, drive.twin_y, color=TWIN_COLOUR, linewidth=1.4, label="simulated robot")
+        axes.plot(drive.real_x[0], drive.real_y[0], "o", color="black", markersize=5, label="start")
+        axes.set_title(f"{title}\npath error {drive.path_rmse:.3f} m (root mean square)")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x [m]")
+        axes.set_ylabel("y [m]")
+        axes.grid(alpha=0.3)
+        axes.legend(loc="best", frameon=False)
+    figure.savefig(path)

@@ -14,7 +14,7 @@ Floats: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 
 neighbours = LazyModule("cmr.world.interaction.neighbours")
-velocities = LazyModule("cmr.world.interaction.velocities")
+robot_loops = LazyModule("cmr.world.robot_loops")
 MOST_RADII = 20  # within which neighbours are looked for again and again
 MISSING = -1  # index of a robot that is not there
 
@@ -73,6 +73,6 @@ class Surroundings:
         """Return how everybody moves [m/s; world frame], taking all wheels to have this radius [m]."""
         if self._velocities is None or self._velocities[0] != wheel_radius:
             speeds = np.empty((2, len(self.x)))
-            velocities.velocities_of(self.theta, self.psi_left, self.psi_right, wheel_radius, speeds)
+            robot_loops.velocities_of(self.theta, self.psi_left, self.psi_right, wheel_radius, speeds)
             self._velocities = (wheel_radius, speeds[0], speeds[1])
         return self._velocities[1:]

@@ -17,7 +17,7 @@ from cmr.world.surroundings import Floats, Indices, Members, Surroundings
 if TYPE_CHECKING:
     from cmr.world.interaction.neighbours import NearList
 
-sound = LazyModule("cmr.world.interaction.sound")
+robot_loops = LazyModule("cmr.world.robot_loops")
 REAL: int = robot_state_t.REAL
 VIRTUAL: int = robot_state_t.VIRTUAL
 TWIN: int = robot_state_t.TWIN
@@ -170,7 +170,7 @@ class WorldView:
             parts = [_columns(group.robots.state, index) for group, index in self._chosen]
             columns = parts[0] if len(parts) == 1 else [*np.hstack([np.zeros((SEEN, 0)), *map(np.array, parts)])]
             members = self._members
-            if not sound.all_sound(FURTHEST, *columns):
+            if not robot_loops.all_sound(FURTHEST, *columns):
                 state = np.array(columns)
                 there = np.isfinite(state).all(axis=0) & (np.abs(state[:2]) <= FURTHEST).all(axis=0)
                 members, columns = Members(members.robot_id[there]), [*np.ascontiguousarray(state[:, there])]

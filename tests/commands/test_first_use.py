@@ -14,7 +14,7 @@ from cmr.commands.demo import main as demo
 from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
 from cmr.commands.run import parts_to_compile
 from cmr.commands.scenarios import load
-from cmr.experiments.scenario.shipping import path_of
+from cmr.experiments.scenario.reading import path_of
 from cmr.geometry.manoeuvres import TYPICAL
 from cmr.model.parameters import RobotParameters
 from cmr.world import loading

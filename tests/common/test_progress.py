@@ -24,7 +24,7 @@ with Progress(4, "runs") as progress:
 ENDED_BY_A_SIGNAL = """
 import os, signal, time
 from cmr.cli.progress import Progress
-from cmr.commands import _end
+from cmr.cli.start import _end
 signal.signal(signal.SIGTERM, _end)
 with Progress(4, "runs"):
     time.sleep(0.3)

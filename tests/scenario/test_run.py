@@ -21,7 +21,7 @@ from cmr.commands.scenarios import load
 from cmr.experiments.live.jobs import jobs_of
 from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.recorder import logs_in
-from cmr.experiments.scenario.shipping import shipped
+from cmr.experiments.scenario.reading import shipped
 from cmr.msg import estop_t
 from cmr.recordings.events import LogReader
 from tests.support.html_page import Page

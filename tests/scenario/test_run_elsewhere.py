@@ -17,7 +17,7 @@ from cmr.experiments.live.jobs import jobs_of
 from cmr.experiments.live.live_run import LiveRun, Outcome
 from cmr.experiments.live.preparing import prepare, write_emulators
 from cmr.experiments.scenario.plan import Scenario
-from cmr.experiments.scenario.shipping import shipped
+from cmr.experiments.scenario.reading import shipped
 from cmr.geometry.places import Pose
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t

@@ -14,9 +14,8 @@ from cmr.cli.options import arguments_of
 from cmr.commands.scenarios import load, parse
 from cmr.experiments.live.jobs import PILOT, RECORDER, SIM, jobs_of
 from cmr.experiments.scenario import Scenario, ScenarioError
-from cmr.experiments.scenario.reading import KEYS
+from cmr.experiments.scenario.reading import KEYS, path_of
 from cmr.experiments.scenario.robots import KEYS as ROBOT_KEYS
-from cmr.experiments.scenario.shipping import path_of
 from cmr.experiments.scenario.writing import to_yaml
 from cmr.parameters.file import load as load_parameters
 from tests.support.project import PROJECT

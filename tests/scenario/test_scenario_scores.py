@@ -13,7 +13,7 @@ from cmr.experiments.live.report import metrics_in_words, metrics_of
 from cmr.experiments.live.watch import TeamWatch
 from cmr.experiments.scenario import Scenario
 from cmr.experiments.scenario.plan import BehaviourPlan, RobotPlan
-from cmr.experiments.scenario.shipping import shipped
+from cmr.experiments.scenario.reading import shipped
 from cmr.experiments.team.metrics import UNITS, Bond
 from cmr.experiments.team.scoring import bonds_of, scores, ways_of
 from cmr.model.motion import RobotState

@@ -1,6 +1,7 @@
-"""Read a scenario from a YAML file, which is checked as it is loaded."""
+"""Read a scenario from a YAML file, which is checked as it is loaded, or one that comes with CMR, by its name."""
 
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 from cmr.bus.preflight import BusError, parse_udpm
@@ -19,6 +20,7 @@ KEYS = (
     *("name", "about", "duration", "seed", "rate", "robots", "obstacles", "geofence", "metrics", "ends_when"),
     *("parameters", "population", "process_noise", "reaction", "robot_radius", "host", "lcm_url"),
 )
+SHIPPED = Path(str(files("cmr.experiments.scenario"))) / "shipped"
 LONGEST = 604_800.0  # s; a week
 LONGEST_REACTION = 0.5  # s
 LARGEST_SEED = 2**63 - 1
@@ -141,3 +143,21 @@ def _population(item: Item | None, folder: Path) -> tuple[Path, ...]:
         except PopulationError as error:
             raise item.place.error(str(error)) from error
     return tuple(paths)
+
+
+def shipped() -> dict[str, Path]:
+    """Return the files of the shipped scenarios by name."""
+    return {path.stem: path for path in sorted(SHIPPED.glob("*.yaml"))}
+
+
+def path_of(name: str) -> Path:
+    """Return the file of this path, or of the shipped scenario of this name.
+
+    Raises ScenarioError where there is neither.
+    """
+    path = Path(name)
+    if name in shipped() and not path.is_file():  # a folder of results may have the scenario's name
+        return shipped()[name]
+    if path.exists():
+        return path
+    raise ScenarioError(f"There is neither a file nor a shipped scenario {name!r}. Shipped: {', '.join(shipped())}.")
