@@ -14,7 +14,7 @@ from cmr.experiments.team.population import drawn_from
 from cmr.parameters.file import Value
 from cmr.world.loading import Loader
 from cmr.world.world import World
-from tests.team.test_population import robot
+from tests.experiments.team.test_population import robot
 
 EPOCH = 1_700_000_000_000_000
 STEP = 10_000  # us

@@ -12,7 +12,7 @@ from cmr.geometry.manoeuvres.pieces import FREQUENCIES, PERIOD
 from cmr.model.body import forward, turn
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
-from tests.manoeuvres.driven_manoeuvres import DT, LARGE, SMALL, duties_of, motion_of
+from tests.geometry.driven_manoeuvres import DT, LARGE, SMALL, duties_of, motion_of
 
 NAMES = pytest.mark.parametrize("name", MANOEUVRES)
 

@@ -7,7 +7,7 @@ import pytest
 from cmr.experiments.live.keeping_up import Pace, in_words, is_too_late, what_was_too_slow
 from cmr.experiments.live.page import run_page
 from cmr.experiments.live.report import document_of, metrics_in_words
-from tests.scenario.test_run_elsewhere import all_statuses, live_run
+from tests.experiments.live.test_run_elsewhere import all_statuses, live_run
 
 STEADY = [Pace("sim", 100.0, 3), Pace("driver 0", 100.0, 0)]
 

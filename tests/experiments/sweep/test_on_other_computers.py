@@ -21,7 +21,7 @@ from cmr.experiments.scenario.plan import BehaviourPlan
 from cmr.experiments.sweep import experiment
 from cmr.experiments.sweep.cluster import ClusterError, _unpacked_there, lookout, perform, worker_command
 from cmr.experiments.sweep.planning import plan
-from tests.sweep.test_sweep import scenario  # noqa: F401 - a fixture
+from tests.experiments.sweep.test_sweep import scenario  # noqa: F401 - a fixture
 
 
 @pytest.fixture(scope="module")

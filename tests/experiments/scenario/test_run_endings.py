@@ -15,8 +15,8 @@ from cmr.experiments.scenario.writing import to_yaml
 from cmr.experiments.team.metrics import UNITS
 from cmr.model.motion import RobotState
 from cmr.world.view import VIRTUAL, Robot, world_messages
-from tests.scenario.test_scenario import PARAMETERS
-from tests.scenario.test_scenario_scores import EPOCH, STEP, team
+from tests.experiments.scenario.test_scenario import PARAMETERS
+from tests.experiments.scenario.test_scenario_scores import EPOCH, STEP, team
 
 pytestmark = pytest.mark.waits
 

@@ -20,7 +20,7 @@ from cmr.world.behaviours.manoeuvring import DriveManoeuvre
 from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, Robot, WorldView, world_messages
 from cmr.world.world import World
-from tests.manoeuvres.driven_manoeuvres import DT, LARGE, duties_of, motion_of
+from tests.geometry.driven_manoeuvres import DT, LARGE, duties_of, motion_of
 
 EPOCH = 1_800_000_000_000_000  # us
 PARAMETERS = ParameterFile(0, {name: Value(value) for name, value in TYPICAL.values.items()})
@@ -112,9 +112,9 @@ class Brief(Behaviour):
 
 def test_the_pilot_ends_with_its_behaviour(url: str, file: Path) -> None:
     options = ["--lcm-url", url, "--parameters", str(file)]
-    assert run_pilot([*options, "--behaviour", "tests.manoeuvres.test_manoeuvres_on_robots:Brief"]) == 0
+    assert run_pilot([*options, "--behaviour", "tests.geometry.test_manoeuvres_on_robots:Brief"]) == 0
     with pytest.raises(CommandError, match="The floor is wet"):
-        run_pilot([*options, "--behaviour", "tests.manoeuvres.test_manoeuvres_on_robots:Brief,trouble=1"])
+        run_pilot([*options, "--behaviour", "tests.geometry.test_manoeuvres_on_robots:Brief,trouble=1"])
 
 
 @pytest.mark.parametrize(
