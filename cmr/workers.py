@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection, wait
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
-from cmr import computing
+from cmr import threads
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -37,8 +37,8 @@ class Workers(Generic[Job, Result]):
 
     def __enter__(self) -> "Workers[Job, Result]":
         # One process for each core: threads inside them would only be in each other's way.
-        self._before = {name: os.environ.get(name) for name in computing.THREADS}
-        os.environ.update(dict.fromkeys(computing.THREADS, "1"))
+        self._before = {name: os.environ.get(name) for name in threads.ALL}
+        os.environ.update(dict.fromkeys(threads.ALL, "1"))
         return self
 
     def __exit__(

@@ -16,7 +16,7 @@ from typing import Protocol
 
 import serial
 
-from cmr.computing import go_first
+from cmr.priority import go_first
 from robot_driver.clock import seconds_since_boot, utime_at
 
 # pyserial lets termios.error out of its flushing calls; it is neither of the others.

@@ -5,7 +5,7 @@ process quietly even while libraries are still being imported.
 """
 
 from cmr.cli.start import run
-from cmr.computing import one_thread_for_linear_algebra
+from cmr.threads import one_thread_for_linear_algebra
 
 one_thread_for_linear_algebra()
 

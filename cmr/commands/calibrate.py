@@ -21,10 +21,10 @@ from cmr.cli.configuration import robot as default_robot
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.commands.first_use import ESTIMATOR, compile_first
-from cmr.computing import give_way
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
+from cmr.priority import give_way
 from cmr.recordings.recording import RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s

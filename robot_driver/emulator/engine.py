@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Protocol
 
-from cmr.computing import go_first
+from cmr.priority import go_first
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.robot_in_time import RobotInTime

@@ -10,9 +10,9 @@ from cmr.bus.process import EXIT_INTERRUPTED, Process
 from cmr.bus.streams import ESTOP, POSE
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.errors import CommandError
-from cmr.computing import go_first
 from cmr.model.command_kinds import DUTY, KINDS
 from cmr.msg import pose_xyt_t
+from cmr.priority import go_first
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.engine import Engine

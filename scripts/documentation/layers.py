@@ -10,7 +10,7 @@ from documentation.imports import PROJECT, between_packages, imports, modules
 PICTURE = PROJECT / "docs" / "pictures" / "packages.svg"
 # Any package may import these, and they import one another alone; arrows to them would hide all others.
 GROUND = (
-    *("cmr.cli", "cmr.documents", "cmr.report", "cmr.distribution", "cmr.files", "cmr.computing"),
+    *("cmr.cli", "cmr.documents", "cmr.report", "cmr.distribution", "cmr.files", "cmr.priority", "cmr.threads"),
     "cmr.workers",
 )
 WITHOUT = ("cmr", "cmr.__main__", "cmr.experiments")  # they hold other packages, or start one

@@ -7,7 +7,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from cmr import computing
+from cmr import threads
 from cmr.workers import Telling, Workers
 
 
@@ -30,13 +30,13 @@ def died(job: str, how: str) -> str:
 
 def test_results_come_with_progress_and_the_environment_is_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
-    before = {name: os.environ.get(name) for name in computing.THREADS}
+    before = {name: os.environ.get(name) for name in threads.ALL}
     said: list[str] = []
     with Workers(1, work, died) as workers:
         results = list(workers.perform(["a", "die", "nested"], said.append))
     assert results == ["1a", "die: Its process was killed by signal 9. If memory ran out, --jobs 1 needs less.", "7"]
     assert said == ["begin a", "begin die", "begin nested"]
-    assert {name: os.environ.get(name) for name in computing.THREADS} == before
+    assert {name: os.environ.get(name) for name in threads.ALL} == before
 
 
 def test_what_a_job_raises_is_raised_and_ends_the_processes() -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from cmr import computing
+from cmr import threads
 from cmr.cli.command_line import guarded
 from cmr.commands.diagnose import main
 from cmr.diagnosis.job import Job, Outcome, Telling
@@ -107,7 +107,7 @@ def pretend(job: Job, tell: Telling) -> Outcome:
         time.sleep(PATIENCE)
     if what == "fail":
         return Outcome(folder=job.folder, failure="It cannot be done.")
-    told = tuple(sorted({os.environ.get(name, "as many as there are") for name in computing.THREADS}))
+    told = tuple(sorted({os.environ.get(name, "as many as there are") for name in threads.ALL}))
     return Outcome(folder=job.folder, verdict=EFFECTS_FOUND, effects=(str(os.getpid()), *told), ratio=2.0)
 
 

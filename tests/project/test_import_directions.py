@@ -22,8 +22,9 @@ KNOWN: dict[str, set[str]] = {
     "cmr.distribution": set(),
     "cmr": {"cmr.distribution"},  # and, by name at the first use, what `import cmr` offers
     "cmr.files": set(),
-    "cmr.computing": set(),
-    "cmr.workers": {"cmr.computing"},
+    "cmr.priority": set(),
+    "cmr.threads": set(),
+    "cmr.workers": {"cmr.threads"},
     "cmr.documents": set(),
     "cmr.cli": {"cmr.distribution", "cmr.documents", "cmr.files"},
     "cmr.report": set(),
@@ -69,14 +70,14 @@ KNOWN: dict[str, set[str]] = {
     "robot_driver.gyros": set(),
     "robot_driver.controllers": {"cmr.msg", "robot_driver.gyros"},
     "robot_driver": {
-        *(*BUS, "cmr.parameters", "cmr.model", "cmr.documents", "cmr.computing"),
+        *(*BUS, "cmr.parameters", "cmr.model", "cmr.documents", "cmr.priority"),
         *("robot_driver.controllers", "robot_driver.gyros"),
     },
-    "robot_driver.emulator": {*BUS, "cmr.documents", "cmr.computing", "cmr.model", "cmr.plant", "robot_driver"},
+    "robot_driver.emulator": {*BUS, "cmr.documents", "cmr.priority", "cmr.model", "cmr.plant", "robot_driver"},
     "robot_driver.simulated": {*BUS, "cmr.parameters", "cmr.world", "robot_driver", "robot_driver.emulator"},
     # The top: processes.
     "cmr.commands": {
-        *(*RECORDED, "cmr.documents", "cmr.files", "cmr.distribution", "cmr.computing", "cmr.geometry"),
+        *(*RECORDED, "cmr.documents", "cmr.files", "cmr.distribution", "cmr.priority", "cmr.threads", "cmr.geometry"),
         *("cmr.camera", "cmr.estimation", "cmr.calibration", "cmr.diagnosis", "cmr.world", "cmr.view"),
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),

@@ -8,10 +8,10 @@ import sys
 import numpy as np
 import pytest
 
-from cmr.computing import LINEAR_ALGEBRA
 from cmr.diagnosis.diagnose import p_value
 from cmr.estimation.nonnegative import nonnegative
 from cmr.experiments.fidelity.distances import wasserstein
+from cmr.threads import LINEAR_ALGEBRA
 from tests.support.project import PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))

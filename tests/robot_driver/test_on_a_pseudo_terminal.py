@@ -17,9 +17,9 @@ from typing import Any
 import pytest
 
 from cmr.bus.messages import now_utime
-from cmr.computing import go_first
 from cmr.model.duty_ramp import Limits
 from cmr.msg import motor_feedback_t
+from cmr.priority import go_first
 from robot_driver.battery import Thresholds
 from robot_driver.clock import seconds_since_boot
 from robot_driver.controllers.roboclaw import RoboClaw

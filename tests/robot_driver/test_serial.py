@@ -9,8 +9,8 @@ from random import Random
 
 import pytest
 
-from cmr.computing import go_first
 from cmr.msg import motor_feedback_t
+from cmr.priority import go_first
 from robot_driver.controllers.roboclaw import DRIVE_BOTH
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.faults import DELAY, Faults

@@ -19,9 +19,9 @@ from typing import Any
 from cmr.bus.bus import Bus
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PROCESS_STATUS
-from cmr.computing import go_first
 from cmr.model.duty_ramp import Limits
 from cmr.msg import estop_t, motor_command_t, process_status_t
+from cmr.priority import go_first
 from robot_driver.battery import Thresholds
 from robot_driver.clock import seconds_since_boot
 from robot_driver.command_gate import LISTENING_TIME, CommandGate

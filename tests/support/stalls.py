@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import NamedTuple
 
-from cmr.computing import go_first
+from cmr.priority import go_first
 
 PERIOD = 0.001  # s between two looks
 LATE = 0.003  # s beyond that after which the machine counts as having stood still

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cmr.computing import go_first
+from cmr.priority import go_first
 from robot_driver.clock import Stamps, utime_at
 from robot_driver.clock_fit import ClockFit
 from robot_driver.emulator.dsp3000_device import INCREMENTAL_ANGLE, Dsp3000Device
