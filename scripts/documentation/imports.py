@@ -71,7 +71,7 @@ def _known(name: str, sources: Mapping[str, Path]) -> str:
     """Return the module that a dotted name leads to, empty where it is none of ours."""
     while name and name not in sources:
         name = name.rpartition(".")[0]
-    return "" if name in ROOTS else name
+    return "" if name == "cmr" else name  # which holds all others, and imports them when they are used
 
 
 def folder_of(module: str, sources: Mapping[str, Path]) -> str:
