@@ -140,7 +140,7 @@ def test_python_in_a_checkout_finds_the_message_classes_of_the_installed_package
     """As after `pip install .`: the folder in which Python runs comes before what is installed."""
     run = [sys.executable, "-c", "import sys; sys.path.append(sys.argv[1]); from cmr import msg; print(msg.__file__)"]
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    bare = shutil.copytree(sources / "cmr", sources / "bare" / "cmr", ignore=shutil.ignore_patterns("msg", "tools"))
+    bare = shutil.copytree(sources / "cmr", sources / "bare" / "cmr", ignore=shutil.ignore_patterns("msg"))
     command = [run[0], "-S", *run[1:]]  # without the editable installation that runs this test
     found = subprocess.run(
         [*command, str(wheel)], cwd=bare.parent, env=environment, capture_output=True, text=True, check=True

@@ -20,7 +20,7 @@ from cmr.experiments.scenario.writing import to_yaml
 from cmr.parameters.file import load as load_parameters
 from tests.support.project import PROJECT
 
-SHIPPED = PROJECT / "cmr/scenario/shipped"
+SHIPPED = PROJECT / "cmr/experiments/scenario/shipped"
 PARAMETERS = SHIPPED / "parameters/robot_0.yaml"
 
 TEXT = f"""\
