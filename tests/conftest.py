@@ -4,16 +4,15 @@ import gc
 import os
 import tty
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 from robot_driver.serial_port import SerialPort
 from robot_driver.stream_port import StreamPort
-from tests.exchanges import Exchanges
-from tests.private_bus import private_url
-from tests.stalls import Stalls
+from tests.support.exchanges import Exchanges
+from tests.support.private_bus import private_url
+from tests.support.stalls import Stalls
 
 # As the commands have it, before NumPy is imported: threads of linear algebra cost small matrices three times the CPU.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -24,30 +23,9 @@ settings.load_profile("patient")
 os.environ["XDG_CONFIG_HOME"] = os.devnull  # a developer's own settings change no test
 
 
-# Drivers, emulated devices and the bus keep time to some ms: nothing computes beside their tests (scripts/test).
-REAL_TIME = ("test_bus", "test_driver", "test_kvh", "test_mbot", "test_roboteq", "test_stalls")
-# Whole systems and emulators wait most of the time, and are not upset by what only computes meanwhile.
-WAITS = ("test_demo", "test_driver_listing", "test_emulator", "test_run", "test_shards_on", "test_supervisor")
-# What looks at bytes and numbers alone, or at a clock of its own, only computes.
-COMPUTES = ("command_gate", "encoders", "gyro_gaps", "protocol", "ramp")
-# This one begins first, so that nothing waits for it at the end.
-LONGEST = "test_real_time_chain"
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Make known what tests are marked with here."""
-    config.addinivalue_line("markers", "waits: whole systems and emulated devices, which mostly wait")
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that keep time, and those that wait; put the longest first."""
-    items.sort(key=lambda item: Path(item.path).stem != LONGEST)
-    for item in items:
-        name = Path(item.path).stem
-        if name.startswith(WAITS):
-            item.add_marker(pytest.mark.waits)
-        elif name.startswith(REAL_TIME) and not name.endswith(COMPUTES):
-            item.add_marker(pytest.mark.real_time)
+    """Put the longest first, so that nothing waits for them at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("longest") is None)
 
 
 def pytest_collection_finish() -> None:

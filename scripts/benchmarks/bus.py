@@ -15,7 +15,7 @@ from cmr.bus.messages import now_utime
 from cmr.bus.streams import WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.world.view import VIRTUAL, Robots, world_messages
-from tests.private_bus import private_url
+from tests.support.private_bus import private_url
 
 RATE = 100.0  # Hz
 SECONDS = 10.0

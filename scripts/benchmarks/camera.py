@@ -12,9 +12,9 @@ from benchmarks.report import Row
 from benchmarks.timing import clocked, in_turns
 from cmr.camera.tags import TagFinder
 from cmr.camera.watcher import Watcher
-from tests.camera_bench import EYE, floor_of, lens_of, robots
-from tests.clutter import cluttered
-from tests.rendered_floor import FLOOR_TAGS, Scene
+from tests.support.camera_bench import EYE, floor_of, lens_of, robots
+from tests.support.clutter import cluttered
+from tests.support.rendered_floor import FLOOR_TAGS, Scene
 
 LONGEST = 0.05  # s for a picture: 20 a second
 PICTURES = 4

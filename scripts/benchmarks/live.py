@@ -14,7 +14,7 @@ from benchmarks.processes import processor_time
 from benchmarks.report import Point, Row
 from cmr.bus.bus import Bus
 from cmr.bus.streams import WORLD_STATE
-from tests.private_bus import private_url
+from tests.support.private_bus import private_url
 
 RATE = 100.0  # Hz, of steps and of WORLD_STATE
 GOALS = {100: 0.025, 1_000: 0.04, 10_000: 0.12}  # shares of a core, by the number of robots

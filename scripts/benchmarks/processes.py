@@ -19,7 +19,7 @@ from benchmarks.timing import Timing, clocked, in_turns
 from cmr.bus.streams import WORLD_STATE
 from cmr.msg import world_state_t
 from cmr.recordings import Recording
-from tests.private_bus import private_url
+from tests.support.private_bus import private_url
 
 Times: TypeAlias = tuple[float, float]  # CPU seconds and seconds on the clock
 

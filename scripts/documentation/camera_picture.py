@@ -9,8 +9,8 @@ import numpy as np
 from cmr.camera.drawing import Drawer, Waypoints
 from cmr.camera.place import Place
 from cmr.camera.tracks import Shown
-from tests.camera_bench import CARRIED, lens_of
-from tests.rendered_floor import FLOOR_TAGS, Box, Eye, Scene
+from tests.support.camera_bench import CARRIED, lens_of
+from tests.support.rendered_floor import FLOOR_TAGS, Box, Eye, Scene
 
 EYE = Eye(position=(0.0, -2.4, 1.6), looks_at=(0.0, 0.2, 0.0))
 REAL = (Box(-0.52, 0.22, 0.4, 0), Box(0.12, -0.12, -0.7, 1), Box(0.5, 0.42, 0.9, 2))

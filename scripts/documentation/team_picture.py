@@ -19,8 +19,8 @@ from cmr.camera.tracks import REAL, VIRTUAL, Tracks
 from cmr.msg import camera_image_t, waypoints_t, world_state_t
 from cmr.recordings.events import Event, EventReader, event_bytes
 from cmr.scenario.children import our_command
-from tests.camera_bench import CARRIED, lens_of
-from tests.rendered_floor import Box, Eye, Scene, Sheet
+from tests.support.camera_bench import CARRIED, lens_of
+from tests.support.rendered_floor import Box, Eye, Scene, Sheet
 
 DRIVEN = 10_000_000  # us that the leader has driven in the picture
 LEADER, SET_OFF = 10, 0.02  # m from its start

@@ -5,7 +5,7 @@ import sys
 import atheris
 
 with atheris.instrument_imports(include=["robot_driver.controllers", "robot_driver.gyros"]):
-    from tests.any_bytes import CHECKS
+    from tests.robot_driver.any_bytes import CHECKS
 
 if __name__ == "__main__":
     program, protocol, *arguments = sys.argv

@@ -33,8 +33,8 @@ from soaking.checks import (
 )
 from soaking.pilot import LARGEST_DUTY, Pilot
 from soaking.waiting import Waiting
-from tests.private_bus import private_url
-from tests.stalls import Stalls
+from tests.support.private_bus import private_url
+from tests.support.stalls import Stalls
 
 DRIVER = [sys.executable, "-c", "import sys; from cmr.commands import driver; sys.exit(driver())"]
 TURN = 0.02  # s

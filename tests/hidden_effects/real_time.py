@@ -11,7 +11,7 @@ import yaml
 
 from robot_driver.emulator.settings import Settings
 from tests.hidden_effects.chain import DRIVES, HARDWARE, IDEAL, ChainCase, Hidden, hidden_robot
-from tests.private_bus import private_url
+from tests.support.private_bus import private_url
 
 APART = 4.0  # m between the starts of two robots
 WAITING = 90.0  # s more than the drive: for processes to start and to end

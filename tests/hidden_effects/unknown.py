@@ -6,7 +6,7 @@ as large as the noise in at least one signal.
 
 from collections.abc import Mapping
 
-# In the plant's units; they are those of tests/reference_plant/parameters.py.
+# In the plant's units; they are those of cmr/plant/parameters.py.
 UNKNOWN: Mapping[str, Mapping[str, float]] = {
     # Motors whose pull grows with the third power of the duty: weak at low duty, full at full duty.
     "cubic_motor": {"cubic_motor": 0.35},

@@ -15,7 +15,7 @@ from tests.hidden_effects.cases import CONTROLLED_WINDOWS, WINDOWS, Case, Truth
 from tests.hidden_effects.pieces import in_pieces, with_jumps
 from tests.reference_plant import Commands
 from tests.reference_plant.drives import utime
-from tests.speed_commanded import wandering
+from tests.support.speed_commanded import wandering
 
 LENGTHS = (2.0, 10.0)  # s, of pieces; all of one recording are as long
 LATEST_POSE = 0.4  # s

@@ -1,0 +1,132 @@
+"""What is compiled the first time on a computer is compiled before anything drives, once, and announced."""
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from cmr.commands import doctor, first_use
+from cmr.commands.command_line import CommandError
+from cmr.commands.demo import free_folder
+from cmr.commands.demo import main as demo
+from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
+from cmr.commands.run import parts_to_compile
+from cmr.manoeuvres import TYPICAL
+from cmr.model.parameters import RobotParameters
+from cmr.scenario import load
+from cmr.scenario.shipping import path_of
+from cmr.world import loading
+from cmr.world.loading import Loader
+
+LOAD = """
+from numba.core import event
+from cmr.manoeuvres import TYPICAL
+from cmr.model.parameters import RobotParameters
+from cmr.world.loading import Loader
+with event.install_recorder("numba:compile") as compiled:
+    for effects in ({}, {"coulomb_friction": 0.3}):
+        loader = Loader()
+        while not loader.ready(RobotParameters.of({**TYPICAL.values, **effects})):
+            assert not loader.message or loader.is_starting
+print(len(compiled.buffer))
+"""
+
+
+@pytest.fixture
+def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of what is compiled, by nobody, for a cache that is empty at first."""
+    names: list[str] = []
+
+    def compile_nothing(name: str, mark: Path) -> str:
+        names.append(name)
+        mark.touch()
+        return ""
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(first_use, "_compile", compile_nothing)
+    return names
+
+
+def test_each_part_is_compiled_once_and_announced(compiled: list[str]) -> None:
+    said: list[str] = []
+    compile_first([MODEL, WORLD], said.append)
+    assert sorted(compiled) == sorted([MODEL, WORLD])
+    assert said[0].startswith("Compiling the robot model and the world (first use on this computer, about ")
+    assert said[0].endswith(" s on an idle one) ...")
+    assert said[1].startswith("Compiled in ")
+    compile_first([MODEL, WORLD], said.append)
+    compile_first([WORLD, EMULATOR], said.append)
+    assert sorted(compiled) == sorted([MODEL, WORLD, EMULATOR])
+    assert len(said) == 4
+
+
+@pytest.mark.usefixtures("compiled")
+def test_doctor_says_what_is_not_compiled_yet() -> None:
+    assert "the estimator, the robot model, the world and the emulated robot" in doctor.compiled_model().sentence
+    compile_first([MODEL, WORLD, EMULATOR])
+    assert doctor.compiled_model().sentence.startswith("Not compiled yet: the estimator. ")
+    compile_first([ESTIMATOR])
+    assert doctor.compiled_model().colour == doctor.GREEN
+
+
+def test_what_changed_is_compiled_anew(compiled: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    compile_first([MODEL], lambda _text: None)
+    monkeypatch.setattr(first_use, "_processor", lambda: "another one")
+    compile_first([MODEL], lambda _text: None)
+    assert compiled == [MODEL, MODEL]
+
+
+def test_a_part_that_cannot_be_compiled_is_reported_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(first_use, "PARTS", {"nothing": first_use.Part("nothing", 1, lambda: None)})
+    said: list[str] = []
+    for _ in range(2):
+        compile_first(["nothing"], said.append)
+    assert [text.startswith("Not compiled: KeyError") for text in said] == [False, True, False, True]
+
+
+@pytest.mark.slow
+def test_a_simulator_compiles_nothing_after_that() -> None:
+    compile_first([MODEL, WORLD])
+    result = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, check=True)
+    assert result.stdout.split() == ["0"]
+
+
+def test_a_run_compiles_what_its_processes_take() -> None:
+    scenario = load(path_of("line"))
+    assert {MODEL, WORLD, EMULATOR} <= parts_to_compile(scenario, Path())
+    assert (ESTIMATOR in parts_to_compile(scenario, Path())) == any(r.calibrate or r.diagnose for r in scenario.robots)
+
+
+def test_a_simulator_is_starting_until_a_robot_can_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    gate = threading.Event()
+
+    def prepare(_loader: Loader) -> None:
+        gate.wait()
+
+    monkeypatch.setattr(loading.Loader, "_prepare_behaviours", prepare)
+    loader, parameters = Loader(), RobotParameters.of(TYPICAL.values)
+    assert not loader.is_starting  # there is nobody to be moved
+    assert not loader.ready(parameters)
+    assert loader.is_starting
+    gate.set()
+    while not loader.ready(parameters):
+        pass
+    assert not loader.is_starting
+
+
+def test_the_demo_keeps_an_earlier_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = tmp_path / "demo-run" / "run.lcm"
+    run.parent.mkdir()
+    run.write_bytes(b"a drive")
+    with pytest.raises(CommandError, match="holds a run already"):
+        demo(["--out", "demo-run"])
+    assert free_folder(None) == Path("demo-run")
+    [earlier] = tmp_path.glob("demo-run-*/run.lcm")
+    assert earlier.read_bytes() == b"a drive"
+    assert not run.parent.exists()

@@ -1,0 +1,143 @@
+"""Where nothing explains what remains, a generic term may extend the model: labelled as such, and only if it helps."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmr.diagnosis.diagnose import diagnose
+from cmr.diagnosis.document import document, extended_file
+from cmr.diagnosis.report import report_of
+from cmr.diagnosis.result import GENERIC, UNEXPLAINED, Diagnosis
+from cmr.diagnosis.summary import summary
+from cmr.estimation.checks import looked_at
+from cmr.estimation.gain import Gain
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.preparation import prepare
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect
+from cmr.estimation.search.selection import Search
+from cmr.estimation.unexplained.extending import WITHDRAWN, extended
+from cmr.estimation.unexplained.generic import extension, formula, improves
+from cmr.model.catalogue import CATALOGUE
+from cmr.parameters.file import load
+from cmr.parameters.following import ParameterFollower
+from cmr.world.behaviours import FigureEight
+from cmr.world.world import VirtualRobot, World
+from tests.hidden_effects import HiddenRecording, hidden_recording
+
+pytestmark = pytest.mark.slow
+
+SEED = 3
+
+
+@cache
+def hidden(effect: str) -> HiddenRecording:
+    return hidden_recording(*([effect] if effect else []), seed=SEED)
+
+
+@cache
+def prepared(effect: str) -> tuple[Problem, Fit]:
+    """A rich drive of a robot with this effect, and the paper's model fitted to it."""
+    recording = hidden(effect).recording
+    assert recording.parameters is not None
+    ready = prepare(looked_at([recording]), recording.parameters)
+    assert ready.problem is not None
+    assert ready.base is not None
+    return ready.problem, ready.base
+
+
+@cache
+def weak_in_reverse() -> Diagnosis:
+    """What is found of motors that pull less backward; the gain is measured on another log of the same robot."""
+    other = hidden_recording("weak_reverse", seed=SEED, run=1).recording
+    return diagnose(hidden("weak_reverse").recording, held_out=[other])
+
+
+def test_a_generic_term_extends_the_model_and_another_drive_is_foretold_better() -> None:
+    found = weak_in_reverse()
+    assert (found.verdict, found.effects) == (UNEXPLAINED, ())
+    term = found.unexplained.generic
+    assert term is not None
+    # u (1 - g) where u < 0 is u (1 - g / 2) + |u| g / 2, and the first of these is a motor as any other.
+    half = 0.5 * hidden("weak_reverse").truth.parameters["weak_reverse"]
+    assert set(term.estimates) == {"generic_drive_abs_u"}
+    estimate = term.estimates["generic_drive_abs_u"]
+    assert abs(estimate.value - half / (1.0 - half)) < 3.0 * estimate.std
+    assert term.held_out > 100.0
+    assert found.baseline is not None
+    assert found.extended is not None
+    assert found.extended.held_out_path_rmse < 0.7 * found.baseline.held_out_path_rmse
+
+
+def test_sentence_document_and_report_label_the_term_as_what_it_is() -> None:
+    found = weak_in_reverse()
+    assert GENERIC == "a generic term, no physical cause"
+    for text in (found.sentence, summary(found).replace("\n", " "), report_of(found)):
+        assert GENERIC in text
+    term = document(found)["generic_term"]
+    assert term["label"] == GENERIC
+    assert term["formula"] in found.sentence
+    assert term["parameters"]["generic_drive_abs_u"]["std"] > 0.0
+    assert document(found)["effects"] == []
+
+
+def test_the_extended_file_runs_in_a_world_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "robot_0.yaml"
+    extended_file(weak_in_reverse(), {}).save(path)
+    assert "generic_drive" in load(path).effects
+    world = World([VirtualRobot(7, FigureEight(start=0.0), parameters_of=0)], lambda n: ParameterFollower(n, path))
+    for turn in range(300):
+        world.advance(turn * 10_000)
+    (robot,) = world.robots()
+    assert np.hypot(robot.state.x, robot.state.y) > 0.1
+
+
+def test_a_robot_without_effects_gets_no_term_even_where_one_is_looked_for() -> None:
+    assert extension(*prepared("")) is None
+
+
+def test_what_only_imitates_is_withdrawn_where_a_term_alone_does_far_better() -> None:
+    problem, base = prepared("cubic_motor")
+    found = search_that_named("coulomb_friction", problem, base)
+    whole = extended(problem, found)
+    assert whole.found.named == []
+    assert [(tested.effect.name, why) for tested, why in whole.found.others] == [("coulomb_friction", WITHDRAWN)]
+    assert whole.term is not None
+    assert whole.term.names == ("generic_drive_u_cubed",)
+    cubic = hidden("cubic_motor").truth.parameters["cubic_motor"]
+    assert whole.final.values["generic_drive_u_cubed"] == pytest.approx(cubic / (1.0 - cubic), rel=0.03)
+
+
+def test_what_is_there_is_not_withdrawn() -> None:
+    problem, base = prepared("quadratic_drag")
+    found = search_that_named("quadratic_drag", problem, base)
+    assert extended(problem, found).found is found
+
+
+def search_that_named(effect: str, problem: Problem, base: Fit) -> Search:
+    """A search of a problem that has named one effect."""
+    names = [parameter.name for parameter in CATALOGUE[effect].parameters]
+    fit = problem.fit({**base.values, **dict.fromkeys(names, 0.01)}, (*base.names, *names), base.noise)
+    tested = CandidateEffect(CATALOGUE[effect], base.squares - fit.squares, fit.values, fit)
+    return Search(problem, base, fit, [SelectedEffect(tested, (), base)], [], 1.0, {}, ())
+
+
+@pytest.mark.parametrize(
+    ("psi", "pose", "least", "better"),
+    [
+        (1.5, 1.2, 1.1, True),
+        (1.0, 1.2, 1.1, True),
+        (1.0, 1.2, 0.8, False),  # of which nobody can be sure
+        (1.5, 0.9, 0.8, False),
+        (1.0, 1.0, 0.9, False),
+    ],
+)
+def test_a_term_must_improve_free_runs_and_spoil_none(psi: float, pose: float, least: float, better: bool) -> None:
+    assert improves(Gain(ratio=pose, interval=(least, 2.0), signals={"psi": psi, "pose": pose})) is better
+
+
+def test_a_term_is_told_with_units() -> None:
+    values = {"generic_drive_u_cubed": 0.4812, "generic_motion_turn_abs_v": -0.02}
+    assert formula(values) == "0.481 times duty^3 in the motor's duty and -0.02 rad/m times abs(v) in the turn rate"

@@ -1,0 +1,194 @@
+"""Every code block of README and docs/ works: it is run, or read by what would read it."""
+
+import ast
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+import yaml
+from setuptools.config.pyprojecttoml import read_configuration
+
+from cmr import scenario
+from cmr.parameters.file import ParameterFile, Value
+from cmr.parameters.file import parse as parse_parameters
+from robot_driver.emulator.settings import load_settings
+from tests.documentation.turtlebot_bag import write_turtlebot_bag
+from tests.support.documentation_blocks import DOCS, Block, Line, blocks, blocks_of, command_lines, pages
+from tests.support.emulated_drive import IDEAL, messages, write_log
+from tests.support.project import PROJECT
+
+sys.path.insert(0, str(PROJECT / "scripts"))
+from documentation.commands import main_of, modules, parse
+
+pytestmark = pytest.mark.slow
+
+LANGUAGES = {"sh", "python", "yaml", "toml", "text"}
+# Command lines of CMR that are parsed and not run here, by how they begin, and why.
+ONLY_PARSED = {
+    "cmr-calibrate --robot": "listens to a robot on the bus",
+    "cmr-camera 0": "needs a camera",
+    "cmr-camera calibrate": "needs a camera",
+    "cmr-diagnose --live": "listens to a robot on the bus",
+    "cmr-diagnose run.lcm next.lcm": "as the diagnosis of one log, which is run",
+    "cmr-diagnose runs": "as the diagnosis of one log, which is run",
+    "cmr-driver": "needs a robot on a serial port",
+    "cmr-emulate": "runs until it is stopped",
+    "cmr-fidelity": "takes minutes; tests/fidelity/test_fidelity.py runs it",
+    "cmr-import optiodom": "needs a recording of OptiOdom; tests/tools/importing/test_real_recordings.py has one",
+    "cmr-pilot": "commands a robot on the bus",
+    "cmr-plot run.lcm": "opens a window",
+    "cmr-replay run.lcm --remap": "takes as long as the log",
+    "cmr-replay run.lcm --start": "repeats until it is stopped",
+    "cmr-run line": "takes half a minute; tests/scenario/test_run.py runs scenarios",
+    "cmr-run pair.yaml": "takes half a minute; its scenario is read here",
+    "cmr-sim --parameters": "runs until it is stopped",
+    "cmr-sim --real": "runs until it is stopped",
+    "cmr-sim --virtual": "runs until it is stopped",
+    "cmr-spy": "listens for 5 s; tests/tools/test_spy.py runs it",
+    "cmr-sweep": "takes minutes; tests/sweep/test_sweep.py runs it",
+    "cmr-view": "serves a page until it is stopped",
+}
+ALONE = ("cmr-calibrate", "cmr-sim")  # without any option they listen until they are stopped
+# Programs of others, which need root, the network, ROS or a bus; and the shell's own words.
+NOT_OURS = {
+    "sudo",
+    "pip",
+    ".venv/bin/pip",
+    ".venv/bin/pytest",
+    "python3",
+    "lcm-logger",
+    "ros2",
+    "dask",
+    "export",
+    "kill",
+    ".",
+    "cd",
+}
+# Python that is no program by itself, and the test that has it.
+EXCERPTS = {
+    "docs/effects.md": "the equations of the catalogue: tests/model/test_effects_document.py",
+    "docs/how_to/add_an_effect.md": "needs a package with an entry point: tests/model/test_effects.py",
+}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that the pages speak of."""
+    folder = tmp_path_factory.mktemp("bench")
+    drive = messages(IDEAL, seconds=20.0)
+    (folder / "demo-run").mkdir()
+    for name in ("run.lcm", "before.lcm", "after.lcm", "demo-run/run.lcm"):
+        write_log(folder / name, drive)
+    for name in ("robot.lcm", "laptop.lcm"):
+        write_log(folder / name, messages(IDEAL, seconds=2.0))
+    values = {"wheel_radius": 0.04, "k2_over_k3": 100.0, "k1": 0.06, "base_width": 0.17}
+    ParameterFile(0, {name: Value(value) for name, value in values.items()}).save(folder / "robot_0.yaml")
+    write_turtlebot_bag(folder).rename(folder / "rosbag2_2026_11_22-14_00_00")
+    return folder
+
+
+def only_parsed(line: Line) -> bool:
+    return line.text in ALONE or line.text.startswith(tuple(ONLY_PARSED))
+
+
+def exit_code(main: Callable[[list[str]], object], arguments: list[str]) -> object:
+    """Return what `main` returns, or that with which it ends the process, as --version does."""
+    try:
+        return main(arguments)
+    except SystemExit as end:
+        return end.code
+
+
+OURS = [line for line in command_lines() if line.words[0] in modules()]
+RUN = [line for line in OURS if not only_parsed(line)]
+
+
+def test_every_command_line_is_understood_by_the_command() -> None:
+    for line in OURS:
+        assert exit_code(partial(parse, line.words[0]), line.words[1:]) in (None, 0), str(line)
+
+
+@pytest.mark.parametrize("page", sorted({line.block.page for line in RUN}))
+def test_every_command_of_a_page_that_needs_no_hardware_does_its_work(
+    page: str, bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, url: str
+) -> None:
+    shutil.copytree(bench, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("LCM_DEFAULT_URL", url)
+    for line in RUN:
+        if line.block.page == page:
+            assert exit_code(main_of(line.words[0]), line.words[1:]) == 0, str(line)
+
+
+def test_the_list_of_what_is_only_parsed_names_nothing_else() -> None:
+    unused = [start for start in ONLY_PARSED if not any(line.text.startswith(start) for line in OURS)]
+    assert not unused
+
+
+def test_every_other_program_is_known_and_every_script_is_here() -> None:
+    extras = read_configuration(PROJECT / "pyproject.toml")["project"]["optional-dependencies"]
+    for line in command_lines():
+        program, *arguments = line.words
+        if program.startswith("scripts/"):
+            text = (PROJECT / program).read_text("utf-8") + (PROJECT / "cmr/commands/demo.py").read_text("utf-8")
+            assert all(option in text for option in arguments if option.startswith("--")), str(line)
+        else:
+            assert program in NOT_OURS or line in OURS, str(line)
+        assert {*re.findall(r"\.\[(\w+)\]", line.text)} <= {*extras}, str(line)
+        assert "pip install cmr" not in line.text, f"{line}: that is somebody else's package"
+
+
+def test_every_block_says_its_language() -> None:
+    found = [block for page in pages() for block in blocks_of(page)]
+    wrong = [str(block) for block in found if block.language not in LANGUAGES and not block.language.startswith("{")]
+    assert len(found) > 100
+    assert not wrong
+
+
+@pytest.mark.parametrize("page", sorted({block.page for block in blocks("python")}))
+def test_the_python_of_a_page_runs_from_its_first_block_to_its_last(
+    page: str, bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(bench)
+    names: dict[str, object] = {"__name__": "page"}
+    for block in blocks("python"):
+        if block.page != page:
+            continue
+        if page in EXCERPTS:
+            ast.parse(block.text)
+        else:
+            exec(compile(block.text, str(block), "exec"), names)
+
+
+@pytest.mark.parametrize("block", blocks("yaml"), ids=str)
+def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path: Path) -> None:
+    content = yaml.safe_load(block.text)
+    readers: dict[str, Callable[[], object]] = {
+        "robots": lambda: scenario.scenario.parse(block.text, str(block), bench),
+        "schema": lambda: parse_parameters(block.text, str(block)),
+        "effects": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
+    }
+    used = [read() for key, read in readers.items() if key in content]
+    assert used or block.page in ("tools/mappings/README.md",)  # its examples leave out what "..." stands for
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text, "utf-8")
+    return path
+
+
+@pytest.mark.parametrize("block", blocks("toml"), ids=str)
+def test_toml_is_a_pyproject_file_with_entry_points_that_cmr_looks_for(block: Block, tmp_path: Path) -> None:
+    path = written(tmp_path / "pyproject.toml", block.text)
+    content = read_configuration(path, expand=False, ignore_option_errors=True)
+    assert {*content["project"]["entry-points"]} <= {"cmr.effects", "cmr.behaviours"}
+
+
+def test_the_front_page_shows_the_example_that_runs() -> None:
+    example = (DOCS / "effect_of_your_own.py").read_text("utf-8")
+    shown = [block.text for page in ("index.md", "how_to/add_an_effect.md") for block in blocks_of(DOCS / page)]
+    assert shown.count(example) == 2

@@ -1,0 +1,71 @@
+"""A command starts without what it does not need, and does not start threads that would be in its way."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cmr.diagnosis.diagnose import p_value
+from cmr.estimation.nonnegative import nonnegative
+from cmr.fidelity.distances import wasserstein
+from cmr.threads import LINEAR_ALGEBRA
+from tests.project.test_import_directions import imports
+from tests.support.project import PROJECT
+
+NAMES = " ".join(LINEAR_ALGEBRA)
+TELL = f"import sys, os, cmr.commands; print('numpy' in sys.modules, *map(os.environ.get, '{NAMES}'.split()))"
+
+
+def told(environment: dict[str, str]) -> list[str]:
+    """What a command finds in its environment once it is being started."""
+    free = {name: value for name, value in os.environ.items() if name not in LINEAR_ALGEBRA}
+    command = [sys.executable, "-c", TELL]
+    return subprocess.run(command, env=free | environment, capture_output=True, text=True, check=True).stdout.split()
+
+
+def test_linear_algebra_of_a_command_has_one_thread_before_numpy_is_imported() -> None:
+    assert told({}) == ["False", "1", "1", "1"]
+
+
+def test_who_asks_for_threads_has_them() -> None:
+    assert told({"OMP_NUM_THREADS": "4"}) == ["False", "1", "4", "1"]
+
+
+def test_nothing_of_ours_imports_the_distributions_of_scipy() -> None:
+    for folder in ("cmr", "robot_driver"):
+        for path in (PROJECT / folder).rglob("*.py"):
+            assert not any(name.startswith("scipy.stats") for name in imports(path.read_text())), path
+
+
+@pytest.mark.parametrize("parameters", [1, 2, 3])
+def test_the_tail_of_chi_square_is_that_of_scipy(parameters: int) -> None:
+    from scipy.stats import chi2
+
+    for drop in (20.0, 60.0, 400.0, 5000.0):
+        expected = chi2.sf(drop / 1.7, parameters)
+        assert p_value(drop, parameters, 1.7) / p_value(60.0, parameters, 1.7) == pytest.approx(
+            expected / chi2.sf(60.0 / 1.7, parameters), rel=1e-9
+        )
+    assert p_value(-3.0, parameters, 1.7) == 1.0
+
+
+@pytest.mark.parametrize("unknowns", [2, 3])
+def test_few_nonnegative_unknowns_are_found_as_by_scipy(unknowns: int) -> None:
+    from scipy.optimize import nnls
+
+    random = np.random.default_rng(unknowns)
+    for _ in range(200):
+        matrix, values = random.normal(size=(7, unknowns)), random.normal(size=7)
+        expected, _ = nnls(matrix, values)
+        assert nonnegative(matrix.T @ matrix, matrix.T @ values) == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_distance_of_two_sets_is_that_of_scipy() -> None:
+    from scipy.stats import wasserstein_distance
+
+    random = np.random.default_rng(4)
+    for first, second in ((5, 5), (30, 7), (1, 12)):
+        a, b = random.normal(size=first).round(1), random.normal(0.3, 2.0, second).round(1)
+        assert wasserstein(a, b) == pytest.approx(wasserstein_distance(a, b), abs=1e-12)

@@ -1,0 +1,27 @@
+"""The emulator's own robot, through driver, bytes and controller in simulated time, is found as it is."""
+
+from pathlib import Path
+
+import pytest
+
+from cmr.calibration.calibrate import calibrate
+from cmr.recordings import Recording
+from tests.hidden_effects.chain import DEFAULT, EIGHTS, ChainCase, write_chain_log
+
+pytestmark = pytest.mark.slow
+
+SURE = 3.0  # standard deviations
+
+
+@pytest.mark.parametrize("hardware", ["mbot", "roboclaw+kvh-binary"])
+def test_the_parameters_of_the_emulators_own_robot_are_within_their_intervals(hardware: str, tmp_path: Path) -> None:
+    case = ChainCase(DEFAULT, hardware, EIGHTS, seed=24)
+    path = tmp_path / "drive.lcm"
+    truth = write_chain_log(case, path).truth
+    found = calibrate(Recording.read(path))
+    assert set(found.named) <= case.there
+    assert {"motor_gain_asymmetry", "wheel_radius_asymmetry"} <= set(found.named)
+    for name, true in truth.items():
+        estimate = found.estimates[name]
+        assert abs(estimate.value - true) < SURE * estimate.std, f"{name}: {estimate}, true {true}"
+        assert estimate.std < 0.01 * true
