@@ -8,6 +8,7 @@ convex hull. The sensor's rate is its own, whatever it says; a few per cent arou
 import math
 from bisect import bisect
 from collections import deque
+from dataclasses import dataclass, field
 
 WINDOW = 30.0  # s of readings that a line is fitted to; over that time no quartz drifts noticeably
 RATE_TOLERANCE = 0.05  # share by which a sensor's rate may differ from its nominal one
@@ -17,13 +18,29 @@ OWN_PACE = 0.01  # share by which no sensor with a quartz differs from what it s
 LONGEST_DRIFT = 0.5  # s by which readings may come later and later only because a computer becomes busier
 PACE_AGREEMENT = 0.2  # share of what the pace is off by, within which both halves of the readings must show the same
 LONGEST_GAP = 0.5  # s without a reading after which nothing is known about how many are missing
-SLIP_BEFORE, SLIP_AFTER = 10, 5  # arrivals; a step of lateness between them that lasts shows that readings are missing
-SLIP_FROM = 1.0  # s of readings after which the rate is known well enough to see one
-SLIP = (
-    0.9  # of the step that is to be seen; adapters hold back, too, but the last of what then comes together is in time
-)
+SLIP_FROM = 0.4  # s of readings after which the rate is known well enough to see that readings are missing
+# In steps, the time of as many readings as may be lost unnoticed: how much later than all before it a reading is where
+# one was lost; and how much earlier than all it is where none was, and what came before it was only late.
+SLIP, EARLY = 0.9, 0.3
+LONGEST_RUN = 4  # arrivals in turn that must be as late until readings count as lost, at most
+SELDOM = 0.25  # times as many runs of late arrivals as were due to losses may have been due to a busy computer
+REMEMBERED = 100  # such runs
+ON_TRIAL = 50  # arrivals after which readings were surely lost
 
 Point = tuple[int, int]  # number of a reading, time (monotonic ns)
+
+
+@dataclass
+class _Late:
+    """Arrivals since one was late, numbered as before it, and the hull without them.
+
+    The first ones are late by `steps` [the time of `unnoticed` readings]; for them, `counted` readings count as lost.
+    """
+
+    hull: deque[Point]
+    arrivals: list[Point] = field(default_factory=list)
+    steps: list[float] = field(default_factory=list)
+    counted: int = 0
 
 
 class ClockFit:
@@ -39,8 +56,10 @@ class ClockFit:
         self._hull: deque[Point] = deque()
         self._slope_known: float | None = None  # of the hull as it is
         self._step = unnoticed
-        self._arrivals: deque[Point] = deque(maxlen=SLIP_BEFORE + SLIP_AFTER)  # the last reading of each
         self._missing = 0
+        self._late: _Late | None = None
+        # The latest runs of late arrivals: how many there were with nothing lost, 0 where something was, and when (ns).
+        self._ended: deque[Point] = deque(maxlen=REMEMBERED)
         self._began = self._newest = 0
 
     @property
@@ -75,47 +94,64 @@ class ClockFit:
         if not self._hull:
             self._began = readings[-1][1]
         self._newest = readings[-1][1]
-        points = [(number + self._missing, latest) for number, latest in readings]
-        for point in points:
-            self._add(point)
-        self._arrivals.append(point)
+        number, latest = readings[-1]  # those that came with it are no earlier than the line if it is not
+        self._count_missing(number + self._missing, latest)
+        self._add((number + self._missing, latest))
         at, time, slope = self._line()
-        newest, latest = points[-1]
-        # Those before are no earlier than the line, so that what is missing delays the newest by as much, at least.
-        late = latest - (time + slope * (newest - at))
-        if late >= SLIP * self._step * self._slowest and self._count_missing():
-            at, time, slope = self._line()
         at -= self._missing
         return [min(round(time + slope * (number - at)), latest) for number, latest in readings]
 
-    def _count_missing(self) -> bool:
-        """Return whether readings were lost unnoticed: then all that has come since is late by whole periods."""
-        newest, _ = self._arrivals[-1]
-        if (
-            len(self._arrivals) < SLIP_BEFORE + SLIP_AFTER
-            or newest - self._hull[0][0] < SLIP_FROM * 1e9 / self._nominal
-        ):
-            return False
-        slope = self._slope()
-        lateness = [latest - slope * (number - newest) for number, latest in self._arrivals]
-        steps = (min(lateness[SLIP_BEFORE:]) - min(lateness[:SLIP_BEFORE])) / (self._step * slope)
-        if steps < SLIP:
-            return False
-        missing = self._step * round(steps)
+    def _count_missing(self, number: int, latest: int) -> None:
+        """Count readings as lost where all that comes is late by their periods, and no more where one comes too early.
+
+        A reading is late because the computer is busy, or because its number is wrong: at first nobody knows.
+        """
+        if len(self._hull) < 2 or number - self._hull[0][0] < SLIP_FROM * 1e9 / self._nominal:
+            return
+        at, time, slope = self._line()
+        steps = (latest - time - slope * (number - at)) / (slope * self._step)
+        if steps >= SLIP:
+            if self._late is not None and self._late.counted:
+                self._ended.append((0, latest))
+            if self._late is None or self._late.counted:
+                self._late = _Late(self._hull.copy())
+            self._late.arrivals.append((number, latest))
+            self._late.steps.append(steps)
+            if len(self._late.steps) >= self._run(latest):
+                self._recount(self._step * int(min(self._late.steps) + 1.0 - SLIP))
+        elif self._late is not None and (not self._late.counted or steps < -EARLY):
+            self._ended.append((len(self._late.steps), latest))
+            self._recount(-self._late.counted)
+            self._late = None
+        elif self._late is not None:
+            self._late.arrivals.append((number - self._late.counted, latest))
+            if len(self._late.arrivals) >= ON_TRIAL:
+                self._ended.append((0, latest))
+                self._late = None
+
+    def _run(self, now: int) -> int:
+        """Return how many arrivals in turn must be late, so that far more of them are due to losses than to nothing."""
+        while self._ended and now - self._ended[0][1] > WINDOW * 1e9:
+            self._ended.popleft()
+        in_vain = [length for length, _ in self._ended if length]
+        seldom = SELDOM * (len(self._ended) - len(in_vain))
+        longer = (sum(length >= run for length in [1, *in_vain]) for run in range(1, LONGEST_RUN))
+        return next((run for run, count in enumerate(longer, start=1) if count <= seldom), LONGEST_RUN)
+
+    def _recount(self, missing: int) -> None:
+        """Take so many readings more for lost before the first of those that were late."""
+        assert self._late is not None
         self._missing += missing
-        since = [self._arrivals.pop() for _ in range(SLIP_AFTER)][::-1]
-        while len(self._hull) > 1 and self._hull[-1][0] > self._arrivals[-1][0]:
-            self._hull.pop()
+        self._late.counted += missing
+        self._hull = self._late.hull.copy()
         self._slope_known = None
-        for number, latest in since:
-            self._arrivals.append((number + missing, latest))
-            self._add(self._arrivals[-1])
-        return True
+        for number, latest in self._late.arrivals:
+            self._add((number + self._late.counted, latest))
 
     def _begin_anew(self) -> None:
         self._hull.clear()
         self._slope_known = None
-        self._arrivals.clear()
+        self._late = None
 
     def _add(self, point: Point) -> None:
         hull = self._hull
@@ -127,9 +163,16 @@ class ClockFit:
             hull.pop()
         hull.append(point)
         self._slope_known = None
-        oldest = point[0] - WINDOW * 1e9 / self._nominal
-        while len(hull) > 2 and hull[0][0] < oldest:
+        self._forget(point[0] - round(WINDOW * 1e9 / self._nominal))
+
+    def _forget(self, oldest: int) -> None:
+        """Let the hull begin at the number `oldest`, on the line that it had there: its slope stays known."""
+        hull = self._hull
+        while len(hull) > 2 and hull[1][0] <= oldest:
             hull.popleft()
+        (first, begin), (second, end) = hull[0], hull[min(1, len(hull) - 1)]
+        if first < oldest < second:
+            hull[0] = oldest, begin + (end - begin) * (oldest - first) // (second - first)
 
     def _line(self) -> tuple[int, int, float]:
         """Return the highest line of the middle's slope that no reading lies below: a point of it, and the slope."""

@@ -85,12 +85,22 @@ def segments_of(recording: Recording, splits: Sequence[int], number: int) -> lis
     if len(times):
         stand = round(LONGEST_STAND / SECONDS)
         borders = np.clip(borders, times.min() - stand, times.max() + stand)
-    tick = _tick(recording.wheels)
-    return [
-        _segment(recording, begin, end, first, splits, number, tick)
-        for begin, end in borders.reshape(-1, 2).tolist()
-        if (end - begin) * SECONDS >= SHORTEST_PIECE
+    spans = [
+        (begin, end) for begin, end in borders.reshape(-1, 2).tolist() if (end - begin) * SECONDS >= SHORTEST_PIECE
     ]
+    tick, turned = _tick(recording.wheels), _turned(recording.wheels, [begin for begin, _ in spans])
+    return [
+        _segment(recording, *span, first, splits, number, tick, angles)
+        for span, angles in zip(spans, turned, strict=True)
+    ]
+
+
+def _turned(wheels: Signal, times: Sequence[int]) -> list[tuple[float, float]]:
+    """Return how far the left and the right wheel had turned [rad] at some times [us], since the first reading."""
+    if len(wheels) == 0:
+        return [(0.0, 0.0)] * len(times)
+    left, right = (np.interp(times, wheels.utime, angle) for angle in wheel_angles(wheels))
+    return list(zip(left.tolist(), right.tolist(), strict=True))
 
 
 def _eventful(recording: Recording) -> Times:
@@ -132,7 +142,14 @@ def _tick(wheels: Signal) -> float:
 
 
 def _segment(
-    recording: Recording, first: int, last: int, beginning: int, splits: Sequence[int], number: int, tick: float
+    recording: Recording,
+    first: int,
+    last: int,
+    beginning: int,
+    splits: Sequence[int],
+    number: int,
+    tick: float,
+    turned: tuple[float, float],
 ) -> Segment:
     steps = int((last - first) * SECONDS / STEP)
     end = first + int(steps * STEP / SECONDS)
@@ -161,6 +178,7 @@ def _segment(
             else np.empty((0, 2)),
             time=(first - beginning) * SECONDS,
             kind=recording.command_kind,
+            turned=turned,
         ),
         doubt,
         tick,

@@ -34,10 +34,11 @@ class Ends:
 class Drives:
     """What was sent to a robot and what its sensors said in K drives, one after another.
 
-    Times of readings and commands [s] count from the beginning of their own drive. `start` (K, 5) is x, y, theta,
-    psi_left, psi_right there, `began` (K,) [s] the time since the robot set off; the other arrays are those of
-    `Observations`, and `ends` says where each drive's rows end. A drive that is `continued` (K,) follows the one
-    before after a gap: what lasts longer than a gap is as it was, such as what the battery has given.
+    Times of readings and commands [s] count from the beginning of their own drive. `start` (K, 7) is x, y, theta,
+    psi_left, psi_right there and how far the wheels had turned [rad], `began` (K,) [s] the time since the robot set
+    off; the other arrays are those of `Observations`, and `ends` says where each drive's rows end. A drive that is
+    `continued` (K,) follows the one before after a gap: what lasts longer than a gap is as it was, such as what the
+    battery has given.
     """
 
     dt: float
@@ -70,7 +71,7 @@ class Drives:
 
         return cls(
             dt=steps.pop(),
-            start=np.array([one.start for one in observations], np.float64),
+            start=np.array([(*one.start, *one.turned) for one in observations], np.float64),
             began=np.array([one.time for one in observations], np.float64),
             continued=np.array(continued or [False] * len(observations), np.uint8),
             ends=Ends(

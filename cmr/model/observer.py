@@ -76,8 +76,8 @@ class Observations:
     robot rolled; else it is empty. `wheel` [rad], shape (W, 2), are the encoders' angles at `wheel_time` [s],
     `wheel_use` whether each is used; `gyro` [rad/s], and `pose` [m, m, rad] of shape (P, 3), likewise; `pose_use` is
     FOLLOWED or RESTART. `start` is x, y, theta, psi_left, psi_right at time 0, which is `time` [s] after the drive
-    began. All times of readings ascend and lie within the grid. `kind`, of cmr.model.command_kinds, is what the duties
-    of `commands` stand for.
+    began; `turned` [rad] is how far each wheel had turned by then, left and right. All times of readings ascend and lie
+    within the grid. `kind`, of cmr.model.command_kinds, is what the duties of `commands` stand for.
     """
 
     dt: float
@@ -95,6 +95,7 @@ class Observations:
     given: Floats = field(default_factory=lambda: np.empty((0, 2)))
     time: float = 0.0
     kind: str = DUTY
+    turned: tuple[float, float] = (0.0, 0.0)
 
     @property
     def seconds(self) -> float:

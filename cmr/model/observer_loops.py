@@ -54,6 +54,8 @@ def observe(
                 begun[PSI_LEFT + i], begun[PSI_RIGHT + i] = starts[drive, 3], starts[drive, 4]
                 begun[TIME + i] = begins[drive]
             start(begun, LANES)
+            for i in range(LANES):
+                begun[ANGLE_LEFT + i], begun[ANGLE_RIGHT + i] = starts[drive, 5], starts[drive, 6]
             if continued[drive] > 0:
                 for row in LASTING:
                     begun[row : row + LANES] = here[row : row + LANES]
@@ -261,6 +263,8 @@ def observe(
                         end = own[MIDDLE_RIGHT + i] if early else here[ANGLE_RIGHT + i]
                         bow = own[BOW_BEFORE_RIGHT + i] if early else own[BOW_RIGHT + i]
                         reading_right = begin + along * (end - begin) - bow * bent
+                        # Readings count from the beginning of the drive.
+                        reading_left, reading_right = reading_left - starts[drive, 5], reading_right - starts[drive, 6]
     ENCODER_NUMBERS
     ENCODER
                         error_left = wheel[next_wheel, 0] - reading_left

@@ -44,7 +44,8 @@ def _angle(wheels: Signal, side: str) -> Floats:
 
     Speeds are averages over the time since the previous message; where one was lost, their sum misses a part and the
     count of ticks does not. Speeds of the moment, or coarse ones, tell only in the mean what a count stands for; the
-    count then tells the angle. One that contradicts the speed, as after a restart of the driver, is not believed.
+    count then tells the angle. One that contradicts the speed, as after a restart of the driver, is not believed. In a
+    gap the speed may have been any that the wheel has at other times.
     """
     turned, by_ticks, ticks = _by_speed_and_ticks(wheels, side)
     counted = (ticks != 0.0) & (turned != 0.0)
@@ -56,6 +57,10 @@ def _angle(wheels: Signal, side: str) -> Floats:
             exact = bool(np.mean(lost[counted]) < MOST_ALIKE)
             return np.cumsum(_by_count(turned, ticks, by_ticks, told, exact=exact))
         believed = np.abs(by_ticks - turned) < UNLIKE_ANGLE * np.abs(turned)
+        seconds = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
+        gap = seconds > LONGEST * np.median(seconds)
+        fastest = np.max(np.abs(wheels[f"psi_{side}"]))
+        believed |= gap & (np.abs(by_ticks) <= fastest * seconds)
         turned = np.where(counted & lost & believed, by_ticks, turned)
     return np.cumsum(turned)
 

@@ -25,6 +25,7 @@ from cmr.estimation.segments import Segment, segments_of
 from cmr.model.observer import RESTART
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
+from cmr.recordings.wheel_angles import wheel_angles
 from tests.reference_plant import NEUTRAL, REALISTIC, SILENT, Noise, packets, recording
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, figure_eight, rich_drive
 
@@ -47,6 +48,21 @@ def driven(
 def piece_of(one: Recording, splits: tuple[int, ...] = ()) -> Segment:
     (segment,) = segments_of(one, splits, 0)
     return segment
+
+
+def test_after_a_gap_wheels_have_turned_as_far_as_their_encoders_counted_meanwhile() -> None:
+    one = driven("rich")
+    first = int(one.wheels.utime[0])
+    gap = [one.signals[name].utime for name in ("wheels", "gyro", "poses")]
+    keep = {
+        name: (utime < first + 40_000_000) | (utime > first + 42_000_000)
+        for name, utime in zip(("wheels", "gyro", "poses"), gap, strict=True)
+    }
+    before, after = segments_of(one.where(keep), (), 0)
+    counted = np.interp(after.first, one.wheels.utime, wheel_angles(one.wheels)[0])
+    assert before.observations.turned == (0.0, 0.0)
+    assert after.observations.turned[0] == pytest.approx(counted, abs=0.1)
+    assert abs(counted) > 1.0
 
 
 def errors_with(one: Recording, *models: Values, window: float = WINDOW) -> tuple[Errors, ...]:

@@ -75,6 +75,38 @@ def test_the_true_parameters_leave_no_prediction_error(effect: dict[str, float])
     assert np.max(np.abs(said.pose[5:])) < 1e-9
 
 
+def test_wheels_go_on_turning_from_where_they_were_before_a_gap() -> None:
+    """A wheel that is out of round shows where it stands: readings count from the gap, its turns do not."""
+    wobble = {"wheel_wobble_share": 0.04, "wheel_wobble_phase": 0.3}
+    whole = observations(**wobble)
+    moved = observe(whole, {**ROBOT, **wobble}, FREE).motion
+    gap, time = STEPS // 2, STEPS // 2 * STEP
+    x, y, theta, psi_left, psi_right, *turned = (
+        float(moved[gap, MOTION.index(name)])
+        for name in ("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right")
+    )
+    readings, poses = whole.wheel_time > time, whole.pose_time > time
+    after = replace(
+        whole,
+        steps=STEPS - gap,
+        commands=replace(whole.commands, time=whole.commands.time - time),
+        start=(x, y, theta, psi_left, psi_right),
+        turned=(turned[0], turned[1]),
+        wheel_time=whole.wheel_time[readings] - time,
+        wheel=whole.wheel[readings] - turned,
+        wheel_use=whole.wheel_use[readings],
+        gyro_time=whole.gyro_time[readings] - time,
+        gyro=whole.gyro[readings],
+        pose_time=whole.pose_time[poses] - time,
+        pose=whole.pose[poses],
+        pose_use=whole.pose_use[poses],
+    )
+    said = observe(after, {**ROBOT, **wobble}, FOLLOWING)
+    assert np.max(np.abs(said.wheel)) < 1e-9
+    assert np.max(np.abs(said.gyro)) < 1e-9
+    assert np.max(np.abs(said.pose)) < 1e-9
+
+
 def test_a_gyro_reads_the_yaw_rate_of_its_moment_also_where_a_command_jumps() -> None:
     """Beside a jump of the yaw acceleration the reading is that of the moment, not a mean over two steps."""
     what = observations()

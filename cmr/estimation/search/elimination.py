@@ -40,9 +40,14 @@ class Finished:
 
 
 def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, inflation: Inflation) -> Finished:
-    """Finish a search that named some effects, with `current` as its last fit."""
+    """Finish a search that named some effects, with `current` as its last fit.
+
+    Where effects that are too small to be named are left out, others make up for them as far as they can, and may seem
+    to be chance. Such an effect stands if it does beside them.
+    """
     standing, small, final = _without_small(problem, named, current)
     dropped = [(tested, TOO_SMALL) for tested in small]
+    beside_small = current if small and problem.by_moments else None
     doubts: dict[str, float] = {}
     for one in standing:
         final, doubt = _made_sure(problem, final, one)
@@ -50,16 +55,41 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
     while standing:
         alone = len(standing) == 1 and not dropped
         standing = [_at(final, standing[0])] if alone else _beside_the_others(problem, standing, final, inflation)
-        reasons = [why_not(problem, one.before, one.candidate, inflation) for one in standing]
-        failing = [(one, why) for one, why in zip(standing, reasons, strict=True) if why not in ("", TOO_SMALL)]
+        failing = _failing(problem, standing, inflation)
+        if beside_small and failing:
+            for number in _standing_again(problem, standing, list(failing), beside_small, inflation):
+                del failing[number]
         if not failing:
             break
-        worst, why = min(failing, key=lambda pair: pair[0].candidate.drop)
+        worst = standing[min(failing, key=lambda number: standing[number].candidate.drop)]
+        why = failing[standing.index(worst)]
         dropped.append((measured(problem, worst.before, worst.candidate, inflation, why), why))
         standing = [one for one in standing if one is not worst]
         final = worst.before
+        if beside_small:
+            beside_small = problem.fit(*without(beside_small, [worst]), beside_small.noise, renew=0)
     both = {name: float(np.hypot(doubt, doubts.get(name, 0.0))) for name, doubt in problem.doubts(final).items()}
     return Finished(standing, dropped, final, {**doubts, **both})
+
+
+def _failing(problem: Problem, standing: Sequence[SelectedEffect], inflation: Inflation) -> dict[int, str]:
+    """Return why effects are not named, by number, but for those that are only too small."""
+    reasons = [why_not(problem, one.before, one.candidate, inflation) for one in standing]
+    return {number: why for number, why in enumerate(reasons) if why not in ("", TOO_SMALL)}
+
+
+def _standing_again(
+    problem: Problem, standing: list[SelectedEffect], failing: Sequence[int], fit: Fit, inflation: Inflation
+) -> list[int]:
+    """Return which of the `failing` effects, by number, stand in another fit; there is what they explain."""
+    again = _beside_the_others(problem, [standing[number] for number in failing], fit, inflation)
+    still = _failing(problem, again, inflation)
+    found = [index for index in range(len(failing)) if index not in still]
+    for index in found:
+        there, one = again[index].candidate, standing[failing[index]]
+        candidate = replace(one.candidate, drop=there.drop, held_out=there.held_out)
+        standing[failing[index]] = replace(one, candidate=candidate)
+    return [failing[index] for index in found]
 
 
 def _made_sure(problem: Problem, fit: Fit, one: SelectedEffect) -> tuple[Fit, dict[str, float]]:

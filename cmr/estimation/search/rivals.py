@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cmr.estimation.candidates import AS_THE_RADIUS
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect, held_out_gain, why_not
@@ -33,7 +34,7 @@ def rivals_of(
     """Return the effects that explain the data as well as one of those in the model, beside all others in it.
 
     To first order, the screening beside the model says which; these are then fitted. What a data sheet
-    says is a rival only if it explains as much.
+    says is a rival only if it explains as much, or is the same mathematics.
     """
     name = one.candidate.effect.name
     own = {parameter.name for parameter in one.candidate.effect.parameters}
@@ -60,7 +61,8 @@ def rivals_of(
     alike = [
         CandidateEffect(CATALOGUE[effect], before.squares - fit.squares, fit.values, fit)
         for effect, fit in zip(starts, fits, strict=True)
-        if fit.squares < current.squares + (BETTER if effect in IN_DATA_SHEETS else margin)
+        if fit.squares
+        < current.squares + (BETTER if effect in IN_DATA_SHEETS and name not in AS_THE_RADIUS else margin)
     ]
     judged = [replace(tested, held_out=held_out_gain(problem, before, tested.fit)) for tested in alike if tested.fit]
     return tuple(tested.effect.name for tested in judged if not why_not(problem, before, tested, inflation))

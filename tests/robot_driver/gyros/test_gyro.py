@@ -156,6 +156,25 @@ def test_14_readings_lost_unnoticed_bend_stamps_by_no_more_than_the_lost_and_not
     assert max(errors[100:]) < 0.035
 
 
+@pytest.mark.parametrize("pace", [0.985, 1.0, 1.007])
+def test_14_stamps_stay_true_where_one_reading_in_twenty_is_lost_behind_a_slow_adapter(pace: float) -> None:
+    chance, fit, errors, number = random.Random(0), ClockFit(100.0), list[float](), 0
+    waiting: list[int] = []
+    for taken in range(10_000):
+        if chance.random() >= 0.05:
+            waiting.append(taken)
+        if not waiting or int(taken / pace / 1.6) == int((taken + 1) / pace / 1.6):
+            continue  # the adapter's timer of 16 ms has not ended
+        arrived = 0.016 * (int(taken / pace / 1.6) + 1) + (
+            chance.expovariate(1 / 0.004) if chance.random() < 0.1 else 0.0
+        )
+        lines = [(number + index, round(1e9 * arrived)) for index in range(len(waiting))]
+        errors += [time / 1e9 - one / (100.0 * pace) for time, one in zip(fit.times_of(lines), waiting, strict=True)]
+        number, waiting = number + len(waiting), []
+    assert math.sqrt(math.fsum(error**2 for error in errors[200:]) / len(errors[200:])) < 0.005
+    assert max(map(abs, errors[200:])) < 0.05
+
+
 def test_14_damaged_lines_count_as_readings() -> None:
     gyro = Dsp3000()
     readings = gyro.feed(b"1   1\r\n" + LINE + b"       1.0x0000   1\r\n" + b"   1\r\n" + LINE + LINE)
