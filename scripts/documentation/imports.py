@@ -24,7 +24,9 @@ class Import(NamedTuple):
 def modules(project: Path = PROJECT) -> dict[str, Path]:
     """Return the modules of both packages by their full names; the generated messages count as one."""
     found = {}
-    for path in sorted(path for root in ROOTS for path in (project / root).rglob("*.py")):
+    # cmr/tools is a link, which a search does not follow.
+    paths = [path for folder in (*ROOTS, "cmr/tools") for path in (project / folder).rglob("*.py")]
+    for path in sorted(set(paths)):
         parts = path.relative_to(project).with_suffix("").parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
         if GENERATED not in (name, name.rpartition(".")[0]):
