@@ -44,7 +44,7 @@ class SimulationErrorProblem(Problem):
         self._rolling = Batch([Predictor(predictor.segment.rolling) for predictor in predictors])
         self._free = Gains(min(1.0, interval_of(predictors) / MEMORY), 0.0, gains.position, gains.theta)
 
-    def joint_errors(self, values: Mapping[str, Any]) -> Errors:
+    def _observed(self, values: Mapping[str, Any]) -> Errors:
         """Return the errors of wheels that run freely, and of gyro and pose beside wheels as they were measured."""
         rolled = self._rolling.errors(Observer(_of_rolling(values), self.gains))
         wheels = any(name in self.batch.signals for name in WHEELS)
