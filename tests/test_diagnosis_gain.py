@@ -17,11 +17,11 @@ from cmr.estimation.free_runs import (
     alternating_spans,
     errors_of,
     joined,
-    smoothed_poses,
     windows_of,
 )
 from cmr.estimation.gain import gain_of, path_rmse
 from cmr.estimation.segments import Segment, segments_of
+from cmr.estimation.smoothing import smoothed_poses
 from cmr.model.observer import RESTART
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
@@ -79,7 +79,7 @@ def test_what_is_left_of_the_true_model_is_the_noise_of_the_pose() -> None:
 def test_a_start_is_known_better_than_a_single_pose() -> None:
     noise = Noise(position=0.005, heading=0.005)
     noisy, quiet = (piece_of(driven("rich", one)).observations for one in (noise, SILENT))
-    off = smoothed_poses(noisy, TRUE) - np.column_stack([quiet.pose[:, :2], np.unwrap(quiet.pose[:, 2])])
+    off = smoothed_poses([noisy], TRUE)[0] - np.column_stack([quiet.pose[:, :2], np.unwrap(quiet.pose[:, 2])])
     assert np.all(np.std(off, axis=0) < 0.5 * 0.005)
 
 

@@ -11,8 +11,9 @@ from itertools import islice, pairwise, zip_longest
 import numpy as np
 
 from cmr.diagnosis.result import Path
-from cmr.estimation.free_runs import Indices, Values, free_runs, smoothed_poses, stacked
+from cmr.estimation.free_runs import Indices, Values, free_runs, stacked
 from cmr.estimation.segments import Segment
+from cmr.estimation.smoothing import smoothed_poses
 from cmr.model.observer import RESTART, Innovations, Observations
 from cmr.recordings.signal import Floats
 
@@ -28,7 +29,7 @@ def paths_of(segments: Sequence[Segment], before: Values, after: Values, labels:
     """
     seen = [segment for segment in segments if len(segment.observations.pose)]
     observations = [segment.observations for segment in seen]
-    smooth = [smoothed_poses(one, after) for one in observations]
+    smooth = smoothed_poses(observations, after)
     begins = [_begins(one) for one in observations]
     runs = free_runs(observations, begins, smooth, stacked((before, after)), [False] * len(seen)) if seen else []
     paths: dict[int, list[Path]] = {}

@@ -18,13 +18,13 @@ from cmr.estimation.free_runs import (
     Values,
     Windows,
     free_runs,
-    smoothed_poses,
     stacked,
     told_errors,
     windows_of,
 )
 from cmr.estimation.prediction import WHEELS
 from cmr.estimation.segments import Segment
+from cmr.estimation.smoothing import smoothed_poses
 from cmr.model.body import forward, wrap
 from cmr.model.catalogue import effects_on
 from cmr.model.observer import MOTION, Innovations, Observations
@@ -129,7 +129,7 @@ def _residual(name: str, parts: Sequence[_Sampled], effects: Sequence[str]) -> R
 def _sampled(observations: Sequence[Observations], models: Sequence[Values]) -> list[dict[str, _Sampled]]:
     """Return the errors of all signals in each segment, in order of time, over the motion of the first model."""
     after, values, alone = models[0], stacked(models), [False] * len(observations)
-    smooth = [smoothed_poses(one, after) for one in observations]
+    smooth = smoothed_poses(observations, after)
     speeds: list[dict[str, _Sampled]] = []
     poses: list[list[dict[str, _Sampled]]] = []
     for phase in range(OVERLAP):
