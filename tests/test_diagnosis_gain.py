@@ -244,3 +244,11 @@ def test_the_errors_of_several_recordings_count_together() -> None:
     first, second = (errors_with(driven("figure-eight", seed=seed), TRUE)[0] for seed in (1, 2))
     both = joined((first, second))
     assert path_rmse(both) == pytest.approx(math.hypot(path_rmse(first), path_rmse(second)) / math.sqrt(2.0), rel=0.01)
+
+
+def test_pieces_are_smoothed_together_as_one_by_one() -> None:
+    late = {**TRUE, "pose_latency": 0.05}
+    whole = piece_of(driven("rich", Noise(position=0.005, heading=0.005)))
+    pieces = [whole.observations, whole.observations, replace(whole.observations, time=300.0)]
+    for together, one in zip(smoothed_poses(pieces, late), pieces, strict=True):
+        assert np.allclose(together, smoothed_poses([one], late)[0], rtol=0.0, atol=1e-9)
