@@ -25,9 +25,9 @@ from cmr.model.compose import CHANGED, LANES
 from cmr.model.drives import Drives
 from cmr.model.evaluating import mean_radii, slip_time
 from cmr.model.extended import START, Candidates, ExtendedModel, composed_module, model_of
+from cmr.model.in_threads import in_two_threads
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.statements import SIDES, Statements
-from cmr.threads import in_two_threads
 
 Floats = NDArray[np.float64]
 MOTION = (*CHANGED[:9], "yaw_rate")  # columns of the observed motion
