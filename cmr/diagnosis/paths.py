@@ -11,9 +11,10 @@ from itertools import islice, pairwise, zip_longest
 import numpy as np
 
 from cmr.diagnosis.result import Path
-from cmr.estimation.free_runs import Indices, Values, free_run, smoothed_poses, stacked
+from cmr.estimation.free_runs import Indices, Values, free_runs, stacked
 from cmr.estimation.segments import Segment
-from cmr.model.observer import RESTART, Observations
+from cmr.estimation.smoothing import smoothed_poses
+from cmr.model.observer import RESTART, Innovations, Observations
 from cmr.recordings.signal import Floats
 
 LONGEST = 30.0  # s of a piece
@@ -26,11 +27,15 @@ def paths_of(segments: Sequence[Segment], before: Values, after: Values, labels:
 
     Segments without poses have none. `labels` are those of the recordings.
     """
+    seen = [segment for segment in segments if len(segment.observations.pose)]
+    observations = [segment.observations for segment in seen]
+    smooth = smoothed_poses(observations, after)
+    begins = [_begins(one) for one in observations]
+    runs = free_runs(observations, begins, smooth, stacked((before, after)), [False] * len(seen)) if seen else []
     paths: dict[int, list[Path]] = {}
-    for segment in segments:
-        if len(segment.observations.pose):
-            own = paths.setdefault(segment.recording, [])
-            own += _pieces(segment.observations, before, after, labels[segment.recording])
+    for k, segment in enumerate(seen):
+        own = paths.setdefault(segment.recording, [])
+        own += _pieces(observations[k], begins[k], smooth[k], runs[k], labels[segment.recording])
     return [
         replace(path, piece=number, pieces=len(own))
         for own in paths.values()
@@ -57,13 +62,19 @@ def _difference(path: Path) -> tuple[float, float]:
     return float(np.sqrt(np.mean(between))), float(np.sqrt(np.mean(way)))
 
 
-def _pieces(observations: Observations, before: Values, after: Values, label: str) -> Iterator[Path]:
+def _begins(observations: Observations) -> Indices:
+    """Return the numbers of the poses at which a free run is begun anew."""
+    restarts = np.flatnonzero(observations.pose_use == RESTART)
+    return np.union1d(restarts, _borders(observations.pose_time)[:-1])
+
+
+def _pieces(
+    observations: Observations, begins: Indices, smooth: Floats, run: Innovations, label: str
+) -> Iterator[Path]:
     """Yield the paths of the pieces of a segment; they are not counted yet."""
     borders = _borders(observations.pose_time)
-    begins = np.union1d(np.flatnonzero(observations.pose_use == RESTART), borders[:-1])
-    smooth = smoothed_poses(observations, after)
     measured = np.column_stack([observations.pose[:, :2], np.unwrap(observations.pose[:, 2])])
-    simulated = measured[:, :, None] - free_run(observations, begins, smooth, stacked((before, after))).pose
+    simulated = measured[:, :, None] - run.pose
     simulated[begins] = smooth[begins, :, None]
     for first, end in pairwise(borders):
         spread = np.linspace(first, end - 1, min(end - first, MOST_POINTS)).round().astype(np.int64)

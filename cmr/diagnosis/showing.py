@@ -17,14 +17,14 @@ from cmr.estimation.free_runs import (
     Indices,
     Values,
     Windows,
-    free_run,
-    smoothed_poses,
+    free_runs,
     stacked,
     told_errors,
     windows_of,
 )
 from cmr.estimation.prediction import WHEELS
 from cmr.estimation.segments import Segment
+from cmr.estimation.smoothing import smoothed_poses
 from cmr.model.body import forward, wrap
 from cmr.model.catalogue import effects_on
 from cmr.model.observer import MOTION, Innovations, Observations
@@ -97,7 +97,7 @@ def residuals_of(segments: Sequence[Segment], before: Values, after: Values) -> 
     before; for the yaw rate, the sideways position and the heading that is right minus left.
     """
     effects = without_each(after)
-    sampled = [_sampled(segment, (after, before, *effects.values())) for segment in segments]
+    sampled = _sampled([segment.observations for segment in segments], (after, before, *effects.values()))
     found = [(name, [one[name] for one in sampled if len(one[name].averages.begin)]) for name in UNITS]
     return tuple(_residual(name, parts, list(effects)) for name, parts in found if parts)
 
@@ -126,34 +126,33 @@ def _residual(name: str, parts: Sequence[_Sampled], effects: Sequence[str]) -> R
     )
 
 
-def _sampled(segment: Segment, models: Sequence[Values]) -> dict[str, _Sampled]:
-    """Return the errors of all signals in a segment, in order of time, over the motion of the first model."""
-    observations = segment.observations
-    after, values = models[0], stacked(models)
+def _sampled(observations: Sequence[Observations], models: Sequence[Values]) -> list[dict[str, _Sampled]]:
+    """Return the errors of all signals in each segment, in order of time, over the motion of the first model."""
+    after, values, alone = models[0], stacked(models), [False] * len(observations)
     smooth = smoothed_poses(observations, after)
-    speeds: dict[str, _Sampled] = {}
-    poses: list[dict[str, _Sampled]] = []
+    speeds: list[dict[str, _Sampled]] = []
+    poses: list[list[dict[str, _Sampled]]] = []
     for phase in range(OVERLAP):
-        windows = windows_of(observations, GROWN, phase * GROWN / OVERLAP)
-        run = free_run(observations, windows.pose, smooth, values)
-        grown = _grown(observations, windows, smooth, run)
-        poses.append(_with_regressors(observations, run.motion, grown, after))
+        windows = [windows_of(one, GROWN, phase * GROWN / OVERLAP) for one in observations]
+        runs = free_runs(observations, [of.pose for of in windows], smooth, values, alone)
+        grown = map(_grown, observations, windows, smooth, runs)
+        poses.append([_with_regressors(*one, after) for one in zip(observations, runs, grown, strict=True)])
         if not speeds:
-            told = told_errors(observations, run)
-            speeds = _with_regressors(
-                observations, run.motion, {name: told[name] for name in (*WHEELS, "yaw_rate")}, after
-            )
-    return speeds | {name: _merged([one[name] for one in poses]) for name in poses[0]}
+            told = [told_errors(*one) for one in zip(observations, runs, strict=True)]
+            told = [{name: one[name] for name in (*WHEELS, "yaw_rate")} for one in told]
+            speeds = [_with_regressors(*one, after) for one in zip(observations, runs, told, strict=True)]
+    both = [{name: _merged([of[name] for of in phases]) for name in phases[0]} for phases in zip(*poses, strict=True)]
+    return [of_speeds | of_poses for of_speeds, of_poses in zip(speeds, both, strict=True)]
 
 
 def _with_regressors(
-    observations: Observations, motion: Floats, errors: Mapping[str, Averages], values: Values
+    observations: Observations, run: Innovations, errors: Mapping[str, Averages], values: Values
 ) -> dict[str, _Sampled]:
     return {
         name: _Sampled(
             one,
             regressors_of(
-                observations, motion, values, Spans(observations.dt, one.begin, one.end), DRIVING.get(name, TURNING)
+                observations, run.motion, values, Spans(observations.dt, one.begin, one.end), DRIVING.get(name, TURNING)
             ),
         )
         for name, one in errors.items()

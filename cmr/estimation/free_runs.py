@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 
 from cmr.estimation.prediction import FREE, WHEELS
 from cmr.estimation.segments import Segment, continued
+from cmr.estimation.smoothing import smoothed_poses
 from cmr.model.catalogue import definition
-from cmr.model.motion import RobotState, Trajectory, roll
-from cmr.model.observer import FOLLOWED, LONGEST_LATENCY, MOTION, RESTART, Innovations, Observations, Observer, observe
-from cmr.model.parameters import RobotParameters
-from cmr.model.sensors import pose_seen
+from cmr.model.observer import RESTART, Innovations, Observations, Observer
 from cmr.recordings.signal import Floats
 
 WINDOW = 3.0  # s
@@ -32,8 +30,6 @@ BLOCK = 4.0 * WINDOW  # s; seven of eight windows lie within such blocks
 COMPLETE = 0.95  # share of a window that its poses must span
 LEAST = 0.5  # of a window; shorter stretches are left out
 SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
-SMOOTHED = 0.3  # s before and after a moment, whose poses are averaged into the pose at that moment
-PAST_STEP = 0.05  # s
 SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
 
 Indices = NDArray[np.int64]
@@ -124,7 +120,7 @@ def errors_of(
     models = {id(fold.models): fold.models for of_segment in folds for fold in of_segment}
     first = dict(zip(models, np.cumsum([0, *map(len, models.values())]).tolist(), strict=False))
     values = stacked([model for together in models.values() for model in together])
-    smooth = [smoothed_poses(one, of_one[0].models[-1]) for one, of_one in zip(observations, folds, strict=True)]
+    smooth = _smoothed(observations, folds)
     parts: list[list[list[Errors]]] = [[[] for _ in segments] for _ in folds[0][0].models]
     for phase in range(OVERLAP):
         late = phase * window / OVERLAP
@@ -138,6 +134,17 @@ def errors_of(
                 for model, part in enumerate(parts):
                     part[number].append(_summed(segments[number], window, windows, told, lane + model))
     return tuple(joined(chain.from_iterable(part), window) for part in parts)
+
+
+def _smoothed(observations: Sequence[Observations], folds: Sequence[Sequence[Fold]]) -> list[Floats]:
+    """Return the real poses of each segment, by the last of its models."""
+    result = [one.pose for one in observations]
+    for models in {id(of_one[0].models): of_one[0].models for of_one in folds}.values():
+        own = [number for number, of_one in enumerate(folds) if of_one[0].models is models]
+        smooth = smoothed_poses([observations[number] for number in own], models[-1])
+        for number, poses in zip(own, smooth, strict=True):
+            result[number] = poses
+    return result
 
 
 def joined(errors: Iterable[Errors], window: float = WINDOW) -> Errors:
@@ -195,87 +202,6 @@ def _put_to(observations: Observations, begins: Indices, poses: Floats) -> Obser
         pose=np.insert(observations.pose, at, poses[source], axis=0),
         pose_use=np.insert(observations.pose_use, at, RESTART),
     )
-
-
-def smoothed_poses(observations: Observations, values: Values) -> Floats:
-    """Return the pose at each moment of a measured one, from all measured within SMOOTHED of it, shape (P, 3).
-
-    The motion between them is that of the wheels, or else of a free run, as the pose's sensor sees it with the effects
-    that it has by these values. Errors of that motion that grow with time cancel between before and after. Headings
-    are unwrapped.
-    """
-    if len(observations.pose) == 0:
-        return observations.pose
-    moved = _motion(observations, values)
-    theta = np.unwrap(observations.pose[:, 2])
-    first, last = _neighbours(observations)
-    turn = _means((theta - moved[:, 2])[:, None], first, last)[:, 0]
-    middle = _means(np.column_stack([observations.pose[:, :2], moved[:, :2]]), first, last)
-    behind = moved[:, :2] - middle[:, 2:]
-    cosine, sine = np.cos(turn), np.sin(turn)
-    x = middle[:, 0] + cosine * behind[:, 0] - sine * behind[:, 1]
-    y = middle[:, 1] + sine * behind[:, 0] + cosine * behind[:, 1]
-    return np.column_stack([x, y, moved[:, 2] + turn])
-
-
-def _motion(observations: Observations, values: Values) -> Floats:
-    """Return the poses that the sensor would measure on the wheels' motion, or else on a free run, shape (P, 3).
-
-    The path begins at the first pose and strays from there.
-    """
-    parameters = RobotParameters.of(values)
-    if len(observations.wheel) > 1:
-        start = RobotState.at_rest(*observations.pose[0])
-        time, path = (
-            observations.wheel_time,
-            roll(observations.wheel[:, 0], observations.wheel[:, 1], parameters, start),
-        )
-    else:
-        unbroken = replace(observations, pose_use=np.full_like(observations.pose_use, FOLLOWED))
-        motion = observe(unbroken, stacked([values]), FREE).motion
-        time = np.arange(len(motion), dtype=np.float64) * observations.dt
-        path = Trajectory(*(motion[:, MOTION.index(name)] for name in Trajectory._fields))
-    time, path = _with_past(time, path, parameters, observations.start[3:])
-    return np.column_stack(
-        pose_seen(observations.time + time, path, parameters, observations.time + observations.pose_time)
-    )
-
-
-def _with_past(
-    time: Floats, path: Trajectory, parameters: RobotParameters, psi: Sequence[float]
-) -> tuple[Floats, Trajectory]:
-    """Return times [s] and a path, extended into the past at the first wheel speeds `psi` [rad/s], left and right.
-
-    The first poses of a sensor that is late show the robot before the recording begins.
-    """
-    left, right = parameters.wheel_radius * psi[0], parameters.wheel_radius * psi[1]
-    ago = np.arange(LONGEST_LATENCY, 0.0, -PAST_STEP)
-    turned = ago * (right - left) / parameters.base_width
-    rolled, along = 0.5 * ago * (left + right), path.theta[0] - 0.5 * turned
-    before = {
-        "x": path.x[0] - rolled * np.cos(along),
-        "y": path.y[0] - rolled * np.sin(along),
-        "theta": path.theta[0] - turned,
-    }
-    poses = {name: np.concatenate([past, getattr(path, name)]) for name, past in before.items()}
-    return np.concatenate([time[0] - ago, time]), path._replace(**poses)
-
-
-def _neighbours(observations: Observations) -> tuple[Indices, Indices]:
-    """Return the numbers of the first and the last pose near each, (P,), (P,); none across a restart of the path."""
-    time = observations.pose_time
-    restarts = np.flatnonzero(observations.pose_use == RESTART)
-    part = np.searchsorted(restarts, np.arange(len(time)), side="right")
-    borders = np.concatenate([[0], restarts, [len(time)]])
-    first = np.maximum(np.searchsorted(time, time - SMOOTHED), borders[part])
-    last = np.minimum(np.searchsorted(time, time + SMOOTHED, side="right"), borders[part + 1]) - 1
-    return first, last
-
-
-def _means(values: Floats, first: Indices, last: Indices) -> Floats:
-    """Return the means of the rows from first to last, both included; shape (n, columns)."""
-    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    return np.asarray((total[last + 1] - total[first]) / (last + 1 - first)[:, None])
 
 
 def windows_of(

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -43,7 +44,7 @@ def gain_of(before: Errors, after: Errors, *, seed: int = 0) -> Gain:
     drives like these; that of fewer than FEWEST_BLOCKS blocks is NaN.
     """
     ratios = {name: ratio_of(before, after, *signals) for name, signals in GAIN_SIGNALS.items()}
-    interval = _interval(_in_blocks(before), _in_blocks(after), np.random.default_rng(seed))
+    interval = _interval(_in_blocks(before), _in_blocks(after), seed)
     told = {name: ratio for name, ratio in ratios.items() if math.isfinite(ratio)}
     return Gain(ratio=ratios["pose"], interval=interval, signals=told)
 
@@ -62,7 +63,7 @@ def _in_blocks(errors: Errors) -> Floats:
     return np.asarray(np.bincount(block.ravel(), errors.squares["position"][told]), np.float64)
 
 
-def _interval(before: Floats, after: Floats, random: np.random.Generator) -> tuple[float, float]:
+def _interval(before: Floats, after: Floats, seed: int) -> tuple[float, float]:
     """Return the interval of the ratio by a block bootstrap: blocks are drawn with replacement, DRAWS times.
 
     Of few blocks the quantiles lie further out, as those of Student's t do (T. Hesterberg, What Teachers Should Know
@@ -75,7 +76,14 @@ def _interval(before: Floats, after: Floats, random: np.random.Generator) -> tup
         return math.nan, math.nan
     further = math.sqrt(blocks / (blocks - 1)) * float(stdtrit(blocks - 1, (1.0 - COVERAGE) / 2.0))
     tail = NormalDist().cdf(further)
-    drawn = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), DRAWS).astype(np.float64)
+    drawn = _drawn(blocks, seed)
     squared = (drawn @ before) / np.maximum(drawn @ after, np.finfo(np.float64).tiny)
     low, high = np.sqrt(np.quantile(squared, (tail, 1.0 - tail)))
     return float(low), float(high)
+
+
+@lru_cache(maxsize=2)
+def _drawn(blocks: int, seed: int) -> Floats:
+    """Return how often each of so many blocks is drawn, (DRAWS, blocks): the same for all gains of one recording."""
+    drawn = np.random.default_rng(seed).multinomial(blocks, np.full(blocks, 1.0 / blocks), DRAWS)
+    return np.asarray(drawn, np.float64)

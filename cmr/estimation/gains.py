@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cmr.estimation.noise import foretold
-from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Predictor, errors_of
-from cmr.model.observer import Gains
+from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Batch, Errors, Predictor
+from cmr.model.observer import Gains, Observer
 from cmr.recordings.signal import Floats
 
 USUAL_ANGLE, USUAL_POSE = 0.2, 0.15
@@ -36,9 +36,10 @@ def choose_gains(predictors: Sequence[Predictor], values: Mapping[str, float]) -
     interval = interval_of(predictors)
     tested = [(angle, USUAL_POSE) for angle in ANGLES] + [(USUAL_ANGLE, pose) for pose in POSES]
     lanes = Gains(*np.array([gains_at(angle, pose, interval) for angle, pose in tested]).T)
-    errors = [one.of for one in errors_of(predictors, values, lanes)]
-    angle = _nearest(ANGLES, USUAL_ANGLE, _sizes(WHEELS, errors, slice(0, len(ANGLES))))
-    pose = _nearest(POSES, USUAL_POSE, _sizes(POSE_SIGNALS, errors, slice(len(ANGLES), len(tested))))
+    batch = Batch(predictors)
+    errors = batch.errors(Observer(values, lanes))
+    angle = _nearest(ANGLES, USUAL_ANGLE, _sizes(WHEELS, batch, errors, range(len(ANGLES))))
+    pose = _nearest(POSES, USUAL_POSE, _sizes(POSE_SIGNALS, batch, errors, range(len(ANGLES), len(tested))))
     return gains_at(angle, pose, interval)
 
 
@@ -48,20 +49,18 @@ def interval_of(predictors: Sequence[Predictor]) -> float:
     return float(np.median(np.concatenate(times))) if any(len(one) for one in times) else 0.01
 
 
-def _sizes(names: Sequence[str], errors: Sequence[Mapping[str, Floats]], lanes: slice) -> Floats:
+def _sizes(names: Sequence[str], batch: Batch, errors: Errors, lanes: Sequence[int]) -> Floats:
     """Return the mean logarithm of the size that errors have beyond what their past predicts, lane by lane."""
-    sizes, weights = [], []
-    for name in names:
-        own = [of[name][:, lanes] for of in errors if name in of]
-        count = sum(len(one) for one in own)
-        if count:
-            sizes.append([_log_size(name, [one[:, lane] for one in own]) for lane in range(own[0].shape[1])])
-            weights.append(count)
-    return np.average(np.array(sizes), axis=0, weights=weights) if sizes else np.zeros(0)
+    there = [name for name in names if name in batch.signals]
+    if not there:
+        return np.zeros(0)
+    sizes = [
+        [_log_size(foretold(name, errors.of[name][:, lane], batch.ends[name])) for lane in lanes] for name in there
+    ]
+    return np.asarray(np.average(np.array(sizes), axis=0, weights=[len(errors.of[name]) for name in there]))
 
 
-def _log_size(name: str, errors: Sequence[Floats]) -> float:
-    rest = foretold(name, errors)
+def _log_size(rest: Floats) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         size = 0.5 * np.log(np.mean(rest**2)) if len(rest) else 0.0
     return float(size) if np.isfinite(size) else np.inf

@@ -98,19 +98,21 @@ def measure_nominal(
     return NominalMeasured(nominal, path_rmse(fitted), outside, gain_of(outside, measured.held_out_after))
 
 
-def left_out_gain(
+def left_out_gains(
     problem: Problem,
-    before: Model,
+    before: Sequence[Model],
     after: Model,
     chance: Mapping[str, float],
     segments: Sequence[Segment],
     held_out: Sequence[Segment],
-) -> Gain:
-    """Return what one model gains over another where both know the same of what acts by `chance`.
+) -> list[Gain]:
+    """Return what one model gains over each of others where all know the same of what acts by `chance`.
 
     It is measured on `held_out` segments, without any on parts of the `segments` left out.
     """
-    return gain_of(*_left_out_errors(problem, (Running(before, chance), Running(after, chance)), segments, held_out))
+    models = [Running(model, chance) for model in (*before, after)]
+    *without_it, with_it = _left_out_errors(problem, models, segments, held_out)
+    return [gain_of(errors, with_it) for errors in without_it]
 
 
 class Running(NamedTuple):

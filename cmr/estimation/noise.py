@@ -16,6 +16,7 @@ import numpy as np
 from cmr.estimation.nonnegative import nonnegative
 from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Batch, Errors, Indices, Predictor
 from cmr.model.compiled import compiled
+from cmr.model.drives import ends_of
 from cmr.model.observer import MOTION
 from cmr.recordings.signal import Floats
 
@@ -74,15 +75,11 @@ class Noise:
     of: Mapping[str, SignalNoise]
 
     @classmethod
-    def found(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
-        """Find the noise from the errors of the first candidate in each segment."""
-        names = [name for name in SPANS if any(name in p.times for p in predictors)]
-        batch = Batch(predictors)
-        poses = batch.ends[POSE_SIGNALS[0]]
-        first = [replace(one, of={name: of[:, :1] for name, of in one.of.items()}) for one in errors]
-        sums = np.stack([of[:, 0] for of in _foreign(batch, batch.joined(first))])
-        foreign = np.split(sums, poses[1:-1], axis=1)
-        return cls({name: _found(name, predictors, errors, foreign) for name in names})
+    def found(cls, batch: Batch, errors: Errors) -> "Noise":
+        """Find the noise from the errors of the first candidate in all segments of a batch."""
+        first = replace(errors, of={name: of[:, :1] for name, of in errors.of.items()})
+        sums = np.stack([of[:, 0] for of in _foreign(batch, first)])
+        return cls({name: _found(name, batch, first, sums) for name in SPANS if name in batch.signals})
 
     @classmethod
     def plain(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
@@ -148,56 +145,61 @@ def _size_of_most(white: Floats) -> float:
     return size
 
 
-def _found(
-    name: str, predictors: Sequence[Predictor], errors: Sequence[Errors], others: Sequence[Floats]
-) -> SignalNoise:
-    """Find one signal's noise: weighted least squares for what is predictable, then the size of the rest, repeated."""
-    spans = _spans(name, [len(predictor.times.get(name, ())) for predictor in predictors])
-    order = sum(spans)
-    rows, growths = [], growth_in_gaps(name, predictors, errors)
-    grows = [
-        _sizes(name, predictor, error) * growth[:, None] ** 2 if name in predictor.times else np.empty((0, 3))
-        for predictor, error, growth in zip(predictors, errors, growths, strict=True)
-    ]
-    for predictor, error, of_others, own_grows in zip(predictors, errors, others, grows, strict=True):
-        if name not in predictor.times or len(predictor.times[name]) <= 2 * order:
-            continue
-        own = error.of[name][:, 0]
-        foreign = of_others if name in POSE_SIGNALS else np.zeros((len(FOREIGN), len(own)))
-        rows.append((own, foreign, own_grows))
-    if not rows:
-        ones = tuple(np.ones(len(p.times.get(name, ()))) for p in predictors)
-        return SignalNoise(np.zeros(len(spans)), np.zeros(len(FOREIGN)), ones)
-    foreign_weights = np.zeros(len(FOREIGN))
-    past = np.zeros(len(spans))
-    weights = [np.ones(len(own)) for own, _, _ in rows]
-    size = np.zeros(3)
+def _found(name: str, batch: Batch, errors: Errors, others: Floats) -> SignalNoise:
+    """Find one signal's noise: weighted least squares for what is predictable, then the size of the rest, repeated.
+
+    `others` (3, poses) are sums of the errors of FOREIGN before each pose.
+    """
+    ends = batch.ends[name]
+    spans = _spans(name, np.diff(ends).tolist())
+    grows = _sizes(name, batch, errors) * growth_in_gaps(name, batch, errors)[:, None] ** 2
+    used, ends_of_used = _long_enough(ends, sum(spans))
+    foreign_weights, past, size = np.zeros(len(FOREIGN)), np.zeros(len(spans)), np.zeros(3)
+    if not len(used):
+        return SignalNoise(past, foreign_weights, _by_segment(np.ones(len(grows)), ends))
+    own, basis = errors.of[name][used, 0], grows[used]
+    foreign = np.take(others, used, axis=1) if name in POSE_SIGNALS else None
+    rows, weights, freed = _with_past(ends_of_used, sum(spans)), np.ones(len(used)), own
     for _ in range(ROUNDS):
-        foreign_weights = _least_squares([(f * w, o * w) for (o, f, _), w in zip(rows, weights, strict=True)])
-        freed = [own - foreign_weights @ foreign for own, foreign, _ in rows]
-        pasts = [_past(one, spans) for one in freed]
-        past = _least_squares(
-            [(p * w[order:], one[order:] * w[order:]) for p, one, w in zip(pasts, freed, weights, strict=True)]
-        )
-        rest = [one[order:] - past @ p for p, one in zip(pasts, freed, strict=True)]
-        size = size_found(np.concatenate(rest), np.concatenate([s[order:] for _, _, s in rows]))
-        weights = [1.0 / np.sqrt(np.maximum(s @ size, LEAST_SIZE**2)) for _, _, s in rows]
-    found = tuple(np.sqrt(np.maximum(own @ size, LEAST_SIZE**2)) for own in grows)
-    return SignalNoise(past, foreign_weights, found)
+        if foreign is not None:
+            foreign_weights = _least_squares(foreign * weights, own * weights)
+            freed = own - foreign_weights @ foreign
+        before, now = _past(freed, rows, spans), freed[rows]
+        past = _least_squares(before * weights[rows], now * weights[rows])
+        size = size_found(now - past @ before, basis[rows])
+        weights = 1.0 / np.sqrt(np.maximum(basis @ size, LEAST_SIZE**2))
+    return SignalNoise(past, foreign_weights, _by_segment(np.sqrt(np.maximum(grows @ size, LEAST_SIZE**2)), ends))
 
 
-def foretold(name: str, errors: Sequence[Floats]) -> Floats:
-    """Return a signal's errors, given as one array (n,) a segment, less what their own past predicts, all in one array.
+def _by_segment(rows: Floats, ends: Indices) -> tuple[Floats, ...]:
+    return tuple(np.split(rows, ends[1:-1]))
+
+
+def foretold(name: str, errors: Floats, ends: Indices) -> Floats:
+    """Return a signal's errors (n,), whose segments end at the rows `ends`, less what their own past predicts.
 
     Errors at the beginning of a segment, which have no past, are left out.
     """
-    spans = _spans(name, [len(one) for one in errors])
-    order = sum(spans)
-    pairs = [(_past(one, spans), one[order:]) for one in errors if len(one) > 2 * order]
-    if not pairs:
+    spans = _spans(name, np.diff(ends).tolist())
+    used, ends = _long_enough(ends, sum(spans))
+    if not len(used):
         return np.empty(0)
-    past = _least_squares(pairs)
-    return np.concatenate([b - past @ a for a, b in pairs])
+    own, rows = errors[used], _with_past(ends, sum(spans))
+    before, now = _past(own, rows, spans), own[rows]
+    return np.asarray(now - _least_squares(before, now) @ before)
+
+
+def _long_enough(ends: Indices, order: int) -> tuple[Indices, Indices]:
+    """Return the rows in segments that are more than twice as long as the past, and where these then end."""
+    counts = np.diff(ends)
+    enough = counts > 2 * order
+    return np.flatnonzero(np.repeat(enough, counts)), ends_of(counts[enough])
+
+
+def _with_past(ends: Indices, order: int) -> Indices:
+    """Return the rows that have a past of so many rows in their segment."""
+    rows = np.arange(ends[-1])
+    return rows[rows - np.repeat(ends[:-1], np.diff(ends)) >= order]
 
 
 def _spans(name: str, lengths: Sequence[int]) -> tuple[int, ...]:
@@ -209,23 +211,21 @@ def _spans(name: str, lengths: Sequence[int]) -> tuple[int, ...]:
     return SPANS[name][: np.searchsorted(np.cumsum(SPANS[name]), LARGEST_PAST * usual, side="right")]
 
 
-def _least_squares(pairs: Sequence[tuple[Floats, Floats]]) -> Floats:
-    """Return the weights with which the rows of a explain b, over all pairs (a, b)."""
-    normal = sum(a @ a.T for a, _ in pairs)
-    right = sum(a @ b for a, b in pairs)
+def _least_squares(rows: Floats, right: Floats) -> Floats:
+    """Return the weights (k,) with which the `rows` (k, n) explain `right` (n,)."""
+    normal = rows @ rows.T
     scale = np.diag(normal) + (np.diag(normal) == 0.0)
-    return np.asarray(np.linalg.solve(normal + np.diag(RIDGE * scale), right))
+    return np.asarray(np.linalg.solve(normal + np.diag(RIDGE * scale), rows @ right))
 
 
-def _past(values: Floats, spans: Sequence[int]) -> Floats:
-    """Return the sums over spans of the past of each value, newest first, shape (spans, n - sum of spans)."""
+def _past(values: Floats, rows: Indices, spans: Sequence[int]) -> Floats:
+    """Return the sums over spans of the past of the values at some `rows`, newest first, shape (spans, rows)."""
     total = np.concatenate([[0.0], np.cumsum(values)])
-    order, count = sum(spans), len(values)
-    begins = np.concatenate([[0], np.cumsum(spans)])
-    rows = [
-        total[order - first : count - first] - total[order - last : count - last] for first, last in pairwise(begins)
-    ]
-    return np.stack(rows) if rows else np.empty((0, count))
+    begins = np.concatenate([[0], np.cumsum(spans)]).astype(np.int64)
+    result = np.empty((len(spans), len(rows)))
+    for index, (first, last) in enumerate(pairwise(begins.tolist())):
+        result[index] = total[rows - first] - total[rows - last]
+    return result
 
 
 def size_found(rest: Floats, sizes: Floats) -> Floats:
@@ -245,58 +245,56 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
     return np.asarray(result)
 
 
-def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
+def _sizes(name: str, batch: Batch, errors: Errors) -> Floats:
     """Return what the variance of a signal's noise may grow with, shape (n, 3): 1, doubt squared, wheel speeds squared.
 
     The doubt of a wheel is the uncertainty that its ticks leave [rad]; that of the gyro is the uncertainty that its
-    time stamps leave while the yaw rate changes [rad/s]. The smallest 1 % of doubts are raised to that quantile.
-    On a steady drive nearly all doubts are equal, so their share of the noise cannot be estimated, and the few errors
-    with a small doubt, of a wheel that rolls to a stop, would get far too much weight.
+    time stamps leave while the yaw rate changes [rad/s]. In each segment, the smallest 1 % of doubts are raised to that
+    quantile. On a steady drive nearly all doubts are equal, so their share of the noise cannot be estimated, and the
+    few errors with a small doubt, of a wheel that rolls to a stop, would get far too much weight.
     """
-    motion = predictor.motion_at(errors.motion, name)
-    speed = motion[:, PSI_LEFT] ** 2 + motion[:, PSI_RIGHT] ** 2
+    rows = batch.motion_rows[name]
+    speed = errors.motion[rows, PSI_LEFT] ** 2 + errors.motion[rows, PSI_RIGHT] ** 2
+    doubt = np.zeros(len(rows))
     if name == "yaw_rate":
-        doubt = STAMP * predictor.motion_at(_acceleration(errors.motion, predictor.segment.observations.dt), name)[:, 0]
-    else:
-        doubt = predictor.doubt[name]
-    return np.stack([np.ones(len(speed)), np.maximum(doubt, np.quantile(doubt, RARE)) ** 2, speed], axis=1)
+        doubt = STAMP * _acceleration(errors.motion[:, YAW_RATE], batch)[rows]
+    elif name in WHEELS:
+        doubt = np.concatenate([one.doubt[name] for one in batch.predictors if name in one.times])
+    if name not in POSE_SIGNALS:
+        least = [np.quantile(one, RARE) if len(one) else 0.0 for one in _by_segment(doubt, batch.ends[name])]
+        doubt = np.maximum(doubt, np.repeat(least, np.diff(batch.ends[name])))
+    return np.stack([np.ones(len(speed)), doubt**2, speed], axis=1)
 
 
-def growth_in_gaps(name: str, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> list[Floats]:
-    """Return the factor by which errors after a gap in a wheel's readings are larger, one array (n,) a segment.
+def growth_in_gaps(name: str, batch: Batch, errors: Errors) -> Floats:
+    """Return the factor by which errors after a gap in a wheel's readings are larger, (n,).
 
     It is 1 without a gap, and for other signals. A wheel that rolls to a stop passes its last ticks ever more slowly,
     and no reading corrects its speed meanwhile. The error after a gap of some readings is estimated from stretches
     without a gap, by adding up the corrections that so many readings made.
     """
-    times = [predictor.times.get(name, np.empty(0)) for predictor in predictors]
-    steps = np.concatenate([np.diff(one) for one in times])
-    if name not in WHEELS or not len(steps):
-        return [np.ones(len(one)) for one in times]
-    usual = float(np.median(steps))
-    sizes = []
-    for missed in range(LONGEST_GAP):
-        parts = [_after_gap(error, name, usual, missed) for error in errors if name in error.of]
-        sizes.append(float(np.median(np.concatenate(parts))))
+    ends = batch.ends[name]
+    counts, own = np.diff(ends), errors.of[name][:, 0]
+    number = np.arange(len(own)) - np.repeat(ends[:-1], counts)  # of each reading in its segment
+    if name not in WHEELS or not np.any(number):
+        return np.ones(len(own))
+    times = np.concatenate([one.times.get(name, np.empty(0)) for one in batch.predictors])
+    steps = np.where(number > 0, np.diff(times, prepend=times[:1]), 0.0)
+    usual = float(np.median(steps[number > 0]))
+    missing, sizes = own.copy(), [float(np.median(np.abs(own)))]
+    for missed in range(1, LONGEST_GAP):
+        missing[missed:] += (errors.followed.angle + errors.followed.psi * missed * usual) * own[:-missed]
+        sizes.append(float(np.median(np.abs(missing[number >= missed]))))
     growth = np.maximum.accumulate(np.array(sizes) / sizes[0]) if sizes[0] > 0.0 else np.ones(LONGEST_GAP)
-    gaps = [np.round(np.diff(one, prepend=one[:1]) / usual).astype(np.int64) for one in times]
-    return [growth[np.clip(gap - 1, 0, LONGEST_GAP - 1)] for gap in gaps]
+    gaps = np.round(steps / usual).astype(np.int64)
+    return np.asarray(growth[np.clip(gaps - 1, 0, LONGEST_GAP - 1)])
 
 
-def _after_gap(errors: Errors, name: str, interval: float, missed: int) -> Floats:
-    """Return the error [rad] that each reading of a wheel would show, had the observer `missed` so many before it."""
-    own = errors.of[name][:, 0]
-    result = own[missed:].copy()
-    for back in range(1, missed + 1):
-        result += (errors.followed.angle + errors.followed.psi * back * interval) * own[missed - back : len(own) - back]
-    return np.abs(result)
-
-
-def _acceleration(motion: Floats, dt: float) -> Floats:
-    """Return how fast the yaw rate changes about each border [rad/s^2], shape (T + 1, 1)."""
-    rate = motion[:, YAW_RATE]
-    change = np.abs(np.diff(rate, prepend=rate[:1], append=rate[-1:])) / dt
-    return np.maximum(change[1:], change[:-1])[:, None]
+def _acceleration(rate: Floats, batch: Batch) -> Floats:
+    """Return how fast the yaw rate changes about each border of the batch's segments [rad/s^2], (n,)."""
+    change = np.abs(np.diff(rate, prepend=rate[:1], append=rate[-1:])) / batch.dt
+    change[batch.borders] = 0.0
+    return np.maximum(change[1:], change[:-1])
 
 
 def _foreign(batch: Batch, errors: Errors) -> list[Floats]:

@@ -71,10 +71,12 @@ class Predictor:
 
     def motion_at(self, motion: Floats, signal: str) -> Floats:
         """Return how the robot moved when each error of a signal arose, shape (n, columns of MOTION)."""
-        index = np.minimum(
-            np.round(self.times[signal] / self.segment.observations.dt).astype(np.int64), len(motion) - 1
-        )
-        return np.asarray(motion[index], np.float64)
+        return np.asarray(motion[self.motion_rows(signal)], np.float64)
+
+    def motion_rows(self, signal: str) -> Indices:
+        """Return in which row of the motion the robot is when each error of a signal arises, (n,)."""
+        observations = self.segment.observations
+        return np.minimum(np.round(self.times[signal] / observations.dt).astype(np.int64), observations.steps)
 
 
 class Batch:
@@ -124,7 +126,7 @@ class Batch:
             replace(
                 errors,
                 of={name: errors.of[name][self.ends[name][k] : self.ends[name][k + 1]] for name in predictor.times},
-                motion=errors.motion[self._borders[k] : self._borders[k + 1]],
+                motion=errors.motion[self.borders[k] : self.borders[k + 1]],
             )
             for k, predictor in enumerate(self.predictors)
         ]
@@ -148,6 +150,21 @@ class Batch:
             result[name] = np.concatenate(rows).astype(np.int64)
         return result
 
+    @property
+    def dt(self) -> float:
+        """The step of the segments' raster [s]."""
+        return self.predictors[0].segment.observations.dt
+
+    @cached_property
+    def motion_rows(self) -> dict[str, Indices]:
+        """In which row of the motion the robot is when each error of a signal arises, (n,) by signal."""
+        return {
+            name: np.concatenate(
+                [one.motion_rows(name) + self.borders[k] for k, one in enumerate(self.predictors) if name in one.times]
+            )
+            for name in self.signals
+        }
+
     def white_rows(self, name: str) -> list[slice]:
         """Return in which rows of the white errors those of a signal stand, segment by segment."""
         counts = np.diff(self.ends[name])
@@ -160,7 +177,7 @@ class Batch:
         return [self] if len(kinds) == 1 else [Batch(group) for group in kinds]
 
     @cached_property
-    def _borders(self) -> Indices:
+    def borders(self) -> Indices:
         """Where the rows of the motion of each segment end, (K + 1,), with 0 before."""
         return ends_of([one.segment.observations.steps + 1 for one in self.predictors])
 

@@ -57,6 +57,7 @@ class Problem:
         self.excitation = excitation
         self.folds = _folds(self.predictors)
         self._counted: Mask | None = None
+        self._latest: tuple[Mapping[str, float], Errors] | None = None  # single candidate observed, its errors
 
     def part(self, rows: Mask) -> "Problem":
         """Return the problem in which only the errors count at which `rows` (n,), over all errors, is true."""
@@ -69,7 +70,18 @@ class Problem:
         return self.batch.split(self.joint_errors(values))
 
     def joint_errors(self, values: Mapping[str, object]) -> Errors:
-        """Return the prediction errors in all segments of the batch."""
+        """Return the prediction errors in all segments of the batch; not to be written over for a single candidate.
+
+        One by one, the same candidate is often asked for again: judged first, then made the basis of what comes next.
+        """
+        if any(np.asarray(value).size > 1 for value in values.values()):
+            return self._observed(values)
+        asked = {name: np.asarray(value, np.float64).item() for name, value in values.items()}
+        if self._latest is None or self._latest[0] != asked:
+            self._latest = asked, self._observed(values)
+        return self._latest[1]
+
+    def _observed(self, values: Mapping[str, object]) -> Errors:
         return self.batch.told_once(self.batch.errors(Observer(values, self.gains)), self.gains)
 
     def white(self, values: Mapping[str, object], noise: Noise) -> Floats:
@@ -191,7 +203,7 @@ class Problem:
 
     def found(self, errors: Sequence[Errors]) -> Noise:
         """Return the noise that the errors of the first candidate in each segment show."""
-        return Noise.found(self.predictors, errors)
+        return Noise.found(self.batch, self.batch.joined(errors))
 
     def fit(self, values: Mapping[str, float], names: Sequence[str], noise: Noise, renew: int = 1) -> Fit:
         """Fit the free parameters `names` from `values` on (Levenberg-Marquardt).

@@ -9,6 +9,7 @@ and Zeger, Biometrika 73, 1986).
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,13 +45,22 @@ class SimulationErrorProblem(Problem):
         self._rolling = Batch([Predictor(predictor.segment.rolling) for predictor in predictors])
         self._free = Gains(min(1.0, interval_of(predictors) / MEMORY), 0.0, gains.position, gains.theta)
 
-    def joint_errors(self, values: Mapping[str, Any]) -> Errors:
+    def _observed(self, values: Mapping[str, Any]) -> Errors:
         """Return the errors of wheels that run freely, and of gyro and pose beside wheels as they were measured."""
-        rolled = self._rolling.errors(Observer(_of_rolling(values), self.gains))
+        rolled = self._rolled(_of_rolling(values))
         wheels = any(name in self.batch.signals for name in WHEELS)
         driven = self.batch.errors(Observer(values, self._free)).of if wheels else {}
         both = {**driven, **rolled.of}
         return Errors({name: both[name] for name in self.batch.signals}, rolled.motion)
+
+    def _rolled(self, values: Mapping[str, Floats]) -> Errors:
+        """Return the errors of gyro and pose; candidates (C,) that differ in their motors alone are observed once."""
+        shape = np.atleast_1d(values["wheel_radius"]).shape
+        sets = list(zip(*(np.broadcast_to(value, shape).tolist() for value in values.values()), strict=True))
+        number = {one: index for index, one in enumerate(dict.fromkeys(sets))}
+        different = dict(zip(values, np.array(list(number)).T, strict=True))
+        observed, columns = self._rolling.errors(Observer(different, self.gains)), [number[one] for one in sets]
+        return replace(observed, of={name: np.take(of, columns, axis=1) for name, of in observed.of.items()})
 
     def by_moments_of(self, fit: Fit) -> tuple[Problem, Fit]:
         """Return the problem of the body's motion beside wheels as they were measured, and the same model fitted there.

@@ -16,7 +16,7 @@ from cmr.estimation.averaging import Posterior, averaged
 from cmr.estimation.candidates import can_be_small
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured, Model, left_out_gain, measure
+from cmr.estimation.measured_gain import Measured, Model, left_out_gains, measure
 from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, left_out_errors
 from cmr.estimation.search.elimination import without
 from cmr.estimation.search.selection import Search
@@ -160,7 +160,7 @@ class _Judge:
     def _gains(self, whole: Extended, model: Fit, without_it: Sequence[Fit], held_out: Sequence[Segment]) -> list[Gain]:
         """Return what a model gains over others in free runs, in recordings held out or on parts left out."""
         problem, chance = whole.found.problem, chance_of(whole.found)
-        return [left_out_gain(problem, fit, model, chance, self.segments, held_out) for fit in without_it]
+        return left_out_gains(problem, without_it, model, chance, self.segments, held_out)
 
 
 def _beside_what_is_small(whole: Extended) -> Fit | None:

@@ -4,7 +4,7 @@ import hashlib
 import importlib.util
 import sys
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cmr.model import composed_loops, elementary, step_helpers
 from cmr.model.cache import cache_folder
 from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, MODELLED
 from cmr.model.compose import LANES, compose, late, rows_of
@@ -36,7 +35,7 @@ class ExtendedModel:
         others = [parameter for effect in self.effects for parameter in effect.all_parameters]
         self.definitions = {parameter.name: parameter for parameter in (*PAPER.values(), *self.late, *others)}
         self.row = {name: index for index, name in enumerate(rows_of(self.effects, self.definitions))}
-        self.module: Any = composed_module(compose(self.effects, self.definitions), composed_loops)
+        self.module: Any = composed_module(lambda: compose(self.effects, self.definitions), self.effects)
 
     def on(self, values: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell for which robots the values, by name, switch on any effect on the motion."""
@@ -169,18 +168,17 @@ def drive(
     return np.ascontiguousarray(recorded.transpose(2, 0, 1))
 
 
-def composed_module(source: str, template: ModuleType) -> ModuleType:
-    """Return the module with this source, from the cache folder or written there, and compiled by Numba.
+def composed_module(compose: Callable[[], str], parts: object) -> ModuleType:
+    """Return the module composed of these parts, from the cache folder or written there, and compiled by Numba.
 
-    `template` is the module that the loops came from.
+    It is composed once, like whatever Numba compiles: until some source file of the model changes, or the parts do.
     """
-    inlined = "".join(Path(module.__file__ or "").read_text("utf-8") for module in (elementary, step_helpers, template))
-    key = hashlib.sha256((source + inlined).encode()).hexdigest()[:16]
+    key = hashlib.sha256(_sources() + repr(parts).encode()).hexdigest()[:16]
     name = f"cmr_model_{key}"
     path = cache_folder() / f"{name}.py"
     if not path.exists():
         with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, suffix=".new", delete=False) as file:
-            file.write(source)
+            file.write(compose())
         Path(file.name).replace(path)
     specification = importlib.util.spec_from_file_location(name, path)
     if specification is None or specification.loader is None:
@@ -189,3 +187,10 @@ def composed_module(source: str, template: ModuleType) -> ModuleType:
     sys.modules[name] = module  # where Numba looks for it when it loads what another process compiled
     specification.loader.exec_module(module)
     return module
+
+
+@cache
+def _sources() -> bytes:
+    """Return a digest of the model's source files."""
+    folder = Path(__file__).parent
+    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(folder.rglob("*.py")))).digest()

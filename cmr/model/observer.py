@@ -25,6 +25,7 @@ from cmr.model.compose import CHANGED, LANES
 from cmr.model.drives import Drives
 from cmr.model.evaluating import mean_radii, slip_time
 from cmr.model.extended import START, Candidates, ExtendedModel, composed_module, model_of
+from cmr.model.in_threads import in_two_threads
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.statements import SIDES, Statements
 
@@ -204,14 +205,23 @@ class Observer:
             np.empty((len(drives.pose_time), 3, count)),
             np.empty((drives.steps + len(drives.start), len(MOTION))),
         )
-        ends = drives.ends
-        _module(self._model, drives.dt).observe(
-            candidates.rows.copy(), *blocks.arguments, count, profiles, profile, drives.dt, ring, seed, chosen,
-            self._numbers,
-            drives.start, drives.began, drives.continued, ends.steps, ends.wheel, ends.gyro, ends.pose, ends.given,
-            drives.given, drives.wheel_time, drives.wheel, drives.wheel_use,
-            drives.gyro_time, drives.gyro, drives.pose_time, drives.pose, drives.pose_use, *result,
-        )  # fmt: skip
+        ends, compiled = drives.ends, _module(self._model, drives.dt).observe
+        at_rest, (rows, work, varying) = candidates.rows.copy(), blocks.arguments
+
+        def observe_blocks(first: int, last: int) -> None:
+            compiled(
+                at_rest, rows, work.copy(), varying, first, min(last * LANES, count),
+                profiles, profile, drives.dt, ring, seed, chosen, self._numbers,
+                drives.start, drives.began, drives.continued, ends.steps, ends.wheel, ends.gyro, ends.pose, ends.given,
+                drives.given, drives.wheel_time, drives.wheel, drives.wheel_use,
+                drives.gyro_time, drives.gyro, drives.pose_time, drives.pose, drives.pose_use, *result,
+            )  # fmt: skip
+
+        count_of_blocks = len(self._lanes) // LANES
+        if getattr(compiled, "unloaded", False):  # one thread loads it, or compiles it
+            observe_blocks(0, count_of_blocks)
+        else:
+            in_two_threads(observe_blocks, count_of_blocks)
         return result
 
     @cached_property
@@ -264,7 +274,8 @@ def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
 def _module(model: ExtendedModel, dt: float) -> Any:
     """Return the compiled observer that looks back LONGEST_LATENCY on a raster of `dt` [s]."""
     history = 1 << int(np.ceil(np.log2(LONGEST_LATENCY / dt + 3.0)))
-    return composed_module(_source(model, history), observer_loops)
+    sensors = [effect for effect in CATALOGUE.values() if effect.is_sensor]
+    return composed_module(lambda: _source(model, history), (model.module.__name__, history, sensors))
 
 
 def _source(model: ExtendedModel, history: int) -> str:

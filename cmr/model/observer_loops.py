@@ -15,18 +15,20 @@ from cmr.model.step_helpers import sign
 
 LOOPS = '''
 @compiled(
-    "void(f8[::1], f8[::1], f8[::1], i8[::1], i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
+    "void(f8[::1], f8[::1], f8[::1], i8[::1], i8, i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
     "f8[:, ::1], f8[::1], u1[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
     "f8[:, ::1], f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
     "f8[:, :, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])"
 )
 def observe(
-    at_rest, rows, work, varying, robots, commands, profile, dt, ring, seed, luck, numbers,
+    at_rest, rows, work, varying, first_block, robots, commands, profile, dt, ring, seed, luck, numbers,
     starts, begins, continued, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
     given, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
     wheel_error, gyro_error, pose_error, motion,
 ):
     """Observe K drives, one after another; see `cmr.model.observer.observe`, which prepares the arguments.
+
+    Observed are the robots below this number from `first_block` on.
 
     `at_rest` are the blocks with all rows, from which each drive starts.
     """
@@ -35,7 +37,7 @@ def observe(
     duty = np.empty((2, LANES))
     past = np.zeros((HISTORY, KEPT_OF_STEPS, LANES))
     own = np.empty(OWN_ROWS * LANES)
-    for block in range((robots + LANES - 1) // LANES):
+    for block in range(first_block, (robots + LANES - 1) // LANES):
         here = rows[block * stride : (block + 1) * stride]
         index = luck[block * LANES : (block + 1) * LANES]
         lanes = min(LANES, robots - block * LANES)

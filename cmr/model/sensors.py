@@ -4,7 +4,7 @@ The true motion comes as a trajectory; encoders, gyro and an external pose read 
 stamps. Noise is not part of the model.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import NamedTuple, TypeAlias
 
@@ -78,12 +78,19 @@ def encoder_reading(values: Mapping[str, ArrayLike], side: str, angle: Floats) -
 
 
 def pose_seen(
-    time: Times, motion: Trajectory, parameters: RobotParameters, pose_time: Times
+    time: Times,
+    motion: Trajectory,
+    parameters: RobotParameters,
+    pose_time: Times,
+    at: Callable[[Floats], Floats] = lambda moment: moment,
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the external pose x, y, theta at its stamped times; arguments as in `read_sensors`."""
+    """Return the external pose x, y, theta at its stamped times; arguments as in `read_sensors`.
+
+    `at` says where on the axis of `time` a moment is, [s] both: drives may be laid end to end there.
+    """
     values = {**_values(parameters), "time": np.asarray(pose_time)}
     seen = _stage("pose_time")({**values, "moment": np.asarray(pose_time), "filtered": 0.0})
-    moments = [seen["moment"] - age * seen["filtered"] for age in FILTER_AGES]
+    moments = [at(seen["moment"] - age * seen["filtered"]) for age in FILTER_AGES]
     place = {
         name: sum(
             weight * np.interp(moment, time, getattr(motion, name))

@@ -1,4 +1,4 @@
-"""Rows of whole processes: starting the simulator, calibrating from a log, and reading a log."""
+"""Rows of whole processes: starting the simulator, calibrating and diagnosing from logs, and reading a log."""
 
 import os
 import resource
@@ -15,10 +15,13 @@ import lcm
 
 from benchmarks.drive import NOMINAL, recording, write_log
 from benchmarks.report import Row, seconds
-from benchmarks.timing import Timing, clocked, in_turns
+from benchmarks.timing import Timing, all_cores, clocked, in_turns
 from cmr.bus.streams import WORLD_STATE
 from cmr.msg import world_state_t
 from cmr.recordings import Recording
+from tests.hidden_effects.hiding import hidden_recording
+from tests.hidden_effects.logs import write_log as made_log
+from tests.hidden_effects.pieces import in_pieces
 from tests.support.private_bus import private_url
 
 Times: TypeAlias = tuple[float, float]  # CPU seconds and seconds on the clock
@@ -28,7 +31,8 @@ LOG_SECONDS = 120.0
 COPIES = 10  # the longer log is so many times as long
 LONGEST_START, LONGEST_FIRST_START = 0.6, 3.0  # s
 LONGEST_WAIT = 60.0  # s; a simulator that has said nothing by then will not
-LONGEST_CALIBRATION, LONGEST_READING = 3.0, 0.25  # s
+LONGEST_CALIBRATION, LONGEST_DIAGNOSIS, LONGEST_READING = 3.0, 3.0, 0.25  # s
+DIAGNOSES, PIECE = 3, 2.0  # runs; s
 LARGEST_MEMORY = 3.0  # times the log
 LARGEST_GROWTH = 1.2  # of the time per byte when the log gets longer
 # A reader that reports how far its memory rose above what it had before: bytes.
@@ -70,6 +74,23 @@ def calibration() -> Iterator[Row]:
         runs = [_command(["cmr-calibrate", "--log", str(log)], Path(folder) / "cache") for _ in range(RUNS + 1)][1:]
     title = f"cmr-calibrate --log of {LOG_SECONDS:.0f} s at 100 Hz, whole process, warm"
     yield _process_row(title, runs, LONGEST_CALIBRATION)
+
+
+def diagnosis() -> Iterator[Row]:
+    """Measure cmr-diagnose as a whole process, warm, on all cores: of two minutes, and of ten in pieces."""
+    titles = (
+        (f"cmr-diagnose of {LOG_SECONDS:.0f} s at 100 Hz, two effects hidden, whole process, warm", LONGEST_DIAGNOSIS),
+        (f"the same of ten minutes in pieces of {PIECE:.0f} s, late commands and poses hidden", None),
+    )
+    with tempfile.TemporaryDirectory() as name, all_cores():
+        folder = Path(name)
+        whole = hidden_recording("motor_gain_asymmetry", "gyro_latency", seed=1).recording
+        longer = hidden_recording("command_delay", "pose_latency", seed=1, repeats=5).recording
+        logs = made_log(folder / "run.lcm", whole), made_log(folder / "pieces.lcm", in_pieces(longer, PIECE))
+        for log, (title, goal) in zip(logs, titles, strict=True):
+            command = ["cmr-diagnose", str(log), "--out", str(folder / log.stem)]
+            runs = [_command(command, folder / "cache") for _ in range(DIAGNOSES + 1)][1:]
+            yield _process_row(title, runs, goal)
 
 
 def reading() -> Iterator[Row]:

@@ -17,11 +17,11 @@ from cmr.estimation.free_runs import (
     alternating_spans,
     errors_of,
     joined,
-    smoothed_poses,
     windows_of,
 )
 from cmr.estimation.gain import gain_of, path_rmse
 from cmr.estimation.segments import Segment, segments_of
+from cmr.estimation.smoothing import smoothed_poses
 from cmr.model.observer import RESTART
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
@@ -97,7 +97,7 @@ def test_what_is_left_of_the_true_model_is_the_noise_of_the_pose() -> None:
 def test_a_start_is_known_better_than_a_single_pose() -> None:
     noise = Noise(position=0.005, heading=0.005)
     noisy, quiet = (piece_of(driven("rich", one)).observations for one in (noise, SILENT))
-    off = smoothed_poses(noisy, TRUE) - np.column_stack([quiet.pose[:, :2], np.unwrap(quiet.pose[:, 2])])
+    off = smoothed_poses([noisy], TRUE)[0] - np.column_stack([quiet.pose[:, :2], np.unwrap(quiet.pose[:, 2])])
     assert np.all(np.std(off, axis=0) < 0.5 * 0.005)
 
 
@@ -262,3 +262,11 @@ def test_the_errors_of_several_recordings_count_together() -> None:
     first, second = (errors_with(driven("figure-eight", seed=seed), TRUE)[0] for seed in (1, 2))
     both = joined((first, second))
     assert path_rmse(both) == pytest.approx(math.hypot(path_rmse(first), path_rmse(second)) / math.sqrt(2.0), rel=0.01)
+
+
+def test_pieces_are_smoothed_together_as_one_by_one() -> None:
+    late = {**TRUE, "pose_latency": 0.05}
+    whole = piece_of(driven("rich", Noise(position=0.005, heading=0.005)))
+    pieces = [whole.observations, whole.observations, replace(whole.observations, time=300.0)]
+    for together, one in zip(smoothed_poses(pieces, late), pieces, strict=True):
+        assert np.allclose(together, smoothed_poses([one], late)[0], rtol=0.0, atol=1e-9)

@@ -62,7 +62,7 @@ def remaining_of(
     assert problem is not None
     assert base is not None
     values = {**base.values, **known}
-    noise = Noise.found(problem.predictors, problem.errors(values))
+    noise = Noise.found(problem.batch, problem.joint_errors(values))
     return remaining(problem, problem.fit(values, (*base.names, *known), noise), base)
 
 

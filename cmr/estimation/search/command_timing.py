@@ -16,7 +16,7 @@ import numpy as np
 
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
-from cmr.estimation.prediction import Errors, Predictor
+from cmr.estimation.prediction import Errors, Indices, Predictor
 from cmr.estimation.problem import Problem
 from cmr.recordings.signal import Floats, Mask
 
@@ -37,6 +37,7 @@ PAUSE = 1.5  # times the period that lie between two commands where one was held
 SHARED = 2.0  # times its deviation a share may be off: neighbours depend on the same readings (8 made-up drives)
 LEAST = 1e-3  # 1/s^2; a delay of which so little is known counts as unknown
 SIDES = ("psi_left", "psi_right")
+SMALLEST_BLOCK = 32  # of a banded matrix that is worked off block by block
 AGES = 200  # at which the age of the command in force is reckoned
 MOST_OVERTAKEN = 100.0  # times the seeming delay: no jitter is larger
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
@@ -141,7 +142,7 @@ def timing_of(problem: Problem, fit: Fit) -> Timing | None:
     commanded = [len(predictor.segment.observations.commands.time) > 1 for predictor in problem.predictors]
     if not all(commanded) or not any(SIDES[0] in predictor.times for predictor in problem.predictors):
         return None
-    return _timing(problem, fit, problem.errors(fit.values))
+    return _timing(problem, fit, problem.joint_errors(fit.values))
 
 
 def _normal(late: Floats, variance: Floats) -> Floats:
@@ -177,13 +178,15 @@ def largest_delay(mean: float, period: float) -> float:
 
     Half of the largest, as long as it is shorter than the period; then newer commands overtake older ones.
     """
-    from scipy.optimize import brentq
 
     def missing(largest: float) -> float:
         return _seeming_delay(largest, period) - mean
 
-    overtakes = 2.0 * mean > period and missing(2.0 * mean) < 0.0
-    return float(brentq(missing, mean, MOST_OVERTAKEN * mean)) if overtakes else 2.0 * mean
+    if 2.0 * mean <= period or missing(2.0 * mean) >= 0.0:
+        return 2.0 * mean
+    from scipy.optimize import brentq  # takes longer to import than all the rest
+
+    return float(brentq(missing, mean, MOST_OVERTAKEN * mean))
 
 
 def _seeming_delay(largest: float, period: float) -> float:
@@ -230,29 +233,25 @@ def _taken(problem: Problem, delays: Sequence[Floats]) -> Problem:
     return Problem(predictors, problem.gains, problem.excitation)
 
 
-def _timing(problem: Problem, fit: Fit, errors: Sequence[Errors]) -> Timing:
+def _timing(problem: Problem, fit: Fit, errors: Errors) -> Timing:
     from scipy.sparse import csr_matrix
 
-    blocks, gaps, splits = [], [], [0]
+    white = fit.noise.all_white(problem.batch, errors)[:, 0]
+    begins = {name: problem.batch.white_rows(name) for name in SIDES}
+    entries, gaps, splits = [], [], [0]
     mean = sum(fit.values.get(name, 0.0) for name in MEANS)
-    for number, (predictor, error) in enumerate(zip(problem.predictors, errors, strict=True)):
-        white = fit.noise.white(number, predictor, error)
+    for number, predictor in enumerate(problem.predictors):
         commands = predictor.segment.observations.commands
         packets, changes = commands.time + mean, np.diff(commands.duty, axis=0, prepend=commands.duty[:1])
-        normal = csr_matrix((len(packets), len(packets)))
-        right = np.zeros(len(packets))
         for side, name in enumerate(SIDES):
             response = _response(fit, problem, fit.noise, name, number, predictor)
-            design = _design(packets, -changes[:, side], predictor.times[name], response)
-            normal = normal + design.T @ design
-            right += design.T @ white[name][:, 0]
-        blocks.append((normal, right))
+            values, rows, columns = _design(packets, -changes[:, side], predictor.times[name], response)
+            entries.append((values, rows + begins[name][number].start, columns + splits[-1]))
         gaps.append(np.diff(commands.time, append=commands.time[-1:]))
         splits.append(splits[-1] + len(packets))
-    bands = max(_bandwidth(normal) for normal, _ in blocks)
-    banded = np.concatenate([_banded(normal, bands) for normal, _ in blocks], axis=1)
-    rights = np.concatenate([right for _, right in blocks])
-    return Timing(banded, rights, np.concatenate(gaps), tuple(splits), period_of(problem))
+    values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
+    design = csr_matrix((values, (rows, columns)), shape=(len(white), splits[-1]))
+    return Timing(_banded(design.T @ design), design.T @ white, np.concatenate(gaps), tuple(splits), period_of(problem))
 
 
 def _response(
@@ -280,10 +279,10 @@ def _response(
     return period, np.convolve(raw, weights)[:count], noise.of[name].sizes[number]
 
 
-def _design(packets: Floats, changes: Floats, times: Floats, response: tuple[float, Floats, Floats]) -> Any:
-    """Return what a second of delay of each command leaves in each white error: sparse, shape (errors, commands)."""
-    from scipy.sparse import csr_matrix
-
+def _design(
+    packets: Floats, changes: Floats, times: Floats, response: tuple[float, Floats, Floats]
+) -> tuple[Floats, Indices, Indices]:
+    """Return what a second of delay of commands leaves in white errors: values, and numbers of errors and commands."""
     period, trace, sizes = response
     count = len(trace)
     matters = np.flatnonzero(np.abs(changes) > LEAST_CHANGE)
@@ -295,35 +294,37 @@ def _design(packets: Floats, changes: Floats, times: Floats, response: tuple[flo
     inside &= lag < REACH - period
     values = np.interp(lag, np.arange(count) * period, trace) * changes[matters][:, None] / sizes[rows]
     columns = np.broadcast_to(matters[:, None], rows.shape)
-    return csr_matrix((values[inside], (rows[inside], columns[inside])), shape=(len(times), len(packets)))
+    return values[inside], rows[inside], columns[inside]
 
 
-def _bandwidth(normal: Any) -> int:
-    matrix = normal.tocoo()
-    return int(np.max(matrix.col - matrix.row, initial=0))
-
-
-def _banded(normal: Any, bands: int) -> Floats:
+def _banded(normal: Any) -> Floats:
     """Return a symmetric sparse matrix in the upper banded form of LAPACK."""
-    size = normal.shape[0]
-    result = np.zeros((bands + 1, size))
-    for offset in range(bands + 1):
-        result[bands - offset, offset:] = normal.diagonal(offset)
+    matrix = normal.tocoo()
+    above = matrix.col >= matrix.row
+    rows, columns = matrix.row[above], matrix.col[above]
+    bands = int(np.max(columns - rows, initial=0))
+    result = np.zeros((bands + 1, normal.shape[0]))
+    np.add.at(result, (bands - (columns - rows), columns), matrix.data[above])
     return result
 
 
 def _inverse_diagonal(factor: Floats) -> Floats:
     """Return the diagonal of the inverse of a matrix whose Cholesky factor is given, in the upper banded form.
 
-    Only that part of the inverse is reckoned which lies within the bands (Takahashi, Fagan and Chen, 1973).
+    Only those blocks of the inverse are reckoned which lie on the diagonal (Takahashi, Fagan and Chen, 1973).
     """
+    from scipy.linalg import solve_triangular
+
     bands, size = len(factor) - 1, factor.shape[1]
-    rows = np.zeros((size, bands))  # of the factor behind its diagonal, divided by that
-    for offset in range(1, bands + 1):
-        rows[: size - offset, offset - 1] = factor[bands - offset, offset:] / factor[-1, : size - offset]
-    inverse, result = np.zeros((bands + 1, bands + 1)), np.empty(size)
-    for index in range(size - 1, -1, -1):
-        inverse[1:, 1:] = inverse[:-1, :-1].copy()
-        inverse[0, 1:] = inverse[1:, 0] = -inverse[1:, 1:] @ rows[index]
-        inverse[0, 0] = result[index] = 1.0 / factor[-1, index] ** 2 - rows[index] @ inverse[1:, 0]
+    width = max(bands, SMALLEST_BLOCK)  # no row of the factor reaches beyond the next block
+    beyond, result = np.empty((0, 0)), np.empty(size)
+    for first in range((size - 1) // width * width, -1, -width):
+        rows = np.arange(first, min(first + width, size))[:, None]
+        columns = np.arange(first, min(first + 2 * width, size))[None]
+        inside = (columns >= rows) & (columns <= rows + bands)
+        block = np.where(inside, factor[np.where(inside, bands - columns + rows, 0), columns], 0.0)
+        own = solve_triangular(block[:, : len(rows)], np.eye(len(rows)))
+        beside = own @ block[:, len(rows) :]
+        beyond = own @ own.T + beside @ beyond @ beside.T
+        result[first : first + width] = np.diag(beyond)
     return result
