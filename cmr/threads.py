@@ -1,4 +1,4 @@
-"""Threads of numerical libraries: how many they start is told by variables of the environment, read at their import."""
+"""Threads of numerical libraries: how many they start is set by variables of the environment, read at their import."""
 
 import os
 

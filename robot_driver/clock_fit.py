@@ -47,7 +47,7 @@ class ClockFit:
     """Maps the numbers of a sensor's readings to times; `nominal_rate` in Hz.
 
     `unnoticed` is how many readings, or a multiple of it, may be lost without being counted: 1 where nothing numbers
-    them, else after how many their numbers begin anew.
+    them, else after how many their numbers begin again.
     """
 
     def __init__(self, nominal_rate: float, unnoticed: int = 1) -> None:

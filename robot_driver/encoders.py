@@ -10,7 +10,7 @@ UNTIMED = 0.1  # s that a step may have taken when its time is not known
 
 
 class CountersReset(Exception):  # noqa: N818 - a device that was switched off and on is an event to live with
-    """Both counters have begun anew: the device was reset, and has forgotten what it was sent."""
+    """Both counters have begun again: the device was reset, and has forgotten what it was sent."""
 
 
 @dataclass(frozen=True)

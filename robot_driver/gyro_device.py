@@ -131,7 +131,7 @@ class GyroDevice(Device):
             self._host.sleep(FAREWELL_PAUSE)
 
     def _wake_up(self) -> None:
-        """Begin anew with a gyro of which nothing is known."""
+        """Begin again with a gyro of which nothing is known."""
         self._gyro = self._gyro_type()
         self._ask(self._gyro.wake_up)
         self._clock_fit = None

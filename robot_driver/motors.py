@@ -24,7 +24,7 @@ from robot_driver.serial_port import Answer, NotSent, PortLost, SerialPort
 
 SILENCE_LIMIT = 0.4  # s without an acknowledged duty after which the device counts as gone, perhaps switched off
 HUSH = 0.1  # s without one after which the device may have been reset: look before it is driven on
-BLIND_LIMIT = 1.0  # s without encoder counts after which the connection is made anew, though duties are acknowledged
+BLIND_LIMIT = 1.0  # s without encoder counts after which the connection is made again, though duties are acknowledged
 DUTY_LIFETIME = 0.1  # s after which a duty that has not been sent yet is not the one wanted any more
 TAKEN_FOR_ZERO = 0.002  # duty up to which a controller may take it for zero
 SILENCE_OF_OURS = 0.1  # s that it lasts longer than the device's watchdog
@@ -381,7 +381,7 @@ class Motors(Device):
     def _check_watchdog(self, connection: _Connection) -> None:
         """Read the device's watchdog back again: a device that was reset meanwhile has none.
 
-        Raises PortLost, so that the connection is made anew.
+        Raises PortLost, so that the connection is made again.
         """
         if connection.unarmed:
             return

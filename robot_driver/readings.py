@@ -28,26 +28,26 @@ class Readings:
         self._period = period
         self._answers: dict[str, tuple[float, Telemetry]] = {}  # by request, of this connection
         # When each quantity was reported last, by quantity and request: several may report the same one, each in part.
-        self._told: dict[tuple[str, str], float] = {(key, ""): -math.inf for key in needed}
+        self._answered: dict[tuple[str, str], float] = {(key, ""): -math.inf for key in needed}
 
     def begin(self, requests: int) -> None:
         """Know nothing: a new connection has been made, on which so many requests are made in turn."""
         self.old_after = max(OLDEST, CYCLES * (requests + 1) * self._period)
         self._answers.clear()
-        self._told = dict.fromkeys(self._told, -math.inf)
+        self._answered = dict.fromkeys(self._answered, -math.inf)
 
     def take(self, request: Request[Telemetry], answer: Telemetry, now: float) -> None:
         """Take what a request was answered."""
         self._answers[request.name] = now, answer
         for key in answer:
-            self._told[key, request.name] = now
-            self._told.pop((key, ""), None)
+            self._answered[key, request.name] = now
+            self._answered.pop((key, ""), None)
 
     def recent(self, now: float) -> Telemetry:
         """Return all that was reported lately, of the same quantity the latest."""
         result = Telemetry()
-        for told, answer in sorted(self._answers.values(), key=lambda item: item[0]):
-            if now - told <= self.old_after:
+        for moment, answer in sorted(self._answers.values(), key=lambda item: item[0]):
+            if now - moment <= self.old_after:
                 result.update(answer)
         return result
 
@@ -57,14 +57,14 @@ class Readings:
         Infinity: not since the connection was made.
         """
         result: dict[str, float] = {}
-        for (key, _), told in self._told.items():
-            if now - told > self.old_after:
-                result[key] = max(result.get(key, 0.0), now - told)
+        for (key, _), moment in self._answered.items():
+            if now - moment > self.old_after:
+                result[key] = max(result.get(key, 0.0), now - moment)
         return result
 
 
 def sentence_on(unknown: dict[str, float], path: str) -> str:
     """Return what a person has to know of `unknown` quantities of the controller at `path`; "" when all are known."""
     seconds = {key: "" if math.isinf(age) else f" for {age:.0f} s" for key, age in unknown.items()}
-    told = [f"{words} unknown{seconds[key]}" for key, words in WORDS.items() if key in unknown]
-    return f"The controller at {path} does not report everything: {', '.join(told)}." if told else ""
+    moment = [f"{words} unknown{seconds[key]}" for key, words in WORDS.items() if key in unknown]
+    return f"The controller at {path} does not report everything: {', '.join(moment)}." if moment else ""

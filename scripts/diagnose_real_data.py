@@ -55,11 +55,11 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True)
 class Case:
-    """A recording diagnosed; `told` are effects named, with their sizes, `scores` what they are worth."""
+    """A recording diagnosed; `found_effects` are effects named, with their sizes, `scores` what they are worth."""
 
     recording: str
     diagnosis: Diagnosis
-    told: tuple[str, ...]
+    found_effects: tuple[str, ...]
     scores: tuple[Score, ...]
 
     @property
@@ -76,7 +76,7 @@ class Case:
         scores = "; ".join(
             f"{s.what} {s.before:.3g} to {s.after:.3g} {s.unit} ({-100.0 * s.gone:+.0f} %)" for s in self.scores
         )
-        return f"| {self.recording} | {', '.join(self.told) or 'nothing'} | {scores} |"
+        return f"| {self.recording} | {', '.join(self.found_effects) or 'nothing'} | {scores} |"
 
 
 class Ends(NamedTuple):
@@ -92,13 +92,13 @@ class Ends(NamedTuple):
 
 def case_of(recording: str, diagnosis: Diagnosis, scores: Sequence[Score]) -> Case:
     """Return the case of a diagnosis."""
-    told = tuple(
+    found_effects = tuple(
         ", ".join(
             f"`{n}` {value.value:.3g} {unit_of(effect.name, n)}".rstrip() for n, value in effect.estimates.items()
         )
         for effect in diagnosis.effects
     )
-    return Case(recording, diagnosis, told, tuple(scores))
+    return Case(recording, diagnosis, found_effects, tuple(scores))
 
 
 def unit_of(effect: str, parameter: str) -> str:

@@ -58,7 +58,7 @@ class Process:
         self.overruns = 0
         self._url = url
         self._received: list[Received] = []
-        self._told = ""
+        self._published = ""
         self._was_ready = False
         self._turns = 0
         self._report = Timer(STATUS_PERIOD)
@@ -169,12 +169,12 @@ class Process:
         """Say when the process is ready, and each new sentence on what keeps it from that, or that this is over."""
         troubled = self.state in (process_status_t.DEGRADED, process_status_t.STARTING)
         problem = (self.problem or self.message) if troubled else ""
-        if problem and problem != self._told:
+        if problem and problem != self._published:
             self.news(problem)
-        elif self.state == process_status_t.RUNNING and (self._told or not self._was_ready):
+        elif self.state == process_status_t.RUNNING and (self._published or not self._was_ready):
             self.news("ready" if not self._was_ready else "problem over")
             self._was_ready = True
-        self._told = problem
+        self._published = problem
 
     def _listen_until(self, due: float) -> None:
         while not self.stopped_by_signal:

@@ -9,7 +9,7 @@ from cmr.calibration.contradictions import SMALLEST_RADIUS_ERROR, radius_sentenc
 from cmr.calibration.doubts import in_doubt, in_doubt_alone
 from cmr.calibration.paper import calibrate_by_paper
 from cmr.calibration.path_errors import path_errors
-from cmr.calibration.preparing import TOLD
+from cmr.calibration.preparing import REPORTED
 from cmr.calibration.result import CalibrationResult, tells
 from cmr.estimation.commanded_speeds import as_duties, as_motor, controller_of
 from cmr.estimation.estimates import Estimate, EstimationError
@@ -30,7 +30,7 @@ WORSE_THAN_GIVEN = (
     "than they do ({before:.3f} m). Something that no effect explains moves this robot or its sensors. Check the time "
     "stamps of commands, wheels and poses, and run cmr-diagnose."
 )
-UNTOLD = "The drive does not determine it: its standard deviation is {:.0f} % of the value."
+UNDETERMINED = "The drive does not determine it: its standard deviation is {:.0f} % of the value."
 
 
 def calibrate(
@@ -136,7 +136,7 @@ def _result(
     unidentified, trusted = dict(estimation.ready.untold), dict(estimates)
     for name in set(estimates) & set(DEFINITIONS):
         if not tells(estimates[name]):
-            unidentified[name] = UNTOLD.format(100.0 * estimates[name].std / abs(estimates[name].value))
+            unidentified[name] = UNDETERMINED.format(100.0 * estimates[name].std / abs(estimates[name].value))
             if nominal.has(name):
                 del trusted[name]
                 parameters = {**parameters, name: nominal.value(name)}
@@ -178,9 +178,11 @@ def _covariance(estimation: Estimation, estimates: Mapping[str, Estimate]) -> Fl
 
 def _notes(estimation: Estimation) -> tuple[str, ...]:
     """Return sentences on the data, and on what the parameters were found in the presence of."""
-    told = [one.sentence for one in estimation.ready.checks if one.found and (one.check in TOLD or one.set_aside)]
+    statements = [
+        one.sentence for one in estimation.ready.checks if one.found and (one.check in REPORTED or one.set_aside)
+    ]
     causes = [estimation.cause(one.candidate.effect) for one in estimation.found.named]
-    return tuple(dict.fromkeys([*told, *estimation.ready.notes, *causes]))
+    return tuple(dict.fromkeys([*statements, *estimation.ready.notes, *causes]))
 
 
 def _radius_note(radius: float, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:

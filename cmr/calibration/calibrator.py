@@ -49,7 +49,7 @@ class Calibrator:
     `nominal` gives at least the wheel radius; None takes the newest parameters announced during the drive. `method` and
     `paper_only` are those of `calibrate`.
     `state` is one of the states of calibration_status_t; `result` is there once `fit` succeeded. `preview` is what the
-    drive told when `look` was last called, `averages` counts the averages so far. `missing` says what the drive
+    drive showed when `look` was last called, `averages` counts the averages so far. `missing` says what the drive
     still lacks. While `loading` is true, `load` has not come to its end.
     """
 
@@ -177,7 +177,7 @@ class Calibrator:
             self.result = calibrate(self.recording(), self._nominal, method=self._method, paper_only=self._paper_only)
         except EstimationError as error:
             self.failure = str(error)
-        except Exception as error:  # a fit that breaks down must be told, not leave the process waiting for ever
+        except Exception as error:  # a fit that breaks down must be reported, not leave the process waiting for ever
             self.failure = f"The fit broke down on this recording ({type(error).__name__}: {error}). Keep the log."
         self.state = calibration_status_t.FAILED if self.result is None else calibration_status_t.DONE
         return self.result
@@ -186,8 +186,8 @@ class Calibrator:
     def so_far(self) -> dict[str, Estimate]:
         """What is known of the robot's parameters, by the names that its file has, as carefully as in `status`."""
         found = self.result or self.preview
-        told = found.told if found else {}
-        return {name: Estimate(one.value, one.std * self._caution) for name, one in told.items()}
+        reported = found.reported if found else {}
+        return {name: Estimate(one.value, one.std * self._caution) for name, one in reported.items()}
 
     def status(self) -> calibration_status_t:
         """Return the calibration_status_t message of this moment."""

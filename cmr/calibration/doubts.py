@@ -39,10 +39,10 @@ UNSURE = (0.03, 0.97)  # probabilities between which an effect may or may not be
 def in_doubt(estimation: Estimation) -> tuple[str, ...]:
     """Return a sentence for each parameter of the robot that is in doubt, and one on the drive that would tell it."""
     assert estimation.whole is not None
-    average, told = estimation.whole.average, in_words_of(estimation.estimates, estimation.controller)
-    wide = _wide(told)
-    sentences = [_sentence(name, _share(told[name]), average) for name in wide]
-    return (*sentences, *_telling(wide, told, one_speed(estimation)))
+    average, reported = estimation.whole.average, in_words_of(estimation.estimates, estimation.controller)
+    wide = _wide(reported)
+    sentences = [_sentence(name, _share(reported[name]), average) for name in wide]
+    return (*sentences, *_telling(wide, reported, one_speed(estimation)))
 
 
 def in_doubt_alone(estimation: Estimation, alone: Mapping[str, Estimate]) -> tuple[str, ...]:
@@ -57,15 +57,15 @@ def in_doubt_alone(estimation: Estimation, alone: Mapping[str, Estimate]) -> tup
     return (*sentences, *_telling(wide, alone, one_speed(estimation)))
 
 
-def _wide(told: Mapping[str, Estimate]) -> list[str]:
-    return [name for name in WIDE if name in told and _share(told[name]) > WIDE[name]]
+def _wide(reported: Mapping[str, Estimate]) -> list[str]:
+    return [name for name in WIDE if name in reported and _share(reported[name]) > WIDE[name]]
 
 
 def _share(estimate: Estimate) -> float:
     return estimate.std / abs(estimate.value)
 
 
-def _telling(wide: Sequence[str], told: Mapping[str, Estimate], speed: float | None) -> list[str]:
+def _telling(wide: Sequence[str], reported: Mapping[str, Estimate], speed: float | None) -> list[str]:
     """Return what drive would tell the parameters that are in doubt; `speed` [m/s] is that of a drive with only one."""
     if wide and speed is not None:
         narrower = " and ".join(wide) if len(wide) < 3 else "all three"
@@ -73,7 +73,7 @@ def _telling(wide: Sequence[str], told: Mapping[str, Estimate], speed: float | N
             f"The whole drive is near {speed:.2g} m/s. Half a minute more at {second_speed(speed):.1g} m/s, in the "
             f"same drive or in another log, would narrow {narrower}."
         ]
-    return [TELLING[name] for name in wide if _share(told[name]) > POOR]
+    return [TELLING[name] for name in wide if _share(reported[name]) > POOR]
 
 
 def _sentence(name: str, share: float, average: Posterior | None) -> str:

@@ -86,7 +86,7 @@ def _aligned(
         segments = prepared.segments()
     refined = _refinement(prepared, segments, names, values).solve()
     offsets = {name: refined.nuisance[name] for name in (COMMAND_TIME, POSE_TIME) if name in refined.nuisance}
-    return Fit(refined, segments, method, grid, _told(prepared, offsets))
+    return Fit(refined, segments, method, grid, _statements(prepared, offsets))
 
 
 def _refinement(
@@ -95,7 +95,7 @@ def _refinement(
     return Refinement(segments, names, values, prepared.pose_clock_std, prepared.command_clock_std)
 
 
-def _told(prepared: Prepared, offsets: Mapping[str, Estimate]) -> tuple[str, ...]:
+def _statements(prepared: Prepared, offsets: Mapping[str, Estimate]) -> tuple[str, ...]:
     """Say by how much the clocks were off, where that is sure and worth it."""
     notes = []
     for name, shift, late, early in (

@@ -252,8 +252,8 @@ def _trusted(
             continue
         pairs = zip(found, np.abs(correlation[row]), strict=True)
         confused = [other for other, r in pairs if r > CONFUSED and other != name]
-        told = f", and it cannot be distinguished from {' and '.join(confused)}" if confused else ""
-        unidentified[name] = f"{reason}{told} (standard deviation {estimate.std:.2g} of {estimate.value:.3g})"
+        beside = f", and it cannot be distinguished from {' and '.join(confused)}" if confused else ""
+        unidentified[name] = f"{reason}{beside} (standard deviation {estimate.std:.2g} of {estimate.value:.3g})"
     return trusted
 
 

@@ -15,7 +15,7 @@ from cmr.recordings.signal import SECONDS, Signal
 UNKNOWN_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 USUAL_MOTOR = 0.15  # s that wheels lag their commands
 # Findings of the data checks that are worth telling though nothing was set aside.
-TOLD = ("pose_jumps", "uneven_stamps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
+REPORTED = ("pose_jumps", "uneven_stamps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
 LEAST_LAG = 0.02  # s; the refinement finds a smaller one itself
 LAG_MARGIN, LEAST_CLOCK_STD = 3.0, 2e-3  # standard deviations of the lag; s
 
@@ -76,7 +76,7 @@ def prepare(recordings: Sequence[Recording]) -> Prepared:
         early = commands.seconds - USUAL_MOTOR if commands and wrong else 0.0
         ready.append(_shifted(findings.cleaned(recording), round(early / SECONDS), -round(late / SECONDS)))
         splits.append(tuple(int(split) - round(late / SECONDS) for split in findings.splits))
-        notes += [f.sentence for f in findings.all if f.found and (f.check in TOLD or f.set_aside)]
+        notes += [f.sentence for f in findings.all if f.found and (f.check in REPORTED or f.set_aside)]
         moved.append((early, -late))
         doubts.append(max(LAG_MARGIN * poses.std, LEAST_CLOCK_STD) if poses else UNKNOWN_CLOCK_STD)
     furthest = [max(column, key=abs) for column in zip(*moved, strict=True)]

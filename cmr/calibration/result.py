@@ -85,15 +85,15 @@ class CalibrationResult:
         return ParameterFile(self.robot_id, values, tuple(one.name for one in in_use), {**provenance, **found})
 
     @property
-    def told(self) -> dict[str, Estimate]:
+    def reported(self) -> dict[str, Estimate]:
         """The estimates of the robot's parameters as its file names them."""
         return in_words_of(self.estimates, self.controller, correlation_of_motor(list(self.estimates), self.covariance))
 
     def _written(self, name: str, value: float) -> Value:
         """Return a value as the file holds it: with its deviation, or as it was given."""
-        told, given = {**self.told, **self.effects}, self.nominal.values.get(name)
-        if name in told:
-            return Value(value, told[name].std)
+        reported, given = {**self.reported, **self.effects}, self.nominal.values.get(name)
+        if name in reported:
+            return Value(value, reported[name].std)
         return given if given is not None and given.value == value else Value(value)
 
     def to_dict(self) -> dict[str, object]:
@@ -103,7 +103,7 @@ class CalibrationResult:
             "method": self.method,
             "samples": self.samples,
             "parameters": values_in_words_of(self.values, self.controller),
-            "std": {name: estimate.std for name, estimate in {**self.effects, **self.told}.items()},
+            "std": {name: estimate.std for name, estimate in {**self.effects, **self.reported}.items()},
             "unidentified": dict(self.unidentified),
             "effects_shown": list(self.named),
             "path_rmse_before_m": self.path_rmse_before,
@@ -133,14 +133,14 @@ class CalibrationResult:
 
     def _table(self) -> list[str]:
         """Return the lines of the parameters that every robot of this kind has."""
-        told, values = self.told, values_in_words_of(self.values, self.controller)
+        reported, values = self.reported, values_in_words_of(self.values, self.controller)
         known = {**DEFINITIONS, **CONTROLLER_DEFINITIONS} if self.controller else DEFINITIONS
         width = 18 if self.controller else 13
         lines = [f"  {'parameter':{width}s} {'value':>11s} {'std':>9s} {'95 % interval':>24s}  unit"]
         for name, parameter in known.items():
             start = f"  {name:{width}s}"
-            if name in told:
-                estimate = told[name]
+            if name in reported:
+                estimate = reported[name]
                 interval = "{:.5g} to {:.5g}".format(*estimate.interval)
                 lines.append(f"{start} {estimate.value:11.5g} {estimate.std:9.2g} {interval:>24s}  {parameter.unit}")
             elif name in self.unidentified:

@@ -16,7 +16,7 @@ from cmr.recordings.wheel_angles import wheel_angles
 
 SIDES = ("left", "right")
 LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is not known and a new segment begins
-LONGEST_DRIVE_GAP = 0.25  # s; over a longer one nobody knows what a moving robot was told to do
+LONGEST_DRIVE_GAP = 0.25  # s; over a longer one nobody knows what a moving robot was commanded
 FEWEST_POSES = 3  # a segment with fewer says nothing about its path
 LEAD = 1.0  # s of rest kept before the robot begins to move: enough to average its start pose
 MOVING_DUTY = 1e-3  # commands below are rest
@@ -144,7 +144,7 @@ def _gaps(utime: Times, longest: float) -> list[tuple[int, int]]:
 
 
 def _drive_gaps(recording: Recording) -> list[tuple[int, int]]:
-    """Return the gaps in what the wheels were told while the robot moved."""
+    """Return the gaps in what the wheels were commanded while the robot moved."""
     duty = recording.duty
     if len(recording.wheels) == 0:
         return []

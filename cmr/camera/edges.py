@@ -1,7 +1,7 @@
 """Corners of tags from the edges of their black squares, to a few hundredths of a pixel.
 
 OpenCV's own ways are slower or less exact (scripts/benchmarks/camera.py measures them): its AprilTag refinement looks
-for all quads anew, and its sub-pixel corners are drawn inwards by blur. A straight edge is not moved by blur: here each
+for all quads again, and its sub-pixel corners are drawn inwards by blur. Blur does not move a straight edge: here each
 of a square's four sides is found as a line through some twenty crossings from black to white, and lines are met.
 """
 

@@ -12,7 +12,7 @@ from cmr.camera.tags import Tag
 
 FEWEST_SEEN = 3  # tags on the floor, to place the camera at all; a fourth shows one that was moved
 MEMORY = 200  # pictures over which the corners of the floor's tags are averaged, as long as nothing moves
-SETTLING = 20  # pictures after something was new in which the place is found anew each time
+SETTLING = 20  # pictures after something was new in which the place is found again each time
 MOVED = 1.5  # pixels by which a corner is elsewhere than before when the camera, or the tag, was moved
 WORST = 3.0  # pixels (rms) between a tag's corners and where they should be; else its place in the file is wrong
 
@@ -73,7 +73,7 @@ class PlaceFinder:
             count = min(self._seen.get(number, 0) + 1, MEMORY)
             before = self._corners[number] if count > 1 else corners
             self._seen[number], self._corners[number] = count, before + (corners - before) / count
-        # Averages over many pictures change little with each: then the place is found anew at times.
+        # Averages over many pictures change little with each: then the place is found again at times.
         self._pictures = 0 if news else self._pictures + 1
         if self.place is None or self._pictures < SETTLING or self._pictures % SETTLING == 0:
             self._find()

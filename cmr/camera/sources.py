@@ -80,8 +80,10 @@ def _network_camera(address: str) -> "cv2.VideoCapture":
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, patience, cv2.CAP_PROP_READ_TIMEOUT_MSEC, patience]
     capture = cv2.VideoCapture(address, cv2.CAP_FFMPEG, limits)
     if not capture.isOpened():
-        told = f"does not send pictures within {PATIENCE:.0f} s. Is the address right, is it on, and in this network?"
-        raise SourceError(f"The camera {address} {told}")
+        complaint = (
+            f"does not send pictures within {PATIENCE:.0f} s. Is the address right, is it on, and in this network?"
+        )
+        raise SourceError(f"The camera {address} {complaint}")
     return capture
 
 

@@ -65,7 +65,7 @@ class Tracks:
             states = self._tracks.setdefault(key, Track(*key)).states
             if states and utime <= states[-1][0]:
                 if states[-1][0] - utime < SILENT:
-                    continue  # late, or told twice
+                    continue  # late, or received twice
                 states.clear()  # a clock was set back
             states.append((utime, x, y, theta))
             while states[0][0] < utime - max(self.trail, SILENT):

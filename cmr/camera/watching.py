@@ -89,7 +89,7 @@ class Watching:
 
 
 class Latency:
-    """How old poses are when they are published: the median and the worst [s] since it was last told."""
+    """How old poses are when they are published: the median and the worst [s] since the last summary."""
 
     def __init__(self) -> None:
         self._ages: list[float] = []
@@ -100,8 +100,8 @@ class Latency:
         if age < LIVE:
             self._ages.append(age)
 
-    def told(self) -> str:
-        """Return the latency in words, and begin anew; empty where nothing was published."""
+    def summary(self) -> str:
+        """Return the latency in words, and begin again; empty where nothing was published."""
         ages, self._ages = sorted(self._ages), []
         if not ages:
             return ""

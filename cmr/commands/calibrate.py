@@ -256,12 +256,12 @@ def _say(robot_id: int, status: calibration_status_t, so_far: Mapping[str, Estim
     kind = status.message if status.state == calibration_status_t.WAITING else ""
     saying = f"{status.state} {int(status.progress * 10)} {averages} {kind}"
     if saying != said:
-        told = _so_far(so_far) if status.state == calibration_status_t.COLLECTING else ""
-        print(f"robot {robot_id}: {100 * status.progress:3.0f} %  {status.message}{told}", flush=True)
+        values_so_far = _so_far(so_far) if status.state == calibration_status_t.COLLECTING else ""
+        print(f"robot {robot_id}: {100 * status.progress:3.0f} %  {status.message}{values_so_far}", flush=True)
     return saying
 
 
 def _so_far(estimates: Mapping[str, Estimate]) -> str:
     """Return the estimates of a drive that goes on; empty without any."""
-    told = [f"{name} {one.value:.4g} +- {one.std:.1g}" for name, one in estimates.items()]
-    return f" So far: {', '.join(told)}." if told else ""
+    values_so_far = [f"{name} {one.value:.4g} +- {one.std:.1g}" for name, one in estimates.items()]
+    return f" So far: {', '.join(values_so_far)}." if values_so_far else ""

@@ -150,12 +150,12 @@ def _loop(process: Process, watching: "Watching", showing: "_Showing") -> None:
     """Publish what is seen until the end of the pictures, or a signal. Raises SourceError where they end too soon."""
     from cmr.camera.sources import SourceError
 
-    told = Timer(1.0)
+    summary = Timer(1.0)
     for _utime in process.loop(rate_hz=TURN_RATE):
         process.dispatch(showing.handle)
         for seen in watching.results():
             showing.publish(seen)
-        if told.due():
+        if summary.due():
             _tell(process, watching, showing)
         if watching.done:
             break
@@ -245,7 +245,7 @@ class _Showing:
 def _tell(process: Process, watching: "Watching", showing: _Showing) -> None:
     """Report latency, rejections, and what is wrong."""
     process.state = process_status_t.DEGRADED if watching.problem else process_status_t.RUNNING
-    sentences = [watching.problem, showing.latency.told(), *showing.not_taken()]
+    sentences = [watching.problem, showing.latency.summary(), *showing.not_taken()]
     process.message = " ".join(sentence for sentence in sentences if sentence)
 
 

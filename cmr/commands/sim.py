@@ -66,7 +66,7 @@ def main(arguments: list[str]) -> int:
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()
-    told = 0
+    reported = 0
     with Process("cmr-sim", options.lcm_url) as process:
         for stream in HEARD:
             process.subscribe(stream, every=True)
@@ -80,9 +80,9 @@ def main(arguments: list[str]) -> int:
             world.advance(utime)
             process.overruns = world.late_steps
             # A turn that follows closely upon a late one makes no step; what holds for a moment is published once.
-            if world.utime != told and publish.due():
-                told = world.utime
-                world.others.sent(told)
+            if world.utime != reported and publish.due():
+                reported = world.utime
+                world.others.sent(reported)
                 process.publish_all(_state_messages(world, PACKET if options.split else None))
             if scanner:
                 process.publish_all([(RANGE_SCAN, scan.robot_id, scan) for scan in scanner.scans(world)])
@@ -386,11 +386,11 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
             process.repeat(PARAMETERS, announcement, robot_id, period=1.0)
     followers = [world.parameters[robot_id] for robot_id in sorted(world.parameters)]
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
-    told = [*(follower.message for follower in followers), loader.message, *world.others.problems(world.utime)]
+    reported = [*(follower.message for follower in followers), loader.message, *world.others.problems(world.utime)]
     late = lateness.problem(world.utime, world.late_steps)
-    told += ["" if loader.is_starting else late, world.noise_problem]  # to compile makes steps late
-    told += [_by_default(world, robot_id) for robot_id in world.real_robots]
-    problems = [message for message in told if message]
+    reported += ["" if loader.is_starting else late, world.noise_problem]  # to compile makes steps late
+    reported += [_by_default(world, robot_id) for robot_id in world.real_robots]
+    problems = [message for message in reported if message]
     if loader.is_starting:
         process.state = process_status_t.STARTING
     else:

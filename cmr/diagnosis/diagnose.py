@@ -103,8 +103,8 @@ def diagnose(
         return _refused(robot_id, estimation.ready, tuple(sources))
     evidence = _evidence(estimation)
     fitted = tuple(one.name for one in estimation.looked if not one.useless) if sources else ()
-    told = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
-    lateness = {name: one for name, one in told.items() if one is not None}
+    found_lateness = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
+    lateness = {name: one for name, one in found_lateness.items() if one is not None}
     driver = _driver(recordings, estimation, evidence, nominal)
     found = _diagnosis(robot_id, estimation, evidence, fitted, lateness, driver)
     return replace(found, notes=(*found.notes, *_against(nominal, found)))
@@ -184,9 +184,11 @@ def _diagnosis(
         sentence=_sentence(effects, unexplained, found),
         unexplained=unexplained,
         baseline=_fitted(
-            _told(estimation.baseline, estimation.found.base, controller), measured.before, measured.held_out_before
+            _in_words(estimation.baseline, estimation.found.base, controller), measured.before, measured.held_out_before
         ),
-        extended=_fitted(_told(estimation.estimates, whole.model, controller), measured.after, measured.held_out_after),
+        extended=_fitted(
+            _in_words(estimation.estimates, whole.model, controller), measured.after, measured.held_out_after
+        ),
         gain=measured.gain,
         nominal=_nominal(estimation),
         gain_over_nominal=estimation.nominal.gain if estimation.nominal else None,
@@ -207,7 +209,7 @@ def _diagnosis(
     )
 
 
-def _told(
+def _in_words(
     estimates: Mapping[str, Estimate], model: Fit | Posterior, controller: VelocityController | None
 ) -> Mapping[str, Estimate]:
     """Return estimates by the names that the robot's parameter file has for them."""

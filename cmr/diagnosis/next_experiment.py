@@ -54,7 +54,7 @@ MOTION = re.compile(rf"\b(?:{'|'.join(sorted(MOTIONS, key=len, reverse=True))})\
 class Driver(Protocol):
     """Who drives the robot, and how to say what to drive."""
 
-    def told(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
+    def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
         """Return what to drive and what to do with the log; `together` says whether the log so far stays of use."""
 
 
@@ -65,7 +65,7 @@ class Pilot:
     robot_id: int = 0
     robot: RobotParameters = TYPICAL
 
-    def told(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
+    def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
         """Return the sentence with the command."""
         drive = in_sequence(BETWEEN.join(_with_rests(chosen)))
         return (
@@ -81,7 +81,7 @@ class AnyDriver:
 
     pace: Pace
 
-    def told(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
+    def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
         """Return the drive in words, with the time and the space that it takes."""
         parts = [instruction(name, self.pace) for name in _with_rests(chosen)]
         space = max(part.reach for part in parts) + self.pace.width
@@ -119,7 +119,7 @@ def experiment_to_tell_apart(name: str, others: Sequence[str], driver: Driver = 
         motions = [text if motions_in(text) else _needs(name, other) for other, text in possible.items()]
         together = all(motions_in(text) for text in possible.values())
         sentences.append(f"To distinguish {_words(name)} {_from_each(possible)}.")
-        sentences.append(driver.told(manoeuvres_giving(motions), together))
+        sentences.append(driver.advice(manoeuvres_giving(motions), together))
     if hopeless:
         sentences.append(
             f"No drive can distinguish {_words(name)} {_from_each(hopeless)}. The simulation is the same with either."
@@ -135,7 +135,7 @@ def experiment_to_show(names: Sequence[str], driver: Driver = Pilot()) -> str:
     """
     chosen, shown = drive_showing(names)
     sentence = f"{causes(shown) or 'any effect'} would be visible in {_listed(one.what for one in chosen)}."
-    return f"{sentence[0].upper()}{sentence[1:]} {driver.told(chosen, together=True)}"
+    return f"{sentence[0].upper()}{sentence[1:]} {driver.advice(chosen, together=True)}"
 
 
 def drive_showing(names: Sequence[str]) -> tuple[tuple[Manoeuvre, ...], tuple[str, ...]]:
@@ -180,7 +180,7 @@ def experiment_to_explain(signal: str, regressors: Sequence[str], driver: Driver
         drive = _listed(manoeuvre.what for manoeuvre in chosen)
         parted = _listed(regressor_name(name) for name in regressors if name in PARTING)
         sentences.append(
-            f"Errors that depend on {parted} are clearest in {drive}. {driver.told(chosen, together=True)}"
+            f"Errors that depend on {parted} are clearest in {drive}. {driver.advice(chosen, together=True)}"
         )
     sentences.append(
         f"Look at the plot of the {what} over {goes_with} in report.html: its shape is a clue to the cause."

@@ -63,7 +63,7 @@ def _difference(path: Path) -> tuple[float, float]:
 
 
 def _begins(observations: Observations) -> Indices:
-    """Return the numbers of the poses at which a free run is begun anew."""
+    """Return the numbers of the poses at which a free run is begun again."""
     restarts = np.flatnonzero(observations.pose_use == RESTART)
     return np.union1d(restarts, _borders(observations.pose_time)[:-1])
 

@@ -18,8 +18,8 @@ from cmr.estimation.free_runs import (
     Values,
     Windows,
     free_runs,
+    reading_errors,
     stacked,
-    told_errors,
     windows_of,
 )
 from cmr.estimation.prediction import WHEELS
@@ -138,9 +138,9 @@ def _sampled(observations: Sequence[Observations], models: Sequence[Values]) -> 
         grown = map(_grown, observations, windows, smooth, runs)
         poses.append([_with_regressors(*one, after) for one in zip(observations, runs, grown, strict=True)])
         if not speeds:
-            told = [told_errors(*one) for one in zip(observations, runs, strict=True)]
-            told = [{name: one[name] for name in (*WHEELS, "yaw_rate")} for one in told]
-            speeds = [_with_regressors(*one, after) for one in zip(observations, runs, told, strict=True)]
+            readings = [reading_errors(*one) for one in zip(observations, runs, strict=True)]
+            readings = [{name: one[name] for name in (*WHEELS, "yaw_rate")} for one in readings]
+            speeds = [_with_regressors(*one, after) for one in zip(observations, runs, readings, strict=True)]
     both = [{name: _merged([of[name] for of in phases]) for name in phases[0]} for phases in zip(*poses, strict=True)]
     return [of_speeds | of_poses for of_speeds, of_poses in zip(speeds, both, strict=True)]
 

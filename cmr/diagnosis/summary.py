@@ -18,8 +18,8 @@ INDENT = "     "
 
 def summary(diagnosis: Diagnosis) -> str:
     """Return the verdict in a sentence, a table of the effects, the gain, and what to do next."""
-    told = {effect.next_experiment for effect in diagnosis.effects}
-    following = [f"Next: {diagnosis.next_experiment}"] if diagnosis.next_experiment not in {None, *told} else []
+    given = {effect.next_experiment for effect in diagnosis.effects}
+    following = [f"Next: {diagnosis.next_experiment}"] if diagnosis.next_experiment not in {None, *given} else []
     remarks = [*_gain(diagnosis), *diagnosis.lateness_sentences, *_faults(diagnosis)]
     errors = _known_errors(diagnosis)
     parts = [

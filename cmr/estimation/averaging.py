@@ -164,9 +164,9 @@ class Averaging:
         seen = self._of_sizes(self._seen)
         pull = pulls[count:] - products[count:, :count] @ own - normal @ start - unsure * seen
         # Of an effect of which less is its own the data say nothing: it may be there, in either direction.
-        told = np.diag(normal) > unsure
-        normal = (normal + np.diag(unsure)) * np.outer(told, told)
-        pull = pull * told
+        determined = np.diag(normal) > unsure
+        normal = (normal + np.diag(unsure)) * np.outer(determined, determined)
+        pull = pull * determined
         slabs = self._slabs(normal, seen)
         mean, spread, shares, mode = self._sizes.posterior(
             normal, pull, slabs, odds, self._likely, steps, self._problem.seed, traces=traces

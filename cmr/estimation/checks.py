@@ -283,8 +283,8 @@ def findings_of(looked: Sequence[Checked]) -> tuple[Finding, ...]:
         for finding in one.findings.all
         if finding.found
     ]
-    told = {finding.check for finding in found}
-    return (*found, *(finding for finding in looked[0].findings.all if finding.check not in told))
+    already = {finding.check for finding in found}
+    return (*found, *(finding for finding in looked[0].findings.all if finding.check not in already))
 
 
 def notes_of(looked: Sequence[Checked]) -> tuple[str, ...]:

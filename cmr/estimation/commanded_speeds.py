@@ -94,11 +94,11 @@ def values_in_words_of(values: Mapping[str, float], controller: VelocityControll
         return dict(values)
     geometry = {name: values[name] for name in GEOMETRY if name in values}
     rest = {name: value for name, value in values.items() if name not in (*GEOMETRY, *MOTOR, COUNTED_WIDTH)}
-    told = response_of(values, controller.top_wheel_speed) if set(MOTOR) <= set(values) else {}
+    recorded = response_of(values, controller.top_wheel_speed) if set(MOTOR) <= set(values) else {}
     given = {"top_wheel_speed": controller.top_wheel_speed}
     if controller.base_width:
         given["command_base_width"] = controller.base_width
-    return {**geometry, **told, **given, **rest}
+    return {**geometry, **recorded, **given, **rest}
 
 
 def correlation_of_motor(names: Sequence[str], covariance: Floats) -> float:
@@ -117,8 +117,8 @@ def _asked(recording: Recording, controller: VelocityController) -> tuple[Floats
     """Return the wheel speeds [rad/s] that were commanded, (n,) each."""
     if recording.command_kind == WHEEL_SPEED:
         return recording.wheel_speed_commands["psi_left"], recording.wheel_speed_commands["psi_right"]
-    told = recording.velocity_commands
-    left, right = controller.wheels_of_body(told["v"], told["omega"])
+    recorded = recording.velocity_commands
+    left, right = controller.wheels_of_body(recorded["v"], recorded["omega"])
     return left, right
 
 

@@ -93,8 +93,8 @@ class Errors:
     def median(self, signal: str) -> float:
         """Return the median over windows of each one's root mean square error; NaN where none was recorded."""
         counts = self.counts[signal]
-        told = counts > 0
-        return float(np.median(np.sqrt(self.squares[signal][told] / counts[told]))) if np.any(told) else np.nan
+        known = counts > 0
+        return float(np.median(np.sqrt(self.squares[signal][known] / counts[known]))) if np.any(known) else np.nan
 
 
 def alternating_spans(seconds: float, folds: int, block: float = BLOCK) -> list[tuple[tuple[float, float], ...]]:
@@ -129,10 +129,10 @@ def errors_of(
         runs = free_runs(observations, begins, smooth, values, continued(segments))
         for number, ((windows, fold), run) in enumerate(zip(chosen, runs, strict=True)):
             if len(windows.begin):
-                told = told_errors(observations[number], run)
+                known = reading_errors(observations[number], run)
                 lane = np.array([first[id(one.models)] for one in folds[number]])[fold]
                 for model, part in enumerate(parts):
-                    part[number].append(_summed(segments[number], window, windows, told, lane + model))
+                    part[number].append(_summed(segments[number], window, windows, known, lane + model))
     return tuple(joined(chain.from_iterable(part), window) for part in parts)
 
 
@@ -253,7 +253,7 @@ def _windows(observations: Observations, folds: Sequence[Fold], window: float, l
     return Windows(begins[order], ends[order], np.sort(poses)), number[order]
 
 
-def told_errors(observations: Observations, innovations: Innovations) -> dict[str, Averages]:
+def reading_errors(observations: Observations, innovations: Innovations) -> dict[str, Averages]:
     """Return the errors by signal of SIGNALS; positions as distances, speeds as means over SPAN, poses as they come."""
     poses = observations.pose_time, observations.pose_time
     result = {
@@ -293,11 +293,11 @@ def _rates(time: Floats, error: Floats) -> Averages:
     return Averages(begin[wide], end[wide], rate)
 
 
-def _summed(segment: Segment, window: float, windows: Windows, told: Mapping[str, Averages], lane: Indices) -> Errors:
+def _summed(segment: Segment, window: float, windows: Windows, known: Mapping[str, Averages], lane: Indices) -> Errors:
     """Return the sums over windows of the errors of that candidate which belongs to each window, `lane` (W,)."""
     squares: dict[str, Floats] = {}
     counts: dict[str, Floats] = {}
-    for name, averages in told.items():
+    for name, averages in known.items():
         number = windows.number_of(0.5 * (averages.begin + averages.end))
         inside = number >= 0
         error = averages.error[inside, lane[number[inside]]]

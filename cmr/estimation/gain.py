@@ -45,8 +45,8 @@ def gain_of(before: Errors, after: Errors, *, seed: int = 0) -> Gain:
     """
     ratios = {name: ratio_of(before, after, *signals) for name, signals in GAIN_SIGNALS.items()}
     interval = _interval(_in_blocks(before), _in_blocks(after), seed)
-    told = {name: ratio for name, ratio in ratios.items() if math.isfinite(ratio)}
-    return Gain(ratio=ratios["pose"], interval=interval, signals=told)
+    measured = {name: ratio for name, ratio in ratios.items() if math.isfinite(ratio)}
+    return Gain(ratio=ratios["pose"], interval=interval, signals=measured)
 
 
 def ratio_of(before: Errors, after: Errors, *signals: str) -> float:
@@ -57,10 +57,10 @@ def ratio_of(before: Errors, after: Errors, *signals: str) -> float:
 
 def _in_blocks(errors: Errors) -> Floats:
     """Return the sums of the path's squared errors over blocks of windows that follow one another; (blocks,)."""
-    told = errors.counts["position"] > 0
+    measured = errors.counts["position"] > 0
     number = np.floor(errors.begin / (WINDOWS_IN_A_BLOCK * errors.window)).astype(np.int64)
-    _, block = np.unique(np.stack([errors.recording, number])[:, told], axis=1, return_inverse=True)
-    return np.asarray(np.bincount(block.ravel(), errors.squares["position"][told]), np.float64)
+    _, block = np.unique(np.stack([errors.recording, number])[:, measured], axis=1, return_inverse=True)
+    return np.asarray(np.bincount(block.ravel(), errors.squares["position"][measured]), np.float64)
 
 
 def _interval(before: Floats, after: Floats, seed: int) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cmr.estimation.noise import foretold
+from cmr.estimation.noise import predicted
 from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Batch, Errors, Predictor
 from cmr.model.observer import Gains, Observer
 from cmr.recordings.signal import Floats
@@ -55,7 +55,7 @@ def _sizes(names: Sequence[str], batch: Batch, errors: Errors, lanes: Sequence[i
     if not there:
         return np.zeros(0)
     sizes = [
-        [_log_size(foretold(name, errors.of[name][:, lane], batch.ends[name])) for lane in lanes] for name in there
+        [_log_size(predicted(name, errors.of[name][:, lane], batch.ends[name])) for lane in lanes] for name in there
     ]
     return np.asarray(np.average(np.array(sizes), axis=0, weights=[len(errors.of[name]) for name in there]))
 

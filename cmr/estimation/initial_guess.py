@@ -121,8 +121,8 @@ def guess_motor(predictors: Sequence[Predictor], values: dict[str, float]) -> di
     shares = (1.0 / SPEEDS - 1.0 / SPEEDS[0]) / (1.0 / SPEEDS[-1] - 1.0 / SPEEDS[0])
     sums = np.zeros((len(SPEEDS), len(RATES)))
     for of in (one.of for one in errors_of(predictors, lanes, FREE)):
-        told = WHEELS if any(name in of for name in WHEELS) else OF_POSES
-        for errors in (of[name] for name in told if name in of):
+        signals = WHEELS if any(name in of for name in WHEELS) else OF_POSES
+        for errors in (of[name] for name in signals if name in of):
             first, last = np.split(errors, 2, axis=1)
             sums += [np.sum(np.abs(first + share * (last - first)), axis=0) for share in shares]
     speed, rate = np.unravel_index(int(np.argmin(sums)), sums.shape)

@@ -175,7 +175,7 @@ def _by_segment(rows: Floats, ends: Indices) -> tuple[Floats, ...]:
     return tuple(np.split(rows, ends[1:-1]))
 
 
-def foretold(name: str, errors: Floats, ends: Indices) -> Floats:
+def predicted(name: str, errors: Floats, ends: Indices) -> Floats:
     """Return a signal's errors (n,), whose segments end at the rows `ends`, less what their own past predicts.
 
     Errors at the beginning of a segment, which have no past, are left out.

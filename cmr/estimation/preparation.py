@@ -141,8 +141,8 @@ def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
 
     Under which circumstances effects act is given, like the wheel radius, which `nominal` must have.
     """
-    told = ("wheel_radius", *GIVEN)
-    start = _Start({name: nominal.value(name) for name in told if nominal.has(name)})
+    from_nominal = ("wheel_radius", *GIVEN)
+    start = _Start({name: nominal.value(name) for name in from_nominal if nominal.has(name)})
     _add_width(start, ready, nominal)
     driven = [predictor for predictor in ready if not len(predictor.segment.observations.given)]
     if start.refused:

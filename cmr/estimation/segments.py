@@ -15,10 +15,10 @@ from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 from cmr.recordings.wheel_angles import wheel_angles
 
 STEP = 0.01  # s of the raster
-LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is foretold
+LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is predicted
 # s, and so many times the usual interval, without feedback that tells the duties: the driver may have stopped the
-# motors meanwhile, and nothing is foretold over it.
-LONGEST_UNTOLD, LONGEST_UNTOLD_PERIODS = 0.05, 5.0
+# motors meanwhile, and nothing is predicted over it.
+LONGEST_UNREPORTED, LONGEST_UNREPORTED_PERIODS = 0.05, 5.0
 LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
 SHORTEST_PIECE = 1.0  # s
 # s before anything happens and after it that are used: they tell the gyro's bias as well as its drift lets.
@@ -71,7 +71,7 @@ def continued(segments: Sequence[Segment]) -> list[bool]:
 
 
 def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
-    """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins anew.
+    """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins again.
 
     Of a rest without commands at the beginning or at the end only LONGEST_STAND is used.
     """
@@ -114,11 +114,11 @@ def _eventful(recording: Recording) -> Times:
 
 
 def _breaks(recording: Recording, sources: Sequence[Signal]) -> list[tuple[int, int]]:
-    """Return first and last moment [us] of each gap over which nothing can be foretold: in order and apart."""
+    """Return first and last moment [us] of each gap over which nothing can be predicted: in order and apart."""
     found = [gap for signal in sources for gap in _gaps(signal.utime, LONGEST_SILENCE)]
     if "status" in recording.duty.fields and len(recording.wheels) > 1:
         usual = float(np.median(np.diff(recording.wheels.utime))) * SECONDS
-        found += _gaps(recording.wheels.utime, max(LONGEST_UNTOLD, LONGEST_UNTOLD_PERIODS * usual))
+        found += _gaps(recording.wheels.utime, max(LONGEST_UNREPORTED, LONGEST_UNREPORTED_PERIODS * usual))
     apart: list[tuple[int, int]] = []
     for begin, end in sorted(found):
         if apart and begin <= apart[-1][1]:

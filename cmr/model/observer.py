@@ -32,7 +32,7 @@ from cmr.model.statements import SIDES, Statements
 Floats = NDArray[np.float64]
 MOTION = (*CHANGED[:9], "yaw_rate")  # columns of the observed motion
 LONGEST_LATENCY = 1.2  # s that the observer looks back
-RESTART = 0  # in `pose_use`: the observer begins anew at this pose
+RESTART = 0  # in `pose_use`: the observer begins again at this pose
 FOLLOWED = 1
 # What the compiled observer takes from the compiled model.
 OF_MODEL = (

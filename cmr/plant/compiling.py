@@ -15,7 +15,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 config: Any = numba.config
 
-# Numba compiles a function anew when its own file changes, but not for what it calls in another: all of the plant's
+# Numba compiles a function again when its own file changes, but not for what it calls in another: all of the plant's
 # sources together name the folder in which compiled code is kept.
 _FOLDER = Path(__file__).parent
 _SOURCES = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(_FOLDER.glob("*.py")))).hexdigest()[:16]

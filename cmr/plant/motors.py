@@ -36,7 +36,7 @@ def counted_width(p: PlantParameters) -> float:
 @compiled
 def wanted_duties(p: PlantParameters, left: float, right: float) -> tuple[float, float]:
     """Return what the controller asks of the motors for the commands it has."""
-    # turn_rate_limit: commanded body turn rate clipped to +-W before the wheels; a wheel told u is to turn at u / K1.
+    # turn_rate_limit: body turn rate clipped to +-W before the wheels; a wheel commanded u is to turn at u / K1.
     per_duty = p.wheel_radius / (p.k1 * counted_width(p))
     turn_rate = per_duty * (right - left)
     if abs(turn_rate) > p.turn_rate_limit:

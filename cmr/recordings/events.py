@@ -18,7 +18,7 @@ HEADER = struct.Struct(">4sqqII")  # sync word, event number, time stamp, length
 LONGEST_CHANNEL = 999  # bytes, as in LCM's reader
 LARGEST_DATA = 1 << 26  # bytes; a length beyond that is a damaged one
 CHUNK = 1 << 20  # bytes of a log in memory at a time
-MOST_CHANNELS_KEPT = 10_000  # names that are not decoded anew
+MOST_CHANNELS_KEPT = 10_000  # names that are not decoded again
 
 
 class Event(NamedTuple):

@@ -124,7 +124,7 @@ def _evidence(late: Rates, early: Rates, rates: CommonRates) -> Floats:
 
     What tells a lag are changes within a piece. All lags are given as much to tell as the one that leaves the least.
     """
-    both = late.told & early.told
+    both = late.covered & early.covered
     late, early = late.changes(rates.piece, both), early.changes(rates.piece, both)
     correlation, count = correlation_of(late, early, rates.shifts)
     independent = count[count > 0.0].min(initial=len(both)) * STEP / rates.span
@@ -139,7 +139,7 @@ def _refined(late: Rates, early: Rates, piece: NDArray[np.int64], lag: float, sp
     """
     place = np.arange(len(piece), dtype=np.float64)
     slope, slope_late = np.gradient(early.values, STEP), np.gradient(late.values, STEP)
-    sloped, sloped_late = _sloped(early.told), _sloped(late.told)
+    sloped, sloped_late = _sloped(early.covered), _sloped(late.covered)
     for _ in range(ITERATIONS):
         at = place - lag / STEP
         inside = sloped_late & _held(sloped, at)
@@ -162,18 +162,18 @@ def _refined(late: Rates, early: Rates, piece: NDArray[np.int64], lag: float, sp
     return lag, _deviation(influence, piece[inside][kept], int(2.0 * span / STEP))
 
 
-def _sloped(told: Mask) -> Mask:
-    """Tell where a rate and those before and after it are told, so that its slope is."""
-    around = np.pad(told, 1)
-    return np.asarray(told & around[2:] & around[:-2])
+def _sloped(covered: Mask) -> Mask:
+    """Tell where a rate and those before and after it are known, so that its slope is."""
+    around = np.pad(covered, 1)
+    return np.asarray(covered & around[2:] & around[:-2])
 
 
-def _held(told: Mask, at: Floats) -> Mask:
-    """Tell which places, shape (n,), lie between two at which something is told."""
+def _held(covered: Mask, at: Floats) -> Mask:
+    """Tell which places, shape (n,), lie between two at which something is known."""
     below = np.floor(at).astype(np.int64) if np.isfinite(at).all() else np.full(len(at), -1)
-    inside = (below >= 0) & (below + 1 < len(told))
-    below = np.clip(below, 0, len(told) - 2)
-    return np.asarray(inside & told[below] & told[below + 1])
+    inside = (below >= 0) & (below + 1 < len(covered))
+    below = np.clip(below, 0, len(covered) - 2)
+    return np.asarray(inside & covered[below] & covered[below + 1])
 
 
 def _solver(instruments: Floats, design: Floats) -> Floats:

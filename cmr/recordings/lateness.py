@@ -26,7 +26,7 @@ IN_TIME = 0.99  # of the commands that take effect are there when they are in ti
 MARGIN = 2e-3  # s
 GAP = 1.7  # times the usual interval of duties: a longer one hides what was applied meanwhile
 BLOCK = 5.0  # s; lateness may wander with the beat of two clocks: blocks of this length tell how sure its mean is
-FEWEST = 20  # changes of the duty from which lateness is told
+FEWEST = 20  # changes of the duty from which lateness is reported
 HELD = (
     motor_feedback_t.STATUS_ESTOP
     | motor_feedback_t.STATUS_COMMAND_STALE

@@ -22,7 +22,7 @@ STEP = 0.04  # s between the moments at which the rates are compared
 SPAN = 0.2  # s over which rates are averaged, twice; longer where a sensor is slow
 SPARSEST = 1.0  # s for each sample, on average; with fewer samples the time is mostly gaps
 SHORTEST = 3.0  # s of common time
-FEWEST_LEFT = 0.5  # of the moments that are told without a lag, which a lag must leave
+FEWEST_LEFT = 0.5  # of the moments that are known without a lag, which a lag must leave
 
 
 class IncomparableError(Exception):
@@ -33,20 +33,20 @@ class IncomparableError(Exception):
 class Rates:
     """The rates that one sensor tells at the moments, in units of its travel per second, and where it tells them.
 
-    `values` are 0 where they are not `told`; both of shape (n,).
+    `values` are 0 where they are not `covered`; both of shape (n,).
     """
 
     values: Floats
-    told: Mask
+    covered: Mask
 
     @property
     def spread(self) -> float:
         """How much the rates differ."""
-        return float(np.std(self.values[self.told])) if self.told.any() else 0.0
+        return float(np.std(self.values[self.covered])) if self.covered.any() else 0.0
 
     def changes(self, piece: NDArray[np.int64], among: Mask) -> "Rates":
         """Return by how much they differ from their mean, in each piece, of those `among` which both sensors tell."""
-        return Rates(np.where(self.told, self.values - piece_means(self.values, piece, among), 0.0), self.told)
+        return Rates(np.where(self.covered, self.values - piece_means(self.values, piece, among), 0.0), self.covered)
 
 
 def piece_means(values: Floats, piece: NDArray[np.int64], among: Mask) -> Floats:
@@ -109,7 +109,7 @@ def _moments(first: Floats, last: Floats, room: int) -> tuple[Floats, NDArray[np
 def _rates(travel: Travel, travelled: Floats, moments: Floats, span: float) -> Rates:
     """Return the rate around each moment, averaged twice over `span`; rare absurd ones are cut to the others' size.
 
-    The second averaging makes noise smooth, so that it favours no fraction of a step over another. A moment is told of
+    The second averaging makes noise smooth, so that it favours no fraction of a step over another. A moment is known of
     if all of what is averaged lies in one run, within its first and last interval, which medians falsify.
     """
     inside = np.isfinite(moments)
@@ -119,15 +119,15 @@ def _rates(travel: Travel, travelled: Floats, moments: Floats, span: float) -> R
     rates[inside] = (ends[0] - ends[1]) / span
     half = round(0.5 * span / STEP)
     reach = 0.5 * span + half * STEP
-    told = np.zeros(len(moments), np.bool_)
+    covered = np.zeros(len(moments), np.bool_)
     run = np.concatenate([travel.run[:1] - 1, travel.run, travel.run[-1:] + 1])  # so that the ends are ends of runs
     before = np.searchsorted(travel.time, at - reach, side="right")  # in `run`, the sample before
     after = np.searchsorted(travel.time, at + reach) + 1  # and the one after
-    told[inside] = run[np.maximum(before - 1, 0)] == run[np.minimum(after + 1, len(run) - 1)]
-    largest = 1.5 * quantile(np.abs(rates[told]), 0.95)
+    covered[inside] = run[np.maximum(before - 1, 0)] == run[np.minimum(after + 1, len(run) - 1)]
+    largest = 1.5 * quantile(np.abs(rates[covered]), 0.95)
     total = np.cumsum(np.pad(np.clip(rates, -largest, largest), (half + 1, half), mode="edge"))
     twice = (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
-    return Rates(np.where(told, twice, 0.0), told)
+    return Rates(np.where(covered, twice, 0.0), covered)
 
 
 def correlation_of(late: Rates, early: Rates, shifts: int) -> tuple[Floats, Floats]:
@@ -137,7 +137,7 @@ def correlation_of(late: Rates, early: Rates, shifts: int) -> tuple[Floats, Floa
     """
     size = 1 << int(np.ceil(np.log2(len(late.values) + shifts + 1)))
     a, b = late.values / (late.spread + LEAST_MOTION), early.values / (early.spread + LEAST_MOTION)
-    told_a, told_b = (np.fft.rfft(rates.told, size) for rates in (late, early))
+    covered_a, covered_b = (np.fft.rfft(rates.covered, size) for rates in (late, early))
     lags = np.arange(-shifts, shifts + 1)
 
     def summed(of_late: NDArray[np.complex128], of_early: NDArray[np.complex128]) -> Floats:
@@ -145,12 +145,12 @@ def correlation_of(late: Rates, early: Rates, shifts: int) -> tuple[Floats, Floa
         return np.asarray(np.fft.irfft(of_late * np.conj(of_early), size)[lags])
 
     in_a, in_b = (np.fft.rfft(values, size) for values in (a, b))
-    count = np.round(summed(told_a, told_b))
+    count = np.round(summed(covered_a, covered_b))
     enough = count >= max(FEWEST_LEFT * count.max(), 2.0)
     n = np.maximum(count, 1.0)
-    sum_a, sum_b = summed(in_a, told_b), summed(told_a, in_b)
-    energy_a = summed(np.fft.rfft(a**2, size), told_b) - sum_a**2 / n
-    energy_b = summed(told_a, np.fft.rfft(b**2, size)) - sum_b**2 / n
+    sum_a, sum_b = summed(in_a, covered_b), summed(covered_a, in_b)
+    energy_a = summed(np.fft.rfft(a**2, size), covered_b) - sum_a**2 / n
+    energy_b = summed(covered_a, np.fft.rfft(b**2, size)) - sum_b**2 / n
     floor = ROUNDING * np.maximum(float(a @ a) * float(b @ b), 1.0) + 1e-300
     product = (summed(in_a, in_b) - sum_a * sum_b / n) / np.sqrt(np.maximum(energy_a * energy_b, floor))
     usable = enough & (energy_a > 1e-6 * float(a @ a)) & (energy_b > 1e-6 * float(b @ b))

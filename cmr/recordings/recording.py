@@ -104,8 +104,8 @@ class Recording:
     def with_duties(self, left: Floats, right: Floats) -> "Recording":
         """Return the recording with duties, of the commands' shape, in place of the speeds that were commanded."""
         kind = self.command_kind
-        told = self.wheel_speed_commands if kind == WHEEL_SPEED else self.velocity_commands
-        commands = replace(told, fields={"left": left, "right": right})
+        given = self.wheel_speed_commands if kind == WHEEL_SPEED else self.velocity_commands
+        commands = replace(given, fields={"left": left, "right": right})
         return replace(self, commands=commands, converted_from=kind)
 
     @property
@@ -121,23 +121,23 @@ class Recording:
         utime = np.maximum.accumulate(self._applied_utime[sent])
         new = np.diff(utime, prepend=utime[0] - 1) > 0
         fields = {side: self.wheels[f"applied_{side}"] for side in ("left", "right")}
-        fields["status"] = self._told("status")
+        fields["status"] = self._of_feedback("status")
         reported = Signal(utime[new], {name: values[sent][new] for name, values in fields.items()})
         return _with_unreported(reported, self.duties) if len(self.duties) else reported
 
     @property
     def _applied_utime(self) -> Times:
         """When the duty that each feedback tells was sent [us]; the feedback's own time where that is not known."""
-        utime, told = self.wheels.utime, self._told("applied_utime")
-        known = (told > 0) & (told <= utime) & (utime - told < OLDEST_APPLIED / SECONDS)
-        return np.where(known, np.where(known, told, 0.0).astype(np.int64), utime)
+        utime, given = self.wheels.utime, self._of_feedback("applied_utime")
+        known = (given > 0) & (given <= utime) & (utime - given < OLDEST_APPLIED / SECONDS)
+        return np.where(known, np.where(known, given, 0.0).astype(np.int64), utime)
 
     @property
     def driven_on_the_bus(self) -> bool:
         """Whether the robot's driver takes MOTOR_COMMAND: it reported when it applied duties, as no import does."""
-        return len(self.duties) > 0 or bool(np.any(self._told("applied_utime") > 0))
+        return len(self.duties) > 0 or bool(np.any(self._of_feedback("applied_utime") > 0))
 
-    def _told(self, name: str) -> Floats:
+    def _of_feedback(self, name: str) -> Floats:
         """What each feedback tells; 0 where it was recorded without."""
         return self.wheels.fields.get(name, np.zeros(len(self.wheels)))
 

@@ -19,7 +19,7 @@ class Travel:
     """How far a robot has driven and turned since the start, in any unit, by one sensor; shape (n,).
 
     A gyro does not tell how far it has `driven`: None. `time` [s] counts from an origin. `run` numbers the stretches
-    between pauses and gaps: what happened from one to the next is not told, and counts as nothing.
+    between pauses and gaps: what happened from one to the next is not known, and counts as nothing.
     """
 
     time: Floats

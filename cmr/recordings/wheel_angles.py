@@ -53,9 +53,9 @@ def _angle(wheels: Signal, side: str) -> Floats:
         lost = np.abs(by_ticks - turned) > SAME_ANGLE * np.abs(turned)
         if not _averages(turned, by_ticks, ticks):
             seconds = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
-            told = seconds < LONGEST * np.median(seconds)
+            close = seconds < LONGEST * np.median(seconds)
             exact = bool(np.mean(lost[counted]) < MOST_ALIKE)
-            return np.cumsum(_by_count(turned, ticks, by_ticks, told, exact=exact))
+            return np.cumsum(_by_count(turned, ticks, by_ticks, close, exact=exact))
         believed = np.abs(by_ticks - turned) < UNLIKE_ANGLE * np.abs(turned)
         seconds = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
         gap = seconds > LONGEST * np.median(seconds)
@@ -65,16 +65,16 @@ def _angle(wheels: Signal, side: str) -> Floats:
     return np.cumsum(turned)
 
 
-def _by_count(turned: Floats, ticks: Floats, by_ticks: Floats, told: Mask, *, exact: bool) -> Floats:
+def _by_count(turned: Floats, ticks: Floats, by_ticks: Floats, close: Mask, *, exact: bool) -> Floats:
     """Return by which angle a wheel turned between readings, (n,), from its count, where speeds are no averages.
 
     `turned` are the angles by the speeds, `ticks` the counts, `by_ticks` the angles that these stand for: nearly,
-    unless they are `exact`. Of pauses, where speeds tell nothing, `told` (n,) is false.
+    unless they are `exact`. Of pauses, where speeds tell nothing, `close` (n,) is false.
     """
     # Counts and speeds in turn would count what coarse speeds tell too late twice: only a count that restarts is
     # not believed, which is farther off than the wheel ever turned between two readings.
-    most = UNLIKE_ANGLE * np.maximum(np.abs(turned), np.max(np.abs(turned[told]), initial=0.0))
-    kept = told & (ticks != 0.0) & (np.abs(by_ticks - turned) < most)
+    most = UNLIKE_ANGLE * np.maximum(np.abs(turned), np.max(np.abs(turned[close]), initial=0.0))
+    kept = close & (ticks != 0.0) & (np.abs(by_ticks - turned) < most)
     if kept.any() and not exact:
         by_ticks = ticks * np.sum(turned[kept] * np.sign(ticks[kept])) / np.sum(np.abs(ticks[kept]))
     return np.where(np.abs(by_ticks - turned) < most, by_ticks, turned)

@@ -1,7 +1,7 @@
 // Shows the values of a plot's curves: at the pointer, or where the arrow keys lead.
 //
 // A plot is an outer <svg data-x data-y> (labels of its axes) around an inner <svg data-range> (x and y at its edges).
-// Each <path data-name> in it is a curve through the places of its "d". data-along holds what its points are told by,
+// Each <path data-name> in it is a curve through the places of its "d". data-along holds what its points are identified by,
 // such as times; without it, that is their x. data-error holds standard errors of y.
 "use strict";
 (() => {
@@ -87,9 +87,9 @@
     values(curve, k) {
       const x = this.x0 + (curve.places[k][0] / this.width) * (this.x1 - this.x0);
       const y = this.y1 - (curve.places[k][1] / this.height) * (this.y1 - this.y0);
-      const [told, range] = [written(y, this.y1 - this.y0), this.y1 - this.y0];
-      if (this.area.dataset.along) return `${this.svg.dataset.x} ${written(x, this.x1 - this.x0)}, ${this.svg.dataset.y} ${told}`;
-      return curve.errors.length ? `${told} \u00b1 ${written(curve.errors[k], range)}` : told;
+      const [value, range] = [written(y, this.y1 - this.y0), this.y1 - this.y0];
+      if (this.area.dataset.along) return `${this.svg.dataset.x} ${written(x, this.x1 - this.x0)}, ${this.svg.dataset.y} ${value}`;
+      return curve.errors.length ? `${value} \u00b1 ${written(curve.errors[k], range)}` : value;
     }
 
     mark(places) {

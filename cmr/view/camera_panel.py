@@ -48,5 +48,5 @@ class CameraPanel:
 def caption(heard: Heard[camera_image_t], now: int) -> str:
     """Return what stands above a picture: of which camera it is, its size, and its age [`now`: us] if it is old."""
     message, age = heard.message, (now - heard.utime) / 1e6
-    told = f"{message.camera}, {message.width} x {message.height}"
-    return told if age < STALE else f"{told}, no picture for {age:.0f} s"
+    title = f"{message.camera}, {message.width} x {message.height}"
+    return title if age < STALE else f"{title}, no picture for {age:.0f} s"

@@ -45,8 +45,8 @@ def distance(metres: float) -> str:
 def _square(place: int, title: str, paths: Paths | None, scale: float) -> str:
     left = place * (SIZE + GAP)
     frame = f'<rect x="{left}" y="{TOP}" width="{SIZE}" height="{SIZE}" rx="4" stroke="{GREY}" stroke-width="0.5"/>'
-    told = "not driven yet" if paths is None else f"{distance(paths.rmse)} apart (rms)"
-    lines = _text(left, 11, title, "bold") + _text(left, 25, told)
+    subtitle = "not driven yet" if paths is None else f"{distance(paths.rmse)} apart (rms)"
+    lines = _text(left, 11, title, "bold") + _text(left, 25, subtitle)
     if paths is None:
         return frame + lines
     points = _points(paths)

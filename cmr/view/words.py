@@ -81,8 +81,8 @@ def status_words(status: int) -> str:
 def processes(state: ViewState) -> str:
     """Return the table of processes, with what each says below it."""
     rows: list[tuple[object, ...]] = []
-    for (name, host, pid), told in sorted(state.processes.items()):
-        message, age = told.message, (state.now - told.utime) / 1e6
+    for (name, host, pid), reported in sorted(state.processes.items()):
+        message, age = reported.message, (state.now - reported.utime) / 1e6
         condition = PROCESS_STATES.get(message.state, str(message.state))
         if age > SILENT and condition != "stopped":
             condition = f"silent for {age:.0f} s"
@@ -120,11 +120,11 @@ def robot(state: ViewState, robot_id: int) -> str:
             rows.append(("", f"wheels {_number(left, '.2f')}, {_number(right, '.2f')} rad/s"))
     if not rows:
         rows.append(("state", "not in the world at present"))
-    told = () if state.has_left(robot_id) else _told(state, robot_id)
-    return table((f"robot {robot_id}", ""), [*rows, *told])
+    reported = () if state.has_left(robot_id) else _reported(state, robot_id)
+    return table((f"robot {robot_id}", ""), [*rows, *reported])
 
 
-def _told(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
+def _reported(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
     """Yield what a robot's own channels say."""
     for stream in COMMANDS_OF.values():
         command = state.newest(stream, robot_id)
@@ -216,8 +216,8 @@ def calibration(message: calibration_status_t, controller: VelocityController | 
         if name in (*known, *own):
             rows.append((("", MEANINGS[name]),))
     for name, error in (("old", message.path_rmse_before), ("new", message.path_rmse_after)):
-        told = f"simulated path {distance(error)} off (rms)" if math.isfinite(error) else "not known"
-        rows.append((f"{name} values", told))
+        reported = f"simulated path {distance(error)} off (rms)" if math.isfinite(error) else "not known"
+        rows.append((f"{name} values", reported))
     title = f"calibration of robot {message.robot_id}"
     seen = sentence(f"manoeuvre seen: {100 * message.progress:.0f} %") + bar(message.progress)
     return table((title, ""), rows) + seen + sentence(message.message)

@@ -7,7 +7,7 @@ can give to this very question; and a duty counts only if the device, asked whic
 Roboteq "Advanced Digital Motor Controller User Manual", serial commands.
 
 The watchdog is fed by actions alone. After it has stopped the motors, the next action has them go on as before; but
-`!M`, the only action here, sets both channels anew. Nothing here is kept when the device is switched off (% commands).
+`!M`, the only action here, sets both channels again. Nothing here is kept when the device is switched off (% commands).
 """
 
 import re
@@ -79,7 +79,7 @@ class Roboteq(Controller):
     """One Roboteq with two channels in open loop; it does not trust a device that has been restarted meanwhile.
 
     A restart brings back the settings in the flash, perhaps without a watchdog, and mostly the echo, which we had
-    switched off. From then on this object sends zeros and takes no answer, so that the driver connects and arms anew.
+    switched off. From then on this object sends zeros and takes no answer, so that the driver connects and arms again.
     """
 
     default_baud_rate = 115200
@@ -146,10 +146,10 @@ class Roboteq(Controller):
             _acknowledged(answer)
             return duty
 
-        def confirm(*told: int) -> tuple[float, float]:
-            if told not in (steps, (0, 0)):
-                raise BadReply(f"The duty {steps} was sent, but the controller reports {told}.")
-            return duty if told == steps else (0.0, 0.0)
+        def confirm(*reported: int) -> tuple[float, float]:
+            if reported not in (steps, (0, 0)):
+                raise BadReply(f"The duty {steps} was sent, but the controller reports {reported}.")
+            return duty if reported == steps else (0.0, 0.0)
 
         sent = self._request(f"!M {steps[0]} {steps[1]}", len(DONE), parse)
         return replace(sent, then=lambda _: self._query("?M", len(steps), DUTIES, confirm), confirms=True)

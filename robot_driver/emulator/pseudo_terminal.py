@@ -28,7 +28,7 @@ class PseudoTerminal:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._was_open = False
-        self._kept = b""  # the last words of a client whose port had to be made anew
+        self._kept = b""  # the last words of a client whose port had to be made again
         self._make()
 
     def fileno(self) -> int:

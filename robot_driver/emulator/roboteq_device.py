@@ -50,7 +50,7 @@ class RoboteqDevice:
         self.switch_on()
 
     def switch_on(self) -> None:
-        """Begin anew with what is kept in the flash, as after power-off."""
+        """Begin again with what is kept in the flash, as after power-off."""
         self._wanted = [0, 0]  # duty to go on with at the next action after the watchdog has stopped the motors
         self._configuration = {
             "RWD": [self._settings.roboteq.watchdog],

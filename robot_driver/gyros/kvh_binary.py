@@ -2,7 +2,7 @@
 
 What a device is set to (rate or angle, unit, messages a second) is not visible in its messages, and every change of it
 is kept in the device's non-volatile memory, which a driver must not wear out or surprise other users with. So the
-driver changes nothing: it asks, and reads what comes accordingly. It asks anew after every gap, and when a
+driver changes nothing: it asks, and reads what comes accordingly. It asks again after every gap, and when a
 self-test shows that the device was switched on.
 Sources: KVH 1775 IMU technical manual 56-0298 Rev. B, sections 5, 7 and 8; queries as in ros_kvh1750, src/imu.cpp.
 """

@@ -20,7 +20,7 @@ LARGEST_GAP = 5 * CYCLE  # between two messages, when nothing fails but single p
 LOST_BY_DAMAGE = 2  # turns: a damage costs its own transaction or reading, and at most the next
 SLOWING = {("motor", "latency"): 50_000, ("motor", "pieces"): 50_000}  # us that a turn takes while that lasts
 RECOVERY = 2_500_000  # us after a fault is over: pauses between attempts of up to 1 s, and two attempts to connect
-RECONNECTED = 100_000  # us; after a shorter gap the driver cannot have connected anew
+RECONNECTED = 100_000  # us; after a shorter gap the driver cannot have connected again
 TOLD_WITHIN = 500_000  # us from a device's answer to the message that reports it
 TELEMETRY_AGE = 5 * SECOND
 LONG_WAIT = 10_000  # us for a processor, within one sample
@@ -258,19 +258,19 @@ class MotorChecks:
         seconds = (message.utime - before.utime) / SECOND
         for side in ("left", "right"):
             ticks = getattr(message, f"ticks_{side}") - getattr(before, f"ticks_{side}")
-            true, told = ticks * 2 * math.pi / TICKS_PER_TURN / seconds, getattr(message, f"psi_{side}")
-            if not (abs(told) <= LARGEST_SPEED and abs(told - true) <= 0.05 + 0.02 * abs(true)):
-                self._findings.blame(message.utime, f"psi_{side} {told:.3f} rad/s, but the ticks say {true:.3f}")
+            true, stated = ticks * 2 * math.pi / TICKS_PER_TURN / seconds, getattr(message, f"psi_{side}")
+            if not (abs(stated) <= LARGEST_SPEED and abs(stated - true) <= 0.05 + 0.02 * abs(true)):
+                self._findings.blame(message.utime, f"psi_{side} {stated:.3f} rad/s, but the ticks say {true:.3f}")
 
     def _check_others(self, message: Any) -> None:
         received = message.received_utime
-        told = {
+        stated = {
             "duty": (round(message.applied_left * FULL_DUTY), round(message.applied_right * FULL_DUTY)),
             "battery": (message.battery_voltage,),
             "currents": (message.current_left, message.current_right),
             "temperature": (message.temperature,),
         }
-        for kind, values in told.items():
+        for kind, values in stated.items():
             true = self._account.between(kind, received - TELEMETRY_AGE, received + CLOCKS)
             if not math.isnan(values[0]) and not any(all(map(math.isclose, values, said)) for _, said in true):
                 self._findings.blame(message.utime, f"{kind} {values} is not what was answered")

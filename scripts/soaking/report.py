@@ -35,12 +35,12 @@ def _judge_the_whole(soak: Soak) -> None:
         soak.findings.blame(last.utime, f"cmr-driver's memory grew by {growth(soak.memory) / 1e6:.1f} MB")
     if running[-1].state != process_status_t.RUNNING:
         soak.findings.blame(last.utime, f"at the end the driver was not well: {running[-1].message}")
-    told = rejected(last.message)
+    refused = rejected(last.message)
     for reason in COUNTED:
-        if told.get(reason, 0) != soak.pilot.sent[reason]:
+        if refused.get(reason, 0) != soak.pilot.sent[reason]:
             soak.findings.blame(
                 last.utime,
-                f"{soak.pilot.sent[reason]} commands were {reason}, the driver reported {told.get(reason, 0)}",
+                f"{soak.pilot.sent[reason]} commands were {reason}, the driver reported {refused.get(reason, 0)}",
             )
 
 

@@ -339,7 +339,7 @@ def _serve(
             engine.check()
             upto, start = plant.time, engine.utime(0.0)
             records = [noted.popleft() for _ in range(len(noted))]
-            told = [Record(start + round(1e6 * moment), kind, value) for moment, kind, value in records]
-            connection.send([*told, Record(start + round(1e6 * upto), "upto", None)])
+            records_so_far = [Record(start + round(1e6 * moment), kind, value) for moment, kind, value in records]
+            connection.send([*records_so_far, Record(start + round(1e6 * upto), "upto", None)])
         except (EOFError, OSError):
             return

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.hidden_effects.cases import Case
-from tests.hidden_effects.diagnosing import diagnosed, foretold, read_and_diagnosed, row_of
+from tests.hidden_effects.diagnosing import diagnosed, predicted, read_and_diagnosed, row_of
 from tests.hidden_effects.hiding import hide_case, truth_of
 from tests.hidden_effects.rows import Row, hidden
 
@@ -43,7 +43,7 @@ def apart(set_name: str, case: Case) -> Row:
         return row_of(set_name, case, findings)
 
 
-WORK: Mapping[str, Callable[[str, Case], Row]] = {"gain": foretold, "command": by_command, "hours": apart}
+WORK: Mapping[str, Callable[[str, Case], Row]] = {"gain": predicted, "command": by_command, "hours": apart}
 
 
 def _command(folder: Path) -> dict[str, Any]:

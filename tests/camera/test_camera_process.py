@@ -248,7 +248,7 @@ def test_latency_is_told_of_live_pictures() -> None:
     for age in (0.05, 0.06, 0.2):
         latency.take(int((time.time() - age) * 1e6))
     latency.take(EPOCH)  # recorded long ago
-    match = re.fullmatch(r"Poses are (\d+) ms old when sent, (\d+) ms at most\.", latency.told())
+    match = re.fullmatch(r"Poses are (\d+) ms old when sent, (\d+) ms at most\.", latency.summary())
     assert match is not None
     assert 60 <= int(match[1]) < 200 <= int(match[2])
-    assert latency.told() == ""
+    assert latency.summary() == ""

@@ -126,8 +126,8 @@ def test_what_is_written_simulates_the_robot_by_the_same_commands() -> None:
     assert "k2_over_k3" not in result.summary()
     controller = written.velocity_controller
     assert controller is not None
-    told = {name: hold(recording.velocity_commands, name, recording.wheels.utime[:-1]) for name in ("v", "omega")}
-    left, right = controller.duties_of_body(told["v"], told["omega"])
+    reported = {name: hold(recording.velocity_commands, name, recording.wheels.utime[:-1]) for name in ("v", "omega")}
+    left, right = controller.duties_of_body(reported["v"], reported["omega"])
     moved = drive(left, right, np.full(len(left), 0.01), written.robot_parameters, RobotState.at_rest())
     turned = 2.0 * np.pi / NOMINAL_TICKS * recording.wheels["ticks_left"]
     assert np.abs(moved.angle_left - turned).max() < 0.02 * np.abs(np.diff(turned)).sum()
@@ -136,13 +136,13 @@ def test_what_is_written_simulates_the_robot_by_the_same_commands() -> None:
 
 def test_the_diagnosis_and_its_file_name_the_parameters_of_the_controller() -> None:
     found = diagnose(driven(QUICK, seed=2))
-    told = document(found)["extended"]["parameters"]
-    assert told["response_time"]["unit"] == "s"
-    assert told["response_time"]["std"] > 0.0
-    assert "k1" not in told
+    reported = document(found)["extended"]["parameters"]
+    assert reported["response_time"]["unit"] == "s"
+    assert reported["response_time"]["std"] > 0.0
+    assert "k1" not in reported
     written = extended_file(found, {})
     assert written.has_velocity_controller
-    assert written.values["response_time"].value == told["response_time"]["value"]
+    assert written.values["response_time"].value == reported["response_time"]["value"]
 
 
 NOMINALS = {
@@ -176,7 +176,7 @@ def test_poses_alone_tell_the_response_and_the_delay_apart() -> None:
     """The paper's method knew no delay: 0.14 s of it went into a response time of 0.295 s, known to 0.011 s."""
     robot = SpeedRobot(response_time=0.295, delay=0.143, base_width=0.9)
     result = calibrate(without(driven(robot, seed=1), "wheels", "gyro"))
-    found = {**result.told, **result.effects}
+    found = {**result.reported, **result.effects}
     truth = {"response_time": 0.295, "command_delay": 0.143, "speed_scale": 1.0, "base_width": 0.9}
     for name, value in truth.items():
         assert found[name].value == pytest.approx(value, abs=3.0 * found[name].std), name
@@ -193,7 +193,7 @@ def test_of_poses_alone_a_late_command_is_said_to_be_no_other_than_a_late_pose()
 def test_wheels_alone_tell_the_response() -> None:
     robot = SpeedRobot(delay=0.0)
     result: CalibrationResult = calibrate(without(driven(robot, seed=6), "gyro", "poses"))
-    assert near(result.told["response_time"], robot.response_time)
+    assert near(result.reported["response_time"], robot.response_time)
     assert "base_width" in result.unidentified
 
 

@@ -55,7 +55,7 @@ def weak_in_reverse() -> Diagnosis:
     return diagnose(hidden("weak_reverse").recording, held_out=[other])
 
 
-def test_a_generic_term_extends_the_model_and_another_drive_is_foretold_better() -> None:
+def test_a_generic_term_extends_the_model_and_another_drive_is_predicted_better() -> None:
     found = weak_in_reverse()
     assert (found.verdict, found.effects) == (UNEXPLAINED, ())
     term = found.unexplained.generic

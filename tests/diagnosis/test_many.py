@@ -93,7 +93,7 @@ def test_a_log_of_no_use_stops_a_common_diagnosis_but_not_the_others_of_each(log
     assert groups(logs, "a none", each=True) == {"out/a_robot_0": ("a", 0, ""), "out/none": ("none", None, "")}
 
 
-# Many side by side: what the processes do, by name, because they look it up anew
+# Many side by side: what the processes do, by name, because they look it up again
 
 
 def pretend(job: Job, tell: Telling) -> Outcome:

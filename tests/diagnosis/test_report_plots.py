@@ -118,14 +118,14 @@ def test_the_interval_in_which_the_models_differ_most_is_where_the_effect_acts()
 
 def test_a_free_run_that_begins_anew_is_no_difference_of_the_models() -> None:
     whole = arcs()
-    anew = int(np.searchsorted(whole.time, 50.0))
+    again = int(np.searchsorted(whole.time, 50.0))
     sent_back = replace(whole, before_x=whole.before_x.copy(), before_y=whole.before_y.copy())
     for name in ("x", "y"):
         before, real = getattr(sent_back, f"before_{name}"), getattr(whole, name)
-        before[anew:] += real[anew] - before[anew]
+        before[again:] += real[again] - before[again]
     part = parting(track_of(sent_back), 3.0)
     assert part
-    assert not part.start < anew < part.stop
+    assert not part.start < again < part.stop
 
 
 def test_models_that_are_alike_have_no_such_interval() -> None:

@@ -114,7 +114,7 @@ def test_long_recordings_are_cut_and_shown_by_as_many_points_as_a_page_can_bear(
         assert len(path.x) <= MOST_POINTS
         assert 0.0 < path.time[-1] - path.time[0] <= LONGEST
         assert 0.0 < np.min(np.diff(path.time)) < np.max(np.diff(path.time)) < 0.1  # what is drawn of it stays smooth
-        assert path.before_x[0] == path.after_x[0] == pytest.approx(path.x[0], abs=0.02)  # begun anew
+        assert path.before_x[0] == path.after_x[0] == pytest.approx(path.x[0], abs=0.02)  # begun again
     assert paths[-1].time[-1] == pytest.approx(seconds, abs=0.1)
     for residual in residuals_of(segments(long), TRUE, TRUE):
         assert len(residual.before) <= MOST_SAMPLES
@@ -137,7 +137,7 @@ def test_a_wheel_that_turns_slower_than_simulated_has_a_negative_residual() -> N
     expected = 0.5 / TRUE["k1"] - 0.5 / still_fast["k1"]
     assert np.median(too_fast["psi_left"].before) == pytest.approx(expected, rel=0.05)
     assert np.median(too_fast["psi_right"].after) == pytest.approx(0.0, abs=0.05)
-    # Grown over a second: so much less way than foretold.
+    # Grown over a second: so much less way than predicted.
     assert np.median(too_fast["forward"].before) == pytest.approx(0.9 * expected * TRUE["wheel_radius"], rel=0.1)
 
 

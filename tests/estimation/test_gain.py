@@ -174,9 +174,9 @@ def test_the_error_on_what_was_left_out_is_that_on_a_fresh_log() -> None:
     middle = seconds / 2.0
     halves = ((0.0, middle), (middle, seconds))
     folds = [Fold((fitted(log, (kept,)),), (left_out,)) for kept, left_out in (halves, halves[::-1])]
-    (foretold,) = errors_of([piece_of(log)], [folds])
+    (predicted,) = errors_of([piece_of(log)], [folds])
     (measured,) = errors_with(fresh, fitted(log, ((0.0, seconds),)))
-    assert path_rmse(foretold) == pytest.approx(path_rmse(measured), rel=0.2)
+    assert path_rmse(predicted) == pytest.approx(path_rmse(measured), rel=0.2)
 
 
 def made(squares: Floats) -> Errors:

@@ -1,4 +1,4 @@
-"""Long drives are thinned evenly, and where the path begins anew it still does."""
+"""Long drives are thinned evenly, and where the path begins again it still does."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ FEWER = Thinning(EVERY)
 
 @pytest.fixture(scope="module")
 def segment() -> Segment:
-    """Return a drive whose path begins anew once, at a pose that thinning leaves out."""
+    """Return a drive whose path begins again once, at a pose that thinning leaves out."""
     (whole,) = segments_of(hidden_recording(manoeuvre="figure_eight", seed=0).recording, [], 0)
     pose_use = whole.observations.pose_use.copy()
     pose_use[EVERY.poses * 100 + 1] = RESTART

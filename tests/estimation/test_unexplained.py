@@ -26,7 +26,7 @@ from cmr.estimation.unexplained.remaining import (
     spread_of,
 )
 from cmr.estimation.unexplained.scores import Remainder, Score
-from cmr.estimation.unexplained.share import coloured, share_foretold
+from cmr.estimation.unexplained.share import coloured, share_predicted
 from cmr.estimation.unexplained.terms import Term, drives_of, terms_for
 from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.model.observer import MOTION, Gains
@@ -183,7 +183,7 @@ def test_dry_friction_holds_a_resting_wheel_against_a_disturbance() -> None:
 
 
 def terms() -> list[Term]:
-    return terms_for(drives_of([predictor()], [predictor().errors(ROBOT, GAINS)], ROBOT["k1"]), foretold=True)
+    return terms_for(drives_of([predictor()], [predictor().errors(ROBOT, GAINS)], ROBOT["k1"]), predicted=True)
 
 
 def test_reports_know_the_names_of_what_terms_go_with() -> None:
@@ -195,7 +195,7 @@ def test_reports_know_the_names_of_what_terms_go_with() -> None:
 def test_columns_of_a_term_are_finite_and_as_many_in_every_drive() -> None:
     (drive,) = drives_of([predictor()], [predictor().errors(ROBOT, GAINS)], ROBOT["k1"])
     still = replace(drive, **{name: 0.0 * getattr(drive, name) for name in ("speed", "yaw_rate", "x", "y", "theta")})
-    for term in terms_for([drive, still], foretold=True):
+    for term in terms_for([drive, still], predicted=True):
         columns = term.columns(drive)
         assert len(columns) == len(term.columns(still))
         assert all(np.all(np.isfinite(course)) and course.shape == drive.time.shape for _, course in columns)
@@ -217,7 +217,7 @@ def test_a_small_term_counts_only_where_all_parts_of_the_drive_agree() -> None:
 @pytest.mark.parametrize(
     ("fields", "least"),
     [
-        ({"held_out": 100.0, "steady": 300.0}, LEAST),  # it foretells little
+        ({"held_out": 100.0, "steady": 300.0}, LEAST),  # it predicts little
         ({"held_out": 450.0, "steady": 20.0}, LEAST),  # a few moments make all of it
         ({"held_out": 450.0, "steady": 300.0}, 460.0),  # effects that explain much may leave as much
     ],
@@ -300,7 +300,7 @@ def test_the_share_is_that_of_the_errors_themselves_and_never_negative() -> None
     random = np.random.default_rng(3)
     noisy, slow = random.standard_normal(count), np.full(count, 0.5)
     white = float(slow @ slow) / float((noisy + slow) @ (noisy + slow))
-    shares = [share_foretold([seen], noise, noisy + slow, part, "yaw_rate") for part in (slow, -slow, 0.0 * slow)]
+    shares = [share_predicted([seen], noise, noisy + slow, part, "yaw_rate") for part in (slow, -slow, 0.0 * slow)]
     # 1 / (1 - 0.9) times as large, and noise 1 / (1 - 0.9^2) times its variance.
     expected = 100.0 * 0.25 / (100.0 * 0.25 + 1.0 / (1.0 - 0.9**2))
     assert white < 0.25
@@ -310,6 +310,6 @@ def test_the_share_is_that_of_the_errors_themselves_and_never_negative() -> None
 @pytest.mark.slow
 def test_what_explains_next_to_nothing_of_the_errors_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     assert left_by("quadratic_drag").unexplained.share > SMALLEST_SHARE
-    monkeypatch.setattr("cmr.estimation.unexplained.remaining.share_foretold", lambda *_: 0.9 * SMALLEST_SHARE)
+    monkeypatch.setattr("cmr.estimation.unexplained.remaining.share_predicted", lambda *_: 0.9 * SMALLEST_SHARE)
     case = hidden_recording("quadratic_drag", seed=SEED)
     assert not remaining_of([case.recording], case.recording.parameters).unexplained.present

@@ -36,7 +36,7 @@ def louder(noise: Noise, times: float) -> Noise:
     return replace(noise, **{name: times * getattr(noise, name) for name in sizes})
 
 
-# How noisy robots are. Poses of `white` err anew each time, those of `slow` err for half a second in the same way;
+# How noisy robots are. Poses of `white` err again each time, those of `slow` err for half a second in the same way;
 # encoders of `coarse` have few ticks.
 NOISES: Mapping[str, Noise] = {
     "realistic": REALISTIC,

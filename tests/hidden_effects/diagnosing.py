@@ -22,8 +22,8 @@ def diagnosed(set_name: str, case: Case) -> Row:
         return row_of(set_name, case, lambda: {**hidden(hide_case(case, path).truth), **read_and_diagnosed(path)})
 
 
-def foretold(set_name: str, case: Case) -> Row:
-    """Return what a diagnosis foretells of a fresh drive, and how far off the model is on a fresh drive."""
+def predicted(set_name: str, case: Case) -> Row:
+    """Return what a diagnosis predicts of a fresh drive, and how far off the model is on a fresh drive."""
 
     def both() -> dict[str, Any]:
         with tempfile.TemporaryDirectory() as folder:

@@ -21,7 +21,7 @@ class Row:
 
     `names` are the effects named, by evidence, `statistics` their evidence, `indistinguishable` the names given beside
     each. `estimates` are (value, standard deviation, lower and upper end of the 95 % interval) by parameter.
-    `path_rmse` [m] is the error foretold for drives that nothing was fitted on, `fresh_path_rmse` that on a fresh drive
+    `path_rmse` [m] is the error predicted for drives not fitted, `fresh_path_rmse` that on a fresh drive
     of the same robot. `cpu_seconds` took reading and diagnosing, `memory` [bytes] is the most that was in use;
     `error` is the text of what went wrong, empty if nothing did. `baseline` and `extended` are estimates of the paper's
     parameters in both models; rows that were written before these were kept have none.

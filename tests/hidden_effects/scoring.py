@@ -15,7 +15,7 @@ RELATIVE, DEVIATIONS = 0.05, 3.0  # a parameter is right within this share, or w
 LATENCIES = ("pose_latency", "gyro_latency", "command_delay", "wheel_speed_latency")
 LATENCY_SHARE = 0.1  # of a latency by which it may be off in windows
 SHORTEST_LATENCY = 0.04  # s, of poses; less need not be named
-FORETOLD = 0.2  # share by which an error may be foretold wrongly
+PREDICTED = 0.2  # share by which an error may be predicted wrongly
 PHASE_SPAN = 1.0  # rad; what a phase is off is compared with
 LOG_SECONDS, COMMAND_SECONDS = 3.0, 8.0  # of the processor
 MEMORY = 4e9  # bytes
@@ -269,15 +269,15 @@ def score_friction(rows: Sequence[Row]) -> list[Score]:
 
 
 def score_gain(rows: Sequence[Row]) -> list[Score]:
-    """Score what is foretold of fresh drives."""
+    """Score what is predicted of fresh drives."""
     ratios = np.array([row.path_rmse / row.fresh_path_rmse for row in rows if row.fresh_path_rmse > 0.0])
     ratios = ratios[np.isfinite(ratios)]
-    near = np.abs(ratios - 1.0) <= FORETOLD
+    near = np.abs(ratios - 1.0) <= PREDICTED
     share = float(np.mean(near)) if len(ratios) else math.nan
     middle = float(np.median(ratios)) if len(ratios) else math.nan
     return [
-        Score("gain", "path error foretold within 20 %", share, len(ratios), ">= 95 %", share >= 0.95),
-        Score("gain", "foretold over measured, median", middle, len(ratios), unit=""),
+        Score("gain", "path error predicted within 20 %", share, len(ratios), ">= 95 %", share >= 0.95),
+        Score("gain", "predicted over measured, median", middle, len(ratios), unit=""),
     ]
 
 

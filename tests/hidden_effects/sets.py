@@ -74,7 +74,7 @@ def friction(seeds: int) -> list[Case]:
 
 
 def gain(seeds: int) -> list[Case]:
-    """Return every effect on the rich drive, of which a fresh drive of the same robot is to be foretold."""
+    """Return every effect on the rich drive, of which a fresh drive of the same robot is to be predicted."""
     return [Case((effect,), RICH, 500 + seed) for seed in range((seeds + 9) // 10) for effect in WITH_DUTIES]
 
 

@@ -1,4 +1,4 @@
-"""The observer foretells what sensors say, and is drawn towards them."""
+"""The observer predicts what sensors say, and is drawn towards them."""
 
 from dataclasses import replace
 
@@ -215,15 +215,15 @@ def test_an_effect_left_out_shows_in_its_own_signal_only() -> None:
 
 
 def test_errors_do_not_pile_up() -> None:
-    """With a base width 3 % off, free headings stray further and further; foretold ones stay near."""
+    """With a base width 3 % off, free headings stray further and further; predicted ones stay near."""
     wrong = {**ROBOT, "base_width": 0.165}
     what = observations()
-    free, foretold = (np.abs(observe(what, wrong, gains).pose[:, 2, 0]) for gains in (FREE, FOLLOWING))
-    assert np.max(free) > 5.0 * np.max(foretold)
+    free, predicted = (np.abs(observe(what, wrong, gains).pose[:, 2, 0]) for gains in (FREE, FOLLOWING))
+    assert np.max(free) > 5.0 * np.max(predicted)
 
 
 def test_where_encoders_draw_the_wheels_the_robot_goes_with_them() -> None:
-    """The heading foretold is what the drawn wheels have turned."""
+    """The heading predicted is what the drawn wheels have turned."""
     what = observations()
     moved = observe(what, {**ROBOT, "k2_over_k3": 124.0}, Gains(0.2, 1.0, 0.0, 0.0)).motion
     angle_left, angle_right, theta = (moved[:, MOTION.index(name)] for name in ("angle_left", "angle_right", "theta"))
@@ -246,7 +246,7 @@ def test_larger_wheels_and_encoders_that_count_less_are_the_same_mathematics(sha
 
 
 def test_a_restart_forgets_where_the_robot_was_believed_to_be() -> None:
-    """After a pose that restarts it, the observer foretells the jumped path as well as the path before."""
+    """After a pose that restarts it, the observer predicts the jumped path as well as the path before."""
     what = observations()
     jump = len(what.pose_time) // 2
     pose, use = what.pose.copy(), what.pose_use.copy()

@@ -31,7 +31,7 @@ class Shape:
     `lengths` [s] are those of its pieces, `pause` [s] lies between them. Rates are in Hz; 0 means that the signal was
     not recorded. `frame` tells in what the poses of a piece are: "world", or "own" of the piece, whose first pose is
     then 0, 0, 0. `psi` tells whether a wheel's speed is that of the moment or the mean since the reading before,
-    `counters` whether they go on through the pauses, as if nothing had turned or as it turned, or begin anew.
+    `counters` whether they go on through the pauses, as if nothing had turned or as it turned, or begin again.
     """
 
     seed: int
@@ -77,7 +77,7 @@ def drawn(seed: int) -> Shape:
         frame=str(rng.choice(["own", "own", "world"])),
         manner=str(rng.choice(["steps", "held", "waves"])),
         psi=str(rng.choice(["moment", "mean"])),
-        counters=str(rng.choice(["recorded", "driven", "anew"])),
+        counters=str(rng.choice(["recorded", "driven", "again"])),
         noise=float(rng.choice([0.0005, 0.002, 0.005, 0.02, 0.05])),
         tick=2.0 * np.pi / float(rng.choice([256, 4096, 65536])),
         slip=float(rng.choice([0.0, 0.05, 0.3])),
@@ -222,4 +222,4 @@ def _count(shape: Shape, wheels: Signal, parts: list[dict[str, dict[str, Floats]
         begun = ticks[first]
         for k, at in enumerate(first):
             end = first[k + 1] if k + 1 < len(first) else len(ticks)
-            ticks[at:end] -= begun[k] if shape.counters == "anew" else jump[: k + 1].sum()
+            ticks[at:end] -= begun[k] if shape.counters == "again" else jump[: k + 1].sum()

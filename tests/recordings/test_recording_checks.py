@@ -102,8 +102,8 @@ def test_counters_that_went_on_through_a_gap_are_no_reset_and_those_that_did_not
     assert check(gap)["encoder_resets"].found == 0
     after = gap.wheels.seconds > 13.0
     ticks = {name: gap.wheels[name] - 1e6 * after for name in ("ticks_left", "ticks_right")}
-    anew = replace(gap, wheels=replace(gap.wheels, fields=gap.wheels.fields | ticks))
-    assert check(anew)["encoder_resets"].found == 2
+    again = replace(gap, wheels=replace(gap.wheels, fields=gap.wheels.fields | ticks))
+    assert check(again)["encoder_resets"].found == 2
 
 
 @pytest.mark.parametrize("since", [0.0, 15.0])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.calibration.fitting import _told
+from cmr.calibration.fitting import _statements
 from cmr.calibration.linear import COMMAND_TIME, POSE_TIME
 from cmr.calibration.preparing import Prepared
 from cmr.estimation.checks import looked_at, refusal
@@ -77,7 +77,7 @@ def test_a_recording_with_few_readings_of_turning_wheels_is_not_said_to_rest(who
 @pytest.mark.parametrize("seconds", [-0.261, 0.261])
 def test_no_command_is_said_to_take_effect_before_it_is_sent(seconds: float) -> None:
     offsets = {COMMAND_TIME: Estimate(seconds, 0.004), POSE_TIME: Estimate(0.0, 0.001)}
-    (said,) = _told(Prepared([], []), offsets)
+    (said,) = _statements(Prepared([], []), offsets)
     assert "0.261 s" in said
     assert said.startswith("Commands take effect 0.261 s later" if seconds > 0.0 else "The path fits best if commands")
 

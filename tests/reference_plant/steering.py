@@ -41,7 +41,7 @@ def steered(
     step: float = STUDY_STEP,
     start: Pose = ORIGIN,
 ) -> Commands:
-    """Return the commands that the pilot gives in a drive, deciding anew at each pose.
+    """Return the commands that the pilot gives in a drive, deciding again at each pose.
 
     `drive` with these commands and the same seed makes the same motion: all that is drawn by chance on the way is
     drawn in the same order.

@@ -58,7 +58,7 @@ def test_1_gaps_that_are_too_long_cost_samples_but_corrupt_nothing(tmp_path: Pat
         run.until_transactions(30)
         assert run.motors.faults > 5
         run.line.faults.byte_gap = 0.0
-        wait_for(lambda: run.thread.problem == "")  # it may have to connect anew, which takes some more transactions
+        wait_for(lambda: run.thread.problem == "")  # it may have to connect again, which takes some more transactions
         run.until_transactions(30)
     assert_all_true(run)
 

@@ -226,14 +226,14 @@ def test_the_papers_parameters_must_be_held_too_by_the_model_that_knows_what_is_
     assert score(single, quantity).count == 3
 
 
-def test_the_error_foretold_must_be_within_a_fifth_of_the_one_measured() -> None:
+def test_the_error_predicted_must_be_within_a_fifth_of_the_one_measured() -> None:
     found = [
         row("gain", "slope", "slope", path_rmse=0.010, fresh_path_rmse=0.012),
         row("gain", "slope", "slope", path_rmse=0.010, fresh_path_rmse=0.013, seed=1),
         row("gain", "slope", seed=2, error="OSError"),
     ]
-    assert score(found, "path error foretold within 20 %").value == pytest.approx(1 / 2)
-    assert score(found, "path error foretold within 20 %").count == 2
+    assert score(found, "path error predicted within 20 %").value == pytest.approx(1 / 2)
+    assert score(found, "path error predicted within 20 %").count == 2
 
 
 def test_time_must_grow_no_faster_than_the_log() -> None:

@@ -64,7 +64,7 @@ def test_the_husky_on_tile_turns_as_its_wheels_say(importer: Importer) -> None:
     assert heading.found < 2.0
 
 
-def test_commands_foretell_the_husky_on_wet_grass(importer: Importer) -> None:
+def test_commands_predict_the_husky_on_wet_grass(importer: Importer) -> None:
     distance, heading, speed = score_husky_wet_grass(importer)
     assert heading.found < 17.2
     assert distance.median is not None

@@ -167,7 +167,7 @@ CANDIDATES = (
     Candidate(name="gyro_bias", statistic=1.3, p_value=1.0, held_out=0.2, why_not="Chance alone would give as much."),
 )
 CHECKS = (
-    Finding("pose_jumps", 2, "The tracker jumps 2 times: the path is cut there and goes on anew."),
+    Finding("pose_jumps", 2, "The tracker jumps 2 times: the path is cut there and starts again."),
     Finding("gaps", 0, "Gaps in the data: none; the longest is 0.00 s."),
     Finding("encoder_spikes", 0, "0 absurd encoder readings: set aside."),
 )

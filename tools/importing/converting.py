@@ -268,7 +268,7 @@ class _Converter:
 
 
 def _period(name: str, signal: Signal) -> float | None:
-    """Return after how much a signal starts anew, as recorded; None for one that does not."""
+    """Return after how much a signal starts again, as recorded; None for one that does not."""
     return TURN / abs(signal.gain) if name == "theta" and signal.gain else None
 
 

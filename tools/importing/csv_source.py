@@ -255,8 +255,8 @@ def _one_after_the_other(
     present = last >= first
     lengths = np.where(present, last - first + pieces.gap, 0.0)
     begin = np.concatenate([[0.0], np.cumsum(lengths)[:-1]]) if len(labels) else lengths
-    told = tuple(
+    statements = tuple(
         Piece(start + round(begin[index] * MICROSECONDS), labels[index][0], float(first[index]))
         for index in np.flatnonzero(present).tolist()
     )
-    return {name: begin[file.piece] + file.seconds - first[file.piece] for name, file in files.items()}, told
+    return {name: begin[file.piece] + file.seconds - first[file.piece] for name, file in files.items()}, statements

@@ -120,7 +120,7 @@ class File:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Where the value in `column` changes, time starts anew, `gap` seconds after the piece before."""
+    """Where the value in `column` changes, time starts again, `gap` seconds after the piece before."""
 
     column: str
     gap: float

@@ -33,7 +33,7 @@ class Again:
 def recorded(signal: Signal, table: Table, own: Table, period: float | None = None) -> Values:
     """Return what was recorded of a signal, which is in `own`, at the rows of `table`; NaN where nothing was.
 
-    Between its rows a signal is interpolated, or held. One that starts anew after `period` does so no more. Nothing is
+    Between its rows a signal is interpolated, or held. One that starts again after `period` does so no more. Nothing is
     carried from one piece to the next.
     """
     values = _heading(*(own.columns[name] for name in signal.columns)) if len(signal.columns) > 1 else None

@@ -37,7 +37,7 @@ def merge(logs: Sequence[Iterable[Event]]) -> Iterator[Event]:
 
 
 def write_events(path: Path, events: Iterable[Event]) -> int:
-    """Write the events, numbered anew, as a log that appears when it is complete; return how many there were.
+    """Write the events, numbered again, as a log that appears when it is complete; return how many there were.
 
     Without events nothing is written. Raises OSError when the file cannot be written, KeyboardInterrupt on a signal.
     """

@@ -142,7 +142,7 @@ def _on_terminal(work: "Callable[[curses.window], None]") -> None:
 
 
 def _show(window: "curses.window", ear: Ear, view: View, stopping: Stopping) -> None:
-    """Show the view, anew twice a second and after each key."""
+    """Show the view; draw it twice a second and after each key."""
     import curses
 
     with suppress(curses.error):  # a terminal that cannot hide its cursor

@@ -69,7 +69,7 @@ class _Channel:
         self.marks.append(_Mark(now, self.utime, self.count, self.size, self.squares))
 
     def go_on_after(self, interval: int) -> None:
-        """Begin to count anew with the last message, if the interval before it [us] was a silence."""
+        """Begin to count again with the last message, if the interval before it [us] was a silence."""
         first = self.marks[0]
         intervals = self.count - 1 - first.heard
         if intervals and interval > SILENT_INTERVALS * (self.utime - interval - first.utime) / intervals:

@@ -70,8 +70,8 @@ def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     numbers = []
     if before and math.isfinite(before.held_out_path_rmse):
         errors = [before.held_out_path_rmse, *([after.held_out_path_rmse] if diagnosis.is_extended and after else [])]
-        told = alike(errors) if len(errors) > 1 else [number(errors[0], 3)]
-        numbers.append(("path error on held-out data", " \u2192 ".join(told) + " m"))
+        texts = alike(errors) if len(errors) > 1 else [number(errors[0], 3)]
+        numbers.append(("path error on held-out data", " \u2192 ".join(texts) + " m"))
     if diagnosis.is_extended and diagnosis.gain and math.isfinite(diagnosis.gain.ratio):
         numbers.append(("improvement", _times(diagnosis.gain.ratio)))
     if diagnosis.gain_over_nominal and math.isfinite(diagnosis.gain_over_nominal.ratio):
@@ -193,11 +193,11 @@ def runners_up(diagnosis: Diagnosis) -> Section:
 def next_steps(diagnosis: Diagnosis) -> Section:
     """Return what to drive next, with the commands that do it, and how to use the result."""
     asked = [("", diagnosis.next_experiment), *((effect.name, effect.next_experiment) for effect in diagnosis.effects)]
-    told: dict[str, list[str]] = {}
+    texts: dict[str, list[str]] = {}
     for name, text in asked:
         if text:
-            told.setdefault(text, []).extend([name] if name else [])
-    steps = [_step(text, tuple(names)) for text, names in told.items()]
+            texts.setdefault(text, []).extend([name] if name else [])
+    steps = [_step(text, tuple(names)) for text, names in texts.items()]
     if diagnosis.verdict == BAD_DATA:
         steps.append(joined(MEND))
     elif diagnosis.unexplained.present:

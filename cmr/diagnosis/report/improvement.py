@@ -49,10 +49,10 @@ def gain(diagnosis: Diagnosis) -> Section:
     )
     ratios = [f"ratio to the {one.words}" for one in models[:-1]]
     headings = ["error", *(one.words for one in models), *ratios, "comparison"]
-    told = joined(intro, table(headings, rows, numbers=range(1, len(headings) - 1))) if rows else Html("")
+    texts = joined(intro, table(headings, rows, numbers=range(1, len(headings) - 1))) if rows else Html("")
     heading = "Improvement" if diagnosis.is_extended else "Errors of free runs"
     baseline = diagnosis.baseline.estimates if diagnosis.baseline else {}
-    return section(heading, told, _shifts(diagnosis.effects, baseline))
+    return section(heading, texts, _shifts(diagnosis.effects, baseline))
 
 
 def _models(diagnosis: Diagnosis) -> Iterator[_Compared]:
@@ -75,9 +75,9 @@ def _error_rows(models: Sequence[_Compared]) -> Iterator[list[str]]:
         if not any(map(math.isfinite, ratios)):
             continue
         intervals = [_interval(one.gain) if words == HELD_OUT_PATH else "" for one in models[:-1]]
-        told = [f"{text}{unit}" for text in alike(errors)]
+        texts = [f"{text}{unit}" for text in alike(errors)]
         compared = [f"{number(ratio, 3)}{interval}" for ratio, interval in zip(ratios, intervals, strict=True)]
-        yield [words, *told, *compared, _bar(ratios[-1])]
+        yield [words, *texts, *compared, _bar(ratios[-1])]
 
 
 def _signal_rows(models: Sequence[_Compared]) -> Iterator[list[str]]:

@@ -19,12 +19,12 @@ def data(diagnosis: Diagnosis) -> Section:
     )
     if not faults:
         sound = diagnosis.verdict != BAD_DATA
-        told = (
+        statement = (
             "No check found a problem in the data."
             if sound
             else "The reason why they cannot be used is at the top of the page."
         )
-        words = paragraph(told) if clean else Html("")
+        words = paragraph(statement) if clean else Html("")
         return section("Data", words, late, listed)
     return section("Data", table(("check", "found", "what it means"), faults, numbers=(1,)), late, listed)
 

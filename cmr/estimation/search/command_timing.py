@@ -30,8 +30,8 @@ OUTLYING = 0.05  # s, the standard deviation of theirs
 # Of the period: standard deviation of the other commands' delays while one is looked at. More hides jitter; with less,
 # the neighbours of a command that was held up seem lost.
 UNSURE_OF_LOSS, UNSURE_OF_JITTER = 0.25, 0.1
-TOLD = 1.0  # times its variance that the square of what is looked for must be, for a command to count
-FEWEST_TOLD = 10
+CLEAR = 1.0  # times its variance that the square of what is looked for must be, for a command to count
+FEWEST_CLEAR = 10
 PARTS = 4  # of a recording
 PAUSE = 1.5  # times the period that lie between two commands where one was held up
 SHARED = 2.0  # times its deviation a share may be off: neighbours depend on the same readings (8 made-up drives)
@@ -74,10 +74,10 @@ class Timing:
     def loss(self) -> Loss | None:
         """Return the loss that explains the delays best; None if too little is known."""
         late, variance = self._alone((UNSURE_OF_LOSS * self.period) ** 2)
-        told = self._steady & (self.gaps**2 > TOLD * variance)
-        if np.count_nonzero(told) < FEWEST_TOLD:
+        clear = self._steady & (self.gaps**2 > CLEAR * variance)
+        if np.count_nonzero(clear) < FEWEST_CLEAR:
             return None
-        late, variance, gaps = late[told] - np.median(late[told]), variance[told], self.gaps[told]
+        late, variance, gaps = late[clear] - np.median(late[clear]), variance[clear], self.gaps[clear]
         _, _, steady = _best([_normal(late, variance + size**2) for size in UNEVEN], late, variance)
         laws, shares = [], []
         for size in UNEVEN:
@@ -87,8 +87,8 @@ class Timing:
         _, law, density = _best(laws, late, variance)
         share, there, lost = shares[law]
         std = SHARED / float(np.sqrt(np.sum(((lost - there) / density) ** 2)))
-        which = np.zeros(len(told), np.bool_)
-        which[told] = share * lost > 0.5 * density
+        which = np.zeros(len(clear), np.bool_)
+        which[clear] = share * lost > 0.5 * density
         return Loss(float(share), std, _throughout(2.0 * np.log(density / steady)), which)
 
     def jitter(self, size: float | None = None) -> tuple[float, float]:
@@ -101,10 +101,10 @@ class Timing:
 
         sizes = SIZES if size is None else np.array([size])
         late, variance = self._alone((UNSURE_OF_JITTER * self.period) ** 2)
-        told = sizes[-1] ** 2 > TOLD * variance
-        if np.count_nonzero(told) < FEWEST_TOLD:
+        clear = sizes[-1] ** 2 > CLEAR * variance
+        if np.count_nonzero(clear) < FEWEST_CLEAR:
             return float(sizes[0]), 0.0
-        late, variance = late[told] - np.median(late[told]), variance[told]
+        late, variance = late[clear] - np.median(late[clear]), variance[clear]
         steady, _, _ = _best([_normal(late, variance + uneven**2) for uneven in UNEVEN], late, variance)
         std = np.sqrt(variance + UNEVEN[0] ** 2)
         laws = [(ndtr((late + 0.5 * of) / std) - ndtr((late - 0.5 * of) / std)) / of for of in sizes]

@@ -97,8 +97,8 @@ def _share(problem: Problem, models: Sequence[tuple[Mapping[str, float], ...]], 
         else:
             folds.append([Fold(models[1 if first[segment.recording] else 0])])
     before, after = errors_of(segments, folds)
-    told = [name for name in SIGNALS if name != GYRO and _squares(before, name) > 0.0]
-    return max((1.0 - _squares(after, name) / _squares(before, name) for name in told), default=0.0)
+    signals = [name for name in SIGNALS if name != GYRO and _squares(before, name) > 0.0]
+    return max((1.0 - _squares(after, name) / _squares(before, name) for name in signals), default=0.0)
 
 
 def _within(segment: Segment, spans: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:

@@ -52,8 +52,8 @@ def best_leap(
     }
     # What a linear problem from afar does not have, as limits and places, is as it stands.
     likeliest = ((averaging().likeliest(penalties), can_be_small) for averaging in about)
-    for values, told in chain(likeliest, ((values, _any) for values in _alike(current.values))):
-        exchange = _exchange(problem, current, named, inflation, values, told)
+    for values, concerned in chain(likeliest, ((values, _any) for values in _alike(current.values))):
+        exchange = _exchange(problem, current, named, inflation, values, concerned)
         if exchange is not None:
             return exchange
     return None
@@ -89,14 +89,14 @@ def _exchange(
     named: Sequence[SelectedEffect],
     inflation: Inflation,
     values: Mapping[str, float],
-    told: Callable[[Effect], bool],
+    concerned: Callable[[Effect], bool],
 ) -> Exchange | None:
     """Return the exchange that leads to the effects that some values switch on, if it explains the data better.
 
-    Effects of which the values have not `told` stay as they are.
+    Effects of which the values have not `concerned` stay as they are.
     """
-    here = {_name(one) for one in named if told(one.candidate.effect)}
-    there = {effect.name for effect in problem.effects if told(effect) and effect.is_on(values)}
+    here = {_name(one) for one in named if concerned(one.candidate.effect)}
+    there = {effect.name for effect in problem.effects if concerned(effect) and effect.is_on(values)}
     start = {**current.values, **values}
     while there != here:
         leaving, coming = sorted(here - there), sorted(there - here)

@@ -40,11 +40,11 @@ def size_below_limit(
     name = max(limits, key=lambda one: abs(values[one]) / limits[one])
     limit, least = limits[name], leasts[name]
     unit, what = definition(name).unit, "Its size" if len(effect.parameters) == 1 else f"Its {name}"
-    told, least_told = with_unit(values[name], unit), with_unit(limit, unit)
+    written, least_written = with_unit(values[name], unit), with_unit(limit, unit)
     if limit > least:
-        sentence = f"{what}, {told}, is less than {SURE:g} of its standard deviations, {least_told}."
+        sentence = f"{what}, {written}, is less than {SURE:g} of its standard deviations, {least_written}."
     else:
-        sentence = f"{what}, {told}, is below what matters here, {least_told}."
+        sentence = f"{what}, {written}, is below what matters here, {least_written}."
     return Measure(name, values[name], limit, unit, sentence)
 
 

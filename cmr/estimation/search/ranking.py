@@ -89,8 +89,8 @@ def _stuck(tested: CandidateEffect, score: Score, excitation: Excitation) -> boo
     """Return whether a quick fit led astray: made things worse although the score, near this size, predicted better
     ones, or came to what the robot was seen to exceed.
     """
-    foretold_better = TRUSTED_SHARE < abs(score.share) < 1.0 / TRUSTED_SHARE
-    return contradicted(tested.values, excitation) or (tested.drop < 0.0 and foretold_better)
+    predicted_better = TRUSTED_SHARE < abs(score.share) < 1.0 / TRUSTED_SHARE
+    return contradicted(tested.values, excitation) or (tested.drop < 0.0 and predicted_better)
 
 
 def fit_fully(

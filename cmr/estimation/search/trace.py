@@ -53,13 +53,13 @@ def with_removed(
 def with_rivals(decisions: Sequence[Decision], rivals: Iterable[tuple[str, str]]) -> tuple[Decision, ...]:
     """Return decisions with a row for each pair (named effect, rival) whose likelihood ratios were not compared."""
     step = max((decision.step for decision in decisions), default=0)
-    told = {decision.effects for decision in decisions if decision.action == INDISTINCT}
+    tied = {decision.effects for decision in decisions if decision.action == INDISTINCT}
     return (
         *decisions,
         *(
             Decision(step, INDISTINCT, (rival, name), math.nan, math.nan, f"It explains the data as well as {name}.")
             for name, rival in rivals
-            if (rival, name) not in told
+            if (rival, name) not in tied
         ),
     )
 

@@ -17,8 +17,8 @@ from cmr.estimation.prediction import WHEELS, Errors
 from cmr.estimation.problem import Problem, tempered
 from cmr.estimation.unexplained.bursts import Bursts, bursts
 from cmr.estimation.unexplained.result import Unexplained, not_judged
-from cmr.estimation.unexplained.scores import Score, foretold_by, remainder, scores
-from cmr.estimation.unexplained.share import share_foretold
+from cmr.estimation.unexplained.scores import Score, predicted_by, remainder, scores
+from cmr.estimation.unexplained.share import share_predicted
 from cmr.estimation.unexplained.terms import drives_of
 
 LEAST, LEAST_SHARE = 40.0, 1e-3  # drop of the sum of squares, and share of it, from which a term is worth a word
@@ -72,10 +72,10 @@ def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
     spread, least = spread_of(tested), max(LEAST, LEAST_SHARE * len(rest.white), LEFT_BY_EFFECTS * explained)
     rounded = [name for name in WHEELS if only_rounding(name, problem, errors)]
     holding = [score for score in tested if holds(score, spread, least) and score.signal not in rounded][:1]
-    foretold = [foretold_by(score.term, problem, fit, errors, rest, drives) for score in holding]
+    predicted = [predicted_by(score.term, problem, fit, errors, rest, drives) for score in holding]
     found = [
-        _structure(score, share_foretold(problem.predictors, fit.noise, rest.white, by_term, score.signal), least)
-        for score, by_term in zip(holding, foretold, strict=True)
+        _structure(score, share_predicted(problem.predictors, fit.noise, rest.white, by_term, score.signal), least)
+        for score, by_term in zip(holding, predicted, strict=True)
     ]
     # Stamps that a busy host sets late make bursts in the wheels alone; a robot that jerks shows elsewhere, too.
     sudden = [one for one in loud if one.signal not in WHEELS and bursts_count(one, explained)]

@@ -129,9 +129,9 @@ def scores(
     problem: Problem, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]
 ) -> list[Score]:
     """Return the scores of all terms, beside a fit that leaves `rest`, in the `drives` of a problem."""
-    foretold = all(len(predictor.segment.observations.given) == 0 for predictor in problem.predictors)
+    predicted = all(len(predictor.segment.observations.given) == 0 for predictor in problem.predictors)
     result = []
-    terms = terms_for(drives, foretold)
+    terms = terms_for(drives, predicted)
     for signals in dict.fromkeys(SEEN_IN.values()):
         some = [term for term in terms if SEEN_IN[term.disturbed] == signals]
         rows = _rows(rest, signals)
@@ -144,7 +144,7 @@ def scores(
     return result
 
 
-def foretold_by(
+def predicted_by(
     term: Term, problem: Problem, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]
 ) -> Floats:
     """Return what a term predicts of each white error (n,) as it is found on the other folds.
@@ -159,7 +159,7 @@ def foretold_by(
     mixing = _mixing(moves, along)
     own = (moves @ mixing - rows.basis @ (along @ mixing))[rows.order]
     result = np.zeros(len(rest.white))
-    result[rows.there] = _foretold(own, _of_blocks(own, rows), rows)
+    result[rows.there] = _predicted(own, _of_blocks(own, rows), rows)
     return result
 
 
@@ -291,8 +291,8 @@ def _judged(term: Term, pull: Floats, moves: Floats, rows: _Rows) -> Score:
     moves, white = moves[rows.order], rows.white[rows.order]
     of_blocks = _of_blocks(moves, rows)
     steady = pull - of_blocks[np.argsort(of_blocks @ pull)[-FEW_BLOCKS:]].sum(axis=0)
-    foretold = _foretold(moves, of_blocks, rows)
-    drops = np.bincount(rows.signal, (2.0 * white - foretold) * foretold, len(SIGNALS))
+    predicted = _predicted(moves, of_blocks, rows)
+    drops = np.bincount(rows.signal, (2.0 * white - predicted) * predicted, len(SIGNALS))
     best = int(np.argmax(drops))
     return Score(
         term,
@@ -311,7 +311,7 @@ def _of_blocks(moves: Floats, rows: _Rows) -> Floats:
     return np.asarray(np.add.reduceat(moves * rows.white[rows.order][:, None], rows.begins, axis=0))
 
 
-def _foretold(moves: Floats, of_blocks: Floats, rows: _Rows) -> Floats:
+def _predicted(moves: Floats, of_blocks: Floats, rows: _Rows) -> Floats:
     """Return each fold's white errors (n,) as the others predict them; `moves` (n, k) are orthonormal over all."""
     pull, whole = of_blocks.sum(axis=0), np.eye(moves.shape[1])
     result = np.empty(len(moves))

@@ -15,12 +15,12 @@ from cmr.recordings.signal import Floats
 NOTHING = 1e-300
 
 
-def share_foretold(
-    predictors: Sequence[Predictor], noise: Noise, white: Floats, foretold: Floats, signal: str
+def share_predicted(
+    predictors: Sequence[Predictor], noise: Noise, white: Floats, predicted: Floats, signal: str
 ) -> float:
     """Return the share of the variance of a signal's one-step prediction errors that is predicted.
 
-    Of all errors made white, shape (n,), `foretold` is known beforehand. Errors of poses are those that other sensors'
+    Of all errors made white, shape (n,), `predicted` is known beforehand. Errors of poses are those that other sensors'
     errors leave. 0 where what is predicted makes them no smaller.
     """
     whole = left = 0.0
@@ -28,7 +28,7 @@ def share_foretold(
         if name == signal:
             of_signal = noise.of[name]
             whole += _power(coloured(white[rows], number, name, of_signal))
-            left += _power(coloured(white[rows] - foretold[rows], number, name, of_signal))
+            left += _power(coloured(white[rows] - predicted[rows], number, name, of_signal))
     return max(0.0, 1.0 - left / max(whole, NOTHING))
 
 

@@ -106,13 +106,13 @@ class Knots:
         return cls(x, y, np.linspace(*_reach(drives, "time"), MOMENTS))
 
 
-def terms_for(drives: Sequence[Drive], foretold: bool) -> list[Term]:
-    """Return all terms for a robot that drove like this; those of the wheels only if these are `foretold`."""
+def terms_for(drives: Sequence[Drive], predicted: bool) -> list[Term]:
+    """Return all terms for a robot that drove like this; those of the wheels only if these are `predicted`."""
     knots = Knots.over(drives)
     longest = max(drives, key=lambda drive: len(drive.time))
     terms = [term for name in ("yaw_rate", "forward", "sideways") for term in _of_motion(name, knots)]
     terms += [term for name in ("gyro", "heading", "east", "north") for term in _of_reading(name, knots)]
-    terms = [*_of_wheels(longest), *_of_both_wheels(knots), *_of_encoders(), *terms] if foretold else terms
+    terms = [*_of_wheels(longest), *_of_both_wheels(knots), *_of_encoders(), *terms] if predicted else terms
     return [term for term in terms if term.columns(longest)]
 
 

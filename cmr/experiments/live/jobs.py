@@ -35,7 +35,7 @@ class Job:
     robot_id: int | None = None
     after: Path | None = None
     host: str | None = None
-    once: bool = False  # never started again: it would begin its drive anew, from wherever the robot is
+    once: bool = False  # never started again: it would begin its drive again, from wherever the robot is
 
 
 def jobs_of(scenario: Scenario, folder: Path, url: str) -> list[Job]:
@@ -89,5 +89,5 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
 def _emulation(emulator: EmulatorPlan, ports: Path) -> list[str]:
     """Return how a robot is emulated, as options of cmr-emulate."""
     devices = ["--ports", str(ports), "--controller", emulator.controller, "--gyro", emulator.gyro]
-    told = devices if emulator.command == DUTY else ["--command", emulator.command]
-    return [*told, "--pose-rate", f"{emulator.pose_rate:g}", *(["--ideal"] if emulator.ideal else [])]
+    of_hardware = devices if emulator.command == DUTY else ["--command", emulator.command]
+    return [*of_hardware, "--pose-rate", f"{emulator.pose_rate:g}", *(["--ideal"] if emulator.ideal else [])]

@@ -33,7 +33,7 @@ def prepare(scenario: Scenario, folder: Path) -> Scenario:
 
 
 def write_sim_scenario(scenario: Scenario, folder: Path, poses: Mapping[int, Pose]) -> None:
-    """Write what cmr-sim reads when it starts: robots seen before start anew where they were seen last.
+    """Write what cmr-sim reads when it starts: robots seen before start again where they were seen last.
 
     It has no waypoints: those that are still to be driven are sent when all robots are ready. It names files of
     its own folder alone, so that the folder can be copied to another machine.

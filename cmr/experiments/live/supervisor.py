@@ -128,7 +128,7 @@ class Supervisor:
             return "Somebody ended it; it is not started again."
         job = state.job
         if job.role == PILOT and (job.once or code > 0):
-            return "It would begin its drive anew; the robot stands."
+            return "It would begin its drive again; the robot stands."
         if job.role in (DRIVER, PILOT) and self._held(state.pid):
             return "It held the robot for a reason, so it is not started again; the robot stands."
         return ""

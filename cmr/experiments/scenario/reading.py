@@ -30,7 +30,7 @@ def load(path: Path, hardware: Hardware, *, starts_checked: bool = True) -> Scen
     """Read a scenario from a YAML file; `hardware` knows the options of drivers and emulators.
 
     Where robots go on from wherever they are, starts are not checked, as they need not be clear of one another, nor is
-    process noise: a calibration may have written parameters anew that say nothing of it. Behaviours given as
+    process noise: a calibration may have written new parameters that say nothing of it. Behaviours given as
     `module:Class` are looked for in the working folder, too.
     Raises ScenarioError naming file, line and key when it is missing, unreadable or wrong.
     """

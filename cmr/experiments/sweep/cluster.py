@@ -38,7 +38,7 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
     # A client that is killed, as any sweep may be, needs no word about semaphores, which are tidied up all the same.
     os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
     for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what goes wrong is told here, in a sentence
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what goes wrong is reported here, in a sentence
     if scheduler is not None:
         with _client_of(scheduler) as client:
             yield client
@@ -164,7 +164,7 @@ def _performed(
         if isinstance(result, ImportError):
             raise ClusterError(
                 f"{str(result).rstrip('.')}. Install the same CMR on all computers, give PYTHONPATH to workers that "
-                "need modules of yours, and start them anew. What is done is kept; the same command goes on from here."
+                "need modules of yours, and start them again. What is done is kept; the same command goes on from here."
             )
         yield names.pop(future.key), result
         future.release()
@@ -173,7 +173,7 @@ def _performed(
 def _unpacked_there() -> Callable[[bytes], object]:
     """Return a function that needs nothing of ours where it is called.
 
-    A worker that cannot even read what it is told to do, as it lacks a module, would end without a word. This function
+    A worker that cannot even read its task, as it lacks a module, would end without a word. This function
     is read anywhere, as Dask sends those inside others as they are, and says what is lacking, and on which computer.
     """
 

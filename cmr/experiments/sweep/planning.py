@@ -33,7 +33,7 @@ def plan(path: Path, settings: Sequence[Setting], seeds: int, hardware: Hardware
 
     Raises ScenarioError naming file, line and key, SettingError naming the key that is set, or ExperimentError.
     """
-    load(path, hardware)  # what is wrong with the file itself is told with its lines
+    load(path, hardware)  # what is wrong with the file itself is reported with its lines
     document = yaml.safe_load(path.read_text(encoding="utf-8"))
     runs = []
     for values in combinations(settings):

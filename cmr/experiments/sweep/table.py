@@ -105,9 +105,9 @@ def medians(rows: Sequence[Row], settings: Sequence[str], metrics: Sequence[str]
 
 def _median_line(values: Row, rows: Sequence[Row], metrics: Sequence[str]) -> str:
     numbers = {name: [value for row in rows if np.isfinite(value := _measured(row, name))] for name in metrics}
-    told = [f"{name} {np.median(found):.4g} {UNITS.get(name, '')}" for name, found in numbers.items() if found]
+    written = [f"{name} {np.median(found):.4g} {UNITS.get(name, '')}" for name, found in numbers.items() if found]
     away = sum(row.get("waypoints_reached") is False for row in rows)
     if away and "time_to_goal" in metrics:
-        told.append(f"waypoints not reached in {away}, whose time to goal is that of the run")
+        written.append(f"waypoints not reached in {away}, whose time to goal is that of the run")
     where = ", ".join(f"{key}={value}" for key, value in values.items()) or "all seeds"
-    return f"{where}: {', '.join(told) or 'nothing could be measured'} (median of {len(rows)} runs)"
+    return f"{where}: {', '.join(written) or 'nothing could be measured'} (median of {len(rows)} runs)"

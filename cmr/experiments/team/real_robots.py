@@ -93,7 +93,7 @@ class RealRobots:
             yield stream.channel(pilot.robot_id), command
 
     def _serve(self, column: int, utime: int) -> tuple[float, float]:
-        """Return the duties that a driver sends now, or those that stand for the speeds that a robot was told."""
+        """Return the duties that a driver sends now, or those that stand for the speeds that a robot was commanded."""
         if self._controllers[column] is not None:
             return self._memories[column].at(utime)
         ramp = self._ramps[column]

@@ -19,7 +19,7 @@ TIGHTEST = 1.5  # base widths, radius of a circle
 STAND = 30.0  # s
 DIRECTIONS = 6
 PORTION = 0.5  # of the wheels' speed in one motion that a robot is trusted to have in another
-SMALLEST = 1e-3  # m/s, rad/s, m; a robot that hardly moved is not told to move less
+SMALLEST = 1e-3  # m/s, rad/s, m; a robot that hardly moved is not asked to move less
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
             {"poses": faults.outliers} if outliers else {},
         ),
         Finding(
-            "pose_jumps", jumps, f"The tracker jumps {counted(jumps, 'time')}: the path is cut there and goes on anew."
+            "pose_jumps", jumps, f"The tracker jumps {counted(jumps, 'time')}: the path is cut there and starts again."
         ),
         Finding(
             "poses_held",

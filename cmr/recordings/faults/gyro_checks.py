@@ -91,7 +91,7 @@ def _comparisons(recording: Recording) -> dict[str, Comparison]:
         except IncomparableError:
             continue
         (pair,) = rates.pairs  # a gyro does not tell how the robot drives
-        if np.count_nonzero(pair[0].told & pair[1].told) * STEP > FEWEST_SPANS * rates.span:
+        if np.count_nonzero(pair[0].covered & pair[1].covered) * STEP > FEWEST_SPANS * rates.span:
             compared[name] = _compared(*pair, rates.shifts)
     return {name: comparison for name, comparison in compared.items() if comparison}
 
@@ -110,9 +110,9 @@ def _compared(gyro: Rates, other: Rates, shifts: int) -> Comparison | None:
         return None
     late, early = slice(max(best - shifts, 0), None), slice(max(shifts - best, 0), None)
     both = [rates.values[at] for rates, at in ((gyro, late), (other, early))]
-    told = [rates.told[at] for rates, at in ((gyro, late), (other, early))]
+    covered = [rates.covered[at] for rates, at in ((gyro, late), (other, early))]
     count = min(map(len, both))
-    common = told[0][:count] & told[1][:count]
+    common = covered[0][:count] & covered[1][:count]
     size = float(np.std(both[0][:count][common]) / np.std(both[1][:count][common]))
     return Comparison(alike < 0.0, abs(alike) * size, size / abs(alike))
 
@@ -148,12 +148,12 @@ def _about_sign(seen: Iterable[str], reverse: bool) -> str:
 
 
 def _about_poses(poses: Comparison) -> str:
-    told = f"The gyro reports {poses.factor:.3g} times the turn of the poses"
+    sentence = f"The gyro reports {poses.factor:.3g} times the turn of the poses"
     if poses.times(1.0 / DEGREES).within(1.0 / AS_GOOD_AS, AS_GOOD_AS):
-        return f"{told}: it gives degrees per second, rad/s are wanted. Its readings are set aside."
+        return f"{sentence}: it gives degrees per second, rad/s are wanted. Its readings are set aside."
     if poses.times(DEGREES).within(1.0 / AS_GOOD_AS, AS_GOOD_AS):
-        return f"{told}, pi / 180: it, or the poses' heading, is not in rad. Its readings are set aside."
-    return f"{told}: its scale is wrong, see to its unit (rad/s) and its range. Its readings are set aside."
+        return f"{sentence}, pi / 180: it, or the poses' heading, is not in rad. Its readings are set aside."
+    return f"{sentence}: its scale is wrong, see to its unit (rad/s) and its range. Its readings are set aside."
 
 
 def _about_wheels(wheels: Comparison, turn: tuple[float, float]) -> str:

@@ -1,6 +1,6 @@
 """Find headings that the tracker turned on the robot: after a jump, the robot no longer goes where they point.
 
-A tracker that starts anew in another frame turns path and headings alike; nothing but a cut is needed then. One whose
+A tracker that starts again in another frame turns path and headings alike; nothing but a cut is needed then. One whose
 tracked body was moved on the robot, or was recognised wrongly, goes on with other headings. What the robot does would
 look like another robot's, so that such poses are set aside.
 """

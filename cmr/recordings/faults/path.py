@@ -27,7 +27,7 @@ USUAL_DOUBT = 1.5  # of how much that rate changes between neighbours
 JITTER, JITTER_SHARE = 0.045, 0.75  # s and share of the time to the next by which a pose's time stamp may be wrong
 # Of the motion that a sensor tells, the share by which the true one may be less: wheels may spin, a gyro cannot.
 WHEEL_SLIP, GYRO_SLIP, USUAL_SLIP = 1.0, 0.1, 1.0
-# Of the time between a sensor's samples, by how much sooner or later than on average a change is told. Commands may
+# Of the time between a sensor's samples, by how much sooner or later than on average a change is reported. Commands may
 # have been given at any time since the one before was recorded.
 HALF_PERIOD, WHOLE_PERIOD = 0.5, 1.0
 LARGEST = 0.9  # quantile by which motions are compared: the rest may be outliers
@@ -101,8 +101,8 @@ class Steps:
 
     def rates(self, steps: Floats) -> Floats:
         """Return the rate of each group, shape (g,); one that only leads from run to run is given that before it."""
-        told, time = (np.add.reduceat(np.where(self.within, of, 0.0), self.groups) for of in (steps, self.dt))
-        rates = told / np.maximum(time, SHORTEST_STEP)
+        motion_seen, time = (np.add.reduceat(np.where(self.within, of, 0.0), self.groups) for of in (steps, self.dt))
+        rates = motion_seen / np.maximum(time, SHORTEST_STEP)
         empty = np.flatnonzero(time == 0.0)
         rates[empty] = np.where(empty > 0, rates[empty - 1], 0.0)
         return rates
@@ -203,13 +203,13 @@ def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor])
     motion = _usual(measured, steps, HARDEST_TURN)
     best = EXPLAINED
     for sensor in sensors:
-        told, covered = _told(time - sensor.lag, sensor.travel, sensor.travel.turned)
-        whole, part = (steps.over(np.where(covered, values, 0.0)) for values in (measured, told))
+        motion_seen, covered = _motion_seen(time - sensor.lag, sensor.travel, sensor.travel.turned)
+        whole, part = (steps.over(np.where(covered, values, 0.0)) for values in (measured, motion_seen))
         factor = ratio(whole, part)
         unexplained = _share(whole - factor * part, whole)
         if unexplained < best:
             best = unexplained
-            motion = _preferred(motion, factor * told, [factor * told], covered, steps, sensor)
+            motion = _preferred(motion, factor * motion_seen, [factor * motion_seen], covered, steps, sensor)
     return motion
 
 
@@ -220,16 +220,18 @@ def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sens
     motion = replace(usual, steps=usual.steps * ahead)
     if sensor is None or sensor.travel.driven is None:
         return motion
-    told, covered = _told(time - sensor.lag, sensor.travel, sensor.travel.driven)
-    whole, part = (steps.over(np.where(covered, values, 0.0)) for values in (measured, told * ahead))
+    motion_seen, covered = _motion_seen(time - sensor.lag, sensor.travel, sensor.travel.driven)
+    whole, part = (steps.over(np.where(covered, values, 0.0)) for values in (measured, motion_seen * ahead))
     size = np.abs(part)
     along = whole * np.conj(part) / np.maximum(size, 1e-300)
     factor = ratio(along.real, size) + 1j * ratio(along.imag, size)
     if _share(whole - factor * part, whole) >= EXPLAINED:
         return motion
-    turning, _ = _told(time - sensor.lag, sensor.travel, sensor.travel.turned)
-    sides = [abs(factor) * (told + sign * turning) for sign in (1.0, -1.0)]  # each as if the robot drove straight on
-    return _preferred(motion, factor * told * ahead, sides, covered, steps, sensor)
+    turning, _ = _motion_seen(time - sensor.lag, sensor.travel, sensor.travel.turned)
+    sides = [
+        abs(factor) * (motion_seen + sign * turning) for sign in (1.0, -1.0)
+    ]  # each as if the robot drove straight on
+    return _preferred(motion, factor * motion_seen * ahead, sides, covered, steps, sensor)
 
 
 def _usual(measured: NDArray[Any], steps: Steps, hardest: float) -> Motion:
@@ -255,9 +257,9 @@ def _usual(measured: NDArray[Any], steps: Steps, hardest: float) -> Motion:
 
 
 def _preferred(
-    usual: Motion, told: NDArray[Any], sides: list[Floats], covered: Mask, steps: Steps, sensor: Sensor
+    usual: Motion, motion_seen: NDArray[Any], sides: list[Floats], covered: Mask, steps: Steps, sensor: Sensor
 ) -> Motion:
-    """Return the motion that a sensor told where it did; it errs where the pose's time stamp does.
+    """Return the motion that a sensor reported, where it did; it errs where the pose's time stamp does.
 
     `sides` are the steps of each side of the robot: where one changes its speed, the slip may change.
     """
@@ -272,20 +274,20 @@ def _preferred(
     change_late = np.where(
         steps.from_end * steps.usual < sensor.response, np.maximum(change_late, fastest), change_late
     )
-    rate = np.where(covered, np.abs(told) / steps.dt, 0.0)
+    rate = np.where(covered, np.abs(motion_seen) / steps.dt, 0.0)
     doubt = np.minimum(JITTER_SHARE * steps.dt, JITTER) * running_largest(rate, HALF, steps.run)
     bend = sensor.slip * change * steps.reach
     doubt += sensor.response * change_late + BENT_WITHIN * bend
     return Motion(
-        np.where(covered, told, usual.steps),
+        np.where(covered, motion_seen, usual.steps),
         np.where(covered, doubt, usual.doubt),
-        np.where(covered, sensor.slip * np.abs(told), usual.slip),
+        np.where(covered, sensor.slip * np.abs(motion_seen), usual.slip),
         np.where(covered, bend, usual.bend),
         np.where(covered, 0.0, usual.unseen),
     )
 
 
-def _told(time: Floats, travel: Travel, travelled: Floats) -> tuple[Floats, Mask]:
+def _motion_seen(time: Floats, travel: Travel, travelled: Floats) -> tuple[Floats, Mask]:
     """Return what a sensor tells of the travel between each time and the next, and where it does, shape (n - 1,)."""
     after = np.clip(np.searchsorted(travel.time, time), 1, len(travel.time) - 1)
     known = (travel.time[after] - travel.time[after - 1] <= LONGEST_GAP) & (time >= travel.time[0])

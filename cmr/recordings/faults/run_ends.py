@@ -19,7 +19,7 @@ def off_the_ends(time: Floats, values: Floats, half: int, run: NDArray[np.int64]
     """Return how far each value stands off the line of its end, which are near an end, and which nothing tells of.
 
     All are of shape (n,), as `time` [s], `values`, and the number of the `run` that each is of. Near are the first and
-    the last `half` of each run. Of runs of fewer than `FEWEST` values nothing is told.
+    the last `half` of each run. Of runs of fewer than `FEWEST` values nothing is reported.
     """
     first, last = run_ends(run)
     place = np.arange(len(run))

@@ -1,4 +1,4 @@
-"""What the wheels tell of themselves: absurd readings, counters that start anew, encoders that stand still."""
+"""What the wheels tell of themselves: absurd readings, counters that start again, encoders that stand still."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ STILL_DRIVING = 0.2  # of fast driving; a recording that ends faster was cut off
 def wheel_findings(recording: Recording) -> list[Finding]:
     """Find what is wrong with the encoders."""
     wheels = recording.wheels
-    anew, (absurd, stuck, dead) = 0, np.zeros((3, len(wheels)), np.bool_)
+    restarts, (absurd, stuck, dead) = 0, np.zeros((3, len(wheels)), np.bool_)
     dt = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
     begins = recording.pieces.borders(wheels.utime)
     begins[:1] = True
@@ -40,7 +40,7 @@ def wheel_findings(recording: Recording) -> list[Finding]:
         wild = _wild(ticks, wheels[f"psi_{side}"] * dt, dt, begins)
         spikes, resets = _spikes_and_resets(wild, begins)
         absurd |= spikes
-        anew += int(np.count_nonzero(resets & ~absurd))
+        restarts += int(np.count_nonzero(resets & ~absurd))
         still = _stuck(recording, side, ticks, begins)
         stuck |= still
         dead |= _dead(still, ticks)
@@ -54,8 +54,8 @@ def wheel_findings(recording: Recording) -> list[Finding]:
         ),
         Finding(
             "encoder_resets",
-            anew,
-            f"A wheel's counter jumps {counted(anew, 'time')}, as after a restart; the wheel speeds are used instead.",
+            restarts,
+            f"A wheel's counter jumps {counted(restarts, 'time')}, as after a restart; wheel speeds are used instead.",
         ),
         Finding(
             "encoder_stuck",
@@ -144,7 +144,7 @@ def _path_extent(recording: Recording) -> tuple[float, float]:
 
 
 def _speed(recording: Recording) -> tuple[Times, Floats]:
-    """Return times [us] and how fast both wheels turn together, or are told to."""
+    """Return times [us] and how fast both wheels turn together, or are commanded to."""
     if len(recording.wheels):
         signal, names = recording.wheels, ("psi_left", "psi_right")
     else:
@@ -177,9 +177,9 @@ def _wild(ticks: Floats, turned: Floats, dt: Floats, begins: Mask) -> Floats:
 
 
 def _spikes_and_resets(wild: Floats, begins: Mask) -> tuple[Mask, Mask]:
-    """Tell which readings of a counter are absurd, and at which it starts anew, each of shape (n,).
+    """Tell which readings of a counter are absurd, and at which it starts again, each of shape (n,).
 
-    A counter that comes back within a few readings has not started anew: what it said meanwhile was absurd, as is the
+    A counter that comes back within a few readings has not started again: what it said meanwhile was absurd, as is the
     last reading of a piece, of which nobody knows whether it would have come back.
     """
     spikes, resets = np.zeros((2, len(wild)), np.bool_)

@@ -214,7 +214,7 @@ class _Watch:
         self._marks = marks
         self._is_marked: dict[str, bool] = {}  # by channel
         self._bytes: dict[str, bytes] = {}
-        self._told: dict[str, str] = {}
+        self._shown: dict[str, str] = {}
         self._versions: dict[int, int] = {}  # of each robot's parameters, the newest until now
 
     def take(self, utime: int, event: Event) -> None:
@@ -234,12 +234,12 @@ class _Watch:
             if message.sequence < self._versions.setdefault(message.robot_id, message.sequence):
                 return  # said by a process that has not heard of the newer ones yet
             self._versions[message.robot_id] = message.sequence
-        told = _mark_of(message)
-        if told is None or told[1] == self._told.get(event.channel, ""):
+        seen = _mark_of(message)
+        if seen is None or seen[1] == self._shown.get(event.channel, ""):
             return
-        self._told[event.channel] = told[1]
-        if told[0]:
-            self._marks.append(Mark(utime, *told))
+        self._shown[event.channel] = seen[1]
+        if seen[0]:
+            self._marks.append(Mark(utime, *seen))
 
 
 def _mark_of(message: Message) -> tuple[str, str] | None:

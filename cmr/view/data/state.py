@@ -102,7 +102,9 @@ class ViewState:
             self._measure_divergence(now, real, twins)
             self._forget_silent(now)
             there = set(present.robot_id.tolist())
-            self.divergence = {robot_id: told for robot_id, told in self.divergence.items() if robot_id in there}
+            self.divergence = {
+                robot_id: heard_last for robot_id, heard_last in self.divergence.items() if robot_id in there
+            }
 
     def present(self) -> Robots:
         """Return the robots that are there now."""
@@ -110,8 +112,8 @@ class ViewState:
 
     def has_left(self, robot_id: int) -> bool:
         """Return whether a robot is not in the world, and has itself been silent for SILENT_FOR."""
-        told = [heard[robot_id].utime for heard in self.latest.values() if robot_id in heard]
-        return robot_id not in self.present().robot_id and self.now - max(told, default=0) > SILENT_FOR
+        heard_last = [heard[robot_id].utime for heard in self.latest.values() if robot_id in heard]
+        return robot_id not in self.present().robot_id and self.now - max(heard_last, default=0) > SILENT_FOR
 
     def heard_channels(self) -> list[str]:
         """Return the channels that are heard; of robots that have left, none."""
@@ -130,7 +132,9 @@ class ViewState:
 
     def diagnosis(self) -> str:
         """Return what the live diagnosis says; empty where none runs."""
-        return " ".join(told.message.message for (name, _, _), told in self.processes.items() if name == DIAGNOSIS)
+        return " ".join(
+            heard_last.message.message for (name, _, _), heard_last in self.processes.items() if name == DIAGNOSIS
+        )
 
     def newest(self, stream: Stream[M], robot_id: int) -> M | None:
         """Return the last message of a robot on one of the streams LATEST_OF; None if there was none."""
@@ -142,14 +146,14 @@ class ViewState:
         known = self.newest(PARAMETERS, robot_id) if isinstance(message, parameters_t) else None
         return known is not None and isinstance(message, parameters_t) and message.sequence < known.sequence
 
-    def _take_calibration(self, robot_id: int, told: Heard[calibration_status_t]) -> None:
+    def _take_calibration(self, robot_id: int, heard_last: Heard[calibration_status_t]) -> None:
         history = self.calibrations.setdefault(robot_id, deque(maxlen=MOST_ESTIMATES))
-        if history and told.message.progress < history[-1].message.progress and told.message.state == 0:
+        if history and heard_last.message.progress < history[-1].message.progress and heard_last.message.state == 0:
             history.clear()  # another drive begins
         done = calibration_status_t.DONE
-        if told.message.state == done and not (history and history[-1].message.state == done):
+        if heard_last.message.state == done and not (history and history[-1].message.state == done):
             self.drives.calibrated(robot_id)
-        history.append(told)
+        history.append(heard_last)
 
     def _measure_divergence(self, now: int, real: Robots, twins: Robots) -> None:
         distances = np.hypot(*(real.pose[:2] - twins.pose[:2]))
@@ -158,7 +162,7 @@ class ViewState:
 
     def _forget_silent(self, now: int) -> None:
         self.cameras = {name: heard for name, heard in self.cameras.items() if now - heard.utime <= SILENT_FOR}
-        for key, told in list(self.processes.items()):
-            is_over = told.message.state == process_status_t.STOPPING
-            if now - told.utime > (STOPPED_FOR if is_over else SILENT_FOR):
+        for key, heard_last in list(self.processes.items()):
+            is_over = heard_last.message.state == process_status_t.STOPPING
+            if now - heard_last.utime > (STOPPED_FOR if is_over else SILENT_FOR):
                 del self.processes[key]

@@ -72,7 +72,7 @@ def _kind(description: str) -> type[AnyBehaviour]:
     except (ImportError, AttributeError, ValueError) as error:
         raise BehaviourError(
             f"There is no behaviour {description!r} ({error}). Shipped: {', '.join(SHIPPED)}; "
-            f"{_told(_of_packages())}yours: module:Class."
+            f"{_listed(_of_packages())}yours: module:Class."
         ) from error
     if not (inspect.isclass(kind) and issubclass(kind, Behaviour | TeamBehaviour)):
         raise BehaviourError(
@@ -88,7 +88,7 @@ def _of_packages() -> dict[str, str]:
     return {entry.name: entry.value for entry in entry_points(group=GROUP)}
 
 
-def _told(names: Mapping[str, str]) -> str:
+def _listed(names: Mapping[str, str]) -> str:
     return f"of packages: {', '.join(sorted(names))}; " if names else ""
 
 

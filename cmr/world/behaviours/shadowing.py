@@ -17,7 +17,7 @@ class Shadow(TeamBehaviour):
     """Do as the robot `leader` does from now on: the same way and the same turns, from one's own place and heading.
 
     So a virtual leader makes a real robot drive any manoeuvre, spins on the spot included, which `follow` cannot. It
-    stands while the leader is not in the world, and begins anew, from where it is, when it comes back, after a stop of
+    stands while the leader is not in the world, and begins again, from where it is, when it comes back, after a stop of
     its own, or when it is half a metre from where it should be. It goes round nobody and needs as much room as its
     leader.
     """

@@ -13,7 +13,7 @@ PER_DISTANCE = 2.0  # 1/s: speed for each metre that is missing ahead
 CATCHING_UP = 0.2  # m/s; the most that is driven faster or slower than the leader
 PER_ANGLE = 2.0  # 1/s: yaw rate for each radian that is missing
 PER_AREA = 6.0  # 1/m^2: yaw rate for each metre to the side, at a speed of 1 m/s
-FURTHEST = 0.5  # m from the wanted place; who is further away begins anew from where it is
+FURTHEST = 0.5  # m from the wanted place; who is further away begins again from where it is
 LONGEST_PAUSE = 200_000.0  # us; so does who was not asked for so long: what its leader did meanwhile is not made up
 NEAR, TURNED = 0.02, 0.03  # m, rad; who is so near when the leader stands rests
 SLOW, TURNS_SLOWLY = 0.005, 0.02  # m/s, rad/s; slower than both is to stand
@@ -45,7 +45,7 @@ def track(
     """Write the duties at `utime` [us] of n robots at poses [m, m, rad] that do as their leaders do.
 
     `leader[k]` is the place of robot k's leader in the arrays of everybody, poses and wheel speeds [rad/s]; -1 where
-    it is not there: then robot k stands, and begins anew later. The leader's pose, turned by `turn` [rad] and shifted
+    it is not there: then robot k stands, and begins again later. The leader's pose, turned by `turn` [rad] and shifted
     [m], both kept at `row[k]`, is the wanted one; `tracked` is when that was so last [us], 0 where there is none yet.
     """
     for k in range(len(row)):

@@ -25,7 +25,7 @@ class Waypoints(Seeker):
     """
 
     def __init__(self, speed: float = 0.3, points: str = "", laps: int = 1, clearance: float = CLEARANCE) -> None:
-        super().__init__(speed, clearance, progress=0.0, piece=0, told=0)
+        super().__init__(speed, clearance, progress=0.0, piece=0, announced=0)
         if laps < 1:
             raise ValueError("laps must be 1 or more")
         x, y = read_points(points)
@@ -34,7 +34,7 @@ class Waypoints(Seeker):
         self.points: Path = (x * laps, y * laps)
         self._paths = Paths()
         self._to_lay: dict[int, Path] = {}  # by row
-        self._told = 0  # robots that were sent a path
+        self._announced = 0  # robots that were sent a path
 
     def take_waypoints(self, robot_id: int, x: list[float], y: list[float]) -> None:
         """Let one robot drive this path from where it is."""
@@ -66,8 +66,8 @@ class Waypoints(Seeker):
 
     def _lay(self, utime: int, team: Team) -> None:
         """Lay the paths that are new, from where the robots are."""
-        if self._told < len(self.memory):
-            for k in np.flatnonzero(self.memory["told"][team.row] == 0).tolist():
+        if self._announced < len(self.memory):
+            for k in np.flatnonzero(self.memory["announced"][team.row] == 0).tolist():
                 row = int(team.row[k])
                 path = self.begins(utime, row, team.x[k], team.y[k], team.theta[k])
                 if path is not None:
@@ -84,8 +84,8 @@ class Waypoints(Seeker):
 
     def _tell(self, row: int, path: Path) -> None:
         """Let a robot drive a path from where it is when it decides next."""
-        self._told += int(self.memory["told"][row] == 0)
-        self.memory["told"][row] = 1
+        self._announced += int(self.memory["announced"][row] == 0)
+        self.memory["announced"][row] = 1
         self._to_lay[row] = path
 
 

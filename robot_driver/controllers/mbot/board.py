@@ -4,7 +4,7 @@ Without the time (TIMESYNC) it stops the motors after 1 s and falls silent; sent
 last duties it was sent. So the time is only sent together with duties, and after them. A board that is silent may have
 received half a frame long ago, of which the next bytes would be the rest: it is sent nothing of meaning first, and then
 the duties several times, so that these are surely those that it goes on with. It is sent our monotonic time, in which
-it then stamps all it says, late by what the sending took: 1 ms on USB. Each time sent sets its clock anew, so it is not
+it then stamps all it says, late by what the sending took: 1 ms on USB. Each sets its clock again, so it is not
 done more often than needed. Sources: mbot-project/mbot_firmware, src/mbot_classic.c and src/mbot_comms.c. Some versions
 of it take MOTOR_PWM_CMD for velocities. That cannot be seen as long as everything is
 zero; at the first duty the board reports another than it was sent, and is driven no further.
@@ -79,11 +79,11 @@ class MBot(Controller):
             since = self.monotonic_ns() // 1000 - UNHEARD
             return self._wait("watchdog", lambda: known if self._has_talked(since) else None)
         data, _ = self._tell(0.0, 0.0, time_too=True)
-        told = self._told_time
+        stated = self._told_time
 
         def talked() -> float:
             frame = self._latest.get(Topic.MOTOR_PWM)
-            return 0.0 if frame is None else (frame.utime - told) / 1e6
+            return 0.0 if frame is None else (frame.utime - stated) / 1e6
 
         def parse(_reply: bytes) -> float:
             seconds = round(talked(), 1)

@@ -12,7 +12,7 @@ MEMORY = 2_000_000  # us in which a jump is made up for
 class SteadyClock:
     """Follows the board's clock at the board's own pace.
 
-    The clock is set to ours anew four times a second, each time late by what the message took: up to 1 ms on USB. A
+    The clock is set to ours again four times a second, each time late by what the message took: up to 1 ms on USB. A
     wheel's velocity over 10 ms would be wrong by as much as a tenth. The board's turns are regular, though, so a jump
     shows, and is spread over the next seconds.
     """

@@ -128,7 +128,7 @@ def test_a_simulation_that_died_goes_on_where_its_robots_were(report: dict[str, 
     assert report["restarts"] >= 1
     path = report["robots"][1]["path"]
     steps = [abs(after - before) for before, after in zip(path["x"], path["x"][1:], strict=False)]
-    assert max(steps) < 0.35, "it did not start anew from the beginning"
+    assert max(steps) < 0.35, "it did not start again from the beginning"
     assert min(path["x"]) > -0.05
 
 

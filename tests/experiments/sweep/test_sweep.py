@@ -176,7 +176,7 @@ def client() -> Iterator[Client]:
 
 
 def test_a_killed_worker_costs_no_run_and_every_result_comes_once(client: Client) -> None:
-    client.wait_for_workers(2, timeout=60.0)  # one of another test's victims may still be starting anew
+    client.wait_for_workers(2, timeout=60.0)  # one of another test's victims may still be starting again
     jobs = {f"kill-{seed}": (seed, 0.05) for seed in range(10, 50)}
     found: dict[str, Any] = {}
     for key, result in perform(client, work, jobs):

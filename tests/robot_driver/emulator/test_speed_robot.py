@@ -113,7 +113,7 @@ def test_calibration_finds_what_a_settings_file_hides(tmp_path: Path) -> None:
     truth = {"response_time": 0.22, "speed_scale": 0.96, "base_width": 0.24}
     hidden = {"command_delay": 0.07, "pose_offset": 0.03, "gyro_bias": 0.01, "wheel_radius_asymmetry": 0.005}
     assert set(result.named) == set(hidden)
-    found = {**result.told, **result.effects}
+    found = {**result.reported, **result.effects}
     for name, value in {**truth, **hidden}.items():
         assert found[name].value == pytest.approx(value, abs=3.0 * found[name].std), name
         assert found[name].std < 0.1 * value, name

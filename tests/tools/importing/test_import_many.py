@@ -1,4 +1,4 @@
-"""Promises of cmr-import about many recordings in one call: all are imported, under names that can be foretold."""
+"""Promises of cmr-import about many recordings in one call: all are imported, under names that can be predicted."""
 
 from pathlib import Path
 from typing import Any

@@ -140,7 +140,7 @@ def test_robots_of_no_size_and_robots_that_are_nowhere_touch_nobody() -> None:
 
 
 def test_what_moves_is_met_wherever_it_comes_from() -> None:
-    """Lists of who is near whom are made anew in time, also for real robots and those put somewhere else."""
+    """Lists of who is near whom are made again in time, also for real robots and those put somewhere else."""
     contacts, (radius, wheel) = Contacts(NO_OBSTACLES), radii(2)
     state = standing(np.array([0.0, 5.0]), np.zeros(2))
     for x in np.arange(-3.0, 1.0, 0.004):
