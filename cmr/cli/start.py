@@ -17,7 +17,9 @@ def run(module: str) -> int:
     try:
         main = import_module(module).main
         from cmr.cli.command_line import guarded
-    except ImportError as error:
+
+        code = guarded(main, sys.argv[1:])
+    except ImportError as error:  # some load what needs LCM only when they use it
         if "libglib-2.0.so.0" not in str(error):
             raise
         command = sys.argv[0].rsplit("/", 1)[-1]
@@ -27,7 +29,6 @@ def run(module: str) -> int:
             file=sys.stderr,
         )
         return 1
-    code = guarded(main, sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()
     # Everything of ours is closed; to take Numba apart would keep an interrupted process for half a second longer.

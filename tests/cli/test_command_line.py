@@ -23,7 +23,9 @@ from cmr.cli.command_line import guarded, parse_robot_id, parser
 from cmr.cli.configuration import LARGEST_ROBOT_ID
 from cmr.cli.errors import CommandError
 from cmr.distribution import NAME, version
+from cmr.recordings.events import event_bytes
 from tests.support.project import PROJECT
+from tests.support.small_log import small_log
 
 pytestmark = pytest.mark.slow
 
@@ -32,6 +34,7 @@ COMMANDS = sorted(
     for entry in distribution(NAME).entry_points
     if entry.group == "console_scripts" and entry.name != "cmr"  # which starts the others: test_umbrella.py
 )
+LOGS_ALONE = ("cmr-log", "cmr-plot")  # these need no LCM
 WITHOUT_BUS = ("cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-sweep")  # these end by themselves
 SERVICES = [name for name in COMMANDS if name not in WITHOUT_BUS]
 NEEDED = {
@@ -262,13 +265,25 @@ def without_glib(tmp_path: Path) -> Path:
     return package.parent
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", sorted({*COMMANDS} - {*LOGS_ALONE}))
 def test_without_glib_a_command_says_in_one_line_what_to_install(name: str, without_glib: Path) -> None:
-    result = run(name, "--help", path=without_glib)
+    # The help of a sweep needs no LCM, its plan does.
+    arguments = [str(PROJECT / "cmr/experiments/scenario/shipped/line.yaml")] if name == "cmr-sweep" else ["--help"]
+    result = run(name, *arguments, path=without_glib)
     assert (result.returncode, result.stdout) == (1, "")
     assert result.stderr.startswith(f"{name}: LCM needs the system's library libglib-2.0.so.0")
     assert result.stderr.endswith("sudo apt-get install libglib2.0-0\n")
     assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", LOGS_ALONE)
+def test_without_glib_what_reads_logs_alone_reads_them(name: str, without_glib: Path, tmp_path: Path) -> None:
+    log, picture = tmp_path / "run.lcm", tmp_path / "picture.png"
+    log.write_bytes(b"".join(event_bytes(event) for event in small_log()))
+    arguments = {"cmr-log": ["info", log], "cmr-plot": [log, "GYRO_4.yaw_rate", "--out", picture]}[name]
+    result = run(name, *map(str, arguments), path=without_glib)
+    assert result.returncode == 0, result.stderr
+    assert "GYRO_4" in result.stdout or picture.exists()
 
 
 def test_without_glib_the_build_says_in_one_line_what_to_install(without_glib: Path, tmp_path: Path) -> None:
