@@ -9,11 +9,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
-from cmr.estimation.nonnegative import nonnegative
 from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Batch, Errors, Indices, Predictor
 from cmr.model.compiled import compiled
 from cmr.model.drives import ends_of
@@ -243,6 +242,25 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
         weights = 1.0 / fitted
     result[0] = max(result[0], 1e-3 * float(np.mean(squares)))
     return np.asarray(result)
+
+
+def nonnegative(normal: Floats, right: Floats) -> Floats:
+    """Return the x (n,) of x >= 0 for which x N x / 2 - x r is least; N (n, n) is positive definite, r (n,).
+
+    All choices of unknowns that are zero are tried, of two or three. SciPy's `nnls` does for many unknowns what this
+    does for few, but to import it takes longer than many a fit.
+    """
+    best, least = np.zeros(len(right)), 0.0
+    for chosen in product((False, True), repeat=len(right)):
+        free = np.flatnonzero(chosen)
+        if not len(free):
+            continue
+        part = np.linalg.solve(normal[np.ix_(free, free)], right[free])
+        value = -0.5 * float(part @ right[free])
+        if np.all(part >= 0.0) and value < least:
+            best, least = np.zeros(len(right)), value
+            best[free] = part
+    return best
 
 
 def _sizes(name: str, batch: Batch, errors: Errors) -> Floats:

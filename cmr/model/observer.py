@@ -8,7 +8,9 @@ All effects take part, those of sensors too: the observer corrects its state by 
 have said. Many candidate parameters are observed at once, one to a lane.
 """
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import groupby, pairwise
@@ -25,7 +27,6 @@ from cmr.model.compose import CHANGED, LANES
 from cmr.model.drives import Drives
 from cmr.model.evaluating import mean_radii, slip_time
 from cmr.model.extended import START, Candidates, ExtendedModel, composed_module, model_of
-from cmr.model.in_threads import in_two_threads
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.statements import SIDES, Statements
 
@@ -241,6 +242,21 @@ class Observer:
     def _each(self, value: Any) -> Floats:
         """Return a number, or one for each candidate, as an array (C,)."""
         return np.broadcast_to(np.asarray(value, np.float64), self._count)
+
+
+def in_two_threads(work: Callable[[int, int], None], count: int) -> None:
+    """Do `work` on the numbers below `count`, from a first to a last one, which is not included: by halves at once.
+
+    It must let other threads run, as compiled code does. With a single processor, or number, it is done in one go.
+    """
+    middle = (count + 1) // 2
+    if middle == count or len(os.sched_getaffinity(0)) == 1:
+        work(0, count)
+        return
+    with ThreadPoolExecutor(1) as other:
+        second = other.submit(work, middle, count)
+        work(0, middle)
+        second.result()
 
 
 def _split(innovations: Innovations, drives: Drives) -> list[Innovations]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cmr.diagnosis.diagnose import p_value
-from cmr.estimation.nonnegative import nonnegative
+from cmr.estimation.noise import nonnegative
 from cmr.experiments.fidelity.distances import wasserstein
 from cmr.threads import LINEAR_ALGEBRA
 from tests.support.project import PROJECT
