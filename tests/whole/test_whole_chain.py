@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from cmr.calibration.calibrate import calibrate
+from cmr.diagnosis.diagnose import diagnose
 from cmr.recordings import Recording
-from tests.hidden_effects.chain import DEFAULT, EIGHTS, ChainCase, write_chain_log
+from tests.hidden_effects.chain import DEFAULT, EIGHTS, RICH, ChainCase, write_chain_log
 
 pytestmark = pytest.mark.slow
 
@@ -25,3 +26,14 @@ def test_the_parameters_of_the_emulators_own_robot_are_within_their_intervals(ha
         estimate = found.estimates[name]
         assert abs(estimate.value - true) < SURE * estimate.std, f"{name}: {estimate}, true {true}"
         assert estimate.std < 0.01 * true
+
+
+@pytest.mark.parametrize("effect", ["motor_heating", "wheel_wobble", "gyro_bias"])
+def test_lost_replies_slow_adapters_and_a_busy_computer_hide_nothing(effect: str, tmp_path: Path) -> None:
+    """Stamps of a gyro that numbers no readings, gaps in the log, and small effects beside this one each hid one."""
+    case = ChainCase(effect, "roboclaw+dsp3000", RICH, "hard", seed=80)
+    path = tmp_path / "drive.lcm"
+    write_chain_log(case, path)
+    named = {found.name for found in diagnose(Recording.read(path)).effects}
+    assert effect in named
+    assert named <= case.there

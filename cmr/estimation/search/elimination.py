@@ -61,8 +61,8 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
                 del failing[number]
         if not failing:
             break
-        worst = standing[min(failing, key=lambda number: standing[number].candidate.drop)]
-        why = failing[standing.index(worst)]
+        number = min(failing, key=lambda number: standing[number].candidate.drop)
+        worst, why = standing[number], failing[number]
         dropped.append((measured(problem, worst.before, worst.candidate, inflation, why), why))
         standing = [one for one in standing if one is not worst]
         final = worst.before
