@@ -20,7 +20,7 @@ MOST_OBLIQUE = math.radians(70.0)  # between the line of sight and the vertical
 # A square flat in its plane fits the corners to some hundredths of a pixel, more with blur and a lens not quite known.
 WORST_FIT = 0.5  # pixels (rms); from 2.5 m a tag of 16 cm that is 3 cm higher than said fits worse
 WORST_SHARE = 0.008  # of the tag's side, where that is more: its print is not known better
-TILTED = math.radians(25.0)  # from here on a tag is said to lie otherwise than flat
+TILTED = math.radians(25.0)  # from here on a tag counts as not flat
 AS_GOOD = 1.5  # a tilted tag that fits no worse than a flat one by this factor fits as well
 NOISE = 0.1  # pixels (rms) below which a fit is as good as any
 

@@ -175,8 +175,8 @@ class LogShowing:
 def crowd(state: ViewState) -> str:
     """Return how many robots there are of each kind, and of how many of them nothing is heard at the moment."""
     robots = state.present()
-    kinds = ((REAL, "real"), (VIRTUAL, "virtual"), (TWIN, "twins"))
-    counts = ", ".join(f"{(robots.origin == origin).sum()} {name}" for origin, name in kinds)
+    real, virtual, twins = ((robots.origin == origin).sum() for origin in (REAL, VIRTUAL, TWIN))
+    counts = f"{real} real, {virtual} virtual, {twins} {'twin' if twins == 1 else 'twins'}"
     return f"{counts} ({robots.silent.sum()} silent)" if robots.silent.any() else counts
 
 

@@ -239,7 +239,7 @@ def twins(state: ViewState) -> str:
         last = distances[-1][1]
         largest = max(distance for _, distance in distances)
         rows.append((f"robot {robot_id}", distance(last), distance(largest)))
-    said = state.diagnosis() or "cmr-diagnose --live would say here what a robot does otherwise than its twin."
+    said = state.diagnosis() or "cmr-diagnose --live would say here what a robot does differently from its twin."
     return table(("", "from its twin", "at most"), rows) + sentence(said)
 
 

@@ -102,7 +102,7 @@ def test_a_robot_that_is_silent_is_greyed_then_gone_from_everything_and_back_whe
     pass_time(state, NOW + 2 * SECOND, *only_27[:3])
     assert picture_of(state).solid.colour.tolist() == [list(GREY), list(BLUE)]
     assert picture_of(state).ghosts.colour.tolist() == [list(GREY)]
-    assert crowd(state) == "1 real, 1 virtual, 1 twins (2 silent)"
+    assert crowd(state) == "1 real, 1 virtual, 1 twin (2 silent)"
     assert "silent robot" in legend(state, False)
     assert "silent at the moment" in words.robot(state, 0)
     assert "GYRO_0" in state.heard_channels()

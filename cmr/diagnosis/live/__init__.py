@@ -1,4 +1,4 @@
-"""Watch robots while they drive, and say when one begins to move otherwise than before, and why that may be.
+"""Watch robots while they drive, and say when one begins to move differently, and why that may be.
 
 Once a second, `second` puts what was heard of a robot (`hearing`) beside what its parameters predict (`twin`).
 `measures` are the differences looked at, `expectation` learns from the first seconds of motion how large they are for

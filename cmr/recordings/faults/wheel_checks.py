@@ -166,7 +166,7 @@ def _stands_out(speed: Floats, run: NDArray[np.int64]) -> Mask:
 
 
 def _wild(ticks: Floats, turned: Floats, dt: Floats, begins: Mask) -> Floats:
-    """Return by how much counters go on otherwise than the wheels `turned`; 0 where it is no more than they may.
+    """Return by how much counters go on differently from the wheels `turned`; 0 where it is no more than they may.
 
     All are of shape (n,), and tell of the time since the reading before; of the first of a piece (`begins`) nothing
     is told. After a gap the counters have gone on, by speeds that nobody saw.
