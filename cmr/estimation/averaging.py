@@ -104,11 +104,11 @@ class Averaging:
             if can_be_small(effect) and (not rarity(effect.name) or effect.is_on(fit.values))
         ]
         self._likely = np.array([effect.name in likely for effect in self._effects], np.bool_)
-        self._sizes = Sizes(self._effects, problem.excitation)
+        self._seen = fit.values if seen is None else seen
+        self._sizes = Sizes(self._effects, problem.excitation, self._seen)
         sized = {parameter.name for parameter in self._sizes.parameters}
         self._flat = tuple(name for name in fit.names if name not in sized)
         self._names = (*self._flat, *(parameter.name for parameter in self._sizes.parameters))
-        self._seen = fit.values if seen is None else seen
         self._start = {
             **{parameter.name: float(parameter.neutral or 0.0) for parameter in self._sizes.parameters},
             **fit.values,

@@ -28,6 +28,7 @@ LEAST_LEAD = 4.0  # log-likelihood by which it must be worse
 OUTLYING = 4.0  # standard deviations; larger differences of two rates are left out
 SMALLEST_LAG = 0.03  # s; clocks that differ by less are as good as equal
 HALF_PERIOD = 0.5  # of the time between samples: a stamp may be that of its beginning, middle or end
+SMALLEST_LEAD = 0.015  # s; filters of odometry take 0.02 to 0.1
 SURE = 5.0  # standard deviations by which clocks must differ
 # s by which a robot may follow its commands with all clocks right: a motor, and a controller that holds its speed.
 SLOWEST_MOTOR, SLOWEST_CONTROLLER = 0.5, 2.0
@@ -76,6 +77,16 @@ def clocks_differ(lag: Lag, rates: Mapping[str, float], slowest: float) -> bool:
     late = lag.seconds - (float(np.clip(lag.seconds, 0.0, slowest)) if lag.reference == "commands" else 0.0)
     stamps = math.hypot(HALF_PERIOD / rates[lag.sensor], HALF_PERIOD / rates[lag.reference])
     return abs(late) > stamps + math.hypot(SMALLEST_LAG, SURE * lag.std)
+
+
+def is_ahead(lag: Lag, rates: Mapping[str, float]) -> bool:
+    """Tell whether a sensor is surely ahead of its reference, which therefore reports late: no sensor sees the future.
+
+    Only its own stamp may stand for the beginning of an interval. `rates` [Hz] are those of `clocks_differ`. Half an
+    interval of slow wheels does not count, because it does not matter why they report late.
+    """
+    least = HALF_PERIOD / rates[lag.sensor] + math.hypot(SMALLEST_LEAD, SURE * lag.std) if lag.known else math.inf
+    return -lag.seconds > least
 
 
 def lags_of(recording: Recording) -> list[Lag]:

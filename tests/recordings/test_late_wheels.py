@@ -69,6 +69,25 @@ def test_calibration_check_and_effect_give_one_number() -> None:
         assert abs(estimate.value - hidden.truth.robot[name]) < CERTAIN * estimate.std, name
 
 
+def test_slow_wheels_that_are_filtered_are_late_although_by_less_than_their_interval() -> None:
+    """A tracker and a gyro that both see a turn 0.03 s before 20 Hz odometry does: poses do not come from the future."""
+    recording = hidden_recording(manoeuvre=RICH, seed=4).recording
+    slow = recording.where({"wheels": np.arange(len(recording.wheels)) % 5 == 0})
+    assert check(slow).wheels_late is None
+    late = check(shifted(slow, 0.03, "wheels")).wheels_late
+    assert late is not None
+    assert late.seconds == pytest.approx(0.03, abs=CERTAIN * late.std + STAMPS)
+
+
+def test_a_trackers_clock_that_is_ahead_is_reported_with_its_sign() -> None:
+    """Without a gyro nobody knows whether the wheels are late; what the search found is what is reported."""
+    recording = hidden_recording(manoeuvre=EIGHT, seed=3).recording
+    recording = recording.where({"gyro": np.zeros(len(recording.gyro), np.bool_)})
+    [(name, (value, std))] = sizes(diagnose(shifted(recording, -0.025, "poses"))).items()
+    assert name == "pose_latency"
+    assert value == pytest.approx(-0.025, abs=CERTAIN * std + STAMPS)
+
+
 def test_all_sensors_late_together_are_a_delay_of_the_commands_and_no_late_wheels() -> None:
     hidden = hidden_recording(manoeuvre=EIGHT, seed=3)
     found = diagnose(shifted(hidden.recording, 0.1, "wheels", "gyro", "poses"))

@@ -18,7 +18,7 @@ from cmr.recordings.faults.stale_poses import stale_poses
 from cmr.recordings.faults.time_checks import damaged_samples, gap_findings, held_up_finding, log_findings, rates_of
 from cmr.recordings.faults.uneven_stamps import EvenStamps, even_stamps
 from cmr.recordings.faults.wheel_checks import dead_sensors, motion_findings, wheel_findings
-from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
+from cmr.recordings.lags import Lag, clocks_differ, is_ahead, lags_of, slowest_response
 from cmr.recordings.recording import Recording
 
 __all__ = ["Finding", "Findings", "check"]
@@ -74,9 +74,9 @@ def late_wheels_in_all(recordings: Sequence[Recording]) -> Lag | None:
 
 
 def _late(recording: Recording, lags: list[Lag], rates: Mapping[str, float]) -> Lag | None:
-    """Return how late the wheels tell, where the gyro is surely ahead of them by more than clocks may differ."""
+    """Return how late the wheels tell, where the gyro is surely ahead of them."""
     gyro = next((lag for lag in lags if lag.sensor == "gyro"), None)
-    return late_wheels(recording, lags) if gyro is not None and clocks_differ(gyro, rates, 0.0) else None
+    return late_wheels(recording, lags) if gyro is not None and is_ahead(gyro, rates) else None
 
 
 def _lags_without_repeats(recording: Recording) -> list[Lag]:
