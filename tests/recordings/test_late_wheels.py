@@ -70,7 +70,7 @@ def test_calibration_check_and_effect_give_one_number() -> None:
 
 
 def test_slow_wheels_that_are_filtered_are_late_although_by_less_than_their_interval() -> None:
-    """A tracker and a gyro that both see a turn 0.03 s before 20 Hz odometry does: poses do not come from the future."""
+    """A tracker and a gyro see a turn 0.03 s before 20 Hz odometry does: poses do not come from the future."""
     recording = hidden_recording(manoeuvre=RICH, seed=4).recording
     slow = recording.where({"wheels": np.arange(len(recording.wheels)) % 5 == 0})
     assert check(slow).wheels_late is None
