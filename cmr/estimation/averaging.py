@@ -62,8 +62,12 @@ class Posterior:
 
     def std(self, name: str) -> float:
         """Return the standard deviation of a parameter, in its unit."""
-        index = self.names.index(name)
-        return float(np.sqrt(self.covariance[index, index]))
+        return float(self.stds[self.names.index(name)])
+
+    @property
+    def stds(self) -> Floats:
+        """The standard deviations of all parameters (p,); one that is nearly exact may have lost its last digits."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
     def likely(self) -> list[str]:
@@ -135,9 +139,8 @@ class Averaging:
 
     def is_about(self, found: Posterior) -> bool:
         """Return whether the likeliest values are so near to those it is linear about that another round is idle."""
-        stds = np.sqrt(np.diag(found.covariance))
         change = np.array([found.likeliest[name] - self._start[name] for name in found.names])
-        return bool(np.all(np.abs(change) <= NEAR * stds))
+        return bool(np.all(np.abs(change) <= NEAR * found.stds))
 
     def predicts(self, found: Posterior) -> bool:
         """Return whether the errors at the likeliest values are what the slopes say."""
