@@ -14,17 +14,19 @@ GROUND = (
     "cmr.workers",
 )
 WITHOUT = ("cmr", "cmr.__main__", "cmr.experiments")  # they hold other packages, or start one
-WIDTH, HEIGHT = 150, 30  # of a box
+WIDTH, HEIGHT = 164, 30  # of a box
 APART, POINT = 16, 4  # between two in a row; width of an arrow in it
 DOWN = 74  # from row to row
 MARGIN = 20
+# Of arrows, by the box they leave; each can be seen on white and on black (Okabe and Ito's colours, some darker).
+COLOURS = ("#0072b2", "#d55e00", "#00846a", "#b0578d", "#777777", "#a07800")
 SWEEPS = 8  # over the rows, to put boxes above what they import
 STYLE = """\
 text { font: 13px system-ui, sans-serif; text-anchor: middle; fill: #1a1a1a }
 rect { fill: #fff; stroke: #555 }
 .device { fill: #fdf3d0 }
 .ground { fill: #eee }
-path { fill: none; stroke: #888 }
+path { fill: none; stroke-width: 1.3 }
 .back { fill: #fff; stroke: none }
 @media (prefers-color-scheme: dark) {
   text { fill: #eee }
@@ -126,12 +128,14 @@ def picture() -> str:
     laid = layout(graph)
     width, height = f"{laid.width:g}", f"{laid.height:g}"
     boxes = {name: laid.places[name] for name in graph}
+    colours = {name: number % len(COLOURS) for number, name in enumerate(sorted(graph, key=boxes.__getitem__))}
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}">',
         "<!-- Made from the imports by scripts/write_architecture_picture; a test compares it with them. -->",
         f"<style>\n{STYLE}\n</style>",
+        *_heads(),
         f'<rect class="back" width="{width}" height="{height}"/>',
-        *(_arrow([laid.places[point] for point in way]) for way in laid.ways.values()),
+        *(_arrow([laid.places[point] for point in way], colours[source]) for (source, _), way in laid.ways.items()),
         *_boxes(boxes),
         *_ground(laid.width, laid.height),
         "</svg>",
@@ -139,15 +143,24 @@ def picture() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _arrow(points: Sequence[tuple[float, float]]) -> str:
+def _heads() -> Iterator[str]:
+    """Yield a head for the arrows of each colour."""
+    for number, colour in enumerate(COLOURS):
+        yield (
+            f'<marker id="head{number}" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" '
+            f'orient="auto"><path d="M0 1 L8 4 L0 7 z" style="fill: {colour}"/></marker>'
+        )
+
+
+def _arrow(points: Sequence[tuple[float, float]], colour: int) -> str:
     """Return a curve from the lower side of the first box to the upper side of the last, straight past others."""
-    parts = []
+    parts = [f"M{points[0][0]:g} {points[0][1] + HEIGHT:g}"]
     for (x1, y1), (x2, y2) in pairwise(points):
         start, end, half = y1 + HEIGHT, y2, (y2 - y1 - HEIGHT) / 2.0
-        parts.append(f"M{x1:g} {start:g} C{x1:g} {start + half:g} {x2:g} {end - half:g} {x2:g} {end:g}")
+        parts.append(f"C{x1:g} {start + half:g} {x2:g} {end - half:g} {x2:g} {end:g}")
         if (x2, y2) != points[-1]:
             parts.append(f"L{x2:g} {y2 + HEIGHT:g}")
-    return f'<path d="{" ".join(parts)}"/>'
+    return f'<path d="{" ".join(parts)}" stroke="{COLOURS[colour]}" marker-end="url(#head{colour})"/>'
 
 
 def _boxes(places: Mapping[str, tuple[float, float]]) -> Iterator[str]:
@@ -161,7 +174,7 @@ def _ground(width: float, height: float) -> Iterator[str]:
     y = height - MARGIN - HEIGHT
     yield f'<rect class="ground" x="{MARGIN}" y="{y:g}" width="{width - 2 * MARGIN:g}" height="{HEIGHT}" rx="4"/>'
     names = ", ".join(map(label, GROUND))
-    yield f'<text x="{width / 2:g}" y="{y + 20:g}">ground, for all: {escape(names)}</text>'
+    yield f'<text x="{width / 2:g}" y="{y + 20:g}">ground, which any package may import: {escape(names)}</text>'
 
 
 def label(name: str) -> str:

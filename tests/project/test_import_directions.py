@@ -215,8 +215,8 @@ def test_every_file_and_folder_that_the_architecture_names_is_there() -> None:
     assert {name for name in named if not (PROJECT / name).exists()} == set()
 
 
-def test_the_ways_of_data_take_as_many_files_as_they_say() -> None:
-    text = (PROJECT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Four ways of data")[2]
+def test_the_data_paths_take_as_many_files_as_they_say() -> None:
+    text = (PROJECT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Four data paths")[2]
     ways = re.findall(r"\*\*(.+?)\*\* \((\d+) files\)(.+?)(?=\n\n|$)", text, re.DOTALL)
     assert len(ways) == 4
     for name, files, way in ways:
