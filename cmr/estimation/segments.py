@@ -28,6 +28,7 @@ LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle cou
 # The noise that ticks may leave, as a share of how fast the wheels turn against each other; s of averaging at most.
 NOISY, LONGEST_MEAN = 0.045, 0.05
 SIDES = ("left", "right")
+ANGLES = ("angle_left", "angle_right")  # fields of wheels in this module
 UNIFORM = 12.0**-0.5  # standard deviation of what is spread evenly over 1
 
 
@@ -75,6 +76,7 @@ def segments_of(recording: Recording, splits: Sequence[int], number: int) -> lis
 
     Of a rest without commands at the beginning or at the end only LONGEST_STAND is used.
     """
+    recording = replace(recording, wheels=_with_angles(recording.wheels))
     sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [s for s in (recording.poses,) if len(s)]
     if not sources:
         return []
@@ -95,11 +97,20 @@ def segments_of(recording: Recording, splits: Sequence[int], number: int) -> lis
     ]
 
 
+def _with_angles(wheels: Signal) -> Signal:
+    """Return the wheels' readings with their angles [rad]: a part of them alone does not say what a tick is.
+
+    While a robot drives steadily, coarse speeds beside the counts are too large, or too small, all the time.
+    """
+    angles = wheel_angles(wheels) if len(wheels) else (np.empty(0), np.empty(0))
+    return replace(wheels, fields={**wheels.fields, **dict(zip(ANGLES, angles, strict=True))})
+
+
 def _turned(wheels: Signal, times: Sequence[int]) -> list[tuple[float, float]]:
     """Return how far the left and the right wheel had turned [rad] at some times [us], since the first reading."""
     if len(wheels) == 0:
         return [(0.0, 0.0)] * len(times)
-    left, right = (np.interp(times, wheels.utime, angle) for angle in wheel_angles(wheels))
+    left, right = (np.interp(times, wheels.utime, wheels[name]) for name in ANGLES)
     return list(zip(left.tolist(), right.tolist(), strict=True))
 
 
@@ -137,7 +148,7 @@ def _tick(wheels: Signal) -> float:
     """Return the size [rad] of the encoders' ticks: of the finer one, 0 where there are no readings."""
     if len(wheels) == 0:
         return 0.0
-    sizes = [tick_of(angle, wheels[f"ticks_{side}"]) for side, angle in zip(SIDES, wheel_angles(wheels), strict=True)]
+    sizes = [tick_of(wheels[f"angle_{side}"], wheels[f"ticks_{side}"]) for side in SIDES]
     return min((size for size in sizes if size > 0.0), default=0.0)
 
 
@@ -217,7 +228,7 @@ def _readings(wheels: Signal, tick: float) -> tuple[Floats, np.typing.NDArray[np
     """
     if len(wheels) == 0:
         return np.empty((0, 2)), np.empty((0, 2), np.uint8), np.empty((0, 2))
-    angles = np.stack(wheel_angles(wheels), axis=1)
+    angles = np.stack([wheels[name] for name in ANGLES], axis=1)
     steps = np.diff(angles, axis=0, prepend=angles[:1])
     seconds = (wheels.utime - wheels.utime[0]) * SECONDS
     columns = [_side(angle, step, tick, seconds) for angle, step in zip(angles.T, steps.T, strict=True)]
@@ -266,7 +277,8 @@ def _start_speeds(wheels: Signal, first: int) -> tuple[float, float]:
 
 def _given(wheels: Signal, first: int, tick: float, steps: int) -> Floats:
     """Return the mean speed [rad/s] of each wheel over each step since `first` [us], from its encoder."""
-    return _rolled(_seconds(wheels, first), np.stack(wheel_angles(wheels), axis=1), tick, steps, STEP)
+    angles = np.stack([wheels[name] for name in ANGLES], axis=1)
+    return _rolled(_seconds(wheels, first), angles, tick, steps, STEP)
 
 
 def _rolled(time: Floats, angles: Floats, tick: float, steps: int, dt: float) -> Floats:
