@@ -1,6 +1,7 @@
 """Of robots that are told how fast to go, calibration and diagnosis find how they follow, and invent nothing."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,12 @@ def named(diagnosis: Diagnosis) -> list[str]:
     return [effect.name for effect in diagnosis.effects]
 
 
+@cache
+def quick() -> Diagnosis:
+    """Return the diagnosis of a robot that hides nothing."""
+    return diagnose(driven(QUICK, seed=2))
+
+
 def estimates(diagnosis: Diagnosis) -> dict[str, Estimate]:
     assert diagnosis.extended is not None
     return dict(diagnosis.extended.estimates)
@@ -60,7 +67,7 @@ def test_response_and_delay_of_a_slow_robot_are_found_and_nothing_else_is_named(
 
 
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
-    found = diagnose(driven(QUICK, seed=2))
+    found = quick()
     assert found.verdict == NO_EFFECT
     assert near(estimates(found)["response_time"], QUICK.response_time)
     assert near(estimates(found)["base_width"], QUICK.base_width)
@@ -95,7 +102,7 @@ def test_an_acceleration_limit_leads_to_no_other_name() -> None:
     assert near(estimates(found)["response_time"], gentle.response_time)
 
 
-@pytest.mark.parametrize(("response_time", "seed"), [(0.3, 3), (0.1, 2)])
+@pytest.mark.parametrize(("response_time", "seed"), [(0.3, 3), pytest.param(0.1, 2, marks=pytest.mark.further)])
 def test_a_limit_of_the_wheels_acceleration_is_not_taken_for_one_of_the_commands(
     response_time: float, seed: int
 ) -> None:
@@ -135,7 +142,7 @@ def test_what_is_written_simulates_the_robot_by_the_same_commands() -> None:
 
 
 def test_the_diagnosis_and_its_file_name_the_parameters_of_the_controller() -> None:
-    found = diagnose(driven(QUICK, seed=2))
+    found = quick()
     reported = document(found)["extended"]["parameters"]
     assert reported["response_time"]["unit"] == "s"
     assert reported["response_time"]["std"] > 0.0
@@ -162,7 +169,7 @@ def test_calibration_never_ends_worse_than_the_nominal_robot(recorded: str, nomi
     assert not [note for note in result.notes if "earlier than they are stamped" in note]
 
 
-@pytest.mark.parametrize("seed", [24, 26])
+@pytest.mark.parametrize("seed", [24, pytest.param(26, marks=pytest.mark.further)])
 def test_of_slow_robots_that_run_unevenly_the_truth_is_within_what_is_stated(seed: int) -> None:
     robot = SpeedRobot(response_time=0.4)
     of = estimates(diagnose(driven(robot, seed=seed)))

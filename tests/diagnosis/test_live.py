@@ -64,7 +64,7 @@ def told_per_cent(sentence: str) -> int:
     return int(sentence.split(" % ")[0].split()[-1])
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.further)])
 @pytest.mark.parametrize("manoeuvre", [eight(300.0), errands(300.0, 5)], ids=["eight", "errands"])
 def test_twenty_minutes_in_which_nothing_changes_bring_no_sentence(manoeuvre: Manoeuvre, seed: int) -> None:
     watcher = Watcher(follow())

@@ -15,9 +15,12 @@ def test_a_lane_leaves_out_what_has_nothing_of_it(lane: str, tmp_path: Path) -> 
     of_another.write_text("pytestmark = pytest.mark.slow\n")
     assert not has_none_of(lane, of_it)
     assert has_none_of(lane, of_another)
+    assert has_none_of(f"{lane} and not further", of_another)
 
 
-@pytest.mark.parametrize("expression", ["", "slow", "not real_time and not waits", "real_time or waits"])
+@pytest.mark.parametrize(
+    "expression", ["", "slow", "not real_time and not waits", "real_time or waits", "waits and not real_time and slow"]
+)
 def test_any_other_expression_leaves_out_no_file(expression: str) -> None:
     assert not has_none_of(expression, Path(__file__))
 
