@@ -50,9 +50,11 @@ def test_parameters_of_an_ideal_robot_are_found_within_three_standard_deviations
     assert all(e.std < 0.01 * e.value for e in result.estimates.values())
 
 
-@pytest.mark.parametrize("seed", [1, *further(2)])
-def test_parameters_of_an_imperfect_robot_are_found_within_three_percent(seed: int) -> None:
-    result = calibrate(recording_of(messages(DEFAULT, seed=seed)))
+@pytest.mark.parametrize("seed", [0, *further(1, 2)])
+def test_parameters_of_an_imperfect_robot_are_found_within_three_percent(
+    seed: int, default_result: CalibrationResult
+) -> None:
+    result = calibrate(recording_of(messages(DEFAULT, seed=seed))) if seed else default_result
     for name, estimate in result.estimates.items():
         assert estimate.value == pytest.approx(TRUTH[name], rel=0.03), name
     assert result.path_rmse_after < result.path_rmse_before / 5.0
