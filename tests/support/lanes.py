@@ -24,5 +24,6 @@ def _names(text: str, lane: str) -> bool:
 
 
 def further(*values: Any) -> list[ParameterSet]:
-    """Return values of a parametrised test that CI leaves out: others show the same."""
-    return [pytest.param(value, marks=pytest.mark.further) for value in values]
+    """Return values of a parametrised test that CI leaves out: others show the same. A tuple is of several ones."""
+    several = [value if isinstance(value, tuple) else (value,) for value in values]
+    return [pytest.param(*each, marks=pytest.mark.further) for each in several]
