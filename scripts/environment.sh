@@ -46,7 +46,7 @@ provide_environment() {
         python3 -m venv .venv || fail "the venv module is missing: sudo apt-get install python3-venv"
     fi
     provide_glib
-    stamp="$(cat pyproject.toml lcmtypes/*.lcm scripts/build_messages.py | sha256sum) $PWD"
+    stamp="$(cat pyproject.toml lcmtypes/*.lcm scripts/build_*.py | sha256sum) $PWD"
     if [ "$(cat ".venv/installed$extras" 2> /dev/null)" != "$stamp" ]; then
         echo "Installing into .venv ..."
         # Its name was "cmr" until the 25th of November 2026; left there, both would own the same commands.

@@ -4,6 +4,7 @@ import gc
 import os
 import tty
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -11,6 +12,7 @@ from hypothesis import settings
 from robot_driver.serial_port import SerialPort
 from robot_driver.stream_port import StreamPort
 from tests.support.exchanges import Exchanges
+from tests.support.lanes import has_none_of
 from tests.support.private_bus import private_url
 from tests.support.stalls import Stalls
 
@@ -21,6 +23,11 @@ settings.register_profile("patient", deadline=None)
 settings.load_profile("patient")
 
 os.environ["XDG_CONFIG_HOME"] = os.devnull  # a developer's own settings change no test
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files that have no test of the lane that is asked for: importing all of them takes seconds."""
+    return True if has_none_of(config.option.markexpr, collection_path) else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -17,6 +17,7 @@ Number = TypeVar("Number", int, float)
 # The loader in C, where it is installed, takes a tenth of the time; on deep nesting it would overrun its stack.
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 DEEPEST = 50  # mappings and lists inside one another
+TOO_DEEP_FOR_C = "exceeded maximum nesting depth"
 
 LARGEST = 1e6  # metres, seconds; larger than any laboratory
 LONGEST_QUOTE = 60  # characters of a wrong value that an error repeats
@@ -297,11 +298,21 @@ def _in_plain_words(text: str) -> yaml.MarkedYAMLError | None:
 
 
 def _depth(text: str) -> int:
-    """Return how many mappings and lists are inside one another at most."""
+    """Return how many mappings and lists are inside one another at most; what is too deep is not read to its end.
+
+    Of more than a thousand the loader in C says that they are too many, and the one in Python nothing for a minute.
+    """
     depth = deepest = 0
-    for event in yaml.parse(text, Loader=LOADER):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        deepest = max(deepest, depth)
+    try:
+        for event in yaml.parse(text, Loader=LOADER):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            deepest = max(deepest, depth)
+            if deepest > DEEPEST:
+                break
+    except yaml.MarkedYAMLError as error:
+        if error.problem != TOO_DEEP_FOR_C:
+            raise
+        return DEEPEST + 1
     return deepest
 
 

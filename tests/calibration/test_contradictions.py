@@ -13,6 +13,7 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal
 from tests.reference_plant import NEUTRAL, REALISTIC, packets, recording
 from tests.reference_plant.manoeuvres import figure_eight
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
@@ -90,7 +91,7 @@ def waves(time: Floats) -> tuple[Floats, Floats]:
     return common - difference, common + difference
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 1, 2, *further(3, 4, 5)])
 def test_a_log_that_begins_in_mid_drive_gives_true_intervals(seed: int) -> None:
     whole = recording(packets(waves, 40.0), {}, 40.0, NOISE, seed)
     begin = int(whole.wheels.utime[0]) + 3_100_000 + 370_000 * seed

@@ -15,6 +15,7 @@ from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t
 from cmr.recordings.recording import Recording
 from tests.calibration.test_alone import figure_eight
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
@@ -46,7 +47,7 @@ class SlowComputer:
         return self._time
 
 
-@pytest.mark.parametrize("takes", [0.1, 1.5, 3.0])
+@pytest.mark.parametrize("takes", [0.1, *further(1.5), 3.0])
 def test_averages_begin_at_least_every_five_seconds_however_long_a_look_takes(drive: Recording, takes: float) -> None:
     running = RunningFit(None, clock=SlowComputer(takes))
     began, seconds = [], 20.0
@@ -72,7 +73,7 @@ def test_averages_that_take_too_long_use_fewer_readings_and_give_the_same_within
         assert abs(few.estimates[name].value - estimate.value) < 3.0 * few.estimates[name].std, name
 
 
-@pytest.mark.parametrize("seconds", [40.0, 50.0])
+@pytest.mark.parametrize("seconds", [*further(40.0), 50.0])
 def test_between_two_averages_the_estimates_move_by_what_new_data_tell(drive: Recording, seconds: float) -> None:
     running = RunningFit(None, clock=SlowComputer(0.1))
     average = running.look(until(drive, seconds))

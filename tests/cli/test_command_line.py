@@ -1,7 +1,6 @@
 """Every command explains itself, fails in one line that says what to do, and ends quietly on Ctrl-C."""
 
 import argparse
-import functools
 import os
 import random
 import re
@@ -9,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from cmr.cli.configuration import LARGEST_ROBOT_ID
 from cmr.cli.errors import CommandError
 from cmr.distribution import NAME, version
 from cmr.recordings.events import event_bytes
+from tests.support.commands import Commands, commands
 from tests.support.project import PROJECT
 from tests.support.small_log import small_log
 
@@ -101,9 +102,10 @@ def run(name: str, *arguments: str, path: Path | None = None) -> "subprocess.Com
     )
 
 
-@functools.cache
-def help_of(name: str) -> "subprocess.CompletedProcess[str]":
-    return run(name, "--help")
+@pytest.fixture(scope="module")
+def asked() -> Iterator[Commands]:
+    with commands() as all_of_them:
+        yield all_of_them
 
 
 def test_the_commands_of_the_interface_are_there() -> None:
@@ -114,8 +116,8 @@ def test_the_commands_of_the_interface_are_there() -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_shows_an_example_and_the_options_that_all_commands_have(name: str) -> None:
-    result = help_of(name)
+def test_help_shows_an_example_and_the_options_that_all_commands_have(name: str, asked: Commands) -> None:
+    result = asked.run(name, "--help")
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.startswith(f"usage: {name} ")
     assert re.search(rf"^example:\n  {name} ", result.stdout, re.MULTILINE)
@@ -124,8 +126,8 @@ def test_help_shows_an_example_and_the_options_that_all_commands_have(name: str)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_reads_well(name: str) -> None:
-    text = help_of(name).stdout
+def test_help_reads_well(name: str, asked: Commands) -> None:
+    text = asked.run(name, "--help").stdout
     assert "default: None" not in text
     assert "default: False" not in text
     assert "default: True" not in text
@@ -159,23 +161,23 @@ def test_a_robot_id_that_no_message_can_hold_is_wrong_usage(text: str) -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_version_is_that_of_the_package(name: str) -> None:
-    result = run(name, "--version")
+def test_version_is_that_of_the_package(name: str, asked: Commands) -> None:
+    result = asked.run(name, "--version")
     assert (result.returncode, result.stdout, result.stderr) == (0, f"{name} {version()}\n", "")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_wrong_option_is_named_and_exits_with_2(name: str) -> None:
-    result = run(name, *NEEDED.get(name, []), "--no-such-option")
+def test_a_wrong_option_is_named_and_exits_with_2(name: str, asked: Commands) -> None:
+    result = asked.run(name, *NEEDED.get(name, []), "--no-such-option")
     assert (result.returncode, result.stdout) == (2, "")
     assert "--no-such-option" in result.stderr
     assert "Traceback" not in result.stderr
 
 
 @pytest.mark.parametrize("name", SERVICES)
-def test_a_bus_that_cannot_be_used_is_one_line_and_exits_with_1(name: str, tmp_path: Path) -> None:
-    command = command_line(name, tmp_path, "udpm://10.0.0.1:7667")
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False)
+def test_a_bus_that_cannot_be_used_is_one_line_and_exits_with_1(name: str, tmp_path: Path, asked: Commands) -> None:
+    _program, *arguments = command_line(name, tmp_path, "udpm://10.0.0.1:7667")
+    result = asked.run(name, *arguments, folder=tmp_path)
     assert result.returncode == 1
     (line,) = besides_compiling(result.stderr)
     assert line.startswith(f"{name}: 10.0.0.1 in 'udpm://10.0.0.1:7667' is not a multicast address.")

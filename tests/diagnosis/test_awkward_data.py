@@ -43,6 +43,12 @@ def named(*recordings: Recording) -> Diagnosis:
     return diagnose(recordings, sources=[f"{number}.lcm" for number in range(len(recordings))])
 
 
+@cache
+def sound() -> Diagnosis:
+    """Return the diagnosis of a drive that lacks nothing."""
+    return named(drive())
+
+
 @pytest.mark.parametrize(
     ("lost", "missing"), [(("poses", "gyro"), "POSE_N"), (("wheels", "commands"), "MOTOR_FEEDBACK_N")]
 )
@@ -53,7 +59,7 @@ def test_of_several_recordings_one_that_lacks_a_sensor_is_set_aside_by_name(lost
     assert missing in note
     assert found.sources == ("1.lcm",)
     assert [path.label for path in found.evidence.paths] == ["1.lcm"]
-    assert found.parameters == pytest.approx(named(drive()).parameters)
+    assert found.parameters == pytest.approx(sound().parameters)
 
 
 def test_of_several_recordings_none_of_use_are_refused_each_with_its_reason() -> None:
@@ -79,7 +85,7 @@ def test_a_gyro_that_is_upside_down_or_in_degrees_is_told_and_no_fault_of_the_ro
     factor: float, fault: str, said: str
 ) -> None:
     found = named(gyro_times(drive(), factor))
-    assert faults(found) - faults(named(drive())) == {fault}
+    assert faults(found) - faults(sound()) == {fault}
     assert any(said in one.sentence for one in found.checks)
     assert found.verdict == "no_effect"
 
@@ -108,12 +114,12 @@ def test_headings_that_a_jump_of_the_tracker_turned_are_no_effect() -> None:
     poses, before = whole.poses, whole.poses.seconds < 8.0
     theta = np.remainder(poses["theta"] + 0.3 * before + np.pi, 2.0 * np.pi) - np.pi
     found = named(replace(whole, poses=replace(poses, fields={**poses.fields, "theta": theta})))
-    assert faults(found) - faults(named(drive())) == {"pose_jumps", "pose_headings_turned"}
+    assert faults(found) - faults(sound()) == {"pose_jumps", "pose_headings_turned"}
     assert found.verdict == "no_effect"
 
 
 def test_recordings_with_and_without_commands_are_diagnosed_together() -> None:
-    alone, both = named(drive()), named(drive(), without(drive(30.0, 60.0), "commands"))
+    alone, both = sound(), named(drive(), without(drive(30.0, 60.0), "commands"))
     assert both.verdict == alone.verdict
     for name in PAPER:
         assert both.parameters[name] == pytest.approx(alone.parameters[name], rel=0.02)

@@ -22,10 +22,10 @@ pytestmark = [pytest.mark.hidden_effects, pytest.mark.slow]
 SEED = 1000  # the problem's seeds are smaller
 # Some of each group of the catalogue; scripts/study_diagnosis hides them all.
 ON_RICH_DRIVES = (
-    *("battery_sag", "deadband", "command_delay", "command_jitter"),
+    *("battery_sag", "deadband"),  # late commands: test_command_timing.py
     *("coulomb_friction", "backlash", "payload_change"),
-    *("turn_slip", "slope", "surface_patch"),
-    *("pose_offset", "pose_heading_offset", "pose_smoothing"),
+    *("turn_slip", "surface_patch"),
+    *("pose_heading_offset", "pose_smoothing"),
 )
 SINGLE = [Case((effect,), RICH, SEED) for effect in ON_RICH_DRIVES]
 # Some that a figure-eight shows, some that it hides, and some that it cannot tell from others.
@@ -38,19 +38,8 @@ NULLS = [
 ]
 SHORT_NULLS = [Case((), manoeuvre, SEED) for manoeuvre in (BEGINNING, "ramps")]
 COARSE = [Case((), manoeuvre, SEED, "coarse") for manoeuvre in (RICH, EIGHT_OPEN)]
-PAIRS = [
-    Case(effects, RICH, SEED)
-    for effects in (
-        ("coulomb_friction", "gyro_bias"),
-        ("command_delay", "wheel_radius_asymmetry"),
-    )
-]
-KINDS = (
-    "weak_reverse",
-    "torque_ripple",
-    "traction_loss",
-    "gyro_magnetism",
-)
+PAIRS = [Case(("command_delay", "wheel_radius_asymmetry"), RICH, SEED)]
+KINDS = ("torque_ripple", "gyro_magnetism")  # weak_reverse and cubic_motor: test_generic.py
 UNKNOWN_PHYSICS = [Case((kind,), RICH, SEED) for kind in KINDS]
 
 Rows = Callable[[Case], Row]

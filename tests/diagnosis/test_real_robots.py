@@ -58,6 +58,7 @@ def test_what_limits_and_delays_the_husky_on_wet_grass_is_found(importer: Import
     assert heading.after < 8.6
 
 
+@pytest.mark.further  # half a minute; test_real_recordings_scores.py calibrates this drive
 def test_dry_friction_of_the_mbots_motors_and_the_bias_of_its_gyro_are_found(importer: Importer) -> None:
     case = mbot(importer, rest=20.0)
     assert {"coulomb_friction", "gyro_bias"} <= set(case.names)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cmr.model import observer as observing
 from cmr.model.commands import Commands
 from cmr.model.motion import RobotState, drive
-from cmr.model.observer import MOTION, RESTART, Gains, Observations, Observer, observe
+from cmr.model.observer import MOTION, RESTART, Gains, Innovations, Observations, Observer, observe
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 
@@ -15,6 +16,17 @@ ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0
 FREE = Gains(0.0, 0.0, 0.0, 0.0)
 FOLLOWING = Gains(0.2, 1.0, 0.15, 0.15)
 STEPS, STEP = 1500, 0.01
+BACK = 120  # steps of STEP that the observer looks back
+
+
+def observed_finely(what: Observations, values: dict[str, float]) -> Innovations:
+    """Observe with steps that nobody takes elsewhere: as many of them back as of STEP, for which it is compiled."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(observing, "LONGEST_LATENCY", BACK * what.dt)
+        observing._module.cache_clear()
+        said = observe(what, values, FREE)
+    observing._module.cache_clear()
+    return said
 
 
 def observations(**parameters: float) -> Observations:
@@ -136,7 +148,7 @@ def test_within_a_step_that_takes_a_mean_command_the_gyro_reads_what_finer_steps
         gyro=np.zeros(len(read)),
     )
     robot = {**ROBOT, "longitudinal_slip": slip}
-    fine = observe(replace(coarse, dt=0.5 * STEP, steps=2 * STEPS), robot, FREE)
+    fine = observed_finely(replace(coarse, dt=0.5 * STEP, steps=2 * STEPS), robot)
     mean = observe(coarse, robot, FREE)
     bend = 0.018 * ROBOT["k2_over_k3"] * ROBOT["wheel_radius"] / ROBOT["base_width"]  # rad/s^2, the largest
     # Before the first command duties are not known. Without the bend a quarter of `bend * STEP` would be missing.
@@ -187,7 +199,7 @@ def test_readings_between_borders_are_those_of_finer_steps(gyro_latency: float) 
     )
     robot = {**ROBOT, "k2_over_k3": 200.0, "gyro_latency": gyro_latency, "pose_latency": 0.007}
     coarse = observe(silent, robot, FREE)
-    fine = observe(replace(silent, dt=0.0025, steps=2400), robot, FREE)
+    fine = observed_finely(replace(silent, dt=0.0025, steps=2400), robot)
     later = read > 0.1
     assert np.max(np.abs(coarse.wheel - fine.wheel)[later]) < 3e-4  # rad; 6e-3 on straight lines
     assert np.max(np.abs(coarse.gyro - fine.gyro)[later]) < 1e-3  # rad/s; 7e-3 and 12e-3 on straight lines

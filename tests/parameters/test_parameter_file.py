@@ -4,9 +4,6 @@ import math
 import os
 import random
 import re
-import signal
-import subprocess
-import sys
 import time
 from datetime import datetime, timezone
 from pathlib import Path
@@ -20,6 +17,7 @@ from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import ParameterDefinition, RobotParameters
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value, load, parse
+from tests.support.saving import saver
 
 # The example of interfaces.md, section 3, letter for letter.
 EXAMPLE = """schema: 1
@@ -40,14 +38,6 @@ EXTENDED = EXAMPLE.replace(
   surface_change_time: {value: 60.0, unit: s}
 effects: [surface_change, gyro_bias]""",
 )
-SAVE_FOR_EVER = """
-import itertools, sys
-from pathlib import Path
-from cmr.parameters.file import ParameterFile, Value
-for count in itertools.count(1):
-    provenance = {"count": count, "padding": "x" * (count * 997 % 20_000)}
-    ParameterFile(0, {"wheel_radius": Value(count * 1e-9 + 0.01)}, provenance=provenance).save(Path(sys.argv[1]))
-"""
 
 
 def with_radius(radius: float, robot_id: int = 0) -> ParameterFile:
@@ -282,8 +272,7 @@ def test_a_kill_at_any_moment_and_a_reader_at_any_moment_find_a_whole_file(tmp_p
     reads = 0
     for _ in range(30):
         path.unlink(missing_ok=True)
-        saver = subprocess.Popen([sys.executable, "-c", SAVE_FOR_EVER, str(path)])
-        try:
+        with saver(path):
             deadline = time.monotonic() + 20.0
             while not path.exists():
                 assert time.monotonic() < deadline
@@ -292,9 +281,6 @@ def test_a_kill_at_any_moment_and_a_reader_at_any_moment_find_a_whole_file(tmp_p
             while time.monotonic() < end:
                 assert_whole(load(path))
                 reads += 1
-        finally:
-            saver.send_signal(signal.SIGKILL)
-            saver.wait()
         assert_whole(load(path))
     assert reads > 30
 

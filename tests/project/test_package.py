@@ -11,8 +11,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-import yaml
-from setuptools.config.pyprojecttoml import read_configuration
 
 from cmr import msg
 from tests.support.project import PROJECT
@@ -165,11 +163,6 @@ def test_no_text_says_to_install_the_stranger_s_package() -> None:
     texts = [PROJECT / name for name in git("ls-files") if name.endswith((".md", ".py", ".sh", ".toml"))]
     texts = [path for path in texts if path != Path(__file__).resolve() and path.name != "CHANGELOG.md"]
     assert [path.name for path in texts if path.is_file() and stranger.search(path.read_text())] == []
-
-
-def test_the_citation_names_the_version_of_the_package() -> None:
-    citation = yaml.safe_load((PROJECT / "CITATION.cff").read_text(encoding="utf-8"))
-    assert citation["version"] == read_configuration(PROJECT / "pyproject.toml")["project"]["version"]
 
 
 @pytest.mark.parametrize("path", sorted((Path(msg.__file__).parent).glob("*_t.py")), ids=lambda path: path.stem)

@@ -13,6 +13,7 @@ from cmr.recordings.signal import SECONDS, Mask, Signal
 from tests.recordings.clean_drives import clean_drive
 from tests.recordings.complaints import complaints
 from tests.support.faulty_drive import later, moved, placed
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
@@ -110,7 +111,7 @@ FAULTS: dict[str, Callable[[Recording], Recording]] = {
 }
 
 
-@pytest.mark.parametrize("seed", IN_PIECES)
+@pytest.mark.parametrize("seed", [*IN_PIECES[::2], *further(*IN_PIECES[1::2])])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_in_a_recording_in_pieces_is_found(fault: str, seed: int) -> None:
     findings = check(FAULTS[fault](clean_drive(seed)[1]))

@@ -8,7 +8,7 @@ from pathlib import Path
 from cmr.bus.bus import Bus
 from cmr.bus.messages import Received
 
-PATIENCE = 20.0  # s until something that must happen is given up; no promise is as slow as that
+PATIENCE = 60.0  # s until something that must happen is given up: a machine may be busy, and compile first
 
 
 def receive_until(bus: Bus, enough: Callable[[list[Received]], bool]) -> list[Received]:

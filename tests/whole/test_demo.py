@@ -32,7 +32,7 @@ from tests.support.emulated_drive import TRUTH
 from tests.support.private_bus import private_url
 from tests.support.typed_messages import as_a
 
-pytestmark = pytest.mark.waits
+pytestmark = [pytest.mark.waits, pytest.mark.longest]
 
 BIN = Path(sys.executable).parent
 DEMO_SECONDS = 480.0

@@ -5,7 +5,7 @@ import json
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from cmr.experiments.team.metrics import UNITS
 from cmr.parameters.file import ParameterFile, Value
 from tests.support.bus_bench import our_command
 from tests.support.documented_keys import documented
+from tests.support.lanes import further
 from tests.support.small_teams import BELIEVED, LINE, line_of_three
 
 SEEDS = 20
@@ -169,17 +170,18 @@ def study_of(folder: Path, size: float) -> Study:
     return Study(scenario=line_of_three(folder), believed=BELIEVED, real=1, size=size)
 
 
-def time_to_goal(study: Study, group: str) -> float:
-    """The mean of two laboratories [s]."""
-    return float(np.mean([perform(study, Task(group, number))["time_to_goal"] for number in range(2)]))
+def time_to_goal(study: Study, group: str, laboratories: Sequence[int] = (0, 1)) -> float:
+    """The mean of some laboratories [s]."""
+    return float(np.mean([perform(study, Task(group, number))["time_to_goal"] for number in laboratories]))
 
 
 @pytest.mark.slow
-def test_where_robots_are_as_believed_all_teams_are_alike(tmp_path: Path) -> None:
+@pytest.mark.parametrize("laboratory", [0, *further(1)])
+def test_where_robots_are_as_believed_all_teams_are_alike(laboratory: int, tmp_path: Path) -> None:
     study = study_of(tmp_path, 0.0)
-    real = time_to_goal(study, "real A")
+    real = time_to_goal(study, "real A", [laboratory])
     for group in ("uncalibrated", "calibrated"):
-        assert time_to_goal(study, group) == pytest.approx(real, abs=0.1)
+        assert time_to_goal(study, group, [laboratory]) == pytest.approx(real, abs=0.1)
 
 
 @pytest.mark.slow
