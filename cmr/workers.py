@@ -7,10 +7,11 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from types import TracebackType
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from cmr import threads
 
@@ -20,7 +21,34 @@ Telling = Callable[[str], None]
 
 # Processes are started afresh, not forked: a fork would inherit the threads' locks in the state they happen to be in.
 START = multiprocessing.get_context("spawn")
-PROGRESS, DONE, RAISED = "progress", "done", "raised"  # what a process reports of its job
+
+
+@dataclass(frozen=True)
+class _Progress:
+    """A process says how far its job has come."""
+
+    sentence: str
+
+
+@dataclass(frozen=True)
+class _Done(Generic[Result]):
+    """A process has done its job."""
+
+    result: Result
+
+
+@dataclass(frozen=True)
+class _Raised:
+    """A process failed to do its job."""
+
+    error: Exception
+
+
+@dataclass(frozen=True)
+class _Died:
+    """A process ended before its job did; `how` is a sentence on that."""
+
+    how: str
 
 
 class Workers(Generic[Job, Result]):
@@ -32,7 +60,7 @@ class Workers(Generic[Job, Result]):
 
     def __init__(self, count: int, work: Callable[[Job, Telling], Result], died: Callable[[Job, str], Result]) -> None:
         self._count, self._work, self._died = count, work, died
-        self._workers: list[_Worker] = []
+        self._workers: list[_Worker[Job, Result]] = []
         self._before: dict[str, str | None] = {}
 
     def __enter__(self) -> "Workers[Job, Result]":
@@ -63,18 +91,18 @@ class Workers(Generic[Job, Result]):
             busy = {worker.connection: worker for worker in self._workers if worker.is_busy}
             for connection in wait(list(busy)):
                 worker = busy[connection]  # type: ignore[index]
-                job, (kind, content) = worker.job, worker.receive()
-                if not worker.alive:
+                job, report = worker.job, worker.receive()
+                if isinstance(report, _Died):
                     self._workers.remove(worker)
-                    yield self._died(job, content)
-                elif kind == PROGRESS:
-                    tell(content)
-                elif kind == RAISED:
-                    raise content
+                    yield self._died(job, report.how)
+                elif isinstance(report, _Progress):
+                    tell(report.sentence)
+                elif isinstance(report, _Raised):
+                    raise report.error
                 else:
-                    yield content
+                    yield report.result
 
-    def _idle(self) -> "_Worker | None":
+    def _idle(self) -> "_Worker[Job, Result] | None":
         """Return a worker without a job, a new one if there may be more; None if all are busy."""
         idle = next((worker for worker in self._workers if not worker.is_busy), None)
         if idle is None and len(self._workers) < self._count:
@@ -83,13 +111,12 @@ class Workers(Generic[Job, Result]):
         return idle
 
 
-class _Worker:
-    """A process that does one job at a time, and the line to it."""
+class _Worker(Generic[Job, Result]):
+    """A process that does one job at a time, and the line to it; `job` is there once one has begun."""
 
-    def __init__(self, work: Callable[[Any, Telling], Any]) -> None:
-        self.job: Any = None
+    def __init__(self, work: Callable[[Job, Telling], Result]) -> None:
+        self.job: Job
         self.is_busy = False
-        self.alive = True
         self.connection, theirs = START.Pipe()
         with _interrupts_held():
             # Not a daemon: what it works on may start processes of its own. It ends with its parent all the same.
@@ -97,22 +124,22 @@ class _Worker:
             self.process.start()
         theirs.close()
 
-    def begin(self, job: object) -> None:
+    def begin(self, job: Job) -> None:
         """Hand over a job; a process that has died since its last one will be found out by `receive`."""
         self.job, self.is_busy = job, True
         with suppress(OSError):
             self.connection.send(job)
 
-    def receive(self) -> tuple[str, Any]:
-        """Return what kind of report the process sends, and its content; how it died where it is not alive."""
+    def receive(self) -> _Progress | _Done[Result] | _Raised | _Died:
+        """Return what the process reports of its job."""
+        report: _Progress | _Done[Result] | _Raised | _Died
         try:
-            kind, content = self.connection.recv()
+            report = self.connection.recv()
         except (EOFError, OSError):
-            self.alive = False
             self.process.join()
-            kind, content = DONE, _death(self.process.exitcode)
-        self.is_busy = kind == PROGRESS
-        return kind, content
+            report = _Died(_death(self.process.exitcode))
+        self.is_busy = isinstance(report, _Progress)
+        return report
 
 
 def _death(exit_code: int | None) -> str:
@@ -120,16 +147,17 @@ def _death(exit_code: int | None) -> str:
     return f"Its process {how}. If memory ran out, --jobs 1 needs less."
 
 
-def _serve(connection: Connection, work: Callable[[Any, Telling], Any]) -> None:
+def _serve(connection: Connection, work: Callable[[Job, Telling], Result]) -> None:
     """Do jobs as they come, until the line is closed."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent has ended
         while True:
             job = connection.recv()
+            report: _Done[Result] | _Raised
             try:
-                report = DONE, work(job, lambda sentence: connection.send((PROGRESS, sentence)))
+                report = _Done(work(job, lambda sentence: connection.send(_Progress(sentence))))
             except Exception as error:
-                report = RAISED, error
+                report = _Raised(error)
             connection.send(report)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cmr.camera.lens import CameraFileError, Floats, read_camera_file
+from cmr.camera.lens import CameraFileError, Content, Floats, read_camera_file
 
 FEWEST_TAGS = 4  # on the floor; fewer, or all in a corner, place the camera badly
 LARGEST_TAG = 586  # of the family 36h11
@@ -77,9 +77,9 @@ class Floor:
     @classmethod
     def load(cls, path: Path) -> "Floor":
         """Read a floor file, as `cmr-camera --help` shows one. Raises CameraFileError."""
-        root = read_camera_file(path)
+        root, content = read_camera_file(path)
         try:
-            return _floor(root.value)
+            return _floor(content)
         except CameraFileError as error:
             raise error.placed(root) from error.__cause__
 
@@ -96,7 +96,7 @@ def turned(points: Floats, theta: float) -> Floats:
     return np.asarray(points @ np.array([[c, s], [-s, c]]))
 
 
-def _floor(content: dict[str, Any]) -> Floor:
+def _floor(content: Content) -> Floor:
     known = {"schema", "tag_size", "tags", "robots"}
     if set(content) - known:
         unknown = sorted(map(str, set(content) - known))
@@ -131,20 +131,20 @@ def _floor(content: dict[str, Any]) -> Floor:
     )
 
 
-def _entries(content: Any, *keys: str) -> dict[Any, Any]:
+def _entries(content: object, *keys: str) -> Content:
     if not isinstance(content, dict):
         raise CameraFileError(f"{': '.join(keys)}: must be a mapping, not {content!r}", inside=keys)
     return dict(content)
 
 
-def _number(number: Any, *keys: str) -> int:
+def _number(number: object, *keys: str) -> int:
     if not isinstance(number, int) or not 0 <= number <= LARGEST_TAG:
         words = f"{number!r} is no tag of 36h11: they are 0 to {LARGEST_TAG}"
         raise CameraFileError(words, inside=(*keys, str(number)))
     return number
 
 
-def _robot_id(number: int, entry: dict[str, Any]) -> int:
+def _robot_id(number: int, entry: Content) -> int:
     try:
         return int(entry.pop("robot_id"))
     except (TypeError, ValueError) as error:
@@ -152,7 +152,7 @@ def _robot_id(number: int, entry: dict[str, Any]) -> int:
         raise CameraFileError(words, inside=("robots", str(number), "robot_id")) from error
 
 
-def _positive(name: str, value: Any, *keys: str) -> float:
+def _positive(name: str, value: object, *keys: str) -> float:
     if not (isinstance(value, int | float) and 0.0 < value < math.inf):
         raise CameraFileError(f"{name} is a length of more than 0 m, not {value!r}", inside=keys)
     return float(value)
@@ -166,7 +166,7 @@ def _float(value: Any) -> float:
         return math.nan
 
 
-def _floor_tag(number: Any, entry: dict[str, Any], size: float) -> FloorTag:
+def _floor_tag(number: object, entry: Content, size: float) -> FloorTag:
     keys = "tags", str(number)
     unknown = set(entry) - {"x", "y", "theta", "size"}
     numbers = [_float(entry.get(name)) for name in ("x", "y", "theta")]
@@ -176,7 +176,7 @@ def _floor_tag(number: Any, entry: dict[str, Any], size: float) -> FloorTag:
     return FloorTag(numbers[0], numbers[1], numbers[2], _positive("size", entry.get("size", size), *keys, "size"))
 
 
-def _robot_tag(number: Any, entry: dict[str, Any], usual: RobotTag) -> RobotTag:
+def _robot_tag(number: object, entry: Content, usual: RobotTag) -> RobotTag:
     keys = "robots", str(number)
     names = {name: getattr(usual, name) for name in RobotTag.__dataclass_fields__}
     unknown = set(entry) - set(names)

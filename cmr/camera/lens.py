@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from cmr.documents.document import DocumentError, Item, read_file
 from cmr.files import write_atomically
 
 Floats = NDArray[np.float64]
+Content: TypeAlias = dict[str, Any]  # a mapping of a camera file as YAML has it; whoever takes a value checks it
 SCHEMA = 1
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # OpenCV's order
 # Until the next step is below a thousandth of a pixel; a wide lens takes more steps than OpenCV's five.
@@ -92,8 +94,7 @@ class Lens:
     @classmethod
     def load(cls, path: Path) -> "Lens":
         """Read a lens file. Raises CameraFileError."""
-        root = read_camera_file(path)
-        content = root.value
+        root, content = read_camera_file(path)
         try:
             bent = content["distortion"]
             numbers = {name: float(content[name]) for name in ("fx", "fy", "cx", "cy", "rms")}
@@ -110,11 +111,11 @@ class Lens:
         return lens
 
 
-def read_camera_file(path: Path) -> Item:
-    """Return the document of a YAML file of schema 1, a mapping. Raises CameraFileError."""
+def read_camera_file(path: Path) -> tuple[Item, Content]:
+    """Return the document of a YAML file of schema 1, and the mapping that it is. Raises CameraFileError."""
     root = read_file(path, CameraFileError)
     content = root.value
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise root.found(["schema"])._replace(key="").error(CameraFileError.empty)
     root.check_keys()
-    return root
+    return root, content

@@ -7,14 +7,14 @@ The same dataclass is what a file may say (`cmr.documents.structure`), so an opt
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable
 from dataclasses import MISSING, fields
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from cmr.documents.declared import Option, Word, declared
 
 Made = TypeVar("Made")
 
 
-def add_options(parser: ArgumentParser, made: type[Any]) -> None:
+def add_options(parser: ArgumentParser, made: type[object]) -> None:
     """Add an option for each field of a dataclass that is an `Option`; without a default it is None if not given."""
     for entry, kind, rules in declared(made):
         option = next((rule for rule in rules if isinstance(rule, Option)), None)
@@ -27,6 +27,7 @@ def add_options(parser: ArgumentParser, made: type[Any]) -> None:
         elif words is not None:
             parser.add_argument(name, choices=words, default=default, help=option.help)
         else:
+            assert callable(kind), f"{name} is of a type that reads it"
             read = PARSED.get(kind, kind)
             parser.add_argument(name, type=read, default=default, metavar=option.metavar, help=option.help)
 
@@ -39,7 +40,7 @@ def made_of(made: type[Made], options: Namespace) -> Made:
     return made(**{entry.name: getattr(options, entry.name) for entry in fields(made)})  # type: ignore[arg-type]
 
 
-def arguments_of(made: Any) -> list[str]:
+def arguments_of(made: object) -> list[str]:
     """Return the options that make this dataclass; those that have their default are left out."""
     options: list[str] = []
     for entry in fields(made):
@@ -69,4 +70,4 @@ def _positive_number(text: str) -> float:
     return value
 
 
-PARSED: dict[Any, Callable[[str], Any]] = {int: _positive, float: _positive_number}
+PARSED: dict[object, Callable[[str], object]] = {int: _positive, float: _positive_number}

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, fields
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, get_args, get_origin, get_type_hints
 
 
 @dataclass(frozen=True)
@@ -28,18 +28,18 @@ class Option:
     metavar: str | None = None
 
 
-def help_of(made: type[Any]) -> dict[str, str]:
+def help_of(made: type[object]) -> dict[str, str]:
     """Return the help of each field that has one."""
     return {entry.name: rule.help for entry, _, rules in declared(made) for rule in rules if isinstance(rule, Option)}
 
 
-def declared(made: type[Any]) -> list[tuple[Field[Any], Any, list[Any]]]:
+def declared(made: type[object]) -> list[tuple[Field[object], object, list[object]]]:
     """Return each field of a dataclass with its type, and what is annotated to it."""
     hints = get_type_hints(made, include_extras=True)
     return [(entry, *_taken_apart(hints[entry.name])) for entry in fields(made)]
 
 
-def _taken_apart(hint: Any) -> tuple[Any, list[Any]]:
+def _taken_apart(hint: object) -> tuple[object, list[object]]:
     """Return the type of a field that may be None, and what is annotated to it."""
     if get_origin(hint) is Annotated:
         inner, *rules = get_args(hint)

@@ -7,7 +7,7 @@ values.
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import ClassVar, NamedTuple, TypeVar
 
 import yaml
 from yaml.constructor import SafeConstructor
@@ -105,7 +105,7 @@ class Item:
         return bool(self._node.tag == NULL)
 
     @property
-    def value(self) -> Any:
+    def value(self) -> object:
         """The value as YAML has it, with all that is inside."""
         try:
             return SafeConstructor().construct_document(self._node)

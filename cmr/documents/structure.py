@@ -14,13 +14,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
-from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
+from typing import Annotated, TypeVar, cast, get_args, get_origin
 
 from cattrs import Converter
 from cattrs.gen import make_dict_structure_fn
 
 from cmr.documents.declared import Between, Word, help_of
-from cmr.documents.document import DocumentError, Item
+from cmr.documents.document import DocumentError, Item, Number
 
 Made = TypeVar("Made")
 
@@ -52,19 +52,19 @@ def _converter() -> Converter:
     return converter
 
 
-def _dataclass_hook(made: type[Any], converter: Converter) -> Callable[[Item, Any], Any]:
+def _dataclass_hook(made: type[Made], converter: Converter) -> Callable[[Item, object], Made]:
     make = make_dict_structure_fn(made, converter, _cattrs_detailed_validation=False)
     known = [field.name for field in fields(made) if field.init]
     needed = [field.name for field in fields(made) if field.default is MISSING and field.default_factory is MISSING]
     why = help_of(made)
 
-    def hook(item: Item, _: Any) -> Any:
+    def hook(item: Item, _: object) -> Made:
         section = item.section(known)
         for name in needed:
             if name not in set(section):
                 section.need(name, why.get(name, ""))
         try:
-            return make(cast(Mapping[str, Any], section), made)  # as far as cattrs needs one
+            return make(cast(Mapping[str, object], section), made)  # as far as cattrs needs one
         except DocumentError as error:
             raise error.placed(item) from error.__cause__
         except ValueError as error:  # what the dataclass itself refuses
@@ -73,11 +73,11 @@ def _dataclass_hook(made: type[Any], converter: Converter) -> Callable[[Item, An
     return hook
 
 
-def _is_annotated(kind: Any) -> bool:
+def _is_annotated(kind: object) -> bool:
     return get_origin(kind) is Annotated
 
 
-def _annotated(item: Item, kind: Any) -> Any:
+def _annotated(item: Item, kind: object) -> object:
     """Return a number within its bounds, one of some words, or numbers by names that are known."""
     plain, *rules = get_args(kind)
     for rule in rules:
@@ -103,7 +103,7 @@ def _flag(item: Item) -> bool:
     return value
 
 
-def _number(item: Item, kind: type) -> Any:
+def _number(item: Item, kind: type[Number]) -> Number:
     value = item.value
     accepted = int if kind is int else (int, float)
     if isinstance(value, bool) or not isinstance(value, accepted) or not math.isfinite(value):

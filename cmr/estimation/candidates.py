@@ -11,7 +11,7 @@ import numpy as np
 
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
-from cmr.model.parameters import ParameterDefinition
+from cmr.model.parameters import ParameterDefinition, Quantity
 from cmr.model.statements import changed_by
 
 # The robot that typical sizes stand for; those of others are scaled by dimension.
@@ -243,9 +243,9 @@ def _choices(parameter: ParameterDefinition) -> list[float]:
     return [0.0] if parameter.unit in ("s", "m", "-") else [float(parameter.typical or 0.0)]
 
 
-def lanes_of(sets: Sequence[Mapping[str, float]]) -> dict[str, object]:
+def lanes_of(sets: Sequence[Mapping[str, float]]) -> dict[str, Quantity]:
     """Return one array for each parameter that any set has, or a number where all agree; neutral ones are left out."""
-    result: dict[str, object] = {}
+    result: dict[str, Quantity] = {}
     for name in dict.fromkeys(name for one in sets for name in one):
         neutral = definition(name).neutral
         column = np.array([one.get(name, neutral) for one in sets], np.float64)

@@ -7,6 +7,7 @@ import numpy as np
 
 from cmr.estimation.prediction import WHEELS, Predictor, errors_of
 from cmr.model.observer import RESTART, Gains, Observations
+from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats
 
 STANDING = 0.1  # of the fastest wheels' speed: motors that hold still say little
@@ -117,7 +118,11 @@ def guess_motor(predictors: Sequence[Predictor], values: dict[str, float]) -> di
     k1 = float(np.sum(moving[:, 0]) / max(np.sum(moving[:, 1]), 1e-9))
     # At one rate the errors are linear in the acceleration: those at both ends determine those between.
     speeds = SPEEDS[[0, -1]] * k1
-    lanes = {**values, "k2_over_k3": (RATES / speeds[:, None]).ravel(), "k1": np.repeat(speeds, len(RATES))}
+    lanes: dict[str, Quantity] = {
+        **values,
+        "k2_over_k3": (RATES / speeds[:, None]).ravel(),
+        "k1": np.repeat(speeds, len(RATES)),
+    }
     shares = (1.0 / SPEEDS - 1.0 / SPEEDS[0]) / (1.0 / SPEEDS[-1] - 1.0 / SPEEDS[0])
     sums = np.zeros((len(SPEEDS), len(RATES)))
     for of in (one.of for one in errors_of(predictors, lanes, FREE)):

@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 
 from cmr.estimation.segments import Segment, continued
 from cmr.model.drives import Drives, ends_of
 from cmr.model.observer import RESTART, Gains, Observer
+from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats, Mask
 
 SIGNALS = ("psi_left", "psi_right", "yaw_rate", "forward", "sideways", "heading")
@@ -61,7 +61,7 @@ class Predictor:
             for name, times in self.times.items()
         }
 
-    def errors(self, values: Mapping[str, Any], gains: Gains) -> Errors:
+    def errors(self, values: Mapping[str, Quantity], gains: Gains) -> Errors:
         """Return the prediction errors; `values` by name are numbers or arrays (C,)."""
         return Batch([self]).errors(Observer(values, gains))
 
@@ -213,7 +213,7 @@ class Batch:
         return np.sin(self._drives.pose[:, 2])[:, None]
 
 
-def errors_of(predictors: Sequence[Predictor], values: Mapping[str, Any], gains: Gains) -> list[Errors]:
+def errors_of(predictors: Sequence[Predictor], values: Mapping[str, Quantity], gains: Gains) -> list[Errors]:
     """Return the prediction errors in each segment; `values` by name are numbers or arrays (C,)."""
     batch = Batch(predictors)
     return batch.split(batch.errors(Observer(values, gains)))

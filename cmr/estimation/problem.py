@@ -28,6 +28,7 @@ from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.compiled import compiled
 from cmr.model.effect import Effect
 from cmr.model.observer import MOTION, Gains, Observer
+from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats, Mask
 
 BLOCK = 1.5  # s; neighbouring blocks belong to different folds
@@ -65,11 +66,11 @@ class Problem:
         result._counted = rows
         return result
 
-    def errors(self, values: Mapping[str, object]) -> list[Errors]:
+    def errors(self, values: Mapping[str, Quantity]) -> list[Errors]:
         """Return the prediction errors in each segment; `values` are numbers or arrays (C,)."""
         return self.batch.split(self.joint_errors(values))
 
-    def joint_errors(self, values: Mapping[str, object]) -> Errors:
+    def joint_errors(self, values: Mapping[str, Quantity]) -> Errors:
         """Return the prediction errors in all segments of the batch; not to be written over for a single candidate.
 
         One by one, the same candidate is often asked for again: judged first, then made the basis of what comes next.
@@ -81,10 +82,10 @@ class Problem:
             self._latest = asked, self._observed(values)
         return self._latest[1]
 
-    def _observed(self, values: Mapping[str, object]) -> Errors:
+    def _observed(self, values: Mapping[str, Quantity]) -> Errors:
         return self.batch.told_once(self.batch.errors(Observer(values, self.gains)), self.gains)
 
-    def white(self, values: Mapping[str, object], noise: Noise) -> Floats:
+    def white(self, values: Mapping[str, Quantity], noise: Noise) -> Floats:
         """Return all prediction errors made white and tempered, shape (n, C)."""
         white = self._counted_white(self.joint_errors(values), noise)
         temper(white.reshape(-1), LARGE)

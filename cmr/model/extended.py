@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +34,7 @@ class ExtendedModel:
         others = [parameter for effect in self.effects for parameter in effect.all_parameters]
         self.definitions = {parameter.name: parameter for parameter in (*PAPER.values(), *self.late, *others)}
         self.row = {name: index for index, name in enumerate(rows_of(self.effects, self.definitions))}
-        self.module: Any = composed_module(lambda: compose(self.effects, self.definitions), self.effects)
+        self.module = composed_module(lambda: compose(self.effects, self.definitions), self.effects)
 
     def on(self, values: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell for which robots the values, by name, switch on any effect on the motion."""

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.body import arc, forward, turn
-from cmr.model.parameters import DEFINITIONS, RobotParameters
+from cmr.model.parameters import DEFINITIONS, Quantity, RobotParameters
 
 Floats: TypeAlias = NDArray[np.float64]
-Quantity: TypeAlias = float | Floats  # a number, or one for each candidate
 Borders: TypeAlias = NDArray[np.int64]
 Spans: TypeAlias = tuple[Floats, Floats, Floats]  # duties of left and right, and how long they last [s]
 LARGEST_HALF_TURN = 0.3  # rad between the middle of a step and its Gauss points; beyond, steps are split
@@ -35,7 +34,7 @@ class RobotState(NamedTuple):
     domega_right: Any
 
     @classmethod
-    def at_rest(cls, x: Any = 0.0, y: Any = 0.0, theta: Any = 0.0) -> "RobotState":
+    def at_rest(cls, x: Quantity = 0.0, y: Quantity = 0.0, theta: Quantity = 0.0) -> "RobotState":
         """Return the state of a robot that stands still at this pose."""
         still = np.zeros_like(np.asarray(x, dtype=float))[()]
         return cls(x, y, theta, still, still, still, still)

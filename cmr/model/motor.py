@@ -8,25 +8,28 @@ from typing import Any
 
 import numpy as np
 
-from cmr.model.parameters import RobotParameters
+from cmr.model.parameters import Number, Quantity, RobotParameters
 
 
-def wheel_acceleration(psi: Any, duty: Any, parameters: RobotParameters) -> Any:
+def wheel_acceleration(psi: Number, duty: Number, parameters: RobotParameters) -> Number:
     """Return the wheels' angular acceleration domega [rad/s^2]."""
-    return parameters.k2_over_k3 * (duty - parameters.k1 * psi)
+    acceleration: Number = parameters.k2_over_k3 * (duty - parameters.k1 * psi)
+    return acceleration
 
 
-def wheel_speed_after(psi: Any, duty: Any, parameters: RobotParameters, time: Any) -> Any:
+def wheel_speed_after(psi: Quantity, duty: Quantity, parameters: RobotParameters, time: Quantity) -> Quantity:
     """Return the wheel speed [rad/s] after `time` at constant duty."""
     final_speed = duty / parameters.k1
-    return final_speed + (psi - final_speed) * np.exp(-decay_rate(parameters) * time)
+    speed: Quantity = final_speed + (psi - final_speed) * np.exp(-decay_rate(parameters) * time)
+    return speed
 
 
-def wheel_angle_after(psi: Any, duty: Any, parameters: RobotParameters, time: Any) -> Any:
+def wheel_angle_after(psi: Quantity, duty: Quantity, parameters: RobotParameters, time: Quantity) -> Quantity:
     """Return the angle [rad] through which the wheel turns during `time` at constant duty."""
     final_speed = duty / parameters.k1
     rate = decay_rate(parameters)
-    return final_speed * time - (psi - final_speed) * np.expm1(-rate * time) / rate
+    angle: Quantity = final_speed * time - (psi - final_speed) * np.expm1(-rate * time) / rate
+    return angle
 
 
 def decay_rate(parameters: RobotParameters) -> Any:
@@ -34,6 +37,7 @@ def decay_rate(parameters: RobotParameters) -> Any:
     return parameters.k1 * parameters.k2_over_k3
 
 
-def duty_for_speed(psi: Any, parameters: RobotParameters) -> Any:
+def duty_for_speed(psi: Number, parameters: RobotParameters) -> Number:
     """Return the duty that holds the wheel speed `psi` [rad/s]."""
-    return parameters.k1 * psi
+    duty: Number = parameters.k1 * psi
+    return duty

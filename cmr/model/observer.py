@@ -14,7 +14,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import groupby, pairwise
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from cmr.model.drives import Drives
 from cmr.model.evaluating import mean_radii, slip_time
 from cmr.model.extended import START, Candidates, ExtendedModel, composed_module, model_of
 from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.parameters import Quantity
 from cmr.model.statements import SIDES, Statements
 
 Floats = NDArray[np.float64]
@@ -115,10 +117,10 @@ class Observations:
 class Gains(NamedTuple):
     """How far the observer follows its sensors: shares of an error, and for the speed 1/s; numbers or one a lane."""
 
-    angle: Any
-    psi: Any
-    position: Any
-    theta: Any
+    angle: Quantity
+    psi: Quantity
+    position: Quantity
+    theta: Quantity
 
 
 class Innovations(NamedTuple):
@@ -135,7 +137,7 @@ class Innovations(NamedTuple):
 
 def observe(
     observations: Observations,
-    values: Mapping[str, Any],
+    values: Mapping[str, Quantity],
     gains: Gains,
     *,
     seed: int = 0,
@@ -152,7 +154,7 @@ def observe(
 class Observer:
     """C candidates and their gains, made ready to observe many drives; arguments are those of `observe`."""
 
-    def __init__(self, values: Mapping[str, Any], gains: Gains) -> None:
+    def __init__(self, values: Mapping[str, Quantity], gains: Gains) -> None:
         self._count = max(int(np.size(value)) for value in (*values.values(), *gains))
         unknown = sorted(set(values) - set(DEFINITIONS))
         if unknown:
@@ -239,7 +241,7 @@ class Observer:
         known = self._model.definitions
         return Candidates(self._model, {n: v for n, v in values.items() if n in known}, self._count)
 
-    def _each(self, value: Any) -> Floats:
+    def _each(self, value: Quantity) -> Floats:
         """Return a number, or one for each candidate, as an array (C,)."""
         return np.broadcast_to(np.asarray(value, np.float64), self._count)
 
@@ -287,7 +289,7 @@ def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
 
 
 @cache
-def _module(model: ExtendedModel, dt: float) -> Any:
+def _module(model: ExtendedModel, dt: float) -> ModuleType:
     """Return the compiled observer that looks back LONGEST_LATENCY on a raster of `dt` [s]."""
     history = 1 << int(np.ceil(np.log2(LONGEST_LATENCY / dt + 3.0)))
     sensors = [effect for effect in CATALOGUE.values() if effect.is_sensor]

@@ -2,7 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+Quantity: TypeAlias = "float | NDArray[np.float64]"  # a number, or one for each robot or candidate
+Number = TypeVar("Number", float, "NDArray[np.float64]")  # the same where what comes back is of the kind given
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,7 @@ class RobotParameters:
     k2_over_k3: Any
     k1: Any
     base_width: Any
-    effects: Mapping[str, Any] = field(default_factory=dict)
+    effects: Mapping[str, Quantity] = field(default_factory=dict)
 
     _fields: ClassVar[tuple[str, ...]] = tuple(DEFINITIONS)
 
@@ -76,5 +83,5 @@ class RobotParameters:
     def __iter__(self) -> Iterator[Any]:
         return iter((self.wheel_radius, self.k2_over_k3, self.k1, self.base_width))
 
-    def _replace(self, **values: Any) -> "RobotParameters":
+    def _replace(self, **values: Quantity) -> "RobotParameters":
         return replace(self, **values)

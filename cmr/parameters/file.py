@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import yaml
 
@@ -22,6 +22,7 @@ SCHEMA = 1
 MOTOR = ("k2_over_k3", "k1")  # of robots that take duties; those with a velocity controller have others in their place
 NO_MAPPING = "it is not a YAML mapping with schema, robot_id and parameters"
 COUNTED_WIDTH = "turn_rate_limit_base_width"  # the base width of commands, to the effect that limits turns
+Part = TypeVar("Part", dict[str, object], list[str])
 
 
 class ParameterFileError(DocumentError):
@@ -55,7 +56,7 @@ class ParameterFile:
     robot_id: int
     values: Mapping[str, Value]
     effects: tuple[str, ...] = ()
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, object] = field(default_factory=dict)
     written: datetime = field(default_factory=lambda: datetime.now(timezone.utc).replace(microsecond=0))
 
     def __post_init__(self) -> None:
@@ -134,7 +135,7 @@ class ParameterFile:
         lines += [f"effects: {_flow(list(self.effects))}", f"provenance: {_flow(dict(self.provenance))}"]
         return "\n".join(lines) + "\n"
 
-    def announcement(self, sequence: int) -> Any:
+    def announcement(self, sequence: int) -> parameters_t:
         """Return the parameters_t message that announces this file; `sequence` is its version, larger is newer."""
         return announcement(self.robot_id, self.to_yaml(), sequence)
 
@@ -169,7 +170,7 @@ def _parsed(root: Item) -> ParameterFile:
         if unknown:
             key = min(map(str, unknown))
             raise ParameterFileError(f"unknown key {key!r}", inside=(key,))
-        robot_id: Any = content.get("robot_id")  # of the right type or not: ParameterFile says so
+        robot_id: int = content.get("robot_id")  # of the right type or not: ParameterFile says so
         return ParameterFile(
             robot_id=robot_id,
             values=_parse_values(content.get("parameters")),
@@ -189,7 +190,7 @@ def load(path: Path) -> ParameterFile:
     return _parsed(read_file(path, ParameterFileError))
 
 
-def announcement(robot_id: int, text: str, sequence: int) -> Any:
+def announcement(robot_id: int, text: str, sequence: int) -> parameters_t:
     """Return the parameters_t message that announces a parameter file's text as version `sequence`."""
     return make(
         parameters_t, utime=now_utime(), robot_id=robot_id, sequence=sequence, sha256=sha256_of(text), yaml=text
@@ -201,12 +202,12 @@ def sha256_of(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _flow(content: Any) -> str:
+def _flow(content: object) -> str:
     """Return YAML on one line, as in `{value: 118.0, unit: rad/s^2}`."""
     return yaml.safe_dump(content, default_flow_style=True, sort_keys=False, width=float("inf")).strip()
 
 
-def _part(content: dict[str, Any], key: str, kind: type) -> Any:
+def _part(content: Mapping[str, object], key: str, kind: type[Part]) -> Part:
     """Return a part that may be absent or empty."""
     part = content.get(key) or kind()
     if not isinstance(part, kind):
@@ -214,7 +215,7 @@ def _part(content: dict[str, Any], key: str, kind: type) -> Any:
     return part
 
 
-def _parse_values(entries: Any) -> dict[str, Value]:
+def _parse_values(entries: object) -> dict[str, Value]:
     if not isinstance(entries, dict):
         raise ParameterFileError("must be a mapping of names to {value, unit, std}", "parameters")
     values = {}
@@ -228,7 +229,7 @@ def _parse_values(entries: Any) -> dict[str, Value]:
     return values
 
 
-def _parse_time(written: Any) -> datetime:
+def _parse_time(written: object) -> datetime:
     if isinstance(written, str):
         try:
             written = datetime.fromisoformat(written.replace("Z", "+00:00"))
@@ -239,7 +240,7 @@ def _parse_time(written: Any) -> datetime:
     return written if written.tzinfo else written.replace(tzinfo=timezone.utc)
 
 
-def _definition(name: Any) -> ParameterDefinition:
+def _definition(name: str) -> ParameterDefinition:
     """Return what a parameter's name stands for.
 
     Raises ParameterFileError listing the known names when there is no such parameter.
@@ -309,7 +310,7 @@ def _check_value(name: str, value: Value) -> None:
         raise ParameterFileError(f"std is {value.std!r}, must be a number of 0 or more", "parameters", name)
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     """Tell whether a value is a number that a float can be; infinity is one."""
     if not isinstance(value, (int, float)) or isinstance(value, bool):
         return False

@@ -39,7 +39,7 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 def compiled_once(function: Callable[P, R]) -> Callable[P, R]:
     """Compile what is called from outside; processes begun together wait for the first of them, and load it then."""
-    result: Any = compiled(function)
+    result = compiled(function)
     if config.DISABLE_JIT:
         return function
 
@@ -49,14 +49,14 @@ def compiled_once(function: Callable[P, R]) -> Callable[P, R]:
     def called(*arguments: P.args, **options: P.kwargs) -> R:
         nonlocal called_before
         if called_before:
-            return cast("R", result(*arguments, **options))
+            return result(*arguments, **options)
         called_before = True
         with ExitStack() as held:
             with suppress(OSError):  # where nothing can be written, each process compiles for itself
                 folder = _FOLDER / "__pycache__"
                 folder.mkdir(exist_ok=True)
                 fcntl.flock(held.enter_context((folder / "lock").open("w")), fcntl.LOCK_EX)
-            return cast("R", result(*arguments, **options))
+            return result(*arguments, **options)
 
     vars(called)["compiled"] = result
     return called

@@ -1,8 +1,8 @@
 """The numbers of the plant: the paper's robot and, for every effect, its parameters at their neutral values."""
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, NamedTuple, TypeAlias, get_type_hints
+from collections.abc import Mapping, Sequence
+from typing import Annotated, NamedTuple, TypeAlias, cast, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,11 +180,14 @@ def plant_parameters(values: Mapping[str, float]) -> PlantParameters:
     return PlantParameters(*(float(values.get(name, neutral)) for name, neutral in NEUTRAL._asdict().items()))
 
 
-def as_record(parameters: PlantParameters) -> Any:
+def as_record(parameters: PlantParameters) -> PlantParameters:
     """Return the parameters as compiled functions take them: one reference instead of a copy at every call."""
     return as_records(parameters)[0]
 
 
-def as_records(parameters: PlantParameters) -> NDArray[np.void]:
-    """Return an array of one record: to hand it over from Python takes a twentieth of the time of the record."""
-    return np.array([tuple(parameters)], dtype=_RECORD)
+def as_records(parameters: PlantParameters) -> Sequence[PlantParameters]:
+    """Return an array of one record: to hand it over from Python takes a twentieth of the time of the record.
+
+    To compiled functions the record is what the tuple is: they read the same fields.
+    """
+    return cast("Sequence[PlantParameters]", np.array([tuple(parameters)], dtype=_RECORD))

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ PLACES = {  # of what the robot carries, in one array
 
 @compiled_once
 def go_on(
-    records: Any,
+    records: Sequence[PlantParameters],
     carried: Floats,
     duties: Floats,
     span: tuple[float, float],
@@ -62,7 +61,7 @@ def go_on(
 
 
 @compiled_once
-def switch(records: Any, carried: Floats, duties: Floats) -> None:
+def switch(records: Sequence[PlantParameters], carried: Floats, duties: Floats) -> None:
     """Have duties (left, right) reach the motors at once, as far as nothing delays them; change `carried`."""
     p, c = records[0], carried
     wanted = wanted_duties(p, duties[0], duties[1])
@@ -74,7 +73,7 @@ def switch(records: Any, carried: Floats, duties: Floats) -> None:
 
 
 @compiled_once
-def electrics_of(records: Any, carried: Floats, t: float) -> tuple[float, float, float]:
+def electrics_of(records: Sequence[PlantParameters], carried: Floats, t: float) -> tuple[float, float, float]:
     """Return the battery's voltage and the currents of both motors (left, right) at t [s].
 
     As shares: of the voltage without load, when full, and of the current of a motor stalled at full duty.
@@ -102,7 +101,7 @@ class RunningRobot:
         robot: Robot = at_rest(pose)
         self.time = 0.0
         self.carried = np.array([*robot.left, *robot.right, *robot.body])
-        self._records: Any = as_records(parameters)
+        self._records = as_records(parameters)
         self._noise = noise
         self._random = np.random.default_rng(seed)
         self._draws: Floats = np.zeros((0, 6))

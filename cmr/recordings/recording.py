@@ -80,10 +80,10 @@ class Recording:
     @classmethod
     def of(cls, messages: RobotMessages) -> "Recording":
         """Return the recording that these messages make."""
-        signals: dict[str, Any] = {name: messages.arrivals[name].signal(kept) for name, kept in KEPT.items()}
+        signals = {name: messages.arrivals[name].signal(kept) for name, kept in KEPT.items()}
         return cls(
             messages.robot_id,
-            **signals,
+            **_arguments(signals),
             parameters=messages.parameters,
             rejected=messages.rejected,
             damaged_bytes=messages.damaged_bytes,
@@ -153,13 +153,20 @@ class Recording:
 
     def between(self, first: int, last: int) -> "Recording":
         """Return the part from utime `first` to `last`, both included."""
-        parts: dict[str, Any] = {name: getattr(self, name).between(first, last) for name in KEPT}
-        return replace(self, **parts)
+        return self.with_signals({name: getattr(self, name).between(first, last) for name in KEPT})
 
     def where(self, keep: Mapping[str, Mask]) -> "Recording":
         """Return the samples at which `keep`, of shape (n,) for each signal named in it, is true."""
-        parts: dict[str, Any] = {name: self.signals[name].where(mask) for name, mask in keep.items()}
-        return replace(self, **parts)
+        return self.with_signals({name: self.signals[name].where(mask) for name, mask in keep.items()})
+
+    def with_signals(self, signals: Mapping[str, Signal]) -> "Recording":
+        """Return the recording with these signals, by name, in place of its own."""
+        return replace(self, **_arguments(signals))
+
+
+def _arguments(signals: Mapping[str, Signal]) -> dict[str, Any]:
+    """Return signals as named arguments of Recording, whose other arguments are no signals."""
+    return dict(signals)
 
 
 def _nothing(*names: str) -> Signal:

@@ -1,7 +1,5 @@
 """Loops over all robots: duties in bounds, numbers in bounds, velocities."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +30,7 @@ def all_sound(largest: float, x: Floats, y: Floats, theta: Floats, psi_left: Flo
 
 
 @compiled("void(f8[::1], f8[::1], f8[::1], f8, f8[:, ::1])")
-def velocities_of(theta: Floats, psi_left: Floats, psi_right: Floats, wheel_radius: float, velocity: Any) -> None:
+def velocities_of(theta: Floats, psi_left: Floats, psi_right: Floats, wheel_radius: float, velocity: Floats) -> None:
     """Write the velocities (2, n) [m/s] of robots with headings [rad] and wheel speeds [rad/s]."""
     speed_x, speed_y = velocity[0], velocity[1]
     for i in range(len(theta)):

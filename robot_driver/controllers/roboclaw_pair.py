@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from robot_driver.controllers.controller import COUNTER_RANGE, Controller, Request, Telemetry, signed_step
 from robot_driver.controllers.roboclaw import RoboClaw
@@ -89,6 +89,6 @@ def together(front: Telemetry, rear: Telemetry) -> Telemetry:
     return result
 
 
-def _both(front: Request[T], rear: Request[T], combine: Callable[[T, T], Any]) -> Request[Any]:
+def _both(front: Request[T], rear: Request[T], combine: Callable[[T, T], T]) -> Request[T]:
     """Return a request to the front unit that is followed by one to the rear unit, with a common answer."""
     return replace(front, then=lambda said: replace(rear, parse=lambda reply: combine(said, rear.parse(reply))))

@@ -137,7 +137,7 @@ def test_several_logs_of_one_robot_are_diagnosed_together(engine: Engine, logs: 
     provenance = load(tmp_path / "out" / "robot_0.yaml").provenance
     assert provenance["log"] == f"{logs / 'a.lcm'} {logs / 'b.lcm'}"
     assert provenance["held_out_log"] == str(logs / "c.lcm")
-    assert re.fullmatch("[0-9a-f]{64}", provenance["sha256"])
+    assert re.fullmatch("[0-9a-f]{64}", str(provenance["sha256"]))
 
 
 def test_the_robot_asked_for_is_the_one_that_is_diagnosed(engine: Engine, logs: Path, tmp_path: Path) -> None:

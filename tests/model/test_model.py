@@ -209,6 +209,6 @@ def test_fast_motors_and_slow_ones_are_exact_alike() -> None:
     for gain, k1 in ((5.0, 0.01), (118.0, 0.054), (4000.0, 0.054), (1e5, 1.0)):
         robot = ROBOT._replace(k2_over_k3=gain, k1=k1)
         path = drive(np.full(20, 0.5), np.full(20, 0.5), np.full(20, 0.01), robot, RobotState.at_rest())
-        t = np.arange(21) * 0.01
+        t = np.arange(21, dtype=np.float64) * 0.01
         assert path.psi_left == pytest.approx(wheel_speed_after(0.0, 0.5, robot, t), rel=1e-12)
         assert path.angle_left == pytest.approx(wheel_angle_after(0.0, 0.5, robot, t), rel=1e-10, abs=1e-12)

@@ -9,7 +9,7 @@ from cmr.model import observer as observing
 from cmr.model.commands import Commands
 from cmr.model.motion import RobotState, drive
 from cmr.model.observer import MOTION, RESTART, Gains, Innovations, Observations, Observer, observe
-from cmr.model.parameters import RobotParameters
+from cmr.model.parameters import Quantity, RobotParameters
 from cmr.recordings.signal import Floats
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
@@ -371,7 +371,11 @@ def test_drives_are_observed_together_as_one_by_one() -> None:
     what = observations()
     rolling = replace(what, given=np.full((STEPS, 2), 5.0), time=3.0)
     drives = [what, *halves(what, observe(what, ROBOT, FREE).motion), rolling, rolling]
-    values = {**ROBOT, "base_width": np.linspace(0.15, 0.17, 20), "command_delay": np.repeat([0.0, 0.013], 10)}
+    values: dict[str, Quantity] = {
+        **ROBOT,
+        "base_width": np.linspace(0.15, 0.17, 20),
+        "command_delay": np.repeat([0.0, 0.013], 10),
+    }
     together = Observer(values, FOLLOWING).observe_each(drives, [False] * len(drives))
     for one, said in zip(drives, together, strict=True):
         for found, alone in zip(said, observe(one, values, FOLLOWING), strict=True):

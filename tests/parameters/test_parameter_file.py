@@ -287,9 +287,11 @@ def test_a_kill_at_any_moment_and_a_reader_at_any_moment_find_a_whole_file(tmp_p
 
 def assert_whole(file: ParameterFile) -> None:
     """All parts are of the same version, and the last is complete."""
-    count = file.provenance["count"]
+    count, padding = file.provenance["count"], file.provenance["padding"]
+    assert isinstance(count, int)
+    assert isinstance(padding, str)
     assert file.value("wheel_radius") == count * 1e-9 + 0.01
-    assert len(file.provenance["padding"]) == count * 997 % 20_000
+    assert len(padding) == count * 997 % 20_000
 
 
 def test_a_folder_that_cannot_be_written_leaves_the_old_file(tmp_path: Path) -> None:

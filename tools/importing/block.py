@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 from cmr.documents.document import DocumentError, Item, Place
 
@@ -38,7 +37,7 @@ class Block:
         """Return the place that keys lead to, as far as they are there."""
         return self._item.found(keys)
 
-    def value(self, key: str) -> Any:
+    def value(self, key: str) -> object:
         """Return what the file says of `key`; None where it says nothing."""
         self._asked.append(key)
         return self._items[key].value if key in self._items else None

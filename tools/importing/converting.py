@@ -4,7 +4,6 @@ import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POS
 from cmr.model.command_kinds import DUTY
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.arrivals import COMMANDS_OF
+from cmr.tools.importing.layout import Column
 from cmr.tools.importing.mapping_types import (
     FEEDBACK_PAIRS,
     FEEDBACK_SINGLES,
@@ -50,7 +50,7 @@ class Event:
     """One message for the log, and the stream it belongs to."""
 
     stream: Stream[Message]
-    message: Any
+    message: Message
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Batch:
     """
 
     stream: Stream[Message]
-    columns: dict[str, NDArray[Any]]
+    columns: dict[str, Column]
     constants: dict[str, int]
 
     @property
@@ -100,7 +100,7 @@ class Conversion:
         return [(self._parameters.stream, parameters), *((batch.stream, batch.utime) for batch in ordered)]
 
 
-def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[str, Any]) -> Conversion:
+def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[str, object]) -> Conversion:
     """Return the recording's messages.
 
     What cannot be used is counted in `source.skipped`. Raises ConversionError when nothing is left, or a command is
@@ -114,7 +114,7 @@ def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[st
     return Conversion(_parameters(mapping, robot_id, start, provenance), batches)
 
 
-def _parameters(mapping: Mapping, robot_id: int, utime: int, provenance: dict[str, Any]) -> Event:
+def _parameters(mapping: Mapping, robot_id: int, utime: int, provenance: dict[str, object]) -> Event:
     """Return the nominal parameters, as old as the recording, so that whatever is calibrated later is newer.
 
     Where the body was commanded, they say by which base width its turns became those of the wheels.
@@ -199,7 +199,7 @@ class _Converter:
         self._skip(MOTOR_FEEDBACK, "row that only starts the count, or is no later than the one before it", keep)
         unknown = np.full(len(table.utime), np.nan)
         names = [f"{name}_{side}" for name in FEEDBACK_PAIRS for side in SIDES] + list(FEEDBACK_SINGLES)
-        fields: dict[str, NDArray[Any]] = {name: values.get(name, unknown) for name in names}
+        fields: dict[str, Column] = {name: values.get(name, unknown) for name in names}
         for side in SIDES:
             fields[f"ticks_{side}"] = fields[f"ticks_{side}"].astype(np.int64)
         fields["received_utime"] = table.received_utime
@@ -223,9 +223,7 @@ class _Converter:
         self._skip(POSE, STALE, ~stale)
         return self._batch(POSE, table, values, keep & ~stale)
 
-    def _usable(
-        self, stream: Stream[Message], group: Group
-    ) -> tuple[Table, dict[str, Floats], dict[str, NDArray[Any]]]:
+    def _usable(self, stream: Stream[Message], group: Group) -> tuple[Table, dict[str, Floats], dict[str, Column]]:
         """Return the group's rows with a number for every signal: table, signals in our units, and as recorded."""
         tables = self._source.tables
         table = tables[group.table]
@@ -257,7 +255,7 @@ class _Converter:
         self,
         stream: Stream[Message],
         table: Table,
-        fields: dict[str, NDArray[Any]],
+        fields: dict[str, Column],
         keep: NDArray[np.bool_] | None = None,
         **constants: int,
     ) -> Batch:
@@ -272,13 +270,13 @@ def _period(name: str, signal: Signal) -> float | None:
     return TURN / abs(signal.gain) if name == "theta" and signal.gain else None
 
 
-def _repeated(columns: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+def _repeated(columns: Sequence[Column]) -> NDArray[np.bool_]:
     """Return which rows repeat all of these columns of the row before, shape (n,)."""
     values = np.stack(columns)
     return np.append(False, (values[:, 1:] == values[:, :-1]).all(axis=0))[: values.shape[1]]
 
 
-def _counted(signal: Signal, ours: Floats, raw: NDArray[Any]) -> Floats:
+def _counted(signal: Signal, ours: Floats, raw: Column) -> Floats:
     """Return the count since the first row, in whole ticks.
 
     A counter narrower than 64 bits may wrap around; differences in its own number type see through that.

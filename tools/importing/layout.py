@@ -7,10 +7,12 @@ record. The fingerprint is not needed, so logs can be read whose type definition
 
 import re
 from collections.abc import Collection
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+Column: TypeAlias = NDArray[np.number]  # of the number type that the recording has, (n,)
 
 FINGERPRINT_BYTES = 8
 TYPES = {
@@ -75,7 +77,7 @@ def column_names(layout: np.dtype[np.void]) -> tuple[str, ...]:
 
 def decode(
     layout: np.dtype[np.void], messages: bytes | bytearray, wanted: Collection[str] | None = None
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, Column]:
     """Return one array of shape (number of messages,) for each wanted column, in the member's own number type.
 
     `messages` are whole messages one after the other, fingerprints included, each of `message_bytes(layout)`.
@@ -83,7 +85,7 @@ def decode(
     """
     whole = np.dtype([("fingerprint", f"V{FINGERPRINT_BYTES}"), ("members", layout)])
     records = np.frombuffer(messages, whole)["members"]
-    columns: dict[str, NDArray[Any]] = {}
+    columns: dict[str, Column] = {}
     for member in layout.names or ():
         values = records[member]
         is_array = values.ndim == 2

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 
@@ -92,7 +91,7 @@ class Pose(Group):
 class Channel:
     """How the messages of a foreign LCM channel are laid out, and which of CLOCKS is right about their time."""
 
-    layout: np.dtype[Any]
+    layout: np.dtype[np.void]
     clock: str
 
 

@@ -7,11 +7,14 @@ A step may choose one of an array: by its index (`data[2]`), by the message's ow
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cmr.tools.importing.ros_records import plain
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import FieldDesc, Typesdict
 
 YAW = "yaw"
 QUATERNION = {"x", "y", "z", "w"}
@@ -60,11 +63,11 @@ def parse_path(text: str) -> list[Step]:
     raise PathError(f"is {text!r}, which is no path such as twist.linear.x, position[left_wheel] or orientation.yaw")
 
 
-def getter(path: str) -> Callable[[Any], Any]:
+def getter(path: str) -> Callable[[object], Any]:
     """Return what gets the path's value out of a message; it raises AbsentError where there is none."""
     steps = [_stepper(step) for step in parse_path(path)]
 
-    def get(message: Any) -> Any:
+    def get(message: object) -> object:
         for step in steps:
             message = step(message)
         return message
@@ -72,7 +75,7 @@ def getter(path: str) -> Callable[[Any], Any]:
     return get
 
 
-def _stepper(step: Step) -> Callable[[Any], Any]:
+def _stepper(step: Step) -> Callable[[object], object]:
     if step.chosen is None:
         return partial(_yaw if step.name == YAW else _member, step.name)
     if step.chosen.isdecimal():
@@ -84,13 +87,14 @@ def _stepper(step: Step) -> Callable[[Any], Any]:
 
 
 def _member(name: str, parent: object) -> Any:
+    """Return what a message, of a class that came with it, has under this name."""
     try:
         return getattr(parent, name)
     except AttributeError:
         raise AbsentError(f"no {name!r}; there is {_listed(_members(parent))}") from None
 
 
-def _yaw(name: str, parent: object) -> Any:
+def _yaw(name: str, parent: object) -> object:
     if hasattr(parent, name):
         return getattr(parent, name)
     return heading(*(_member(part, parent) for part in "xyzw"))
@@ -104,7 +108,7 @@ def heading(x: float, y: float, z: float, w: float) -> float:
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
-def _element(step: Step, index: int, parent: object) -> Any:
+def _element(step: Step, index: int, parent: object) -> object:
     values = _member(step.name, parent)
     try:
         return values[index]
@@ -113,7 +117,7 @@ def _element(step: Step, index: int, parent: object) -> Any:
         raise AbsentError(f"no {step}; {step.name} has {size} elements") from None
 
 
-def _named(step: Step, parent: object) -> Any:
+def _named(step: Step, parent: object) -> object:
     names = list(_member("name", parent))
     if step.chosen not in names:
         raise AbsentError(f"no {step}; names there are {_listed(map(str, names))}")
@@ -124,7 +128,7 @@ def _named(step: Step, parent: object) -> Any:
     return values[index]
 
 
-def _between_frames(step: Step, parent: str, child: str, message: object) -> Any:
+def _between_frames(step: Step, parent: str, child: str, message: object) -> object:
     pairs = []
     for transform in _member(step.name, message):
         pair = transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/")
@@ -145,13 +149,32 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(names[:MOST_NAMES]) + more or "nothing"
 
 
+@dataclass(frozen=True)
+class Member:
+    """A member of a message: its type, whether that is a message of its own, and whether it is an array of them."""
+
+    kind: str
+    is_message: bool
+    is_array: bool = False
+
+    @classmethod
+    def of(cls, description: "FieldDesc") -> "Member":
+        """Return a member as rosbags describes it: (node, type), of an array (node, ((node, type), size))."""
+        what = description[1]
+        if isinstance(what, str):
+            return cls(what, is_message=True)
+        if isinstance(what[0], str):
+            return cls(what[0], is_message=False)
+        return replace(cls.of(what[0]), is_array=True)
+
+
 class Types:
     """The types of a topic's messages: checks a path before any message is read.
 
-    `definitions` are rosbags' fielddefs: {type: (constants, [(member, (node, what))])}.
+    `definitions` are rosbags' fielddefs: {type: (constants, [(member, description)])}.
     """
 
-    def __init__(self, message_type: str, definitions: Any) -> None:
+    def __init__(self, message_type: str, definitions: "Typesdict") -> None:
         self.message_type = message_type
         self._definitions = definitions
 
@@ -172,41 +195,45 @@ class Types:
                 raise PathError(f"has no {path!r}: {step} is a {kind} already")
         raise PathError(f"{path!r} is no number but a {kind} of {', '.join(self._choices(kind))}")
 
-    def _members(self, kind: str) -> dict[str, Any]:
-        return dict(self._definitions[kind][1]) if kind in self._definitions else {}
+    def _members(self, kind: str) -> dict[str, Member]:
+        if kind not in self._definitions:
+            return {}
+        return {name: Member.of(description) for name, description in self._definitions[kind][1]}
 
     def _choices(self, kind: str) -> Sequence[str]:
         members = list(self._members(kind))
         return [*members, YAW] if set(members) == QUATERNION else members
 
-    def _enter(self, step: Step, members: dict[str, Any], kind: str, path: str) -> tuple[str, bool]:
+    def _enter(self, step: Step, members: dict[str, Member], kind: str, path: str) -> tuple[str, bool]:
         """Return the type that a step leads to, and whether it is a number."""
-        node, what = members[step.name]
-        if node.name in ("ARRAY", "SEQUENCE"):
+        member = members[step.name]
+        if member.is_array:
             if step.chosen is None:
                 raise PathError(
                     f"{path!r}: {step.name} is an array; choose one of it: {self._how_to_choose(step, members)}"
                 )
-            node, what = what[0]
-            self._check_choice(step, members, node, what, path)
+            self._check_choice(step, members, path)
         elif step.chosen is not None:
             raise PathError(f"{path!r}: {step.name} is no array in {kind}")
-        if node.name == "NAME":
-            return str(what), False
-        if what[0] not in CODES:
-            raise PathError(f"{path!r} is a {what[0]}, no number")
-        return str(what[0]), True
+        if member.is_message:
+            return member.kind, False
+        if member.kind not in CODES:
+            raise PathError(f"{path!r} is a {member.kind}, no number")
+        return member.kind, True
 
-    def _how_to_choose(self, step: Step, members: dict[str, Any]) -> str:
-        node, what = members[step.name][1][0]
-        if node.name == "NAME" and {"header", "child_frame_id"} <= set(self._members(str(what))):
+    def _how_to_choose(self, step: Step, members: dict[str, Member]) -> str:
+        if self._is_transform(members[step.name]):
             return f"{step.name}[PARENT_FRAME>CHILD_FRAME]"
         return f"{step.name}[NAME]" if "name" in members else f"{step.name}[0]"
 
-    def _check_choice(self, step: Step, members: dict[str, Any], node: Any, what: Any, path: str) -> None:
+    def _is_transform(self, member: Member) -> bool:
+        """Tell whether a member is a transform, or an array of them."""
+        return member.is_message and set(self._members(member.kind)) >= {"header", "child_frame_id"}
+
+    def _check_choice(self, step: Step, members: dict[str, Member], path: str) -> None:
         assert step.chosen is not None
         if step.chosen.isdecimal():
             return
-        by_frames = node.name == "NAME" and {"header", "child_frame_id"} <= set(self._members(str(what)))
+        by_frames = self._is_transform(members[step.name])
         if not (by_frames if FRAMES in step.chosen else "name" in members):
             raise PathError(f"{path!r}: choose one of {step.name} by {self._how_to_choose(step, members)}")

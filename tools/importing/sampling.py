@@ -2,15 +2,13 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.tools.importing.layout import Column
 from cmr.tools.importing.mapping_types import Signal
 from cmr.tools.importing.sources import Table
-
-Values = NDArray[Any]
 
 AGAIN = (
     50_000  # us after which a command that is in force is sent again; the robots of this project forget it after 500 ms
@@ -30,7 +28,7 @@ class Again:
     utime: NDArray[np.int64]
 
 
-def recorded(signal: Signal, table: Table, own: Table, period: float | None = None) -> Values:
+def recorded(signal: Signal, table: Table, own: Table, period: float | None = None) -> Column:
     """Return what was recorded of a signal, which is in `own`, at the rows of `table`; NaN where nothing was.
 
     Between its rows a signal is interpolated, or held. One that starts again after `period` does so no more. Nothing is
@@ -76,14 +74,14 @@ def in_force_again(table: Table, tables: Collection[Table]) -> Again:
     return Again(rows, table.utime[rows] + number * AGAIN)
 
 
-def rows_of(table: Table, rows: Values, utime: NDArray[np.int64] | None = None) -> Table:
+def rows_of(table: Table, rows: NDArray[np.bool_] | NDArray[np.int64], utime: NDArray[np.int64] | None = None) -> Table:
     """Return these rows of a table, by a mask or by their numbers; at other times where `utime` [us] is given."""
     columns = {name: values[rows] for name, values in table.columns.items()}
     times = (table.utime[rows], table.received_utime[rows]) if utime is None else (utime, utime)
     return Table(*times, table.segment[rows], columns)
 
 
-def _heading(w: Values, *others: Values) -> Values:
+def _heading(w: Column, *others: Column) -> Column:
     """Return the heading [rad] that a quaternion means, of its members w, z or w, x, y, z."""
     z = others[-1]
     if len(others) == 1:

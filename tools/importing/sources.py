@@ -2,16 +2,16 @@
 
 from array import array
 from collections import Counter
+from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cmr.recordings.events import Event, EventReader
 from cmr.tools.events import progress_of, reading
-from cmr.tools.importing.layout import decode, message_bytes
+from cmr.tools.importing.layout import Column, decode, message_bytes
 from cmr.tools.importing.mapping_types import Mapping
 
 MICROSECONDS = 1e6
@@ -33,7 +33,7 @@ class Table:
     utime: NDArray[np.int64]
     received_utime: NDArray[np.int64]
     segment: NDArray[np.int64]
-    columns: dict[str, NDArray[Any]]
+    columns: dict[str, Column]
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def in_time_order(
     utime: NDArray[np.int64],
     received_utime: NDArray[np.int64],
     segment: NDArray[np.int64],
-    columns: dict[str, NDArray[Any]],
+    columns: Dictionary[str, Column],
 ) -> Table:
     """Return the rows as a table, in the order of `utime`; rows of one time stay in their order."""
     order = np.argsort(utime, kind="stable")

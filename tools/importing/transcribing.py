@@ -4,7 +4,6 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import lcm
 
@@ -70,13 +69,13 @@ def import_recording(mapping: Mapping, recording: Recorded, out: Path, robot_id:
     return Imported(conversion, source, robot_id, out)
 
 
-def _provenance(mapping: Mapping, recording: Recorded, source: Source) -> dict[str, Any]:
+def _provenance(mapping: Mapping, recording: Recorded, source: Source) -> dict[str, object]:
     """Return where the nominal parameters and the log come from, and what is needed to undo the mapping.
 
     `pieces` says where the import set pieces of the recording apart: for each the utime [us] at which it begins, its
     name in the recording, and the recording's own time [s] there.
     """
-    provenance: dict[str, Any] = {
+    provenance: dict[str, object] = {
         "method": "nominal",
         "mapping": mapping.name,
         "log": recording.path.name or recording.path.resolve().name,

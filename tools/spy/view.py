@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
@@ -110,7 +110,14 @@ class View:
             yield Row(table_row(line), line.channel == self._chosen)
 
 
-def document(now: int, lines: Sequence[Line], fits: Callable[[str], bool]) -> dict[str, Any]:
+class Document(TypedDict):
+    """What docs/reference/json.md says of channels."""
+
+    utime: int
+    channels: dict[str, dict[str, object]]
+
+
+def document(now: int, lines: Sequence[Line], fits: Callable[[str], bool]) -> Document:
     """Return all channels at `now` [us] for programs, as docs/reference/json.md says."""
     return {"utime": now, "channels": {line.channel: _of_channel(line) for line in lines if fits(line.channel)}}
 

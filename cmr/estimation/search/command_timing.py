@@ -10,7 +10,7 @@ stamps are a little off make jitter or loss of a delay.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Errors, Indices, Predictor
 from cmr.estimation.problem import Problem
 from cmr.recordings.signal import Floats, Mask
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 REACH = 0.5  # s after which a command's delay has left no trace
 LEAST_CHANGE = 1e-3  # duty
@@ -297,7 +300,7 @@ def _design(
     return values[inside], rows[inside], columns[inside]
 
 
-def _banded(normal: Any) -> Floats:
+def _banded(normal: "csr_matrix") -> Floats:
     """Return a symmetric sparse matrix in the upper banded form of LAPACK."""
     matrix = normal.tocoo()
     above = matrix.col >= matrix.row

@@ -9,7 +9,7 @@ exchange would leave is known to first order without another run of the model; t
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import SupportsIndex
 
 import numpy as np
 
@@ -294,7 +294,7 @@ def _pairs(screening: Screening, left: Left, leaving: tuple[str, ...], inflation
             yield _Proposal(leaving, numbers, shares, float(squares[index]) + penalty_of(leaving, effects, inflation))
 
 
-def possible(screening: Screening, number: Any, share: float) -> bool:
+def possible(screening: Screening, number: SupportsIndex, share: float) -> bool:
     """Return whether a trial may come with this share of its size."""
     trial = screening.trials[number]
     if trial.threshold:

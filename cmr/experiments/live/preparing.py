@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -77,6 +76,6 @@ def _copied(path: Path, copy: Path) -> Path:
 def _write_emulator(robot_id: int, emulator: EmulatorPlan, start: Pose, folder: Path) -> None:
     """Write the settings of an emulated robot that stands at `start`."""
     text = emulator.settings.read_text(encoding="utf-8") if emulator.settings else ""
-    settings: dict[str, Any] = yaml.safe_load(text) or {}
+    settings = yaml.safe_load(text) or {}
     settings["robot"] = {**settings.get("robot", {}), **start._asdict()}
     write_atomically(yaml.safe_dump(settings, sort_keys=False), folder / f"emulator_{robot_id}.yaml")

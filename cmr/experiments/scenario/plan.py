@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from cmr.documents.document import DocumentError
 from cmr.experiments.team.metrics import UNITS
@@ -31,7 +31,7 @@ class BehaviourPlan:
         return ",".join([self.name, *(f"{key}={value}" for key, value in self.settings.items())])
 
     @property
-    def mapping(self) -> dict[str, Any]:
+    def mapping(self) -> dict[str, object]:
         """The same as a mapping: `name` and the settings; one that is called `name`, too, is in `settings`."""
         others = {key: value for key, value in self.settings.items() if key != "name"}
         apart = {"settings": {"name": self.settings["name"]}} if "name" in self.settings else {}

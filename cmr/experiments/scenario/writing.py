@@ -1,13 +1,16 @@
 """A scenario as YAML that reads back as the same scenario: nothing is left to a rule or to a default file."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import yaml
 
 from cmr.experiments.scenario.plan import BehaviourPlan, RobotPlan, Scenario
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # in C where it is installed
 
@@ -37,7 +40,7 @@ def _follows(one: RobotPlan, other: RobotPlan) -> bool:
     return one.kind == "virtual" and replace(one, robot_id=one.robot_id + 1, start=other.start) == other
 
 
-def _entry(alike: list[RobotPlan]) -> dict[str, Any]:
+def _entry(alike: list[RobotPlan]) -> dict[str, object]:
     """Return one entry of the list of robots."""
     first = alike[0]
     if len(alike) == 1:
@@ -46,7 +49,7 @@ def _entry(alike: list[RobotPlan]) -> dict[str, Any]:
     return {**entry, "start": [_plain(robot.start) for robot in alike]}
 
 
-def _without_defaults(plan: Any, without: set[str]) -> dict[str, Any]:
+def _without_defaults(plan: "DataclassInstance", without: set[str]) -> dict[str, object]:
     """Return the fields of a dataclass whose values are not what they would be anyway."""
     values = {entry.name: (getattr(plan, entry.name), entry.default) for entry in fields(plan)}
     return {
@@ -56,7 +59,7 @@ def _without_defaults(plan: Any, without: set[str]) -> dict[str, Any]:
     }
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return a value as YAML has it."""
     if isinstance(value, BehaviourPlan):
         return value.mapping
@@ -64,6 +67,6 @@ def _plain(value: Any) -> Any:
         return str(value)
     if isinstance(value, tuple):
         return [_plain(element) for element in value]
-    if hasattr(value, "__dataclass_fields__"):
+    if is_dataclass(value) and not isinstance(value, type):
         return _without_defaults(value, set())
     return value

@@ -92,29 +92,32 @@ def with_settings(document: Mapping[str, object], values: Mapping[str, Value]) -
     changed = deepcopy(dict(document))
     for path, value in values.items():
         *way, last = path.split(".")
-        place: Any = changed
+        place: object = changed
         for depth, part in enumerate(way):
             place = _inside(place, part, path, ".".join(way[:depth]))
         _put(place, last, value, path, ".".join(way))
     return changed
 
 
-def _inside(place: Any, part: str, path: str, where: str) -> Any:
+def _inside(place: object, part: str, path: str, where: str) -> object:
     """Return what lies under a part of a path; a behaviour given as one text is taken apart for it."""
     key = _key(place, part, path, where)
+    assert isinstance(place, dict | list), "nothing else has keys"
     if isinstance(place[key], str) and part == "behaviour":
         place[key] = _taken_apart(place[key])
     return place[key]
 
 
-def _put(place: Any, last: str, value: Value, path: str, where: str) -> None:
+def _put(place: object, last: str, value: Value, path: str, where: str) -> None:
     if isinstance(place, dict):
         place[last] = value  # a key that is new here; the scenario says whether there is such a one
     else:
-        place[_key(place, last, path, where)] = value
+        index = _key(place, last, path, where)
+        assert isinstance(place, list), "nothing else has keys"
+        place[index] = value
 
 
-def _key(place: object, part: str, path: str, where: str) -> object:
+def _key(place: object, part: str, path: str, where: str) -> Any:
     """Return the key or the index of a part of a path; robots are known by their ids."""
     there: dict[str, object] = {}
     if isinstance(place, dict):

@@ -1,8 +1,6 @@
 """Recordings of one robot set one after another, as the pieces of one recording."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -21,10 +19,8 @@ def one_after_another(recordings: Sequence[Recording]) -> Recording:
         first, last = min((int(t[0]) for t in times), default=0), max((int(t[-1]) for t in times), default=0)
         shifts.append(end - first)
         end += last - first + APART
-    parts: dict[str, Any] = {
-        name: _joined([getattr(recording, name) for recording in recordings], shifts) for name in KEPT
-    }
-    return replace(recordings[0], **parts)
+    parts = {name: _joined([getattr(recording, name) for recording in recordings], shifts) for name in KEPT}
+    return recordings[0].with_signals(parts)
 
 
 def _joined(signals: Sequence[Signal], shifts: Sequence[int]) -> Signal:

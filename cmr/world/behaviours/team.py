@@ -55,13 +55,16 @@ class Memory:
 
     def __init__(self, **initial: float) -> None:
         self._initial = initial
-        self._columns: dict[str, Any] = {name: np.full(ROOM, value) for name, value in initial.items()}
+        self._columns: dict[str, NDArray[np.number]] = {name: np.full(ROOM, value) for name, value in initial.items()}
         self._row_of: dict[int, int] = {}
         self._asked: tuple[int, ...] = ()
         self._answer: Indices = np.zeros(0, np.int64)
 
     def __getitem__(self, name: str) -> Any:
-        """Return the array of one name; it may be longer than there are rows, and is replaced when rows are added."""
+        """Return the array of one name, of the number type of its initial value.
+
+        It may be longer than there are rows, and is replaced when rows are added.
+        """
         return self._columns[name]
 
     def __len__(self) -> int:

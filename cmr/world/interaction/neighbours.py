@@ -1,10 +1,10 @@
 """Who is near whom: neighbours within a radius, and where each sees them."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.body import wrap
 from cmr.model.compiled import compiled
@@ -12,6 +12,7 @@ from cmr.world.interaction.cells import close_pairs
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
+Lists: TypeAlias = tuple[NDArray[np.int64], Indices]  # `start` and `index` of Neighbours
 SKIN = 0.25  # m; who is so much further away than the radius is listed
 LISTS_HOLD = 0.49 * SKIN  # m; until somebody has moved further, with something left for rounding
 FURTHEST = 1e12  # m; positions further from the origin, and larger radii, are mistakes
@@ -33,7 +34,7 @@ class Neighbours:
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
 
 
-def pairs_within(x: Any, y: Any, radius: float) -> Neighbours:
+def pairs_within(x: ArrayLike, y: ArrayLike, radius: float) -> Neighbours:
     """Return for each of n robots at (x, y) [m] those at most `radius` [m] away.
 
     Time and memory grow with the number of robots and of pairs found. Raises ValueError for positions of unequal
@@ -78,7 +79,7 @@ class NearList:
             self._pairs = close_pairs(x, y, self._radius + SKIN)
 
 
-def range_and_bearing(x: Any, y: Any, theta: Any, neighbours: Neighbours) -> tuple[Floats, Floats]:
+def range_and_bearing(x: ArrayLike, y: ArrayLike, theta: ArrayLike, neighbours: Neighbours) -> tuple[Floats, Floats]:
     """Return distance [m] and bearing [rad] of every neighbour, in the order of `neighbours.index`.
 
     Bearings are seen from each robot itself: 0 ahead, positive to its left, in (-pi, pi].
@@ -89,7 +90,7 @@ def range_and_bearing(x: Any, y: Any, theta: Any, neighbours: Neighbours) -> tup
     return np.hypot(dx, dy), np.asarray(wrap(np.arctan2(dy, dx) - theta[me]))
 
 
-def checked_positions(x: Any, y: Any) -> tuple[Floats, Floats]:
+def checked_positions(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     """Return positions [m] as the compiled functions take them.
 
     Raises ValueError where they differ in number, are no numbers or lie beyond 1e12 m.
@@ -107,14 +108,16 @@ def checked_positions(x: Any, y: Any) -> tuple[Floats, Floats]:
 
 
 @compiled("Tuple((i8[::1], i4[::1]))(f8[::1], f8[::1], f8)")
-def _neighbours(x: Floats, y: Floats, radius: float) -> Any:
+def _neighbours(x: Floats, y: Floats, radius: float) -> Lists:
     """Return `start` and `index` of Neighbours."""
     first, second = close_pairs(x, y, radius)
     return _listed(first, second, len(x))
 
 
 @compiled("Tuple((b1, i8[::1], i4[::1]))(f8[::1], f8[::1], f8, f8[:, ::1], i4[::1], i4[::1])")
-def _still_near(x: Floats, y: Floats, radius: float, places: Floats, first: Indices, second: Indices) -> Any:
+def _still_near(
+    x: Floats, y: Floats, radius: float, places: Floats, first: Indices, second: Indices
+) -> tuple[bool, NDArray[np.int64], Indices]:
     """Return whether pairs listed when all were at `places` (2, n) [m] hold, and those of them that are near now.
 
     These as `start` and `index` of Neighbours; nobody where the list does not hold.
@@ -135,7 +138,7 @@ def _still_near(x: Floats, y: Floats, radius: float, places: Floats, first: Indi
 
 
 @compiled("Tuple((i8[::1], i4[::1]))(i4[::1], i4[::1], i8)")
-def _listed(first: Indices, second: Indices, n: int) -> Any:
+def _listed(first: Indices, second: Indices, n: int) -> Lists:
     """Return `start` and `index` of Neighbours from pairs of n robots in any order."""
     start = np.zeros(n + 1, np.int64)
     for k in range(len(first)):

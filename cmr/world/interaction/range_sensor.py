@@ -7,10 +7,9 @@ times things.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.compiled import compiled
 from cmr.model.elementary import sincos
@@ -45,7 +44,7 @@ class RangeSensor:
         if not (math.isfinite(self.first) and 0.0 < self.reach < math.inf):
             raise ValueError("the first ray's angle must be a number, the reach a number above 0")
 
-    def scan(self, pose: Any, own: Any, discs: Any, walls: Any) -> Floats:
+    def scan(self, pose: ArrayLike, own: ArrayLike, discs: ArrayLike, walls: ArrayLike) -> Floats:
         """Return the ranges [m] of n sensors, (n, rays); inf where nothing is within reach, 0 inside a disc.
 
         `pose` (3, n) are x, y [m] and theta [rad] of the sensors; `own` (n,) says which of the discs is the sensor's
