@@ -146,7 +146,7 @@ class LogShowing:
         playback = self._playback
         known = "" if playback.index.complete else f" · {100 * playback.index.progress:.0f} % read"
         known += ", not yet what happened before this" if playback.is_guess else ""
-        seconds = (playback.position - playback.index.begin) / 1e6
+        seconds = playback.index.seconds(playback.position)
         in_log = f"In the log, the emergency stop is engaged by {self.state.estop.reason}."
         line = words.sentence(f"LOG {self.name} · {seconds:.1f} s{known} · {crowd(self.state)}")
         line += words.sentence(self._damage(), RED) if self._damage() else ""

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.bus.message import Message
+from cmr.bus.messages import MICROSECONDS
 from cmr.bus.streams import ESTOP, Stream
 from cmr.recordings.events import Event
+from cmr.recordings.log_clock import seconds_since
 from cmr.tools.logs.channels import MOST_CHANNELS, OTHERS, Channel, Rejected, channel_of, utime_of
 
-MICROSECONDS = 1e6
 LONG = 3.0  # usual intervals: what is longer is a gap
 BATCH = 1024  # times that are looked at together
 BINS_PER_DOUBLING = 16
@@ -178,6 +179,10 @@ class LogHealth:
         self.channels: dict[str, ChannelHealth] = {}
         self.first = self.latest = 0
         self.count = 0
+
+    def seconds(self, utime: int) -> float:
+        """Return how long after the log's first event a time is [s]."""
+        return seconds_since(self.first, utime)
 
     def take_all(self, events: Iterable[Event]) -> None:
         """Take the events of a log."""
