@@ -99,7 +99,7 @@ def bus(state: ViewState) -> str:
     rows = [
         (
             *(line.channel, f"{line.rate:.1f}", _size(line.bytes_per_second), f"{line.age:.1f} s"),
-            *("-" if line.gaps is None else line.gaps, line.rejected),
+            *("-" if line.gaps is None else line.gaps, line.errors),
         )
         for line in state.traffic.lines(state.now)
     ]

@@ -259,7 +259,7 @@ def test_of_each_robot_the_last_message_counts_and_every_process() -> None:
     intake.flush()
     assert {name for name, _, _ in state.processes} == {"cmr-sim", "cmr-driver"}
     assert state.estop.engaged
-    rejected = {line.channel: line.rejected for line in state.traffic.lines(NOW)}
+    rejected = {line.channel: line.errors for line in state.traffic.lines(NOW)}
     assert (rejected["POSE_3"], rejected["SOMETHING_ELSE"], rejected["GYRO_3"]) == (1, 1, 0)
 
 
