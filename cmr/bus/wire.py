@@ -25,8 +25,8 @@ WIRE_TYPES = {
     "int64_t": ">i8",
     "float": ">f4",
     "double": ">f8",
-    "byte": ">u1",
     "boolean": ">i1",
+    "byte": ">u1",
 }
 TYPES = {stream.message_type._get_packed_fingerprint(): stream.message_type for stream in STREAMS}
 MOST_CHANNELS = 5000  # that are distinguished; a log with more names is a damaged one
