@@ -27,7 +27,7 @@ def add_options(parser: ArgumentParser, made: type[Any]) -> None:
         elif words is not None:
             parser.add_argument(name, choices=words, default=default, help=option.help)
         else:
-            read = PARSED.get(kind, kind)
+            read = option.read or PARSED.get(kind, kind)
             parser.add_argument(name, type=read, default=default, metavar=option.metavar, help=option.help)
 
 

@@ -22,10 +22,11 @@ class Word:
 
 @dataclass(frozen=True)
 class Option:
-    """What the help of the command says of a field."""
+    """What the help of the command says of a field, and how to `read` it there; else numbers are greater than 0."""
 
     help: str
     metavar: str | None = None
+    read: Callable[[str], Any] | None = None
 
 
 def help_of(made: type[Any]) -> dict[str, str]:

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
 
 from cattrs import Converter
@@ -46,6 +47,7 @@ def _converter() -> Converter:
     converter.register_structure_hook_factory(is_dataclass, lambda made: _dataclass_hook(made, converter))
     converter.register_structure_hook_func(_is_annotated, _annotated)
     converter.register_structure_hook(str, lambda item, _: _text(item))
+    converter.register_structure_hook(Path, lambda item, _: Path(_text(item)))
     converter.register_structure_hook(bool, lambda item, _: _flag(item))
     converter.register_structure_hook(int, lambda item, _: _number(item, int))
     converter.register_structure_hook(float, lambda item, _: _number(item, float))
