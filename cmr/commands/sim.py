@@ -202,6 +202,25 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--scenario", type=Path, metavar="FILE", help="simulate the virtual robots of this cmr-run scenario, too"
     )
+    _add_parameters(options)
+    options.add_argument(
+        "--real",
+        type=_real,
+        default="all",
+        metavar="all|none|ID,...",
+        help="the real robots to estimate; of several simulators that share a world, each robot belongs to one",
+    )
+    options.add_argument(
+        "--process-noise",
+        type=_seed,
+        metavar="SEED",
+        help="virtual robots stray from their model at random, by as much as the real one did that cmr-diagnose "
+        "diagnosed; another SEED, a whole number, strays otherwise",
+    )
+
+
+def _add_parameters(options: argparse.ArgumentParser) -> None:
+    """Add what virtual robots move by."""
     options.add_argument(
         "--parameters", type=Path, default=parameters(), metavar="DIR", help="folder with the files robot_<id>.yaml"
     )
@@ -222,20 +241,6 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
         "robot_*.yaml; or of one, by the standard deviations in its file",
     )
     options.add_argument("--seed", type=_seed, metavar="N", help="of --population: another draws others (default: 0)")
-    options.add_argument(
-        "--real",
-        type=_real,
-        default="all",
-        metavar="all|none|ID,...",
-        help="the real robots to estimate; of several simulators that share a world, each robot belongs to one",
-    )
-    options.add_argument(
-        "--process-noise",
-        type=_seed,
-        metavar="SEED",
-        help="virtual robots stray from their model at random, by as much as the real one did that cmr-diagnose "
-        "diagnosed; another SEED, a whole number, strays otherwise",
-    )
 
 
 def _add_room(options: argparse.ArgumentParser) -> None:

@@ -163,9 +163,7 @@ def score_length(rows: Sequence[Row]) -> list[Score]:
     rate = {
         repeats: float(np.median(own))
         for repeats in sorted({row.case.repeats for row in rows})
-        if (
-            own := [row.cpu_seconds / row.case.seconds for row in rows if row.case.repeats == repeats and is_timed(row)]
-        )
+        if (own := [row.cpu_seconds / row.case.seconds for row in timed if row.case.repeats == repeats])
     }
     if len(rate) < 2:
         return []
