@@ -28,9 +28,11 @@ from cmr.parameters.file import ParameterFile, Value
 from cmr.view import shapes, words
 from cmr.view.camera import INITIAL, TOP, Camera, overview
 from cmr.view.charts import distances, estimates, ticks
+from cmr.view.data.log_index import Mark
 from cmr.view.data.robots import REAL, TWIN, VIRTUAL
 from cmr.view.data.state import ViewState
-from cmr.view.look import legend
+from cmr.view.drawing import bar, paths_drawing
+from cmr.view.look import legend, page_look, time_bar
 from cmr.view.picture import BLUE, GREY, YELLOW, Bodies, picture_of, rays, trails
 from cmr.view.showing import crowd
 from cmr.view.stage import MANY, Instances
@@ -215,6 +217,15 @@ def test_what_a_stranger_says_is_no_html() -> None:
     state.traffic.take(NOW, "<b>", b" ")
     for panel in (words.processes(state), words.bus(state), words.sentence("<b>")):
         assert not any(tag in panel for tag in ("<script", "<img", "<b>"))
+
+
+def test_what_goes_to_browsers_are_plain_texts() -> None:
+    """Viser's encoder takes no class made of `str`."""
+    state = showing(three(NOW))
+    marks = [(1.0, Mark(NOW, "stop", "smoke"))]
+    texts = [words.robot(state, 0), words.sentence("a"), legend(state, True), page_look(), time_bar(1.0, 2.0, marks)]
+    texts += [bar(0.5), paths_drawing([("a", None)]), words.drives(state, 0), words.processes(state)]
+    assert {type(text) for text in texts} == {str}
 
 
 def test_a_process_that_says_nothing_is_told_to_be_silent_and_then_forgotten() -> None:
