@@ -84,11 +84,12 @@ class RobotLog:
         return f"<{type(self).__name__} {self.path}: robot {self.robot}, {self.seconds:.1f} s>"
 
     def _repr_html_(self) -> str:
-        from html import escape
+        from cmr.report.markup import tag
 
-        rows = "".join(
-            f"<tr><td>{name}</td><td>{len(signal)}</td><td>{', '.join(signal.fields)}</td></tr>"
+        rows = [
+            tag("tr", tag("td", name), tag("td", str(len(signal))), tag("td", ", ".join(signal.fields)))
             for name, signal in self.recording.signals.items()
-        )
-        head = f"{escape(str(self.path))}: robot {self.robot}, {self.seconds:.1f} s"
-        return f"<table><caption>{head}</caption><tr><th>signal</th><th>samples</th><th>fields</th></tr>{rows}</table>"
+        ]
+        caption = tag("caption", f"{self.path}: robot {self.robot}, {self.seconds:.1f} s")
+        head = tag("tr", tag("th", "signal"), tag("th", "samples"), tag("th", "fields"))
+        return tag("table", caption, head, *rows)

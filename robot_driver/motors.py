@@ -7,20 +7,19 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from cmr.bus.messages import make
 from cmr.model.duty_ramp import Limits, Ramp
 from cmr.msg import motor_duty_t, motor_feedback_t
 from robot_driver.asking import Asking
 from robot_driver.battery import Thresholds
-from robot_driver.clock import Stamps
 from robot_driver.command_gate import CommandGate, Drive
 from robot_driver.controllers import BadReply, Controller, Request, Telemetry
-from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, WheelMotion, Wiring
+from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, Wiring
+from robot_driver.feedback import Feedback
 from robot_driver.health import Health
 from robot_driver.port_thread import Device
 from robot_driver.rhythm import Rhythm
 from robot_driver.sent_duties import SentDuties, SentDuty
-from robot_driver.serial_port import Answer, NotSent, PortLost, SerialPort
+from robot_driver.serial_port import NotSent, PortLost, SerialPort
 
 SILENCE_LIMIT = 0.4  # s without an acknowledged duty after which the device counts as gone, perhaps switched off
 HUSH = 0.1  # s without one after which the device may have been reset: look before it is driven on
@@ -83,17 +82,15 @@ class Motors(Device):
         self._host = port.host
         self._controller_type = controller_type
         self._gate = gate
-        self._robot_id = robot_id
         self._period = 1.0 / rate_hz
         self._encoders = WheelEncoders(ticks_per_turn)
         self._wiring = wiring
         self._ramp = Ramp(limits, longest_step=2 * self._period)
         self._health = Health(gate, thresholds, controller_type.essential, port.path, self._period)
+        self._feedback = Feedback(robot_id, wiring, port.host.utime_at)
         self._publish = publish
         self._sent = SentDuties(robot_id, publish_duty)
         self._connection: _Connection | None = None
-        self._jumps_told = 0
-        self._stamps = Stamps(port.host.utime_at)
         self._last_driven = 0.0
         self._last_counted = 0.0
         self._refusal = ""  # why this device must not be driven, whatever connection is made
@@ -334,38 +331,7 @@ class Motors(Device):
         if motion is not None:
             self._sent.publish_all_but(applied)
             telemetry = self._health.recent(self._host.monotonic())
-            self._publish(self._feedback(telemetry, answer, motion, applied, status))
-
-    def _feedback(
-        self,
-        telemetry: Telemetry,
-        answer: Answer[tuple[int, int]],
-        motion: WheelMotion,
-        applied: SentDuty,
-        status: int,
-    ) -> motor_feedback_t:
-        # A jump is reported with the next believable reading, because it has itself no velocity to publish.
-        jumped, self._jumps_told = self._encoders.jumps > self._jumps_told, self._encoders.jumps
-        status |= telemetry.get("status", 0) | (motor_feedback_t.STATUS_ENCODER_JUMP if jumped else 0)
-        currents = self._wiring.sides(*telemetry.get("currents", (math.nan, math.nan)))
-        return make(
-            motor_feedback_t,
-            utime=self._stamps.next(answer.measured),
-            robot_id=self._robot_id,
-            ticks_left=motion.ticks[0],
-            ticks_right=motion.ticks[1],
-            psi_left=motion.psi[0],
-            psi_right=motion.psi[1],
-            applied_left=applied.left,
-            applied_right=applied.right,
-            current_left=currents[0],
-            current_right=currents[1],
-            battery_voltage=telemetry.get("battery_voltage", math.nan),
-            temperature=telemetry.get("temperature", math.nan),
-            status=status,
-            received_utime=self._host.utime_at(answer.arrived),
-            applied_utime=applied.utime,
-        )
+            self._publish(self._feedback.message(answer, motion, self.jumps, applied, telemetry, status))
 
     def _read_telemetry(self, connection: _Connection) -> None:
         """Make the next of the slow requests."""

@@ -24,7 +24,7 @@ def of_changelog(text: str) -> str:
     versions = [heading for heading in headings if heading != "Unreleased"]
     if not versions:
         raise SystemExit("CHANGELOG.md names no version: a heading like '## 0.1.0, 2026-11-25' is missing.")
-    return versions[0] + ("+unreleased" if headings[0] == "Unreleased" else "")
+    return str(versions[0]) + ("+unreleased" if headings[0] == "Unreleased" else "")
 
 
 def _of_distribution(folder: Path) -> str:

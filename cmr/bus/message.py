@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import ClassVar, Protocol, TypeVar
 
+FINGERPRINT_BYTES = 8  # at the beginning of each message, of its type
+
 
 class Message(Protocol):
     """A message of any type. `isinstance` with a class of `cmr.msg` says of which type it is."""

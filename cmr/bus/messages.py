@@ -43,6 +43,9 @@ class Received(NamedTuple):
         return self.message if isinstance(self.message, stream.message_type) else None
 
 
+MICROSECONDS = 1e6  # in a second; a `utime` counts them since the Unix epoch
+
+
 def now_utime() -> int:
     """Return the time of day in microseconds since the Unix epoch."""
     return time.time_ns() // 1000

@@ -5,10 +5,8 @@ A log, or a driver, that is older than the field says nothing of it: it is 0 the
 
 from typing import NamedTuple
 
-from cmr.bus.message import Message
+from cmr.bus.message import FINGERPRINT_BYTES, Message
 from cmr.msg import motor_feedback_t
-
-FINGERPRINT_BYTES = 8
 
 
 class Older(NamedTuple):

@@ -6,10 +6,10 @@ The same dataclass is what a file may say (`cmr.documents.structure`), so an opt
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable
-from dataclasses import MISSING, fields
+from dataclasses import MISSING
 from typing import TypeVar
 
-from cmr.documents.declared import Option, Word, declared
+from cmr.documents.declared import Option, Word, declared, fields_of
 
 Made = TypeVar("Made")
 
@@ -28,7 +28,7 @@ def add_options(parser: ArgumentParser, made: type[object]) -> None:
             parser.add_argument(name, choices=words, default=default, help=option.help)
         else:
             assert callable(kind), f"{name} is of a type that reads it"
-            read = PARSED.get(kind, kind)
+            read = option.read or PARSED.get(kind, kind)
             parser.add_argument(name, type=read, default=default, metavar=option.metavar, help=option.help)
 
 
@@ -37,13 +37,13 @@ def made_of(made: type[Made], options: Namespace) -> Made:
 
     Raises what the dataclass raises for options that contradict each other.
     """
-    return made(**{entry.name: getattr(options, entry.name) for entry in fields(made)})  # type: ignore[arg-type]
+    return made(**{entry.name: getattr(options, entry.name) for entry in fields_of(made)})
 
 
 def arguments_of(made: object) -> list[str]:
     """Return the options that make this dataclass; those that have their default are left out."""
     options: list[str] = []
-    for entry in fields(made):
+    for entry in fields_of(type(made)):
         value = getattr(made, entry.name)
         if value is True:
             options.append(f"--{entry.name.replace('_', '-')}")

@@ -72,6 +72,12 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="nominal parameters, at least wheel_radius; otherwise those announced on PARAMETERS_N",
     )
+    _add_results(options)
+    return options
+
+
+def _add_results(options: argparse.ArgumentParser) -> None:
+    """Add what is found, by which method, and where it is written."""
     options.add_argument(
         "--out", type=Path, default=None, metavar="FILE", help="file to write; live: robot_N.yaml, log: only print"
     )
@@ -94,7 +100,6 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="draw path, residuals and error surface, as .png, .svg or .pdf",
     )
-    return options
 
 
 def _options(arguments: list[str]) -> argparse.Namespace:

@@ -87,6 +87,15 @@ def command_parser() -> argparse.ArgumentParser:
     add("scenario", metavar="SCENARIO", help="scenario file, or the name of a shipped one, as for cmr-run")
     add("--seeds", type=_seeds, default=20, metavar="N", help=f"experiments of each kind, {FEWEST} or more")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    _add_robots(options)
+    add_json(options)
+    add("--jobs", type=parse_count, default=len(os.sched_getaffinity(0)), metavar="N", help="processes side by side")
+    return options
+
+
+def _add_robots(options: argparse.ArgumentParser) -> None:
+    """Add which robot is real, what is believed of the robots, and how far from that they are."""
+    add = options.add_argument
     add(
         *("--robot", "--real"),
         type=parse_robot_id,
@@ -116,9 +125,6 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="HOW",
         help=f"some of {', '.join(PREPARATIONS)}; else all",
     )
-    add_json(options)
-    add("--jobs", type=parse_count, default=len(os.sched_getaffinity(0)), metavar="N", help="processes side by side")
-    return options
 
 
 def _seeds(text: str) -> int:

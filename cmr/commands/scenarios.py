@@ -1,30 +1,16 @@
 """Scenarios as commands read them: the options of drivers and emulators in them are those of `robot_driver`."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from cmr.documents.document import Item
 from cmr.documents.structure import structured
 from cmr.experiments import scenario
 from cmr.experiments.scenario import Scenario
+from cmr.experiments.scenario.hardware import EmulatorPlan
 
 
 class RobotDriver:
     """The devices of `robot_driver`, loaded when a scenario has options for them: few have."""
-
-    @property
-    def controllers(self) -> Sequence[str]:
-        """The names of the motor controllers that can be emulated."""
-        from robot_driver.emulator.devices import CONTROLLER_DEVICES
-
-        return sorted(CONTROLLER_DEVICES)
-
-    @property
-    def gyros(self) -> Sequence[str]:
-        """The names of the gyros that can be emulated."""
-        from robot_driver.emulator.devices import GYRO_DEVICES
-
-        return sorted(GYRO_DEVICES)
 
     def connection(self, item: Item) -> object:
         """Return the options of cmr-driver that an item describes.
@@ -34,6 +20,15 @@ class RobotDriver:
         from robot_driver.settings import Connection
 
         return structured(item, Connection)
+
+    def emulation(self, item: Item | None) -> EmulatorPlan:
+        """Return the options of cmr-emulate that an item describes; without one, those that it has by default.
+
+        Raises the document's error for what the emulator does not allow.
+        """
+        from robot_driver.emulator.options import Emulation
+
+        return Emulation() if item is None else structured(item, Emulation)
 
     def check_emulator(self, settings: Path) -> None:
         """Raise SettingsError unless an emulator can be made by the settings of this file."""

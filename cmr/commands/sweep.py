@@ -152,6 +152,12 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument(
         "--out", type=Path, default=None, metavar="DIR", help="folder for the results; otherwise SCENARIO_sweep"
     )
+    _add_workers(options)
+    return options
+
+
+def _add_workers(options: argparse.ArgumentParser) -> None:
+    """Add who does the runs: processes here, or the workers of a Dask scheduler."""
     where = options.add_mutually_exclusive_group()
     where.add_argument(
         "--scheduler",
@@ -168,7 +174,6 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="N",
         help="how many processes here; otherwise one a core",
     )
-    return options
 
 
 def _number(largest: int) -> Callable[[str], int]:

@@ -1,7 +1,7 @@
 """How a dataclass declares what its fields may be: in a file, and as options of a command."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import Field, dataclass, fields
+from dataclasses import Field, dataclass, fields, is_dataclass
 from typing import Annotated, get_args, get_origin, get_type_hints
 
 
@@ -22,10 +22,11 @@ class Word:
 
 @dataclass(frozen=True)
 class Option:
-    """What the help of the command says of a field."""
+    """What the help of the command says of a field, and how to `read` it there; else numbers are greater than 0."""
 
     help: str
     metavar: str | None = None
+    read: Callable[[str], object] | None = None
 
 
 def help_of(made: type[object]) -> dict[str, str]:
@@ -33,10 +34,16 @@ def help_of(made: type[object]) -> dict[str, str]:
     return {entry.name: rule.help for entry, _, rules in declared(made) for rule in rules if isinstance(rule, Option)}
 
 
+def fields_of(made: type[object]) -> "tuple[Field[object], ...]":
+    """Return the fields of a dataclass."""
+    assert is_dataclass(made), f"{made} is no dataclass"
+    return fields(made)
+
+
 def declared(made: type[object]) -> list[tuple[Field[object], object, list[object]]]:
     """Return each field of a dataclass with its type, and what is annotated to it."""
     hints = get_type_hints(made, include_extras=True)
-    return [(entry, *_taken_apart(hints[entry.name])) for entry in fields(made)]
+    return [(entry, *_taken_apart(hints[entry.name])) for entry in fields_of(made)]
 
 
 def _taken_apart(hint: object) -> tuple[object, list[object]]:

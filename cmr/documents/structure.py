@@ -12,14 +12,15 @@ dataclass itself refuses is placed, too, where it raises the document's error wi
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, is_dataclass
 from functools import cache
+from pathlib import Path
 from typing import Annotated, TypeVar, cast, get_args, get_origin
 
 from cattrs import Converter
 from cattrs.gen import make_dict_structure_fn
 
-from cmr.documents.declared import Between, Word, help_of
+from cmr.documents.declared import Between, Word, fields_of, help_of
 from cmr.documents.document import DocumentError, Item, Number
 
 Made = TypeVar("Made")
@@ -46,6 +47,7 @@ def _converter() -> Converter:
     converter.register_structure_hook_factory(is_dataclass, lambda made: _dataclass_hook(made, converter))
     converter.register_structure_hook_func(_is_annotated, _annotated)
     converter.register_structure_hook(str, lambda item, _: _text(item))
+    converter.register_structure_hook(Path, lambda item, _: Path(_text(item)))
     converter.register_structure_hook(bool, lambda item, _: _flag(item))
     converter.register_structure_hook(int, lambda item, _: _number(item, int))
     converter.register_structure_hook(float, lambda item, _: _number(item, float))
@@ -54,8 +56,8 @@ def _converter() -> Converter:
 
 def _dataclass_hook(made: type[Made], converter: Converter) -> Callable[[Item, object], Made]:
     make = make_dict_structure_fn(made, converter, _cattrs_detailed_validation=False)
-    known = [field.name for field in fields(made) if field.init]
-    needed = [field.name for field in fields(made) if field.default is MISSING and field.default_factory is MISSING]
+    known = [field.name for field in fields_of(made) if field.init]
+    needed = [field.name for field in fields_of(made) if field.default is MISSING and field.default_factory is MISSING]
     why = help_of(made)
 
     def hook(item: Item, _: object) -> Made:

@@ -83,5 +83,5 @@ class RobotParameters:
     def __iter__(self) -> Iterator[Any]:
         return iter((self.wheel_radius, self.k2_over_k3, self.k1, self.base_width))
 
-    def _replace(self, **values: Quantity) -> "RobotParameters":
+    def _replace(self, **values: Any) -> "RobotParameters":
         return replace(self, **values)

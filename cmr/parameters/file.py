@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import yaml
 
@@ -170,7 +170,7 @@ def _parsed(root: Item) -> ParameterFile:
         if unknown:
             key = min(map(str, unknown))
             raise ParameterFileError(f"unknown key {key!r}", inside=(key,))
-        robot_id: int = content.get("robot_id")  # of the right type or not: ParameterFile says so
+        robot_id = cast(int, content.get("robot_id"))  # of the right type or not: ParameterFile says so
         return ParameterFile(
             robot_id=robot_id,
             values=_parse_values(content.get("parameters")),

@@ -1,50 +1,18 @@
-"""Read an event log into arrays: the messages of a channel are decoded all at once.
-
-How the bytes lie follows from the generated message class, once, so that it cannot disagree with the wire types.
-"""
+"""Read an event log into arrays: the messages of a channel are decoded all at once."""
 
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from cmr.bus.message import Message
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.older import as_of_today
 from cmr.bus.streams import PARAMETERS, SELF_TESTS, identify
+from cmr.bus.wire import layout_of
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
 from cmr.recordings.events import EventReader
-
-FINGERPRINT = "fingerprint"  # name of the first 8 bytes of every message
-# NumPy's names of LCM's types of fixed size; LCM sends the most significant byte first.
-WIRE_TYPES = {
-    "int8_t": ">i1",
-    "int16_t": ">i2",
-    "int32_t": ">i4",
-    "int64_t": ">i8",
-    "float": ">f4",
-    "double": ">f8",
-    "byte": ">u1",
-    "boolean": ">i1",
-}
-
-
-@cache
-def layout_of(message_type: type[Message]) -> np.dtype[np.void]:
-    """Return how an encoded message of this generated class lies in memory: fingerprint, then its fields.
-
-    Raises TypeError for a class that is not of fixed size.
-    """
-    fields = zip(message_type.__slots__, message_type.__typenames__, message_type.__dimensions__, strict=True)
-    layout = [(FINGERPRINT, "V8")]
-    for name, wire_type, dimensions in fields:
-        if wire_type not in WIRE_TYPES or dimensions is not None:
-            raise TypeError(f"{message_type.__name__}: {name} is not of fixed size")
-        layout.append((name, WIRE_TYPES[wire_type]))
-    return np.dtype(layout)
 
 
 class SignalGatherer:

@@ -2,7 +2,7 @@
 
 import html
 
-VOID = frozenset({"meta", "br", "wbr"})  # elements without content and end
+VOID = frozenset({"meta", "br", "wbr", "img"})  # elements without content and end
 
 
 class Html(str):

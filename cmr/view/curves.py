@@ -11,8 +11,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from cmr.bus.fields import FieldName, number_in
-from cmr.bus.messages import RejectedMessage, decode
+from cmr.bus.messages import MICROSECONDS, RejectedMessage, decode
 from cmr.recordings.events import Event
+from cmr.recordings.log_clock import measured_at
 from cmr.recordings.thinning import Rows
 from cmr.view.data.log_index import LogIndex
 from cmr.view.data.robots import Floats, Integers
@@ -20,7 +21,6 @@ from cmr.view.data.robots import Floats, Integers
 MOST_SIGNALS = 16
 MOST_LIVE = 30_000  # values: the longest window of 300 s at 100 Hz; of faster channels the last ones are shown
 MOST_OF_LOG = 20_000  # values; of longer logs the lowest and highest of each few are kept, so that spikes are seen
-LARGEST_DELAY = 1_000_000  # us between a message's time stamp and its arrival; with more a clock is wrong
 LIVE_WINDOWS = {"last 10 s": 10.0, "last 30 s": 30.0, "last 60 s": 60.0, "last 5 min": 300.0}
 WHOLE = "whole log"
 LOG_WINDOWS = {WHOLE: 0.0, "10 s": 10.0, "60 s": 60.0, "10 min": 600.0}
@@ -51,14 +51,6 @@ class Curves(Protocol):
 
     def curve(self, name: FieldName, window: float, now: int) -> Curve:
         """Return a signal in a window, `now` [us] being the moment that the scene shows."""
-
-
-def moment_of(arrived: int, logged: int, stamp: int) -> int:
-    """Return the time of a message [us] by the clock of `arrived`: that of its own stamp, unless its clock is wrong.
-
-    The page listens between pictures, so that messages arrive in bunches; `logged` is the arrival as its logger saw it.
-    """
-    return arrived + stamp - logged if abs(stamp - logged) <= LARGEST_DELAY else arrived
 
 
 class _Ring:
@@ -108,9 +100,9 @@ class LiveCurves:
         ring = self._rings.get(name.channel, {}).get(name)
         if ring is None:
             return _not_kept(-window, 0.0)
-        times, values = ring.since(now - int(1e6 * window))
+        times, values = ring.since(now - int(MICROSECONDS * window))
         note = "" if len(times) else f"no message on {name.channel} in this window"
-        return Curve((times - now) / 1e6, values, -window, 0.0, None, note)
+        return Curve((times - now) / MICROSECONDS, values, -window, 0.0, None, note)
 
 
 class LogCurves:
@@ -149,14 +141,14 @@ class LogCurves:
 
     def curve(self, name: FieldName, window: float, now: int) -> Curve:
         """Return a signal in the whole log, or in the one of its spans of `window` [s] that is played."""
-        cursor, length = (now - self._index.begin) / 1e6, (self._index.end - self._index.begin) / 1e6
+        cursor, length = self._index.seconds(now), self._index.seconds(self._index.end)
         begin = window * (cursor // window) if window else 0.0
         end = begin + window if window else max(length, 0.1)
         if name not in self._rows:
             return _not_kept(begin, end)
         times, (values,) = self._rows[name].all()[0], self._rows[name].all()[1].T
         order = np.argsort(times, kind="stable")
-        seconds, values = (times[order] - self._index.begin) / 1e6, values[order]
+        seconds, values = (times[order] - self._index.begin) / MICROSECONDS, values[order]
         # One more on each side, so that lines go on to the edge.
         first = max(int(np.searchsorted(seconds, begin)) - 1, 0)
         part = slice(first, int(np.searchsorted(seconds, end, side="right")) + 1)
@@ -198,7 +190,7 @@ def _numbers(names: Iterable[FieldName], moment: int, event: Event) -> Iterator[
         message = decode(event.channel, event.data).message
     except RejectedMessage:
         return
-    at = moment_of(moment, event.utime, message.utime)
+    at = measured_at(moment, event.utime, message.utime)
     for name in names:
         value = number_in(message, name)
         if not (name.whose and np.isnan(value)):

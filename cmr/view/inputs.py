@@ -1,8 +1,15 @@
-"""A word on viser's inputs: mypy takes their value for read-only, which it is not."""
+"""What viser's inputs and texts need: mypy takes their value for read-only, and only plain texts can be sent."""
 
 from typing import Any
+
+from cmr.report.markup import Html
 
 
 def write(handle: Any, value: object) -> None:
     """Put a value into an input of a page."""
     handle.value = value
+
+
+def plain(html: Html) -> str:
+    """Return markup as a text that can be sent to a browser: viser's encoder takes `str`, but no class made of it."""
+    return str(html)

@@ -6,10 +6,11 @@ and takes files that are dropped on it.
 """
 
 from collections.abc import Sequence
-from html import escape
 
+from cmr.report.markup import Html, joined, tag
 from cmr.view.data.log_index import Mark
 from cmr.view.data.state import ViewState
+from cmr.view.inputs import plain
 from cmr.view.opening import LARGEST_LOG, too_large
 from cmr.view.picture import BLUE, COLOURS, GREEN, GREY, RED, YELLOW, waypoints
 from cmr.view.stage import FENCE_COLOUR
@@ -130,9 +131,9 @@ if (!window.cmrIsThere) {{
 
 def page_look() -> str:
     """Return what gives the page its title and style."""
-    script = f'<img hidden alt="" src="data:," data-icon="{ICON}" onerror="{escape(SCRIPT)}">'
-    heading = f'<h1 class="cmr-name">{TITLE}</h1>'  # for screen readers
-    return f"<style>{STYLE}</style>{script}{heading}"
+    script = tag("img", hidden="", alt="", src="data:,", data_icon=ICON, onerror=SCRIPT)
+    heading = tag("h1", TITLE, class_="cmr-name")  # for screen readers
+    return plain(joined(tag("style", Html(STYLE)), script, heading))
 
 
 def legend(state: ViewState, has_fence: bool) -> str:
@@ -143,21 +144,31 @@ def legend(state: ViewState, has_fence: bool) -> str:
     shown |= {RED} if len(waypoints(state, robots).ends) else set()
     shown |= {FENCE_COLOUR} if has_fence else set()
     entries = [(_css(colour), name) for colour, name in LEGEND if colour in shown]
-    lines = "".join(f'<div><i style="background:{colour}"></i>{name}</div>' for colour, name in entries)
-    return f'<div class="cmr-legend" role="note" aria-label="legend">{lines}</div>' if entries else ""
+    lines = [tag("div", tag("i", style=f"background:{colour}"), name) for colour, name in entries]
+    return plain(tag("div", *lines, class_="cmr-legend", role="note", aria_label="legend")) if entries else ""
 
 
 def time_bar(now: float, end: float, marks: Sequence[tuple[float, Mark]]) -> str:
     """Return the bar of a log's time over the whole width: `now` of `end` [s], and its events, each at its time [s]."""
-    ticks = "".join(
-        f'<u style="left:{100.0 * at / end:.2f}%" title="{at:.1f} s: {escape(mark.sentence[:80])}"></u>'
-        for at, mark in marks
+    ticks = [
+        tag("u", style=f"left:{100.0 * at / end:.2f}%", title=f"{at:.1f} s: {mark.sentence[:80]}") for at, mark in marks
+    ]
+    bar = tag(
+        "div",
+        tag("b", style=f"width:{100.0 * min(now / end, 1.0):.2f}%"),
+        *ticks,
+        tag("span", f"{now:.1f} of {end:.1f} s"),
+        class_="cmr-time",
+        onclick="cmrJump(event)",
+        data_seconds=f"{end:.1f}",
+        role="slider",
+        aria_label="time [s]",
+        aria_valuemin=0,
+        aria_valuemax=f"{end:.1f}",
+        aria_valuenow=f"{now:.1f}",
+        tabindex=0,
     )
-    return (
-        f'<div class="cmr-time" onclick="cmrJump(event)" data-seconds="{end:.1f}" role="slider" aria-label="time [s]" '
-        f'aria-valuemin="0" aria-valuemax="{end:.1f}" aria-valuenow="{now:.1f}" tabindex="0">'
-        f'<b style="width:{100.0 * min(now / end, 1.0):.2f}%"></b>{ticks}<span>{now:.1f} of {end:.1f} s</span></div>'
-    )
+    return plain(bar)
 
 
 def _css(colour: tuple[int, int, int]) -> str:

@@ -1,7 +1,6 @@
 """The part of a page that plots signals over time: any field of any channel, several at once."""
 
 from collections.abc import Sequence
-from html import escape
 
 import numpy as np
 import viser
@@ -10,11 +9,12 @@ from viser import uplot
 from cmr.bus.fields import FieldName, unit_of
 from cmr.recordings.thinning import broken_at_gaps, thinned
 from cmr.report.colours import TWIN_COLOUR
+from cmr.report.markup import joined, tag
 from cmr.view.charts import LABEL_HEIGHT, value_axis, value_range
 from cmr.view.curves import Curve, Curves
 from cmr.view.data.robots import Floats
 from cmr.view.data.signals import Source
-from cmr.view.inputs import write
+from cmr.view.inputs import plain, write
 
 MOST_PLOTS = 6  # of one visitor, so that a page stays quick
 PIXELS = 600  # of a plot's width, at least; of more values the lowest and highest of each pixel are drawn
@@ -60,7 +60,7 @@ class Plots:
                 with self._container:
                     self._plots[name] = _Plot(self._gui, name)
             self._plots[name].show(curves.curve(name, curves.windows[self.window], now))
-        self._said.content = "" if 0 < len(chosen) < MOST_PLOTS else _line(escape(FULL if chosen else HINT))
+        self._said.content = "" if 0 < len(chosen) < MOST_PLOTS else _line(FULL if chosen else HINT)
         options = (REMOVE, *map(str, chosen))
         if self._remove.options != options:
             self._remove.options = options
@@ -165,8 +165,8 @@ def title(name: FieldName, unit: str, curve: Curve) -> str:
         is_past &= curve.seconds <= curve.cursor
     past = np.flatnonzero(is_past)
     value = f" {curve.values[past[-1]]:.4g} {unit}" if len(past) else ""
-    note = f'<br><span style="opacity:.8">{escape(curve.note)}</span>' if curve.note else ""
-    return _line(f"{escape(str(name))}<b>{escape(value)}</b>{note}")
+    note = joined(tag("br"), tag("span", curve.note, style="opacity:.8")) if curve.note else ""
+    return _line(str(name), tag("b", value), note)
 
 
 def columns(curve: Curve, low: float, high: float) -> tuple[Floats, Floats, Floats, Floats]:
@@ -206,5 +206,5 @@ def _to_the_edges(curve: Curve) -> tuple[Floats, Floats]:
     return seconds, values
 
 
-def _line(html: str) -> str:
-    return f'<div style="font-size:12px;line-height:1.3;padding:6px 12px 0">{html}</div>'
+def _line(*parts: str) -> str:
+    return plain(tag("div", *parts, style="font-size:12px;line-height:1.3;padding:6px 12px 0"))

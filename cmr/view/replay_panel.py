@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import viser
 
+from cmr.bus.messages import MICROSECONDS
 from cmr.view.data.log_index import Mark
 from cmr.view.data.playback import Playback
 from cmr.view.inputs import write
@@ -64,23 +65,23 @@ class ReplayPanel:
         gui.add_command(f"on {step}", hotkey="arrowright").on_trigger(self._stepping(STEP_BY_KEY))
 
     def _stepping(self, seconds: float) -> Callable[[object], None]:
-        return lambda _event: self._ask(JUMP, self._playback.position + int(seconds * 1e6))
+        return lambda _event: self._ask(JUMP, self._playback.position + int(seconds * MICROSECONDS))
 
     def show(self) -> None:
         """Bring it up to date."""
         playback = self._playback
         if self._wanted is not None and time.monotonic() - self._typed >= TYPED:
-            self._ask(JUMP, playback.index.begin + int(self._wanted * 1e6))
+            self._ask(JUMP, playback.index.moment(self._wanted))
             self._wanted = None
         self._pause.label = "play again" if playback.at_end else "play" if playback.paused else "pause"
         end = self._end()
         if self._slider.max != end:
             self._slider.max = end
-        marks = [(self._seconds(mark.utime), mark) for mark in playback.index.marks]
-        self._bar.content = time_bar(min(self._seconds(playback.position), end), end, marks)
+        marks = [(playback.index.seconds(mark.utime), mark) for mark in playback.index.marks]
+        self._bar.content = time_bar(min(playback.index.seconds(playback.position), end), end, marks)
         if time.monotonic() - self._touched <= HANDS_OFF:
             return
-        write(self._slider, round(min(self._seconds(playback.position), end), 1))
+        write(self._slider, round(min(playback.index.seconds(playback.position), end), 1))
         write(self._speed, f"{playback.speed:g}")
         if len(playback.index.marks) != self._marks and time.monotonic() >= self._marks_due:
             self._marks_due = time.monotonic() + MARKS_APART
@@ -95,21 +96,21 @@ class ReplayPanel:
         self._events.options = (CHOOSE, *(self._name(number, mark) for number, mark in enumerate(marks)))
 
     def _new_slider(self, gui: viser.GuiApi, marks: Sequence[Mark]) -> viser.GuiSliderHandle[float]:
-        end = self._end()
-        words = labelled([(self._seconds(mark.utime), mark.word) for mark in marks], end)
-        now = round(min(self._seconds(self._playback.position), end), 1)
+        end, seconds = self._end(), self._playback.index.seconds
+        words = labelled([(seconds(mark.utime), mark.word) for mark in marks], end)
+        now = round(min(seconds(self._playback.position), end), 1)
         slider = gui.add_slider("time [s]", 0.0, end, STEP, now, marks=words or None, order=0.0)
         slider.on_update(self._slide)
         return slider
 
     def _name(self, number: int, mark: Mark) -> str:
-        minutes, seconds = divmod(self._seconds(mark.utime), 60.0)
+        minutes, seconds = divmod(self._playback.index.seconds(mark.utime), 60.0)
         return f"{number + 1}. {minutes:.0f}:{seconds:04.1f} {mark.sentence[:80]}"
 
     def _slide(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
         if event.client_id is not None:
             self._touched = time.monotonic()
-            self._ask(JUMP, self._playback.index.begin + int(self._slider.value * 1e6))
+            self._ask(JUMP, self._playback.index.moment(self._slider.value))
 
     def _type(self, event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
         if event.client_id is not None:
@@ -128,10 +129,8 @@ class ReplayPanel:
 
     def _end(self) -> float:
         """Return where the slider ends [s]: in whole steps, which it shows."""
-        return round(math.ceil(max(self._seconds(self._playback.index.end), STEP) / STEP) * STEP, 1)
-
-    def _seconds(self, utime: int) -> float:
-        return (utime - self._playback.index.begin) / 1e6
+        index = self._playback.index
+        return round(math.ceil(max(index.seconds(index.end), STEP) / STEP) * STEP, 1)
 
 
 def seconds_of(text: str) -> float | None:

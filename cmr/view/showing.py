@@ -146,11 +146,12 @@ class LogShowing:
         playback = self._playback
         known = "" if playback.index.complete else f" · {100 * playback.index.progress:.0f} % read"
         known += ", not yet what happened before this" if playback.is_guess else ""
-        seconds = (playback.position - playback.index.begin) / 1e6
+        seconds = playback.index.seconds(playback.position)
         in_log = f"In the log, the emergency stop is engaged by {self.state.estop.reason}."
-        line = words.sentence(f"LOG {self.name} · {seconds:.1f} s{known} · {crowd(self.state)}")
-        line += words.sentence(self._damage(), RED) if self._damage() else ""
-        return line + (words.sentence(in_log, RED) if self.state.estop.engaged else "") + stop_line(self.orders)
+        lines = [words.sentence(f"LOG {self.name} · {seconds:.1f} s{known} · {crowd(self.state)}")]
+        lines += [words.sentence(self._damage(), RED)] if self._damage() else []
+        lines += [words.sentence(in_log, RED)] if self.state.estop.engaged else []
+        return "".join(lines) + stop_line(self.orders)
 
     def _damage(self) -> str:
         """Return how much of the log is no intact event, as far as it has been read; empty if all is well."""

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from html import escape
 from typing import NamedTuple
 
 from cmr.bus.message import Message
@@ -18,9 +17,11 @@ from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, VelocityContro
 from cmr.msg import calibration_status_t, motor_command_t, motor_feedback_t, process_status_t, wheel_speed_command_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
 from cmr.recordings.arrivals import COMMANDS_OF, Command
+from cmr.report.markup import tag
 from cmr.view.data.robots import REAL, TWIN, VIRTUAL
 from cmr.view.data.state import ViewState
 from cmr.view.drawing import bar, distance, paths_drawing
+from cmr.view.inputs import plain
 
 SILENT = 3.0  # s without a report after which a process is said to be silent
 CONFIDENCE = 1.96  # standard deviations to each side that hold the truth in 95 of 100 cases
@@ -99,7 +100,7 @@ def bus(state: ViewState) -> str:
     rows = [
         (
             *(line.channel, f"{line.rate:.1f}", _size(line.bytes_per_second), f"{line.age:.1f} s"),
-            *("-" if line.gaps is None else line.gaps, line.rejected),
+            *("-" if line.gaps is None else line.gaps, line.errors),
         )
         for line in state.traffic.lines(state.now)
     ]
@@ -245,20 +246,21 @@ def twins(state: ViewState) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a table; a row of one (key, text) pair is a remark that goes over all columns."""
-    lines = ["".join(f'<th style="{CELL};{KEEP}">{escape(name)}</th>' for name in head)]
+    lines = [tag("tr", *(tag("th", name, style=f"{CELL};{KEEP}") for name in head))]
     for row in rows:
         if len(row) == 1 and isinstance(row[0], tuple):
-            lines.append(f'<td colspan="{len(head)}" style="{CELL};opacity:.75">{escape(str(row[0][1]))}</td>')
+            remark = tag("td", str(row[0][1]), colspan=len(head), style=f"{CELL};opacity:.75")
+            lines.append(tag("tr", remark))
         else:
             styles = (f"{CELL};{KEEP}", *[CELL] * (len(row) - 1))
             cells = zip(styles, row, strict=True)
-            lines.append("".join(f'<td style="{style}">{escape(str(cell))}</td>' for style, cell in cells))
-    return f'<div style="{STYLE}"><table>' + "".join(f"<tr>{line}</tr>" for line in lines) + "</table></div>"
+            lines.append(tag("tr", *(tag("td", str(cell), style=style) for style, cell in cells)))
+    return plain(tag("div", tag("table", *lines), style=STYLE))
 
 
 def sentence(text: str, colour: str = "inherit") -> str:
     """Return a paragraph."""
-    return f'<div style="{STYLE};color:{colour}">{escape(text)}</div>'
+    return plain(tag("div", text, style=f"{STYLE};color:{colour}"))
 
 
 def _number(value: float, form: str) -> str:

@@ -8,15 +8,13 @@ from collections.abc import Iterable
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cmr.bus.state_table import Integers, StateTable
 from cmr.model.motion import RobotState
 from cmr.msg import world_state_t
 from cmr.world.view import Robots, numbers_of
 
 Members: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # robot ids, and their origins
-Times: TypeAlias = NDArray[np.int64]
-Floats: TypeAlias = NDArray[np.float64]
 
 LOST = 1_000_000  # us; a robot of which nothing newer was heard is no longer shown
 MEMORY = 10_000_000  # us for which it is known what was sent; no network keeps a message for longer
@@ -34,10 +32,7 @@ class Others:
 
     def __init__(self, own: Iterable[int]) -> None:
         self._own = set(own)
-        self._keys: list[tuple[int, int]] = []  # of all robots ever heard of; their place is their row below
-        self._rows: dict[tuple[int, int], int] = {}
-        self._utime: Times = np.zeros(0, np.int64)
-        self._state: Floats = np.zeros((len(RobotState._fields), 0))
+        self._table = StateTable(len(RobotState._fields))
         self._groups: dict[Members, _Group] = {}
         self._sent: dict[int, None] = {}
         self._doubled: dict[int, int] = {}
@@ -66,20 +61,20 @@ class Others:
             self._clock = (now, message.utime - now)
             return None
         self._doubled.update(dict.fromkeys(group.own, now))
-        age = message.utime - self._utime[group.rows]
+        age = message.utime - self._table.utime[group.rows]
         news = (age > 0) | (age < -LOST)  # or the other host's clock was set back
         if not news.any():
             return None
         rows = group.rows[news]
         state = np.array([getattr(message, name) for name in RobotState._fields])[:, group.columns[news]]
-        self._utime[rows] = message.utime
-        self._state[:, rows] = state
+        self._table.utime[rows] = message.utime
+        self._table.state[:, rows] = state
         return Robots(*(group.members if news.all() else self._members(rows)), RobotState(*state))
 
     def robots(self, now: int) -> Robots:
         """Return the robots of others heard of within the last second, each as it was last heard of."""
-        heard = np.flatnonzero(now - self._utime <= LOST)
-        return Robots(*self._members(heard), RobotState(*self._state[:, heard]))
+        heard = np.flatnonzero(now - self._table.utime <= LOST)
+        return Robots(*self._members(heard), RobotState(*self._table.state[:, heard]))
 
     def problems(self, now: int) -> list[str]:
         """Return sentences about what keeps the simulators from sharing one world; none if nothing does."""
@@ -106,26 +101,14 @@ class Others:
                 self._groups.clear()
             ids = members[0]
             columns = np.array([i for i, robot_id in enumerate(ids) if robot_id not in self._own], np.int64)
-            rows = self._rows_of([(ids[i], members[1][i]) for i in columns.tolist()])
+            rows = self._table.rows(*(np.array(numbers, np.int64)[columns] for numbers in members))
             own = tuple(robot_id for robot_id in ids if robot_id in self._own)
             self._groups[members] = _Group(self._members(rows), own, columns, rows)
         return self._groups[members]
 
-    def _rows_of(self, keys: list[tuple[int, int]]) -> Times:
-        """Return the rows of robots, with room made for those that are new."""
-        for key in keys:
-            if key not in self._rows:
-                self._rows[key] = len(self._keys)
-                self._keys.append(key)
-        more = len(self._keys) - len(self._utime)
-        self._utime = np.append(self._utime, np.zeros(more, np.int64))
-        self._state = np.hstack([self._state, np.zeros((len(self._state), more))])
-        return np.array([self._rows[key] for key in keys], np.int64)
-
-    def _members(self, rows: Times) -> Members:
+    def _members(self, rows: Integers) -> Members:
         """Return the ids and the origins of robots."""
-        keys = [self._keys[row] for row in rows.tolist()]
-        return numbers_of([robot_id for robot_id, _ in keys]), numbers_of([origin for _, origin in keys])
+        return numbers_of(self._table.robot_id[rows].tolist()), numbers_of(self._table.origin[rows].tolist())
 
 
 class _Group(NamedTuple):
@@ -133,8 +116,8 @@ class _Group(NamedTuple):
 
     members: Members
     own: tuple[int, ...]
-    columns: Times
-    rows: Times
+    columns: Integers
+    rows: Integers
 
 
 def named(robot_ids: list[int]) -> str:

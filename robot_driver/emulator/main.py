@@ -10,12 +10,14 @@ from cmr.bus.process import EXIT_INTERRUPTED, Process
 from cmr.bus.streams import ESTOP, POSE
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.errors import CommandError
-from cmr.model.command_kinds import DUTY, KINDS
+from cmr.cli.options import add_options, made_of
+from cmr.model.command_kinds import DUTY
 from cmr.msg import pose_xyt_t
 from cmr.priority import go_first
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.engine import Engine
+from robot_driver.emulator.options import Emulation
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports, PortsError
 from robot_driver.emulator.sensors import MotionCapture, Pose
@@ -24,7 +26,6 @@ from robot_driver.emulator.speed_robot import COMMANDS, SpeedRobot
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 CHECK_PERIOD = 0.2  # s between looks at whether the emulated robot still runs
-IDEAL_HELP = "no effects and imperfections but the noise of the sensors, and what FILE.yaml of --settings hides"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -33,10 +34,10 @@ def main(arguments: list[str]) -> int:
 
     Raises CommandError when settings or ports cannot be used, BusError when there is no bus.
     """
-    options = _options(arguments)
+    options, emulation = _options(arguments)
     try:
-        settings = load_settings(options.settings, seed=options.seed, ideal=options.ideal)
-        if options.command != DUTY:
+        settings = load_settings(emulation.settings, seed=options.seed, ideal=emulation.ideal)
+        if emulation.command != DUTY:
             return _run_speed_robot(options, settings)
         ports = Ports(Path(options.ports or _default_folder(options.robot)), ("motor", "gyro"))
         if options.no_pose:
@@ -59,24 +60,20 @@ def command_parser() -> ArgumentParser:
         "  cmr-emulate --command velocity --ideal",
     )
     add_robot(options)
-    options.add_argument("--command", choices=KINDS, default=DUTY, help="what the robot takes: see above")
-    options.add_argument("--controller", choices=sorted(CONTROLLER_DEVICES), default="roboclaw", help="on port motor")
-    options.add_argument("--gyro", choices=sorted(GYRO_DEVICES), default="dsp3000", help="on port gyro")
-    options.add_argument("--settings", type=Path, metavar="FILE.yaml", help="what differs from the default robot")
-    options.add_argument("--ideal", action="store_true", help=IDEAL_HELP)
+    add_options(options, Emulation)
     options.add_argument("--seed", type=int, metavar="N", help="of all random numbers, instead of that of the settings")
     options.add_argument("--ports", type=Path, metavar="DIR", help=f"folder for the ports; else {_default_folder(0)}")
-    options.add_argument("--pose-rate", type=float, default=50.0, metavar="HZ", help="rate of POSE_N")
     options.add_argument("--no-pose", action="store_true", help="no external pose; no bus is needed then")
     return options
 
 
-def _options(arguments: list[str]) -> Namespace:
-    options = command_parser()
-    result = options.parse_args(arguments)
-    if not 0.1 <= result.pose_rate <= 1000.0:
-        options.error("--pose-rate must be 0.1 to 1000 Hz")
-    return result
+def _options(arguments: list[str]) -> tuple[Namespace, Emulation]:
+    parser = command_parser()
+    options = parser.parse_args(arguments)
+    try:
+        return options, made_of(Emulation, options)
+    except ValueError as error:
+        parser.error(str(error))
 
 
 def _default_folder(robot_id: int) -> Path:

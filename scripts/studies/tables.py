@@ -6,17 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from cmr.model.catalogue import CATALOGUE
-from tests.hidden_effects.rows import Row
-from tests.hidden_effects.scoring import (
-    Score,
+from tests.hidden_effects.judging import (
     covered,
     may_be,
     parameters_of,
     parameters_right,
     right_first,
-    scores,
     wrongly_named,
 )
+from tests.hidden_effects.rows import Row
+from tests.hidden_effects.scoring import Score, scores
 
 
 def report(rows: Sequence[Row]) -> str:

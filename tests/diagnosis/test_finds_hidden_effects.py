@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from tests.hidden_effects import scoring
+from tests.hidden_effects import judging
 from tests.hidden_effects.cases import BEGINNING, EIGHT, EIGHT_OPEN, RICH, Case
 from tests.hidden_effects.diagnosing import diagnosed
 from tests.hidden_effects.rows import Row
@@ -96,14 +96,14 @@ def whole_story(row: Row) -> str:
 @of(SINGLE)
 def test_a_hidden_effect_is_named_first_and_nothing_wrong_beside_it(row_of: Rows, case: Case) -> None:
     row = row_of(case)
-    assert scoring.right_first(row), whole_story(row)
-    assert not scoring.wrongly_named(row), whole_story(row)
+    assert judging.right_first(row), whole_story(row)
+    assert not judging.wrongly_named(row), whole_story(row)
 
 
 def test_nine_of_ten_parameters_of_what_is_named_are_within_five_percent_or_three_deviations(row_of: Rows) -> None:
     # The problem asks for 95 %; a sample of this size is that far off by chance.
-    right = [row for row in map(row_of, SINGLE) if scoring.right_first(row)]
-    wrong = [whole_story(row) for row in right if not scoring.parameters_right(row)]
+    right = [row for row in map(row_of, SINGLE) if judging.right_first(row)]
+    wrong = [whole_story(row) for row in right if not judging.parameters_right(row)]
     assert len(wrong) <= 0.1 * len(right), "\n".join(wrong)
 
 
@@ -111,8 +111,8 @@ def test_nine_of_ten_parameters_of_what_is_named_are_within_five_percent_or_thre
 def test_on_eights_alone_what_is_named_holds_the_truth_and_silence_says_what_to_drive(row_of: Rows, case: Case) -> None:
     row = row_of(case)
     if row.names:
-        assert scoring.may_be(row, 0, case.effects[0]), whole_story(row)
-        assert not scoring.wrongly_named(row), whole_story(row)
+        assert judging.may_be(row, 0, case.effects[0]), whole_story(row)
+        assert not judging.wrongly_named(row), whole_story(row)
     else:
         assert row.verdict == "no_effect", whole_story(row)
         assert row.next_experiment
@@ -121,7 +121,7 @@ def test_on_eights_alone_what_is_named_holds_the_truth_and_silence_says_what_to_
 @of([*NULLS, *SHORT_NULLS])
 def test_nothing_is_named_or_called_unexplained_where_nothing_is_hidden(row_of: Rows, case: Case) -> None:
     row = row_of(case)
-    assert scoring.silent(row), whole_story(row)
+    assert judging.silent(row), whole_story(row)
 
 
 @of(COARSE)
@@ -133,12 +133,12 @@ def test_a_coarse_encoder_is_never_taken_for_anything_else(row_of: Rows, case: C
 @of(PAIRS)
 def test_of_two_hidden_effects_both_are_named_and_nothing_else(row_of: Rows, case: Case) -> None:
     row = row_of(case)
-    assert scoring.all_named(row), whole_story(row)
+    assert judging.all_named(row), whole_story(row)
     assert len(row.names) == 2, whole_story(row)
 
 
 @of(UNKNOWN_PHYSICS)
 def test_physics_that_no_effect_describes_raises_the_alarm(row_of: Rows, case: Case) -> None:
     row = row_of(case)
-    assert scoring.flagged(row), whole_story(row)
+    assert judging.flagged(row), whole_story(row)
     assert "record the same drive again" in row.next_experiment

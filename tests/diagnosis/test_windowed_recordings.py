@@ -5,7 +5,7 @@ import pytest
 from cmr.diagnosis.diagnose import diagnose
 from tests.hidden_effects import hidden_recording
 from tests.hidden_effects.cases import CONTROLLED_WINDOWS, WINDOWS
-from tests.hidden_effects.scoring import DEVIATIONS
+from tests.hidden_effects.judging import DEVIATIONS
 
 pytestmark = pytest.mark.slow
 

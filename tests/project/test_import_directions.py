@@ -46,7 +46,7 @@ KNOWN: dict[str, set[str]] = {
     },
     "cmr.world": {*RECORDED, "cmr.report", "cmr.geometry"},
     "cmr.view": {*RECORDED, "cmr.report", "cmr.geometry"},
-    "cmr.robot_log": {*RECORDED, "cmr.calibration", "cmr.diagnosis", "cmr.distribution"},
+    "cmr.robot_log": {*RECORDED, "cmr.report", "cmr.calibration", "cmr.diagnosis", "cmr.distribution"},
     # Teams.
     "cmr.experiments": set(),
     "cmr.experiments.team": {*RECORDED, "cmr.geometry", "cmr.plant", "cmr.world"},

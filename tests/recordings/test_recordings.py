@@ -14,10 +14,10 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.bus.streams import STREAMS
+from cmr.bus.wire import WIRE_TYPES, layout_of
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, parameters_t, pose_xyt_t
 from cmr.recordings import Recorder, Recording, RecordingError, read_messages, read_robots
 from cmr.recordings.arrivals import KEPT
-from cmr.recordings.batch import WIRE_TYPES, layout_of
 from cmr.recordings.events import LogReader
 from tests.support.emulated_drive import EPOCH, NOMINAL, Message, messages, write_log
 

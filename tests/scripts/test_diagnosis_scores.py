@@ -11,7 +11,7 @@ import pytest
 from cmr.diagnosis.result import Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.unexplained.result import Unexplained
-from tests.hidden_effects import rows, scoring
+from tests.hidden_effects import judging, rows
 from tests.hidden_effects.cases import EIGHT, Case
 from tests.hidden_effects.rows import Row
 from tests.hidden_effects.scoring import Score, scores
@@ -58,16 +58,16 @@ def test_of_effects_that_are_the_same_mathematics_either_name_counts_if_the_othe
     either = row("single", "encoder_scale", "wheel_radius_scale/encoder_scale")
     itself = row("single", "encoder_scale", "encoder_scale/wheel_radius_scale")
     silent = row("single", "encoder_scale", "encoder_scale")
-    assert scoring.right_first(either)
-    assert scoring.right_first(itself)
-    assert not scoring.right_first(silent)
+    assert judging.right_first(either)
+    assert judging.right_first(itself)
+    assert not judging.right_first(silent)
 
 
 def test_its_parameter_is_judged_under_the_other_name_too() -> None:
     named = row("single", "encoder_scale", "wheel_radius_scale/encoder_scale", parameters={"encoder_scale": 0.02})
     same = 1.0 / 1.02 - 1.0
-    assert scoring.parameters_right(replace(named, estimates={"wheel_radius_scale": interval(same, 1e-5)}))
-    assert not scoring.parameters_right(replace(named, estimates={"wheel_radius_scale": interval(0.02, 1e-5)}))
+    assert judging.parameters_right(replace(named, estimates={"wheel_radius_scale": interval(same, 1e-5)}))
+    assert not judging.parameters_right(replace(named, estimates={"wheel_radius_scale": interval(0.02, 1e-5)}))
 
 
 @pytest.mark.parametrize(
@@ -84,8 +84,8 @@ def test_a_parameter_is_right_within_five_percent_or_three_deviations(
         parameters={"coulomb_friction": 4.0},
         estimates={"coulomb_friction": interval(value, std)},
     )
-    assert scoring.parameters_right(named) is right
-    assert scoring.covered(named) == [held]
+    assert judging.parameters_right(named) is right
+    assert judging.covered(named) == [held]
 
 
 def test_a_phase_is_compared_round_the_circle_and_a_place_with_the_size_of_the_patch() -> None:
@@ -99,8 +99,8 @@ def test_a_phase_is_compared_round_the_circle_and_a_place_with_the_size_of_the_p
             "wheel_wobble_phase": interval(3.11 - 2 * math.pi, 0.01),
         },
     )
-    assert scoring.parameters_right(wobble)
-    assert scoring.covered(wobble) == [True, True]
+    assert judging.parameters_right(wobble)
+    assert judging.covered(wobble) == [True, True]
     patch = {
         "surface_patch_friction": 4.0,
         "surface_patch_base_width": 0.06,
@@ -111,14 +111,14 @@ def test_a_phase_is_compared_round_the_circle_and_a_place_with_the_size_of_the_p
     near = {name: interval(value, 1e-4) for name, value in patch.items()} | {"surface_patch_x": interval(0.015, 1e-4)}
     far = near | {"surface_patch_x": interval(0.025, 1e-4)}
     named = row("single", "surface_patch", "surface_patch", parameters=patch)
-    assert scoring.parameters_right(replace(named, estimates=near))
-    assert not scoring.parameters_right(replace(named, estimates=far))
+    assert judging.parameters_right(replace(named, estimates=near))
+    assert not judging.parameters_right(replace(named, estimates=far))
 
 
 def test_a_parameter_that_was_not_estimated_is_not_right() -> None:
     truth = {"payload_change_share": 0.25, "payload_change_time": 50.0}
     partly = row("single", "payload_change", "payload_change", parameters=truth)
-    assert not scoring.parameters_right(replace(partly, estimates={"payload_change_share": interval(0.25, 0.01)}))
+    assert not judging.parameters_right(replace(partly, estimates={"payload_change_share": interval(0.25, 0.01)}))
 
 
 def test_on_eights_what_is_named_must_hold_the_truth_and_silence_must_say_what_next() -> None:

@@ -9,19 +9,16 @@ import pytest
 from cmr.bus.messages import make
 from cmr.bus.streams import (
     CALIBRATION_STATUS,
-    CAMERA_IMAGE,
     MOTOR_FEEDBACK,
     PARAMETERS,
     PROCESS_STATUS,
     RANGE_SCAN,
     WORLD_STATE,
 )
-from cmr.bus.world_state import WorldState
 from cmr.msg import (
     gyro_t,
     motor_feedback_t,
     pose_xyt_t,
-    process_status_t,
     range_scan_t,
     robot_state_t,
     velocity_command_t,
@@ -30,45 +27,17 @@ from cmr.msg import (
 from cmr.parameters.file import ParameterFile, Value
 from cmr.view import shapes, words
 from cmr.view.camera import INITIAL, TOP, Camera, overview
-from cmr.view.camera_panel import caption
 from cmr.view.charts import distances, estimates, ticks
-from cmr.view.data.intake import Intake
+from cmr.view.data.log_index import Mark
 from cmr.view.data.robots import REAL, TWIN, VIRTUAL
 from cmr.view.data.state import ViewState
-from cmr.view.look import legend
+from cmr.view.drawing import bar, paths_drawing
+from cmr.view.look import legend, page_look, time_bar
 from cmr.view.picture import BLUE, GREY, YELLOW, Bodies, picture_of, rays, trails
 from cmr.view.showing import crowd
 from cmr.view.stage import MANY, Instances
-from tests.support.small_log import FIELDS, small_log
-
-NOW = 1_700_000_000_000_000  # us
-SECOND = 1_000_000  # us
-
-
-def world(utime: int, robots: list[tuple[int, int, float, float, float]]) -> WorldState:
-    """A WORLD_STATE of robots given as (id, origin, x, y, theta)."""
-    ids, origins, *pose = (np.array(column) for column in zip(*robots, strict=True))
-    still = np.zeros(len(ids))
-    return WorldState(utime, ids, origins, *pose, still, still, still, still)
-
-
-def three(utime: int, x: float = 0.0) -> WorldState:
-    """A real robot with its twin 3 cm ahead, and a virtual one."""
-    return world(utime, [(0, REAL, x, 0.0, 0.0), (0, TWIN, x + 0.03, 0.0, 0.0), (27, VIRTUAL, 1.0, x, np.pi)])
-
-
-def status(process: str, message: str, utime: int = NOW) -> Any:
-    fields = {**FIELDS["PROCESS_STATUS"], "process": process, "message": message}
-    return make(process_status_t, utime=utime, **fields)
-
-
-def showing(*messages: WorldState) -> ViewState:
-    state = ViewState()
-    for message in messages:
-        state.handle(message.utime, WORLD_STATE.name, message)
-        state.advance(message.utime)
-    return state
-
+from tests.support.small_log import FIELDS
+from tests.support.view_states import NOW, SECOND, pass_time, showing, status, take_message, three, world
 
 # The scene
 
@@ -86,12 +55,6 @@ def test_the_parts_of_a_world_are_put_together_and_who_is_told_of_no_more_goes()
     assert picture_of(state).solid_ids.tolist() == [1, 2]
     pass_time(state, NOW + 6 * SECOND, world(NOW + 6 * SECOND, [(2, VIRTUAL, 6.0, 0.0, 0.0)]))
     assert picture_of(state).solid_ids.tolist() == [2]
-
-
-def pass_time(state: ViewState, until: int, *messages: WorldState) -> None:
-    for message in messages:
-        state.handle(message.utime, WORLD_STATE.name, message)
-    state.advance(until)
 
 
 def test_a_robot_that_is_silent_is_greyed_then_gone_from_everything_and_back_when_it_comes_back() -> None:
@@ -120,12 +83,6 @@ def test_a_robot_that_is_silent_is_greyed_then_gone_from_everything_and_back_whe
     pass_time(state, NOW + 70 * SECOND, three(NOW + 70 * SECOND))
     assert picture_of(state).solid.colour.tolist() == [list(YELLOW), list(BLUE)]
     assert "GYRO_0" in state.heard_channels()
-
-
-def take_message(state: ViewState, utime: int, channel: str, message: Any) -> None:
-    intake = Intake(state)
-    intake.take(utime, channel, message.encode())
-    intake.flush()
 
 
 def test_a_robot_is_where_the_best_source_says() -> None:
@@ -245,77 +202,6 @@ def test_a_browser_too_slow_to_hear_where_its_camera_was_put_is_told_again() -> 
     assert fake.position[0] == pytest.approx(10.515)
 
 
-# From the bytes of the bus
-
-
-def test_of_each_robot_the_last_message_counts_and_every_process() -> None:
-    state = ViewState()
-    intake = Intake(state)
-    for event in small_log():
-        intake.take(event.utime, event.channel, event.data)
-    intake.take(NOW, PROCESS_STATUS.name, status("cmr-driver", "").encode())
-    intake.take(NOW, "POSE_3", b"nonsense")
-    intake.take(NOW, "SOMETHING_ELSE", b"of somebody else")
-    intake.flush()
-    assert {name for name, _, _ in state.processes} == {"cmr-sim", "cmr-driver"}
-    assert state.estop.engaged
-    rejected = {line.channel: line.rejected for line in state.traffic.lines(NOW)}
-    assert (rejected["POSE_3"], rejected["SOMETHING_ELSE"], rejected["GYRO_3"]) == (1, 1, 0)
-
-
-@pytest.mark.parametrize("turn", [1, 50_000])
-def test_rates_age_and_gaps_of_a_channel_that_is_listened_to_now_and_then(turn: int) -> None:
-    state = ViewState()
-    moments = [NOW + 10_000 * k for k in range(300) if k not in (150, 151, 152)]
-    for moment in moments:
-        reading = make(gyro_t, utime=moment, robot_id=0, **FIELDS["GYRO"]).encode()
-        state.traffic.take(moment // turn * turn, "GYRO_0", reading)
-    [line] = state.traffic.lines(moments[-1] + SECOND // 2)
-    assert line.gaps == 1
-    assert line.age == pytest.approx(0.5, abs=0.06)
-    assert line.rate == pytest.approx(297 / 3.5, rel=0.1)
-    assert line.bytes_per_second == pytest.approx(len(reading) * line.rate)
-
-
-def test_stamps_that_came_in_a_bunch_make_no_gaps_of_what_follows() -> None:
-    state = ViewState()
-    moments = [NOW + 10_000 * k for k in range(500)]
-    moments[200:300] = [moments[300] - 100 + k for k in range(100)]  # a second late, all at once
-    for moment in moments:
-        state.traffic.take(moment, "GYRO_0", make(gyro_t, utime=moment, robot_id=0, **FIELDS["GYRO"]).encode())
-    assert [line.gaps for line in state.traffic.lines(moments[-1])] == [1]
-
-
-def test_parts_of_a_world_are_no_gaps_and_what_comes_at_no_certain_times_has_none() -> None:
-    state = ViewState()
-    for k in range(100):
-        for _part in range(5):
-            utime = NOW + 20_000 * k
-            state.traffic.take(utime, "WORLD_STATE", three(utime).encode())
-        state.traffic.take(NOW + 1000 * k**2, "PROCESS_STATUS", status("cmr-sim", "").encode())
-        state.traffic.take(NOW + 1000 * k**2, "STRANGE", b"")
-    assert {line.channel: line.gaps for line in state.traffic.lines(NOW)} == {
-        **{"WORLD_STATE": 0, "PROCESS_STATUS": None, "STRANGE": None}
-    }
-
-
-def camera_image(utime: int, camera: str) -> Any:
-    return make(CAMERA_IMAGE.message_type, utime=utime, **{**FIELDS["CAMERA_IMAGE"], "camera": camera})
-
-
-def test_of_each_camera_the_last_picture_counts_until_it_is_old() -> None:
-    state = ViewState()
-    intake = Intake(state)
-    for k, camera in enumerate(("door", "window", "door")):
-        intake.take(NOW + k, CAMERA_IMAGE.name, camera_image(NOW + k, camera).encode())
-    intake.flush()
-    assert {name: heard.utime for name, heard in state.cameras.items()} == {"door": NOW + 2, "window": NOW + 1}
-    assert caption(state.cameras["door"], NOW + SECOND) == "door, 2 x 1"
-    assert caption(state.cameras["door"], NOW + 9 * SECOND) == "door, 2 x 1, no picture for 9 s"
-    state.advance(NOW + 61 * SECOND)
-    assert not state.cameras
-
-
 # Panels
 
 
@@ -331,6 +217,15 @@ def test_what_a_stranger_says_is_no_html() -> None:
     state.traffic.take(NOW, "<b>", b" ")
     for panel in (words.processes(state), words.bus(state), words.sentence("<b>")):
         assert not any(tag in panel for tag in ("<script", "<img", "<b>"))
+
+
+def test_what_goes_to_browsers_are_plain_texts() -> None:
+    """Viser's encoder takes no class made of `str`."""
+    state = showing(three(NOW))
+    marks = [(1.0, Mark(NOW, "stop", "smoke"))]
+    texts = [words.robot(state, 0), words.sentence("a"), legend(state, True), page_look(), time_bar(1.0, 2.0, marks)]
+    texts += [bar(0.5), paths_drawing([("a", None)]), words.drives(state, 0), words.processes(state)]
+    assert {type(text) for text in texts} == {str}
 
 
 def test_a_process_that_says_nothing_is_told_to_be_silent_and_then_forgotten() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.bus.message import Message
-from cmr.bus.messages import make
+from cmr.bus.messages import MICROSECONDS, make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
 from cmr.model.command_kinds import DUTY
 from cmr.parameters.file import ParameterFile, Value
@@ -27,7 +27,7 @@ from cmr.tools.importing.mapping_types import (
 )
 from cmr.tools.importing.quantities import TURN
 from cmr.tools.importing.sampling import SamplingError, in_force_again, recorded, rows_of
-from cmr.tools.importing.sources import MICROSECONDS, Source, Table
+from cmr.tools.importing.sources import Source, Table
 
 Floats = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.bus.messages import MICROSECONDS
 from cmr.cli.progress import BYTES, Progress
+from cmr.recordings.log_clock import LATEST_UTIME
 from cmr.tools.importing.mapping_types import File, Mapping, Pieces
 from cmr.tools.importing.sources import (
-    LATEST_UTIME,
-    MICROSECONDS,
     Piece,
     Source,
     SourceError,

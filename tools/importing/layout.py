@@ -7,24 +7,15 @@ record. The fingerprint is not needed, so logs can be read whose type definition
 
 import re
 from collections.abc import Collection
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-Column: TypeAlias = NDArray[np.number]  # of the number type that the recording has, (n,)
+from cmr.bus.message import FINGERPRINT_BYTES
+from cmr.bus.wire import WIRE_TYPES
 
-FINGERPRINT_BYTES = 8
-TYPES = {
-    "int8_t": ">i1",
-    "int16_t": ">i2",
-    "int32_t": ">i4",
-    "int64_t": ">i8",
-    "float": ">f4",
-    "double": ">f8",
-    "boolean": ">i1",
-    "byte": ">u1",
-}
+Column: TypeAlias = NDArray[Any]  # of the number type that the recording has, (n,)
 
 _MEMBER = re.compile(r"(\w+)\s+(.+)", re.DOTALL)
 _NAME = re.compile(r"([A-Za-z_]\w*)\s*(?:\[\s*([1-9]\d*)\s*\])?")
@@ -54,9 +45,9 @@ def parse_layout(text: str) -> np.dtype[np.void]:
 
 def _parse_member(member: str) -> list[tuple[str, str, tuple[int, ...]]]:
     match = _MEMBER.fullmatch(member)
-    code = match and (TYPES.get(match[1]) or TYPES.get(f"{match[1]}_t"))
+    code = match and (WIRE_TYPES.get(match[1]) or WIRE_TYPES.get(f"{match[1]}_t"))
     if not match or not code:
-        raise LayoutError(f"{member!r} is not a type and a name; types are {', '.join(TYPES)}")
+        raise LayoutError(f"{member!r} is not a type and a name; types are {', '.join(WIRE_TYPES)}")
     fields: list[tuple[str, str, tuple[int, ...]]] = []
     for declared in match[2].split(","):
         name = _NAME.fullmatch(declared.strip())

@@ -10,13 +10,14 @@ import numpy as np
 
 from cmr.cli.progress import BYTES, Progress
 from cmr.distribution import how_to_install
+from cmr.recordings.log_clock import LATEST_UTIME
 from cmr.tools.importing.mapping_types import Mapping
 from cmr.tools.importing.mapping_types import Topic as MappedTopic
 from cmr.tools.importing.ros_fields import AbsentError, PathError, Types, getter, parse_path
 from cmr.tools.importing.ros_files import files_of, opened
 from cmr.tools.importing.ros_messages import DecodeError, TypeUnknownError, decoder
 from cmr.tools.importing.ros_records import BagError, BagReader, Message, Topic
-from cmr.tools.importing.sources import LATEST_UTIME, Source, SourceError, Table, in_time_order, require_moving_clocks
+from cmr.tools.importing.sources import Source, SourceError, Table, in_time_order, require_moving_clocks
 
 MICROSECOND = 1000  # ns
 MESSAGES_BETWEEN_SHOWINGS = 1000

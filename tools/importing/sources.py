@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.recordings.events import Event, EventReader
+from cmr.recordings.log_clock import LATEST_UTIME
 from cmr.tools.events import progress_of, reading
 from cmr.tools.importing.layout import Column, decode, message_bytes
 from cmr.tools.importing.mapping_types import Mapping
-
-MICROSECONDS = 1e6
-LATEST_UTIME = 7_258_118_400_000_000  # us; the year 2200: a later time is a damaged one
 
 
 class SourceError(Exception):

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import lcm
 
+from cmr.bus.messages import MICROSECONDS
 from cmr.tools.importing.converting import Conversion, Event, convert
 from cmr.tools.importing.csv_source import read_csv
 from cmr.tools.importing.inputs import Recorded
 from cmr.tools.importing.mapping_types import Mapping
 from cmr.tools.importing.ros_source import read_bag
-from cmr.tools.importing.sources import MICROSECONDS, Source, read_log
+from cmr.tools.importing.sources import Source, read_log
 from cmr.tools.writing import complete_or_none
 
 PIECE_BYTES = 1 << 20

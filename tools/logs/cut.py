@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from cmr.recordings.events import Event, event_bytes
+from cmr.recordings.log_clock import utime_after
 from cmr.tools.writing import complete_or_none
-
-MICROSECONDS = 1e6
 
 
 def cut(events: Iterable[Event], first: float, last: float, is_chosen: Callable[[str], bool]) -> Iterator[Event]:
@@ -22,8 +21,8 @@ def cut(events: Iterable[Event], first: float, last: float, is_chosen: Callable[
     for event in events:
         if begin is None:
             begin = event.utime
-            from_utime = -math.inf if first <= 0.0 else begin + round(first * MICROSECONDS)
-            to_utime = math.inf if math.isinf(last) else begin + round(last * MICROSECONDS)
+            from_utime = -math.inf if first <= 0.0 else utime_after(begin, first)
+            to_utime = math.inf if math.isinf(last) else utime_after(begin, last)
         if from_utime <= event.utime < to_utime and is_chosen(event.channel):
             yield event
 

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.bus.channel_statistics import GAP_INTERVALS, per_second
 from cmr.bus.message import Message
+from cmr.bus.messages import MICROSECONDS, RejectedMessage
 from cmr.bus.streams import ESTOP, Stream
+from cmr.bus.wire import MOST_CHANNELS, Channel, channel_of, utime_of
 from cmr.recordings.events import Event
-from cmr.tools.logs.channels import MOST_CHANNELS, OTHERS, Channel, Rejected, channel_of, utime_of
+from cmr.recordings.log_clock import seconds_since
+from cmr.tools.logs.channels import OTHERS
 
-MICROSECONDS = 1e6
-LONG = 3.0  # usual intervals: what is longer is a gap
 BATCH = 1024  # times that are looked at together
 BINS_PER_DOUBLING = 16
 DOUBLINGS = 48  # from 1 us to nine years
@@ -67,7 +69,7 @@ class Intervals:
             expected = float(self._sums[middle] / self._counts[middle])
         filled = self._counts > 0
         means = np.divide(self._sums, self._counts, out=np.zeros_like(self._sums), where=filled)
-        usual = filled & (means <= max(LONG * expected, 1.0))
+        usual = filled & (means <= max(GAP_INTERVALS * expected, 1.0))
         longest, since = self._longest
         gaps = int(self._counts[filled & ~usual].sum())
         jitter = np.nan if is_shared else self._deviation(usual) / MICROSECONDS
@@ -136,7 +138,7 @@ class ChannelHealth:
         if self.channel is not None:
             try:
                 self.channel.check(event.data)
-            except Rejected as rejected:
+            except RejectedMessage as rejected:
                 self.rejected[rejected.reason] += 1
                 return
             if self.channel.robot_id is not None:
@@ -154,7 +156,7 @@ class ChannelHealth:
     @property
     def rate(self) -> float:
         """Messages per second from the first to the last; NaN for a single one."""
-        return (self.count - 1) * MICROSECONDS / (self.last - self.first) if self.last > self.first else np.nan
+        return per_second(self.count - 1, self.last - self.first)
 
     def rhythm(self) -> Rhythm | None:
         """Return how evenly the messages came; None where nothing is expected: of messages on occasion.
@@ -178,6 +180,10 @@ class LogHealth:
         self.channels: dict[str, ChannelHealth] = {}
         self.first = self.latest = 0
         self.count = 0
+
+    def seconds(self, utime: int) -> float:
+        """Return how long after the log's first event a time is [s]."""
+        return seconds_since(self.first, utime)
 
     def take_all(self, events: Iterable[Event]) -> None:
         """Take the events of a log."""

@@ -14,9 +14,10 @@ import numpy as np
 
 from cmr.bus.fields import BYTES, Field, fields_of, text_of_bytes
 from cmr.bus.message import Message
-from cmr.recordings.batch import layout_of
+from cmr.bus.messages import RejectedMessage
+from cmr.bus.wire import MOST_CHANNELS, Channel, channel_of, layout_of, utime_of
 from cmr.recordings.events import Event
-from cmr.tools.logs.channels import FOREIGN_CHANNEL, MOST_CHANNELS, Channel, LeftOut, Rejected, channel_of, utime_of
+from cmr.tools.logs.channels import FOREIGN_CHANNEL, LeftOut
 
 NANOSECONDS = 1000  # in a microsecond
 LAST_UTIME = (2**64 - 1) // NANOSECONDS  # us; MCAP's times are 64 bits of nanoseconds
@@ -61,7 +62,7 @@ class McapWriter:
         number, encode = self._channels.get(event.channel) or self._register(channel)
         try:
             data = encode(event.data)
-        except Rejected as rejected:
+        except RejectedMessage as rejected:
             self.left_out.add(event.channel, rejected.reason)
             return
         decided = utime_of(event.data)
@@ -114,7 +115,7 @@ def schema_of(message_type: type[Message]) -> dict[str, object]:
 
 
 def encoder_of(channel: Channel) -> Encoder:
-    """Return what turns an encoded message of the channel into JSON; it raises Rejected where it cannot."""
+    """Return what turns an encoded message of the channel into JSON; it raises RejectedMessage where it cannot."""
     fields = fields_of(channel.stream.message_type)
     texts = [(f'"{field.name}":', _text_of(field)) for field in fields]
 
@@ -122,7 +123,7 @@ def encoder_of(channel: Channel) -> Encoder:
         parts = [(name, text(value)) for (name, text), value in zip(texts, values, strict=True)]
         return ("{" + ",".join(name + said for name, said in parts if said is not None) + "}").encode()
 
-    if channel.size == 0:
+    if not channel.is_fixed:
 
         def encode_varying(data: bytes) -> bytes:
             message = channel.check(data)

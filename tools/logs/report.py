@@ -8,7 +8,7 @@ from datetime import datetime, timedelta, timezone
 
 from cmr.recordings.events import EventReader
 from cmr.tools.events import damage_sentence
-from cmr.tools.logs.info import MICROSECONDS, ChannelHealth, LogHealth
+from cmr.tools.logs.info import ChannelHealth, LogHealth
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 HEADINGS = (
@@ -30,7 +30,7 @@ def document(log: EventReader, health: LogHealth) -> dict[str, object]:
         "damaged_places": log.damaged_places,
         "events": health.count,
         "first_utime": health.first,
-        "seconds": (health.latest - health.first) / MICROSECONDS,
+        "seconds": health.seconds(health.latest),
         "channels": {name: _of_channel(channel, health) for name, channel in sorted(health.channels.items())},
     }
 
@@ -44,7 +44,7 @@ def _of_channel(channel: ChannelHealth, health: LogHealth) -> dict[str, object]:
         "bytes": channel.bytes,
         "gaps": None if rhythm is None else rhythm.gaps,
         "longest": None if rhythm is None else rhythm.longest,
-        "longest_at": None if rhythm is None else (rhythm.longest_at - health.first) / MICROSECONDS,
+        "longest_at": None if rhythm is None else health.seconds(rhythm.longest_at),
         "jitter": None if rhythm is None else rhythm.jitter,
         "errors": dict(channel.rejected) if channel.channel is not None else None,
         "late": channel.late,
@@ -55,7 +55,7 @@ def report(log: EventReader, health: LogHealth) -> list[str]:
     """Return the lines about a log that has been read."""
     if health.count == 0:
         return [f"{log.path}: no intact event in {log.size} bytes. Is it an event log, as lcm-logger writes it?"]
-    seconds = (health.latest - health.first) / MICROSECONDS
+    seconds = health.seconds(health.latest)
     channels = "1 channel" if len(health.channels) == 1 else f"{len(health.channels)} channels"
     head = f"{log.path}: {health.count} events on {channels}, {log.size / 1e6:.3g} MB, {seconds:.3f} s from "
     damage = damage_sentence(log) or f"{log.path}: no damage."
@@ -103,7 +103,7 @@ def _faults(health: LogHealth) -> list[str]:
     for name, channel in sorted(health.channels.items()):
         rhythm = channel.rhythm()
         if rhythm is not None and rhythm.gaps:
-            at = (rhythm.longest_at - health.first) / MICROSECONDS
+            at = health.seconds(rhythm.longest_at)
             gaps = "1 gap" if rhythm.gaps == 1 else f"{rhythm.gaps} gaps"
             lines.append(f"{name}: {gaps}, the longest of {rhythm.longest:.3f} s, {at:.3f} s after the log's start.")
         lines += [f"{name}: {count} x {reason}." for reason, count in sorted(channel.rejected.items())]

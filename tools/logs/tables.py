@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from cmr.bus.fields import BYTES, INDEX, Field, fields_of, text_of_bytes
 from cmr.bus.message import Message
-from cmr.recordings.batch import WIRE_TYPES, layout_of
+from cmr.bus.messages import RejectedMessage
+from cmr.bus.wire import WIRE_TYPES, Channel, channel_of, layout_of
 from cmr.recordings.events import Event
-from cmr.tools.logs.channels import FOREIGN_CHANNEL, Channel, LeftOut, Rejected, channel_of
+from cmr.tools.logs.channels import FOREIGN_CHANNEL, LeftOut
 
 LOGGED = "logged [us]"  # column: when the message was logged, since the Unix epoch
 MOST_OF_A_CHANNEL = 1 << 20  # bytes of messages that are gathered before they are written
@@ -81,7 +82,7 @@ class TableWriter:
                 continue
             try:
                 channel.check(event.data)
-            except Rejected as rejected:
+            except RejectedMessage as rejected:
                 self.left_out.add(event.channel, rejected.reason)
             else:
                 self._gather(event)
@@ -116,17 +117,17 @@ def tables_of(channel: Channel, messages: list[tuple[int, bytes]]) -> Iterator[T
     Of messages with arrays each element is a row, numbered by the column `index`; the message's single values are
     repeated in all of them. A message whose arrays are empty is one row without index and elements.
     """
-    part = PARTS_OF_FIXED_SIZE if channel.size else PARTS_OF_VARYING_SIZE
+    part = PARTS_OF_FIXED_SIZE if channel.is_fixed else PARTS_OF_VARYING_SIZE
     for first in range(0, len(messages), part):
         some = messages[first : first + part]
         logged = np.array([utime for utime, _ in some], np.int64)
         data = [content for _, content in some]
-        yield (_table_of_fixed_size if channel.size else _table_of_varying_size)(channel, logged, data)
+        yield (_table_of_fixed_size if channel.is_fixed else _table_of_varying_size)(channel, logged, data)
 
 
 def _table_of_fixed_size(channel: Channel, logged: NDArray[np.int64], data: list[bytes]) -> Table:
     message_type = channel.stream.message_type
-    content = b"".join(each[: channel.size] for each in data)
+    content = b"".join(each[: channel.least] for each in data)
     messages = np.frombuffer(content, layout_of(message_type))
     table = {LOGGED: Column(logged)}
     for field in fields_of(message_type):

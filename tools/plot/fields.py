@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.bus.fields import BYTES, ROBOTS, Field, FieldName, fields_on, number_in
-from cmr.bus.messages import RejectedMessage, decode
+from cmr.bus.messages import MICROSECONDS, RejectedMessage, decode
 from cmr.cli.errors import CommandError
 from cmr.recordings.events import Event
 from cmr.recordings.thinning import Rows
 
-MICROSECONDS = 1e6
 WRITTEN = re.compile(r"([^.:]+)\.(\w+)(?:\[(?:(robot|twin) ?)?(\d+)\])?")
 MOST_NEAR_NAMES = 5
 MOST_ROWS = 500_000  # messages of a channel whose values are kept: more than an hour at 100 Hz

@@ -5,17 +5,15 @@ from functools import lru_cache
 from struct import Struct
 from typing import NamedTuple
 
-from cmr.bus.message import Message
+from cmr.bus.message import FINGERPRINT_BYTES
 from cmr.bus.older import as_of_today
-from cmr.bus.streams import SELF_TESTS, STREAMS, identify
+from cmr.bus.streams import SELF_TESTS, identify
+from cmr.bus.wire import TYPES, offsets
 from cmr.recordings.events import Event
 from cmr.tools.events import channel_chooser
 
-FINGERPRINT_BYTES = 8
-BYTES = {"int8_t": 1, "boolean": 1, "byte": 1, "int16_t": 2, "int32_t": 4, "int64_t": 8, "float": 4, "double": 8}
 UTIME = Struct(">q")
 LARGEST_UTIME = 2**63 - 1  # what int64 holds
-TYPES = {stream.message_type._get_packed_fingerprint(): stream.message_type for stream in STREAMS}
 
 
 class ChannelFilter:
@@ -34,20 +32,6 @@ class ChannelFilter:
         if channel not in self.seen:
             self.seen[channel] = self._fits(channel) and not self._is_left_out(channel)
         return self.seen[channel]
-
-
-def offsets(message_type: type[Message]) -> dict[str, int]:
-    """Return where each field begins in the bytes of a message, up to the first one of variable length."""
-    found: dict[str, int] = {}
-    offset = FINGERPRINT_BYTES
-    for name, kind, dimensions in zip(
-        message_type.__slots__, message_type.__typenames__, message_type.__dimensions__, strict=True
-    ):
-        found[name] = offset
-        if dimensions is not None or kind not in BYTES:
-            break
-        offset += BYTES[kind]
-    return found
 
 
 class _Plan(NamedTuple):

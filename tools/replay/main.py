@@ -104,21 +104,7 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--speed", type=_speed, default=1.0, help=f"{SLOWEST} or more times as fast; max: as fast as can be"
     )
-    result.add_argument(
-        "--start",
-        type=parse_seconds,
-        default=0.0,
-        metavar="S",
-        help="where to begin, from the beginning of the log",
-    )
-    result.add_argument(
-        "--stop",
-        type=parse_seconds,
-        metavar="S",
-        help="where to end, from the beginning of the log; else at its end",
-    )
-    result.add_argument("--loop", action="store_true", help="begin again at the end, until stopped")
-    result.add_argument("--skip-gaps", type=parse_seconds, metavar="S", help="cut every longer silence to this")
+    _add_span(result)
     result.add_argument(
         "--now",
         action="store_true",
@@ -144,6 +130,25 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     if options.stop <= options.start:
         result.error("--stop must be later than --start")
     return options
+
+
+def _add_span(result: argparse.ArgumentParser) -> None:
+    """Add what of the log is played, how often, and how long its gaps last."""
+    result.add_argument(
+        "--start",
+        type=parse_seconds,
+        default=0.0,
+        metavar="S",
+        help="where to begin, from the beginning of the log",
+    )
+    result.add_argument(
+        "--stop",
+        type=parse_seconds,
+        metavar="S",
+        help="where to end, from the beginning of the log; else at its end",
+    )
+    result.add_argument("--loop", action="store_true", help="begin again at the end, until stopped")
+    result.add_argument("--skip-gaps", type=parse_seconds, metavar="S", help="cut every longer silence to this")
 
 
 def _add_remap(result: argparse.ArgumentParser) -> None:

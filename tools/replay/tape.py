@@ -1,24 +1,10 @@
 """A log as a tape: messages from any moment on, with a time that never goes back."""
 
-from bisect import bisect_left
 from collections.abc import Iterator
-from typing import NamedTuple
 
+from cmr.bus.messages import MICROSECONDS
 from cmr.recordings.events import Event, EventReader
-
-MICROSECONDS = 1e6
-LARGEST_DISORDER = 1_000_000  # us; what was logged with an earlier time than that before it: its clock was set back
-LONGEST_SILENCE = 86_400_000_000  # us; a day: after a longer one the clock was set
-BETWEEN_MARKS = 1_000_000  # us
-TAIL = 1 << 20  # bytes at the end of a log in which its last message is looked for
-
-
-class Mark(NamedTuple):
-    """A place to begin reading: the time there [us], the latest time stamp before it, the place in the file [bytes]."""
-
-    elapsed: int
-    latest_utime: int | None
-    offset: int
+from cmr.recordings.log_clock import Checkpoints, LogClock, seconds_since, span_of
 
 
 class LogTape:
@@ -30,30 +16,20 @@ class LogTape:
 
     def __init__(self, log: EventReader) -> None:
         self._log = log
-        self._marks: list[Mark] = []
-
-    def read(self, begin: float) -> Iterator[tuple[float, Event]]:
-        """Yield the intact messages from `begin` [s] on with their moments."""
-        elapsed, latest, offset = self._mark_before(begin)
-        for event in self._log.read(offset):
-            latest = event.utime if latest is None else latest
-            if not self._marks or elapsed >= self._marks[-1].elapsed + BETWEEN_MARKS:
-                self._marks.append(Mark(elapsed, latest, offset))
-            step = event.utime - latest
-            if step > 0 or step < -LARGEST_DISORDER:
-                latest = event.utime
-            if 0 < step <= LONGEST_SILENCE:
-                elapsed += step
-            offset = self._log.position
-            if elapsed / MICROSECONDS >= begin:
-                yield elapsed / MICROSECONDS, event
+        self._first, self._last = span_of(log)
+        self._checkpoints = Checkpoints()
 
     def duration(self) -> float | None:
         """Return how long the log is [s], from its first and last message alone; None where they do not show it."""
-        first = next((event.utime for event in self._log.read()), 0)
-        last = max((event.utime for event in self._log.read(max(self._log.size - TAIL, 0))), default=0)
-        return (last - first) / MICROSECONDS if 0 <= last - first <= LONGEST_SILENCE else None
+        return None if self._last is None else seconds_since(self._first, self._last)
 
-    def _mark_before(self, begin: float) -> Mark:
-        index = bisect_left(self._marks, begin * MICROSECONDS, key=lambda mark: mark.elapsed)
-        return self._marks[max(index - 1, 0)] if self._marks else Mark(0, None, 0)
+    def read(self, begin: float) -> Iterator[tuple[float, Event]]:
+        """Yield the intact messages from `begin` [s] on with their moments."""
+        start = self._checkpoints.before(self._first + begin * MICROSECONDS)
+        clock, offset = LogClock(start.utime, start.latest), start.offset
+        for event in self._log.read(offset):
+            self._checkpoints.pass_by(clock, offset)
+            moment = seconds_since(self._first, clock.advance(event.utime))
+            offset = self._log.position
+            if moment >= begin:
+                yield moment, event

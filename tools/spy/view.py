@@ -6,9 +6,10 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
+from cmr.bus.channel_statistics import Line
 from cmr.bus.fields import fields_of
-from cmr.bus.messages import RejectedMessage, decode
-from cmr.tools.spy.statistics import Line
+from cmr.bus.messages import MICROSECONDS, RejectedMessage, decode
+from cmr.tools.spy.statistics import type_name
 
 HEAD = f"{'CHANNEL':24} {'TYPE':20} {'RATE':>7} {'kB/s':>7} {'AGE':>7} {'JITTER':>8} {'ERRORS':>6}  LAST VALUES"
 KEYS = "arrows: choose, Return: details, /: filter, space: freeze, q: quit"
@@ -131,8 +132,8 @@ def _of_channel(line: Line) -> dict[str, object]:
         fields = fields_of(received.stream.message_type)
         values = {field.name: _plain_value(getattr(received.message, field.name)) for field in fields}
     return {
-        "type": line.type_name,
-        "messages": line.heard,
+        "type": type_name(line),
+        "messages": line.messages,
         "rate": line.rate,
         "bytes_per_second": line.bytes_per_second,
         "age": line.age,
@@ -158,7 +159,7 @@ def table_row(line: Line) -> str:
     """Return one line of the table."""
     jitter = "" if math.isnan(line.jitter) else f"{1e3 * line.jitter:.1f} ms"
     return (
-        f"{_plain(line.channel):24} {line.type_name:20} {line.rate:7.1f} {line.bytes_per_second / 1e3:7.1f} "
+        f"{_plain(line.channel):24} {type_name(line):20} {line.rate:7.1f} {line.bytes_per_second / 1e3:7.1f} "
         f"{_age(line.age):>7} {jitter:>8} {line.errors:6}  {_values(line)}"
     )
 
@@ -166,7 +167,7 @@ def table_row(line: Line) -> str:
 def details(line: Line) -> list[str]:
     """Return all that is known of a channel: statistics, and each field of the last message with its unit."""
     head = [
-        f"{_plain(line.channel)}   {line.type_name}   {line.heard} messages, {line.errors} errors",
+        f"{_plain(line.channel)}   {type_name(line)}   {line.messages} messages, {line.errors} errors",
         f"{line.rate:.2f} Hz, {line.bytes_per_second / 1e3:.2f} kB/s, the last one {len(line.data)} bytes, "
         f"{_age(line.age)} ago; jitter {1e3 * line.jitter:.2f} ms",
     ]
@@ -175,7 +176,7 @@ def details(line: Line) -> list[str]:
     except RejectedMessage as rejected:
         return [*head, "", f"{rejected}", f"bytes: {line.data[:64].hex(' ')}"]
     message = received.message
-    delay = _delay((line.utime - message.utime) / 1e6)
+    delay = _delay((line.utime - message.utime) / MICROSECONDS)
     fields = fields_of(received.stream.message_type)
     width = max(len(field.column) for field in fields)
     values = [

@@ -2,12 +2,12 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cmr.cli.options import arguments_of
 from cmr.experiments.live.children import our_command
-from cmr.experiments.scenario.plan import EmulatorPlan, RobotPlan, Scenario
+from cmr.experiments.scenario.plan import RobotPlan, Scenario
 from cmr.model.command_kinds import DUTY
 
 # What a process is for.
@@ -57,8 +57,10 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
     parameters = ["--parameters", str(folder / f"robot_{robot_id}.yaml")]
     ports = folder / f"ports_{robot_id}"
     if robot.emulator is not None:
-        command = [our_command("cmr-emulate"), *who, *_emulation(robot.emulator, ports), *bus]
-        command += ["--settings", str(folder / f"emulator_{robot_id}.yaml"), "--seed", str(scenario.seed + robot_id)]
+        emulation = arguments_of(replace(robot.emulator, settings=folder / f"emulator_{robot_id}.yaml"))
+        behind = ["--ports", str(ports)] if robot.emulator.command == DUTY else []
+        command = [our_command("cmr-emulate"), *who, *behind, *emulation, *bus]
+        command += ["--seed", str(scenario.seed + robot_id)]
         yield Job(f"emulator {robot_id}", EMULATOR, command, robot_id, host=robot.host)
         connection = ["--port", str(ports / "motor"), "--controller", robot.emulator.controller]
         connection += ["--gyro-port", str(ports / "gyro"), "--gyro", robot.emulator.gyro]
@@ -84,10 +86,3 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
             command.append(f"--geofence={corners}")
         once = robot.behaviour.name == OPEN_LOOP
         yield Job(f"pilot {robot_id}", PILOT, command, robot_id, host=robot.host, once=once)
-
-
-def _emulation(emulator: EmulatorPlan, ports: Path) -> list[str]:
-    """Return how a robot is emulated, as options of cmr-emulate."""
-    devices = ["--ports", str(ports), "--controller", emulator.controller, "--gyro", emulator.gyro]
-    of_hardware = devices if emulator.command == DUTY else ["--command", emulator.command]
-    return [*of_hardware, "--pose-rate", f"{emulator.pose_rate:g}", *(["--ideal"] if emulator.ideal else [])]

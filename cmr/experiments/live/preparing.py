@@ -7,7 +7,8 @@ from pathlib import Path
 import yaml
 
 from cmr.experiments.live.jobs import SIM_SCENARIO
-from cmr.experiments.scenario.plan import EmulatorPlan, RobotPlan, Scenario
+from cmr.experiments.scenario.hardware import EmulatorPlan
+from cmr.experiments.scenario.plan import RobotPlan, Scenario
 from cmr.experiments.scenario.writing import to_yaml
 from cmr.files import write_atomically
 from cmr.geometry.places import Pose

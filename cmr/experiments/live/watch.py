@@ -11,6 +11,7 @@ from typing import ClassVar, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.bus.channel_statistics import per_second
 from cmr.bus.message import Message
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.experiments.scenario.plan import Scenario
@@ -121,7 +122,7 @@ class TeamWatch:
     def rate(self) -> float:
         """Return how often the world was published lately [Hz]."""
         span = self._world_utimes[-1] - self._world_utimes[0] if len(self._world_utimes) > 1 else 0
-        return (len(self._world_utimes) - 1) / (span * 1e-6) if span > 0 else 0.0
+        return per_second(len(self._world_utimes) - 1, span) if span > 0 else 0.0
 
     def begin(self) -> None:
         """From now on all are ready: what was before only shows how all started up, and robots that waited."""

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Literal
 
 from cmr.documents.document import DocumentError
+from cmr.experiments.scenario.hardware import EmulatorPlan
 from cmr.experiments.team.metrics import UNITS
 from cmr.geometry.places import Disc, Point, Pose, Wall
-from cmr.model.command_kinds import DUTY
 
 ROBOT_RADIUS = 0.1  # m; the paper's robots are 0.16 m from wheel to wheel
 Kind = Literal["real", "emulated", "virtual"]
@@ -36,18 +36,6 @@ class BehaviourPlan:
         others = {key: value for key, value in self.settings.items() if key != "name"}
         apart = {"settings": {"name": self.settings["name"]}} if "name" in self.settings else {}
         return {"name": self.name, **others, **apart}
-
-
-@dataclass(frozen=True)
-class EmulatorPlan:
-    """How an emulated robot is emulated: the options of cmr-emulate of the same names."""
-
-    settings: Path | None = None
-    command: str = DUTY
-    ideal: bool = False
-    controller: str = "roboclaw"
-    gyro: str = "dsp3000"
-    pose_rate: float = 50.0
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,16 @@
 """Robots of a scenario, as its file describes them: one by one, or many at once."""
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, cast
 
 from cmr.cli.configuration import LARGEST_ROBOT_ID
 from cmr.documents.document import DocumentError, Item, Place, Section
-from cmr.experiments.scenario.hardware import Hardware
-from cmr.experiments.scenario.plan import KINDS, BehaviourPlan, EmulatorPlan, Kind, RobotPlan
+from cmr.experiments.scenario.hardware import EmulatorPlan, Hardware
+from cmr.experiments.scenario.plan import KINDS, BehaviourPlan, Kind, RobotPlan
 from cmr.experiments.scenario.starts import starts_of
 from cmr.geometry.places import Point
-from cmr.model.command_kinds import KINDS as COMMAND_KINDS
 from cmr.world.behaviours import BehaviourError, make_behaviour
 
 KEYS = (
@@ -66,7 +65,7 @@ def _read_entry(section: Section, folder: Path, hardware: Hardware) -> list[Plac
     whose = parameters_of.whole(0, LARGEST_ROBOT_ID) if parameters_of else None
     waypoints = read_points(section.get("waypoints"))
     driver = hardware.connection(connection) if (connection := section.get("driver")) else None
-    emulator = _emulator(section.get("emulator"), folder, hardware)
+    emulator = _emulator(section.get("emulator"), folder, hardware) if kind == "emulated" else None
     calibrate, diagnose, host = section.get("calibrate"), section.get("diagnose"), section.get("host")
     range_sensor = section.get("range_sensor")
     return [
@@ -80,7 +79,7 @@ def _read_entry(section: Section, folder: Path, hardware: Hardware) -> list[Plac
                 start=None if kind == "real" and "start" not in section else start,
                 waypoints=waypoints,
                 driver=driver,
-                emulator=(emulator or EmulatorPlan()) if kind == "emulated" else None,
+                emulator=emulator,
                 calibrate=bool(calibrate and calibrate.flag()),
                 diagnose=bool(diagnose and diagnose.flag()),
                 range_sensor=bool(range_sensor and range_sensor.flag()),
@@ -199,28 +198,16 @@ def read_path(item: Item | None, folder: Path) -> Path | None:
     return path
 
 
-def _emulator(item: Item | None, folder: Path, hardware: Hardware) -> EmulatorPlan | None:
-    if item is None:
-        return None
-    section = item.section([entry.name for entry in fields(EmulatorPlan)])
-    ideal, controller, gyro = section.get("ideal"), section.get("controller"), section.get("gyro")
-    rate, command = section.get("pose_rate"), section.get("command")
-    return EmulatorPlan(
-        settings=_emulator_settings(section.get("settings"), folder, hardware),
-        command=command.word(COMMAND_KINDS) if command else EmulatorPlan.command,
-        ideal=bool(ideal and ideal.flag()),
-        controller=controller.word(hardware.controllers) if controller else EmulatorPlan.controller,
-        gyro=gyro.word(hardware.gyros) if gyro else EmulatorPlan.gyro,
-        pose_rate=rate.number(0.1, 1000.0) if rate else EmulatorPlan.pose_rate,
-    )
-
-
-def _emulator_settings(item: Item | None, folder: Path, hardware: Hardware) -> Path | None:
-    """Return the settings file of an emulator, which is read to see that it can be."""
-    path = read_path(item, folder)
-    if item is not None and path is not None:
+def _emulator(item: Item | None, folder: Path, hardware: Hardware) -> EmulatorPlan:
+    """Return how a robot is emulated; its settings file is read to see that it can be."""
+    emulator = hardware.emulation(item)
+    if item is None or emulator.settings is None:
+        return emulator
+    named = dict(item.entries())["settings"]
+    path = read_path(named, folder)
+    if path is not None:
         try:
             hardware.check_emulator(path)
         except DocumentError as error:
-            raise item.place.error(str(error)) from error
-    return path
+            raise named.place.error(str(error)) from error
+    return replace(emulator, settings=path)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,6 @@ LARGEST = 0.9  # quantile by which motions are compared: the rest may be outlier
 BENT, BENT_WITHIN = 0.5, 0.15
 
 Complexes = NDArray[np.complex128]
-Numbers = TypeVar("Numbers", Floats, Complexes)  # of turns [rad], and of ways [m]
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Motion(Generic[Numbers]):
+class Motion:
     """The motion from each pose to the next, shape (n - 1,).
 
     `steps` [m, complex, or rad], `doubt` how far wrong the place of a pose may be for its time stamp, `slip` how far
@@ -61,7 +60,7 @@ class Motion(Generic[Numbers]):
     run, `unseen` how far the pose at its outer end may be wrong as no neighbour tells what happened there.
     """
 
-    steps: Numbers
+    steps: NDArray[Any]
     doubt: Floats
     slip: Floats
     bend: Floats
@@ -112,7 +111,7 @@ class Steps:
         """Return what is true of groups for each step of them."""
         return np.repeat(of_groups, np.diff(np.append(self.groups, len(self.dt))))
 
-    def over(self, steps: Numbers) -> Numbers:
+    def over(self, steps: NDArray[Any]) -> NDArray[Any]:
         """Return the sums of as many successive steps as motions are compared over, within runs."""
         samples = self._samples
         total = _summed(steps)
@@ -188,7 +187,7 @@ def _sensor(recording: Recording, name: str, origin: int, lag: float, slip: floa
     return Sensor(travel, lag, slip, response)
 
 
-def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion[Numbers]) -> tuple[Floats, Floats]:
+def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion) -> tuple[Floats, Floats]:
     """Return how far values stand off their neighbours, and how much of that the motion may be to blame for."""
     off, near, untold = off_the_ends(time, values, HALF, run)
     off = np.where(near, off, values - running_median(values, HALF, run))
@@ -199,7 +198,7 @@ def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion[Nu
     return off, np.where(untold, np.inf, doubt + np.where(near, BENT * bend + motion.unseen[inward], 0.0))
 
 
-def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor]) -> Motion[Floats]:
+def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor]) -> Motion:
     """Return the turn from each pose to the next [rad], by the sensor that explains the `measured` one best."""
     motion = _usual(measured, steps, HARDEST_TURN)
     best = EXPLAINED
@@ -214,7 +213,7 @@ def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor])
     return motion
 
 
-def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sensor: Sensor | None) -> Motion[Complexes]:
+def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sensor: Sensor | None) -> Motion:
     """Return the way from each pose to the next [m, complex], the robot facing `facing` [rad]."""
     ahead = np.exp(0.5j * (facing[1:] + facing[:-1]))
     usual = _usual(measured / ahead, steps, HARDEST)
@@ -235,7 +234,7 @@ def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sens
     return _preferred(motion, factor * motion_seen * ahead, sides, covered, steps, sensor)
 
 
-def _usual(measured: Numbers, steps: Steps, hardest: float) -> Motion[Numbers]:
+def _usual(measured: NDArray[Any], steps: Steps, hardest: float) -> Motion:
     """Return the motion at the median rate of the steps around; it errs where the rate changes.
 
     The rate changes by no more than `hardest` [m/s^2 or rad/s^2].
@@ -258,8 +257,8 @@ def _usual(measured: Numbers, steps: Steps, hardest: float) -> Motion[Numbers]:
 
 
 def _preferred(
-    usual: Motion[Numbers], motion_seen: Numbers, sides: list[Floats], covered: Mask, steps: Steps, sensor: Sensor
-) -> Motion[Numbers]:
+    usual: Motion, motion_seen: NDArray[Any], sides: list[Floats], covered: Mask, steps: Steps, sensor: Sensor
+) -> Motion:
     """Return the motion that a sensor reported, where it did; it errs where the pose's time stamp does.
 
     `sides` are the steps of each side of the robot: where one changes its speed, the slip may change.
@@ -296,11 +295,11 @@ def _motion_seen(time: Floats, travel: Travel, travelled: Floats) -> tuple[Float
     return np.diff(np.interp(time, travel.time, travelled)), known[1:] & known[:-1]
 
 
-def _share(left: Numbers, whole: Numbers) -> float:
+def _share(left: NDArray[Any], whole: NDArray[Any]) -> float:
     """Return the size of what is left as a share of the whole; infinite where there is no motion."""
     size = quantile(np.abs(whole), LARGEST)
     return quantile(np.abs(left), LARGEST) / size if size > 0.0 else np.inf
 
 
-def _summed(steps: Numbers) -> Numbers:
+def _summed(steps: NDArray[Any]) -> NDArray[Any]:
     return np.append(0.0, np.cumsum(steps))

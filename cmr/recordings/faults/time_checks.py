@@ -3,10 +3,10 @@
 import numpy as np
 
 from cmr.recordings.faults.findings import Finding, counted
+from cmr.recordings.log_clock import LATEST_UTIME
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
 
-LATEST_UTIME = 7_258_118_400_000_000  # us; the year 2200: a later time is a damaged one
 LARGEST_VALUE = 1e9  # of any quantity: a larger one is a damaged one
 GAP_PERIODS, SHORTEST_GAP = 5.0, 0.1  # a gap is longer than so many periods and than so many seconds
 UNEVEN = 0.5  # an interval that differs by more than this share from the usual one

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from cmr.bus.message import Message
-from cmr.bus.messages import RejectedMessage, decode
+from cmr.bus.messages import MICROSECONDS, RejectedMessage, decode
 from cmr.bus.streams import (
     CALIBRATION_STATUS,
     ESTOP,
@@ -21,16 +21,13 @@ from cmr.bus.streams import (
 )
 from cmr.msg import calibration_status_t, estop_t, parameters_t, process_status_t
 from cmr.recordings.events import CHUNK, HEADER, Event, EventReader
+from cmr.recordings.log_clock import Checkpoint, Checkpoints, LogClock, seconds_since, span_of, utime_after
 from cmr.view.data.drives import Calibrations
 from cmr.view.data.log_drives import PARTS_WITHIN, DriveWatch
 from cmr.view.data.state import DIAGNOSIS
 
 PLACES_APART = 250_000  # us between the messages of a channel that are remembered
 ALL_REMEMBERED = {stream.name for stream in (PROCESS_STATUS, ESTOP, CALIBRATION_STATUS, PARAMETERS, WAYPOINTS)}
-CHECKPOINTS_APART = 1_000_000  # us
-LARGEST_DISORDER = 1_000_000  # us; what was logged with an earlier time than that before it: its clock was set back
-LONGEST_SILENCE = 86_400_000_000  # us; a day: after a longer one the clock was set
-TAIL = 1 << 20  # bytes at the end of a log in which its last message is looked for
 EVENTS_BETWEEN_LOOKS = 2000  # at the clock
 UTIME_BYTES = slice(8, 16)  # of a message, after the fingerprint
 
@@ -50,36 +47,6 @@ class Place(NamedTuple):
     offset: int
 
 
-class LogClock:
-    """The log's own time [us]: as logged, but it never goes back, and does not jump where the logger's clock was set.
-
-    It begins at the first event's time stamp.
-    """
-
-    def __init__(self, utime: int | None = None, latest: int | None = None) -> None:
-        self.utime = utime
-        self.latest = latest
-
-    def tell(self, stamp: int) -> int:
-        """Return the log's own time of an event with this time stamp [us], the next one of the log."""
-        if self.utime is None or self.latest is None:
-            self.utime = self.latest = stamp
-        step = stamp - self.latest
-        if step > 0 or step < -LARGEST_DISORDER:
-            self.latest = stamp
-        if 0 < step <= LONGEST_SILENCE:
-            self.utime += step
-        return self.utime
-
-
-class _Checkpoint(NamedTuple):
-    """Where reading can begin, and the log's clock there."""
-
-    utime: int | None
-    latest: int | None
-    offset: int
-
-
 class LogIndex:
     """What is where in the log of `reader`; `build` reads on.
 
@@ -89,12 +56,13 @@ class LogIndex:
 
     def __init__(self, reader: EventReader) -> None:
         self.reader = reader
-        self.begin, self.end = _span(reader)
+        self.begin, end = span_of(reader)
+        self.end = self.begin if end is None else end
         self.indexed_until = self.begin
         self.complete = False
         self.marks: list[Mark] = []
         self.places: dict[str, tuple[array[int], array[int]]] = {}
-        self._checkpoints: list[_Checkpoint] = []
+        self._checkpoints = Checkpoints()
         self._due: dict[str, int] = {}  # when a channel's next message is to be remembered
         self._parts_until: dict[str, int] = {}  # until when it may be a part of the last one remembered
         self._watch = _Watch(self.marks)
@@ -111,6 +79,14 @@ class LogIndex:
         """How much of the log has been read. [0 to 1]"""
         return 1.0 if self.complete or not self.reader.size else self.reader.position / self.reader.size
 
+    def seconds(self, utime: int) -> float:
+        """Return how long after the log's beginning a moment of its own time is [s]."""
+        return seconds_since(self.begin, utime)
+
+    def moment(self, seconds: float) -> int:
+        """Return the moment of the log's own time [us] so long after its beginning."""
+        return utime_after(self.begin, seconds)
+
     def build(self, seconds: float) -> bool:
         """Read on for some time; return whether all has been read."""
         enough = time.monotonic() + seconds
@@ -122,7 +98,7 @@ class LogIndex:
         """Return the last remembered message of a channel at or before a moment, and those up to `seconds` before."""
         times, offsets = self.places[channel]
         last = bisect_right(times, utime)
-        first = min(bisect_right(times, utime - int(seconds * 1e6)), max(last - 1, 0))
+        first = min(bisect_right(times, utime - int(seconds * MICROSECONDS)), max(last - 1, 0))
         return [Place(times[k], offsets[k]) for k in range(first, last)]
 
     def between(self, channel: str, begin: int, end: int, apart: int) -> Iterator[Place]:
@@ -139,23 +115,18 @@ class LogIndex:
 
         Where the log has not been read yet, its time stamps are taken for its own time.
         """
-        start = self._checkpoint_before(utime)
-        clock = LogClock(start.utime, start.latest)
-        for event in EventReader(self.reader.path).read(start.offset):
-            moment = clock.tell(event.utime)
+        if utime > self.indexed_until and not self.complete:
+            start = Checkpoint(self._seek(utime))
+        else:
+            start = self._checkpoints.before(utime)
+        for moment, event in start.moments(EventReader(self.reader.path).read(start.offset)):
             if moment >= utime:
                 yield moment, event
-
-    def _checkpoint_before(self, utime: int) -> _Checkpoint:
-        if utime > self.indexed_until and not self.complete:
-            return _Checkpoint(None, None, self._seek(utime))
-        known = bisect_right(self._checkpoints, utime, key=lambda checkpoint: checkpoint.utime or 0)
-        return self._checkpoints[max(known - 1, 0)] if self._checkpoints else _Checkpoint(None, None, 0)
 
     def _seek(self, utime: int) -> int:
         """Return a place in the file, not far before this moment, by halving what has not been read yet."""
         reader = EventReader(self.reader.path)
-        low, high = self._checkpoints[-1].offset if self._checkpoints else 0, self.reader.size
+        low, high = self._checkpoints.last_offset, self.reader.size
         while high - low > CHUNK:
             middle = (low + high) // 2
             event = next(reader.read(middle), None)
@@ -173,13 +144,10 @@ class LogIndex:
 
     def _read(self) -> Iterator[bool]:
         clock, reader, due, parts_until = LogClock(), self.reader, self._due, self._parts_until
-        checkpoint_due = utime = self.begin
+        utime = self.begin
         for count, event in enumerate(reader):
-            before, latest = clock.utime, clock.latest
-            utime = clock.tell(event.utime)
-            if utime >= checkpoint_due:
-                checkpoint_due = utime + CHECKPOINTS_APART
-                self._checkpoints.append(_Checkpoint(before, latest, reader.position - _length(event)))
+            self._checkpoints.pass_by(clock, reader.position - _length(event))
+            utime = clock.advance(event.utime)
             if utime >= due.get(event.channel, 0) or utime <= parts_until.get(event.channel, 0):
                 self._keep(utime, reader.position - _length(event), event)
             if not count % EVENTS_BETWEEN_LOOKS:
@@ -274,10 +242,3 @@ def _diagnosis(message: process_status_t) -> tuple[str, str] | None:
 
 def _length(event: Event) -> int:
     return HEADER.size + len(event.channel.encode()) + len(event.data)
-
-
-def _span(reader: EventReader) -> tuple[int, int]:
-    """Return the time stamps of the first and last message, as far as they are right; both the first one where not."""
-    first = next((event.utime for event in reader.read()), 0)
-    last = max((event.utime for event in reader.read(max(reader.size - TAIL, 0))), default=first)
-    return first, last if 0 <= last - first <= LONGEST_SILENCE else first

@@ -11,12 +11,11 @@ from cmr.recordings.events import Event
 from cmr.view.data.intake import Intake
 from cmr.view.data.log_drives import PARTS_WITHIN
 from cmr.view.data.log_index import LogIndex, Place
-from cmr.view.data.state import ViewState
-from cmr.view.data.traffic import WINDOW
+from cmr.view.data.state import RATE_WINDOW, ViewState
 
 LONGEST_WORK = 0.04  # s of reading in one go
 BETWEEN_FLUSHES = 250_000  # us of the log, so that trails have all their points at high speed
-RUN_UP = WINDOW  # us before the moment jumped to that are read whole, for rates
+RUN_UP = RATE_WINDOW  # us before the moment jumped to that are read whole, for rates
 WORLDS_KEPT = 60_000_000  # us before that, of which trails, paths and distances are drawn ...
 WORLDS_APART = 400_000  # ... from WORLD_STATEs that are so far apart [us], at least ...
 RECENT = 12_000_000  # us; ... and from all that are remembered of this time, so that trails are smooth

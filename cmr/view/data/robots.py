@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.bus.state_table import StateTable
 from cmr.msg import pose_xyt_t, robot_state_t, world_state_t
 
 Floats = NDArray[np.float64]
@@ -15,8 +16,8 @@ SILENT_AFTER = 1_000_000  # us without a message about a robot; five periods of 
 # a process that is started again are quiet for some seconds; what is older is no place to expect a robot at.
 GONE_AFTER = 5_000_000
 PREFERENCE = 500_000  # us for which a better source of a robot's pose keeps the others away
-MOST_PARTS_REMEMBERED = 100  # sets of robots whose rows are not looked for again
 WORLD, ESTIMATE, MEASURED = 0, 1, 2  # sources: WORLD_STATE, ROBOT_STATE_N, POSE_N; the lesser is the better
+SOURCE = 5  # where the source stands in the table, after x, y, theta, psi_left and psi_right
 
 
 class Robots(NamedTuple):
@@ -63,24 +64,19 @@ class Robots(NamedTuple):
 
 
 class RobotTable:
-    """The last known state of every robot; a row each, found by id and origin."""
+    """The last known state of every robot, and which source says so."""
 
     def __init__(self) -> None:
-        self._row_of: dict[tuple[int, int], int] = {}
-        self._rows_of: dict[bytes, Integers] = {}
-        self._ids = np.empty((2, 0), np.int64)
-        self._states = np.empty((5, 0))
-        self._heard = np.empty(0, np.int64)
-        self._source = np.empty(0, np.int64)
+        self._table = StateTable(SOURCE + 1)
 
     def take_world(self, utime: int, message: world_state_t) -> None:
         """Take a WORLD_STATE, or a part of one, that came at `utime` [us]."""
-        ids, origins = np.asarray(message.robot_id, np.int64), np.asarray(message.origin, np.int64)
-        rows = self._rows(ids, origins)
+        table = self._table
+        rows = table.rows(np.asarray(message.robot_id, np.int64), np.asarray(message.origin, np.int64))
         columns = (message.x, message.y, message.theta, message.psi_left, message.psi_right)
-        self._states[:, rows] = columns
-        self._heard[rows] = utime
-        self._source[rows] = WORLD
+        table.state[:SOURCE, rows] = columns
+        table.state[SOURCE, rows] = WORLD
+        table.utime[rows] = utime
 
     def take_state(self, utime: int, message: robot_state_t) -> None:
         """Take a ROBOT_STATE_N; it counts where no WORLD_STATE has the robot."""
@@ -94,38 +90,16 @@ class RobotTable:
 
     def present(self, now: int) -> Robots:
         """Return those who have not left, in the order in which they came to be known."""
-        age = np.abs(now - self._heard)
-        rows = np.flatnonzero((age <= GONE_AFTER) & np.isfinite(self._states[:3]).all(axis=0))
-        ids, origins = self._ids[:, rows]
-        return Robots(ids, origins, self._states[:3, rows], self._states[3:, rows], age[rows] > SILENT_AFTER)
+        table = self._table
+        age = np.abs(now - table.utime)
+        rows = np.flatnonzero((age <= GONE_AFTER) & np.isfinite(table.state[:3]).all(axis=0))
+        pose, wheels = table.state[:3, rows], table.state[3:SOURCE, rows]
+        return Robots(table.robot_id[rows], table.origin[rows], pose, wheels, age[rows] > SILENT_AFTER)
 
     def _take_one(self, utime: int, robot_id: int, origin: int, state: tuple[float, ...], source: int) -> None:
-        row = self._row(robot_id, origin)
-        if self._source[row] < source and abs(utime - int(self._heard[row])) <= PREFERENCE:
+        table = self._table
+        row = table.row(robot_id, origin)
+        if table.state[SOURCE, row] < source and abs(utime - int(table.utime[row])) <= PREFERENCE:
             return
-        self._states[:, row] = state
-        self._heard[row] = utime
-        self._source[row] = source
-
-    def _rows(self, ids: Integers, origins: Integers) -> Integers:
-        """Return the rows of these robots; those of a set that came before are remembered."""
-        key = ids.tobytes() + origins.tobytes()
-        rows = self._rows_of.get(key)
-        if rows is None:
-            if len(self._rows_of) >= MOST_PARTS_REMEMBERED:
-                self._rows_of.clear()
-            pairs = zip(ids.tolist(), origins.tolist(), strict=True)
-            rows = self._rows_of[key] = np.array([self._row(*pair) for pair in pairs], np.int64)
-        return rows
-
-    def _row(self, robot_id: int, origin: int) -> int:
-        row = self._row_of.setdefault((robot_id, origin), len(self._row_of))
-        if row == len(self._heard):
-            more = max(64, row)
-            never = np.full(more, -(2**62))
-            self._ids = np.hstack([self._ids, np.zeros((2, more), np.int64)])
-            self._states = np.hstack([self._states, np.full((5, more), np.nan)])
-            self._heard = np.concatenate([self._heard, never])
-            self._source = np.concatenate([self._source, np.full(more, MEASURED)])
-        self._ids[:, row] = robot_id, origin
-        return row
+        table.state[:, row] = (*state, source)
+        table.utime[row] = utime

@@ -6,6 +6,7 @@ from typing import Generic
 
 import numpy as np
 
+from cmr.bus.channel_statistics import ChannelStatistics
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import M, M_co, Message
 from cmr.bus.streams import PARAMETERS, Stream, identify
@@ -22,7 +23,6 @@ from cmr.msg import (
 )
 from cmr.view.data.drives import Drives
 from cmr.view.data.robots import GONE_AFTER, Robots, RobotTable
-from cmr.view.data.traffic import Traffic
 from cmr.view.data.trails import Trails
 
 COMMANDS = ("MOTOR_COMMAND", "WHEEL_SPEED_COMMAND", "VELOCITY_COMMAND")  # a robot takes one kind of them
@@ -30,6 +30,7 @@ LATEST_OF = (*COMMANDS, "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOIN
 WITH_ARRAYS = ("RANGE_SCAN", "WAYPOINTS")
 MOST_ESTIMATES = 600  # kept of a calibration
 MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
+RATE_WINDOW = 3_000_000  # us over which rates of channels are taken
 STOPPED_FOR = 10_000_000  # us for which a process that has ended is shown
 SILENT_FOR = 60_000_000  # us after which a process or camera that says nothing is forgotten
 DIAGNOSIS = "cmr-diagnose"
@@ -55,7 +56,7 @@ class ViewState:
         self.now = 0
         self.robots = RobotTable()
         self.trails = Trails()
-        self.traffic = Traffic()
+        self.traffic = ChannelStatistics(RATE_WINDOW)
         self.estop = EmergencyStop()
         self.processes: dict[tuple[str, str, int], Heard[process_status_t]] = {}
         self.latest: dict[str, dict[int, Heard[Message]]] = {name: {} for name in LATEST_OF}

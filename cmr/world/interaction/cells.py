@@ -6,7 +6,7 @@ hashed into some two bins for each point, so their number does not depend on how
 different cells may share a bin: distances decide in the end.
 """
 
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from cmr.model.compiled import compiled
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
-Codes = NDArray[np.uint64]
-Bins: TypeAlias = tuple[Codes, Indices, Indices, np.uint64, Codes, int]  # as `_binned` returns them
 
 ALL_PAIRS = 50  # points up to which trying all pairs costs less
 FEWEST_BITS = 6
@@ -32,7 +29,7 @@ SMALLEST = 1e-300  # m; the side of a cell where all points lie in one place
 
 
 @compiled("Tuple((i4[::1], i4[::1]))(f8[::1], f8[::1], f8)")
-def close_pairs(x: Floats, y: Floats, reach: float) -> tuple[Indices, Indices]:
+def close_pairs(x: Floats, y: Floats, reach: float) -> Any:
     """Return all pairs of points at most `reach` [m] apart, each once, as two arrays of indices."""
     n = len(x)
     room = 4 * n + 16
@@ -52,7 +49,7 @@ def close_pairs(x: Floats, y: Floats, reach: float) -> tuple[Indices, Indices]:
 
 
 @compiled("i8(f8[::1], f8[::1], f8, i4[::1], i4[::1])")
-def _try_all(x: Floats, y: Floats, nearest: float, first: Indices, second: Indices) -> int:
+def _try_all(x: Floats, y: Floats, nearest: float, first: Any, second: Any) -> int:
     """Write pairs nearer than the root of `nearest`, as many as there is room for; return how many there are."""
     found = 0
     for i in range(len(x)):
@@ -89,7 +86,7 @@ def _try_around(x, y, nearest, code, begin, members, shift, ahead, span, first, 
 
 
 @compiled("Tuple((u8[::1], i4[::1], i4[::1], u8, u8[::1], i8))(f8[::1], f8[::1], f8)")
-def _binned(x: Floats, y: Floats, reach: float) -> Bins:
+def _binned(x: Floats, y: Floats, reach: float) -> Any:
     """Sort points into bins.
 
     Returns each point's code (n,), where each bin begins (bins + 1,), the points bin by bin (n,), by how many bits a
@@ -105,7 +102,7 @@ def _binned(x: Floats, y: Floats, reach: float) -> Bins:
     columns, rows = np.floor(width * per_side) + 3.0, np.floor(height * per_side) + 3.0
     hashed = columns * rows > MOST_CELLS * n
     bins = 2.0 * n if hashed else columns * rows
-    bits = FEWEST_BITS
+    bits: Any = FEWEST_BITS
     while 2.0**bits < bins:
         bits += 1
     shift = np.uint64(64 - bits)
@@ -119,7 +116,7 @@ def _binned(x: Floats, y: Floats, reach: float) -> Bins:
     begin = np.zeros((1 << bits) + 1, np.int32)
     for i in range(n):
         begin[np.int64(code[i] >> shift)] += 1
-    total: int | np.integer = 0
+    total: Any = 0
     for b in range(1 << bits):
         total += begin[b]
         begin[b] = total
@@ -137,7 +134,7 @@ def _binned(x: Floats, y: Floats, reach: float) -> Bins:
 
 
 @compiled("Tuple((u8[::1], i4[::1], i4[::1], u8, u8[::1], i8))(f8[::1], f8[::1], f8)")
-def binned_around(x: Floats, y: Floats, reach: float) -> Bins:
+def binned_around(x: Floats, y: Floats, reach: float) -> Any:
     """Sort points into bins, to look at all that may be at most `reach` [m] from one of them.
 
     Returns the same as `_binned`, but the codes of all nine cells: those in which the points near point i are begin

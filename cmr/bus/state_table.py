@@ -1,0 +1,54 @@
+"""The latest state of every robot that was heard of: a table with a row for each, known by its id and origin."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Integers: TypeAlias = NDArray[np.int64]
+Floats: TypeAlias = NDArray[np.float64]
+
+NEVER = -(2**62)  # us; when a robot was heard of whose row is only being made
+FIRST_ROOM = 64  # rows; room doubles whenever it is used up
+MOST_SETS_REMEMBERED = 100  # sets of robots whose rows are not looked for again
+
+
+class StateTable:
+    """Rows of robots, in the order in which they were first asked for; a robot keeps its row.
+
+    `robot_id`, `origin` and `utime` [us], shape (room,), and `state`, shape (quantities, room), have an entry for each
+    row and are written to by who asked for the rows. Of rows that are new `utime` is NEVER and the state NaN.
+    """
+
+    def __init__(self, quantities: int) -> None:
+        self.robot_id: Integers = np.zeros(0, np.int64)
+        self.origin: Integers = np.zeros(0, np.int64)
+        self.utime: Integers = np.zeros(0, np.int64)
+        self.state: Floats = np.zeros((quantities, 0))
+        self._row_of: dict[tuple[int, int], int] = {}
+        self._rows_of: dict[bytes, Integers] = {}
+
+    def row(self, robot_id: int, origin: int) -> int:
+        """Return the row of a robot, a new one if it has none."""
+        row = self._row_of.setdefault((robot_id, origin), len(self._row_of))
+        if row == len(self.utime):
+            self._make_room(max(FIRST_ROOM, row))
+        self.robot_id[row], self.origin[row] = robot_id, origin
+        return row
+
+    def rows(self, robot_id: Integers, origin: Integers) -> Integers:
+        """Return the rows of robots, shape (n,); those of a set that came before are remembered."""
+        key = robot_id.tobytes() + origin.tobytes()
+        rows = self._rows_of.get(key)
+        if rows is None:
+            if len(self._rows_of) >= MOST_SETS_REMEMBERED:
+                self._rows_of.clear()
+            pairs = zip(robot_id.tolist(), origin.tolist(), strict=True)
+            rows = self._rows_of[key] = np.array([self.row(*pair) for pair in pairs], np.int64)
+        return rows
+
+    def _make_room(self, more: int) -> None:
+        self.robot_id = np.append(self.robot_id, np.zeros(more, np.int64))
+        self.origin = np.append(self.origin, np.zeros(more, np.int64))
+        self.utime = np.append(self.utime, np.full(more, NEVER))
+        self.state = np.hstack([self.state, np.full((len(self.state), more), np.nan)])

@@ -1,0 +1,58 @@
+"""What a robot reports of its motors: a motor_feedback_t from the encoders, the duty in force and slow readings."""
+
+import math
+from collections.abc import Callable
+
+from cmr.bus.messages import make
+from cmr.msg import motor_feedback_t
+from robot_driver.clock import Stamps
+from robot_driver.controllers import Telemetry
+from robot_driver.encoders import WheelMotion, Wiring
+from robot_driver.sent_duties import SentDuty
+from robot_driver.serial_port import Answer
+
+
+class Feedback:
+    """Makes the feedback of one robot; `utime_at` turns times of the monotonic clock [ns] into those of day [us]."""
+
+    def __init__(self, robot_id: int, wiring: Wiring, utime_at: Callable[[int], int]) -> None:
+        self._robot_id = robot_id
+        self._wiring = wiring
+        self._utime_at = utime_at
+        self._stamps = Stamps(utime_at)
+        self._jumps_reported = 0
+
+    def message(
+        self,
+        answer: Answer[tuple[int, int]],
+        motion: WheelMotion,
+        jumps: int,
+        applied: SentDuty,
+        telemetry: Telemetry,
+        status: int,
+    ) -> motor_feedback_t:
+        """Return the message of one reading of the encoders, `jumps` of which were not believed until now.
+
+        A jump is reported with the next believable reading, because it has itself no velocity to publish.
+        """
+        jumped, self._jumps_reported = jumps > self._jumps_reported, jumps
+        status |= telemetry.get("status", 0) | (motor_feedback_t.STATUS_ENCODER_JUMP if jumped else 0)
+        currents = self._wiring.sides(*telemetry.get("currents", (math.nan, math.nan)))
+        return make(
+            motor_feedback_t,
+            utime=self._stamps.next(answer.measured),
+            robot_id=self._robot_id,
+            ticks_left=motion.ticks[0],
+            ticks_right=motion.ticks[1],
+            psi_left=motion.psi[0],
+            psi_right=motion.psi[1],
+            applied_left=applied.left,
+            applied_right=applied.right,
+            current_left=currents[0],
+            current_right=currents[1],
+            battery_voltage=telemetry.get("battery_voltage", math.nan),
+            temperature=telemetry.get("temperature", math.nan),
+            status=status,
+            received_utime=self._utime_at(answer.arrived),
+            applied_utime=applied.utime,
+        )
