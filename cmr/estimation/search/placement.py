@@ -31,10 +31,8 @@ WARMTH = 2.0  # noise is not quite as assumed: differences of the sum of squares
 
 def placed(problem: Problem, effect: Effect, values: Mapping[str, float], noise: Noise) -> Mapping[str, float]:
     """Return the values from which a fit with an effect begins: with its best place, if it belongs to one."""
-    return _best_place(problem, effect, values, noise) if locality(effect) == "place" else values
-
-
-def _best_place(problem: Problem, effect: Effect, values: Mapping[str, float], noise: Noise) -> dict[str, float]:
+    if locality(effect) != "place":
+        return values
     best = dict(values)
     x, y, radius = (f"{effect.name}_{quantity}" for quantity in ("x", "y", "radius"))
     for reach in REACHES:
