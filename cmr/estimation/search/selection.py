@@ -5,7 +5,7 @@ Then whatever the others explain as well leaves again, and effects are exchanged
 improves any more, each effect is judged once more beside all others.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -156,7 +156,8 @@ class _Selection:
         much_left = any(score.drop > much for score in screening.scores[:1])
         if len(self.named) == 1 and much_left and self.problem.by_moments and not self._ahead_tried:
             self._ahead_tried = True
-            if self._leapt([self._ahead]):
+            # The likeliest model that is found from the one that stands, without a search.
+            if self._leapt([relinearised(self.problem, self.current, self.inflation.all)[0]]):
                 return True
         chosen, self.others = _next(self.problem, self.current, screening, self.inflation)
         if chosen is not None and len(self.named) < MOST_EFFECTS:
@@ -171,18 +172,16 @@ class _Selection:
             return True
         if self.inflation.all <= 1.0 and len(self.named) <= FEW:  # nothing is left, and exchanges reach nearly all sets
             return self._leapt([])
-        return self._leapt([self._near, lambda: self._afar])
+        return self._leapt(self._near_and_afar())
 
-    def _leapt(self, about: Sequence[Callable[[], Averaging]]) -> bool:
+    def _leapt(self, about: Iterable[Averaging]) -> bool:
+        """Leap where the likeliest set of effects of one of some linear problems is better; return whether any is."""
         return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, about))
 
-    def _near(self) -> Averaging:
-        """Return the linear problem about the model as it stands."""
-        return Averaging(self.problem, self.current, self.inflation.all, self.names)
-
-    def _ahead(self) -> Averaging:
-        """Return the linear problem about the likeliest model found from the one that stands, without a search."""
-        return relinearised(self.problem, self.current, self.inflation.all)[0]
+    def _near_and_afar(self) -> Iterator[Averaging]:
+        """Yield the linear problem about the model as it stands, then, if asked for, that about the one from afar."""
+        yield Averaging(self.problem, self.current, self.inflation.all, self.names)
+        yield self._afar
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
         """Make an exchange, if there is one; return whether it leads to a new model."""
