@@ -31,7 +31,7 @@ OUTLYING = 0.05  # s, the standard deviation of theirs
 # the neighbours of a command that was held up seem lost.
 UNSURE_OF_LOSS, UNSURE_OF_JITTER = 0.25, 0.1
 CLEAR = 1.0  # times its variance that the square of what is looked for must be, for a command to count
-FEWEST_CLEAR = 10
+FEWEST_CLEAR = 10  # commands that must count
 PARTS = 4  # of a recording
 PAUSE = 1.5  # times the period that lie between two commands where one was held up
 SHARED = 2.0  # times its deviation a share may be off: neighbours depend on the same readings (8 made-up drives)

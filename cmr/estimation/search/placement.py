@@ -19,7 +19,7 @@ from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
 
 REACHES = (0.2, 0.1, 0.04)  # m; about the best place so far others are tested as far off, ever nearer
-SIDES = (-1.0, -0.5, 0.0, 0.5, 1.0)
+SIDES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # shares of the reach by which the centre is moved, either way
 RADII = (-0.6, 0.0, 0.6)  # shares of the reach by which the radius is changed
 SMALLEST = 0.05  # m
 WALKERS, STEPS, SETTLING = 16, 60, 25  # walkers fill one block of the compiled model; steps; those before they count

@@ -19,7 +19,7 @@ PROMISING_SHARE = 0.08  # if they explain this share of what the best explains
 FINALISTS = 3  # that are fitted with everything free
 TRUSTED_SHARE = 0.3  # of a trial's size: a score made nearer to it than this is to be trusted
 CLOSE = 0.7  # of the best drop: an effect that explains less is no finalist
-LEAST_DROP = 20.0
+LEAST_DROP = 20.0  # of a finalist
 LEAST_SCORE = 10.0  # drop of the sum of squares from which a fit is worth while
 
 
