@@ -21,7 +21,7 @@ from cmr.estimation.problem import Problem
 from cmr.recordings.signal import Floats, Mask
 
 REACH = 0.5  # s after which a command's delay has left no trace
-LEAST_CHANGE = 1e-3  # duty
+LEAST_CHANGE = 1e-3  # duty; a smaller change of a command does not show when it came
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tested
 SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tested
 UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which delays that are all alike may seem to differ

@@ -30,7 +30,7 @@ from cmr.model.catalogue import CATALOGUE
 
 DELAYS = ("command_delay", "gyro_latency", "pose_latency")
 ASIDE = (-8e-3, -4e-3, 4e-3, 8e-3)  # s; less than a step
-SOMEWHAT = 0.03  # s
+SOMEWHAT = 0.03  # s; commands are at least as late where a current limit is tested for a slew limit
 BY_ITS_SIZE = 8.0  # of what an effect must explain, the walk asks so much already: sizes are spread (Occam's factor)
 
 

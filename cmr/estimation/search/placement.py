@@ -21,7 +21,7 @@ from cmr.recordings.signal import Floats
 REACHES = (0.2, 0.1, 0.04)  # m; about the best place so far others are tested as far off, ever nearer
 SIDES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # shares of the reach by which the centre is moved, either way
 RADII = (-0.6, 0.0, 0.6)  # shares of the reach by which the radius is changed
-SMALLEST = 0.05  # m
+SMALLEST = 0.05  # m; no place has a smaller radius
 WALKERS, STEPS, SETTLING = 16, 60, 25  # walkers fill one block of the compiled model; steps; those before they count
 ASIDE, SHARE_ASIDE = 0.03, 0.05  # m by which walkers begin apart; share of what is no place
 JITTER = 1e-3  # of that, added to each step
