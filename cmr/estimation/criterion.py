@@ -1,4 +1,19 @@
-"""Search by moments; where that cannot be trusted, or there are no commands, search by courses instead."""
+"""Choose the criterion: one-step prediction errors, or where no model predicts the robot, errors of free runs.
+
+Both are sums of squared white errors over all signals and samples i,
+
+    S(theta) = sum_i w_i(theta)^2,    w = whitened (measured - predicted),
+
+and -2 log likelihood = S + a constant. They differ in what is predicted:
+
+- by moments (prediction error): each reading from those before it, by the observer (problem.py);
+- by courses (simulation error, output error): each reading from the commands alone (simulation_error.py).
+
+The first says more, and comes first. It is trusted if the wheels, run freely with the model found, stay with the robot:
+|v_free - v| < STRAYING |v|, where v (n, 2) [rad/s] are the measured speeds of the wheels.
+
+Reference: L. Ljung, System Identification: Theory for the User, 2nd ed., 1999 (prediction-error methods; output error).
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

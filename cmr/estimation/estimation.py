@@ -1,8 +1,23 @@
 """Estimate a robot's parameters in the presence of whatever else its recordings show.
 
-Calibration and diagnosis both ask here, so that they give the same numbers for the same recordings: the data are
-checked and cut into segments, the paper's model is fitted, effects are searched for, what remains is looked at, names
-that do not hold on left-out data are taken back, and the parameters are averaged over what these drives may hide.
+Calibration and diagnosis both ask here, so that they give the same numbers for the same recordings. `estimate` reads
+in the order of its stages, each with formulas and references in its module:
+
+    data                  checks.py, segments.py; preparation.py also fits the paper's model
+    criterion             criterion.py: errors of one-step predictions, or of free runs
+    selection             search/selection.py, which repeats until nothing improves:
+        screening         search/screening.py, with search/inflation.py
+        fit               search/ranking.py
+        judgement         search/criteria.py
+        cross-validation  search/cross_validation.py
+        exchange          search/exchange.py, search/leap.py
+    backward elimination  search/elimination.py
+    what remains          unexplained/extending.py
+    verdict               usefulness.py: names that are of no use on left-out data are taken back
+    averaging             averaging.py: the parameters, over what these drives may hide
+
+docs/reference/thresholds.md lists the numbers by which they decide; scripts/trace_search lists the functions that
+control passes through for a log.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,4 +1,12 @@
-"""Finish a search: drop what has become redundant or does not matter, make sure of the values, put in order."""
+"""Eliminate backwards: remove what has become redundant or does not matter, make sure of the values, put in order.
+
+For each effect k of the final model, with S the sum of squares of the model and S_k that of the model fitted without k,
+
+    D_k = S_k - S
+
+must pass criteria.py once more beside all others. Of those that fail, the one of least D_k leaves, and the rest is
+judged again. S_k is taken to first order where it exceeds CLEARLY times what is needed, else fitted.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,8 +1,18 @@
-"""Select the effects that the data show, and fit the model with them.
+"""Select the effects that the data show, and fit the model with them (stepwise selection).
 
-From the paper's model on, the effect that explains most comes in, if it also predicts data on which it was not fitted.
-Then whatever the others explain as well leaves again, and effects are exchanged where others explain more. When nothing
-improves any more, each effect is judged once more beside all others.
+From the paper's model on, each step
+
+1. screens all effects beside the model (screening.py),
+2. adds the effect that explains most, if it also predicts data on which it was not fitted (ranking.py, ties.py), or
+3. exchanges effects where others explain more (exchange.py), or leaps to a likelier set (leap.py), and
+4. removes whatever the others explain as well (`pruned` of elimination.py).
+
+A set that was visited before must have a sum of squares lower by BETTER, so the search ends. When nothing improves any
+more, each effect is judged once more beside all others (`finished` of elimination.py). Effects of chance on the
+commands have no fit: they are looked for in what is left, taken out of the data, and the search begins again
+(chance.py).
+
+Reference: M. A. Efroymson, in Ralston and Wilf, Mathematical Methods for Digital Computers, 1960.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
