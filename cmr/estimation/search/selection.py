@@ -15,7 +15,7 @@ commands have no fit: they are looked for in what is left, taken out of the data
 Reference: M. A. Efroymson, in Ralston and Wilf, Mathematical Methods for Digital Computers, 1960.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -167,7 +167,8 @@ class _Selection:
         if len(self.named) == 1 and much_left and self.problem.by_moments and not self._ahead_tried:
             self._ahead_tried = True
             # The likeliest model that is found from the one that stands, without a search.
-            if self._leapt([relinearised(self.problem, self.current, self.inflation.all)[0]]):
+            ahead = [relinearised(self.problem, self.current, self.inflation.all)[0]]
+            if self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, ahead)):
                 return True
         chosen, self.others = _next(self.problem, self.current, screening, self.inflation)
         if chosen is not None and len(self.named) < MOST_EFFECTS:
@@ -180,12 +181,8 @@ class _Selection:
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
         if self._exchanged(exchange):
             return True
-        if self.inflation.all <= 1.0 and len(self.named) <= FEW:  # nothing is left, and exchanges reach nearly all sets
-            return self._leapt([])
-        return self._leapt(self._near_and_afar())
-
-    def _leapt(self, about: Iterable[Averaging]) -> bool:
-        """Leap where the likeliest set of effects of one of some linear problems is better; return whether any is."""
+        # Where nothing is left, and exchanges reach nearly all sets, no walk is needed.
+        about = () if self.inflation.all <= 1.0 and len(self.named) <= FEW else self._near_and_afar()
         return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, about))
 
     def _near_and_afar(self) -> Iterator[Averaging]:
@@ -260,16 +257,18 @@ class _Selection:
 
         What explained as much as an effect before others were found may no longer do so.
         """
-        return [self._with_rivals(screening, one) for one in self.named]
-
-    def _with_rivals(self, screening: Screening, one: SelectedEffect) -> SelectedEffect:
-        name = one.candidate.effect.name
-        if name not in self._exchanged_for and not (one.rivals and self.problem.by_moments):
-            return one
-        rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
-        for rival in rivals:
-            self.trace.note(INDISTINCT, [rival, name], float("nan"), reason=f"It explains the data as well as {name}.")
-        return replace(one, rivals=rivals)
+        result = []
+        for one in self.named:
+            name = one.candidate.effect.name
+            if name not in self._exchanged_for and not (one.rivals and self.problem.by_moments):
+                result.append(one)
+                continue
+            rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
+            for rival in rivals:
+                alike = f"It explains the data as well as {name}."
+                self.trace.note(INDISTINCT, [rival, name], float("nan"), reason=alike)
+            result.append(replace(one, rivals=rivals))
+        return result
 
     def _least(self, candidate: CandidateEffect) -> float:
         """Return the drop of the sum of squares below which an effect may be chance."""
