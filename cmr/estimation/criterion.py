@@ -1,4 +1,19 @@
-"""Search by moments; where that cannot be trusted, or there are no commands, search by courses instead."""
+"""Choose the criterion: one-step prediction errors, or where no model predicts the robot, errors of free runs.
+
+Both are sums of squared white errors over all signals and samples i,
+
+    S(theta) = sum_i w_i(theta)^2,    w = whitened (measured - predicted),
+
+and -2 log likelihood = S + a constant. They differ in what is predicted:
+
+- by moments (prediction error): each reading from those before it, by the observer (problem.py);
+- by courses (simulation error, output error): each reading from the commands alone (simulation_error.py).
+
+The first says more, and comes first. It is trusted if the wheels, run freely with the model found, stay with the robot:
+|v_free - v| < STRAYING |v|, where v (n, 2) [rad/s] are the measured speeds of the wheels.
+
+Reference: L. Ljung, System Identification: Theory for the User, 2nd ed., 1999 (prediction-error methods; output error).
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -53,28 +68,22 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
 
 
 def trusted(found: Search, ready: Ready) -> bool:
-    """Return whether errors of moments led to a model that is of use.
+    """Return whether errors of moments led to a model that is of use: |v_free - v| < STRAYING |v|, root mean squares.
 
-    They did if wheels that run freely with the model stay with the robot. Coarse ticks do not say whether they do;
-    there the paper's parameters must be such as free runs allow.
+    v are the speeds of the wheels [rad/s], v_free those that run freely with the model. Coarse ticks do not say whether
+    wheels stray; there the paper's parameters must be such as free runs allow.
     """
-    if straying(found) < STRAYING:
-        return True
-    factors = [found.final.values[name] / ready.start[name] for name in found.final.names if name in PAPER]
-    coarse = max(predictor.segment.tick for predictor in found.problem.predictors) > COARSE
-    return coarse and all(1.0 / ASTRAY < factor < ASTRAY for factor in factors)
-
-
-def straying(found: Search) -> float:
-    """Return the error of wheel speeds that run freely with the model found, as a share of what the speeds are."""
     segments = [predictor.segment for predictor in found.problem.predictors]
     fold = Fold((dict(found.final.values),))
     (errors,) = errors_of(segments, [[fold]] * len(segments))
     speeds = [
         np.diff(observations.wheel, axis=0) / np.diff(observations.wheel_time)[:, None]
-        for observations in (p.observations for p in segments)
+        for observations in (segment.observations for segment in segments)
     ]
-    if not any(map(len, speeds)):
-        return 0.0  # no wheels were read
-    usual = float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
-    return errors.rmse(*WHEELS) / usual if usual > 0.0 else 0.0
+    usual = float(np.sqrt(np.mean(np.concatenate(speeds) ** 2))) if any(map(len, speeds)) else 0.0
+    straying = errors.rmse(*WHEELS) / usual if usual > 0.0 else 0.0  # of wheels that were not read nothing is known
+    if straying < STRAYING:
+        return True
+    factors = [found.final.values[name] / ready.start[name] for name in found.final.names if name in PAPER]
+    coarse = max(segment.tick for segment in segments) > COARSE
+    return coarse and all(1.0 / ASTRAY < factor < ASTRAY for factor in factors)

@@ -1,8 +1,23 @@
 """Estimate a robot's parameters in the presence of whatever else its recordings show.
 
-Calibration and diagnosis both ask here, so that they give the same numbers for the same recordings: the data are
-checked and cut into segments, the paper's model is fitted, effects are searched for, what remains is looked at, names
-that do not hold on left-out data are taken back, and the parameters are averaged over what these drives may hide.
+Calibration and diagnosis both ask here, so that they give the same numbers for the same recordings. `estimate` reads
+in the order of its stages, each with formulas and references in its module:
+
+    data                  checks.py, segments.py; preparation.py also fits the paper's model
+    criterion             criterion.py: errors of one-step predictions, or of free runs
+    selection             search/selection.py, which repeats until nothing improves:
+        screening         search/screening.py, with search/inflation.py
+        fit               search/ranking.py
+        judgement         search/criteria.py
+        cross-validation  search/cross_validation.py
+        exchange          search/exchange.py, search/leap.py
+    backward elimination  search/elimination.py
+    what remains          unexplained/extending.py
+    verdict               usefulness.py: names that are of no use on left-out data are taken back
+    averaging             averaging.py: the parameters, over what these drives may hide
+
+docs/reference/thresholds.md lists the numbers by which they decide; scripts/trace_search lists the functions that
+control passes through for a log.
 """
 
 from collections.abc import Callable, Sequence
@@ -145,44 +160,34 @@ def estimate(
     """
     # Threads of OpenBLAS spin where the matrices are as small as here: a fit of 4 s would take 40 s of two processors.
     with threadpool_limits(1, "blas"):
-        return _estimated(recordings, nominal, held_out, sources, held_out_sources, progress)
+        progress("Checking the data ...")
+        looked = tuple(looked_at(recordings, sources))
+        ready = prepare(looked, nominal)
+        problem = ready.problem
+        if problem is None:
+            return Estimation(looked, ready)
+        late = looked[0].findings.wheels_late
+        unseen = looked_at(held_out, held_out_sources, "held-out recording", late or IN_TIME)
+        ready = _with_held_out(ready, looked, unseen)
+        found = with_late_wheels(look(ready, progress), late)
+        progress("Looking at what remains ...")
+        whole = extended(problem if found.problem.by_moments else found.problem, found)
+        progress("Averaging over what these drives may hide ...")
+        segments = [predictor.segment for predictor in problem.predictors]
+        others = [segment for one in unseen for segment in one.segments]
+        delivered, measured = that_holds(whole, segments, others)
+        given = _nominal_values(nominal, ready)
+        against = (given, measured, segments, others, delivered.model.values)
+        return Estimation(looked, ready, delivered, measured, measure_nominal(problem, *against) if given else None)
 
 
-def _estimated(
-    recordings: Sequence[Recording],
-    nominal: ParameterFile,
-    held_out: Sequence[Recording],
-    sources: Sequence[str],
-    held_out_sources: Sequence[str],
-    progress: Callable[[str], None],
-) -> Estimation:
-    """Estimate one robot's parameters; see `estimate`."""
-    progress("Checking the data ...")
-    looked = tuple(looked_at(recordings, sources))
-    ready = prepare(looked, nominal)
-    problem = ready.problem
-    if problem is None:
-        return Estimation(looked, ready)
-    segments = [predictor.segment for predictor in problem.predictors]
-    late = looked[0].findings.wheels_late
-    unseen = looked_at(held_out, held_out_sources, "held-out recording", late or IN_TIME)
-    require_of_use_held_out(unseen, path=any(len(segment.observations.pose) for segment in segments))
-    mended = [f"{one.name}: {one.note}" for one in unseen if one.note]
-    ready = replace(ready, checks=findings_of([*looked, *unseen]), notes=(*ready.notes, *mended))
-    found = with_late_wheels(look(ready, progress), late)
-    progress("Looking at what remains ...")
-    whole = extended(problem if found.problem.by_moments else found.problem, found)
-    progress("Averaging over what these drives may hide ...")
-    others = [segment for one in unseen for segment in one.segments]
-    delivered, measured = that_holds(whole, segments, others)
-    given = _nominal_values(nominal, ready)
-    return Estimation(
-        looked,
-        ready,
-        delivered,
-        measured,
-        measure_nominal(problem, given, measured, segments, others, delivered.model.values) if given else None,
-    )
+def _with_held_out(ready: Ready, fitted: Sequence[Checked], held_out: Sequence[Checked]) -> Ready:
+    """Return what is ready with the findings and notes of held-out recordings; these must be of use."""
+    assert ready.problem is not None
+    path = any(len(predictor.segment.observations.pose) for predictor in ready.problem.predictors)
+    require_of_use_held_out(held_out, path=path)
+    mended = [f"{one.name}: {one.note}" for one in held_out if one.note]
+    return replace(ready, checks=findings_of([*fitted, *held_out]), notes=(*ready.notes, *mended))
 
 
 def _nominal_values(nominal: ParameterFile, ready: Ready) -> dict[str, float]:

@@ -1,8 +1,12 @@
-"""Remove names that are of no use on data left out of the fit.
+"""Decide the verdict: remove names that are of no use on data left out of the fit.
 
-Without the effect, some error that a user sees must grow on left-out data: that of the wheel speeds, of the yaw rate or
-of the path of free runs, or, for an effect of a sensor, the one-step prediction errors of its readings. With all
-effects, no error of free runs may grow much. Recordings that the user holds out have a veto.
+With E_s(m) the root mean square error of signal s of a model m on left-out data, an effect k stays if
+
+    max_s E_s(without k) / E_s(with k) >= OF_USE
+
+over what a user sees: wheel speeds, yaw rate and path of free runs, or, for an effect of a sensor, the one-step
+prediction errors of its readings. With all effects, no error of free runs may grow much. Recordings that the user holds
+out have a veto: there the path must not surely become worse (95 % interval of the ratio).
 """
 
 import math
@@ -16,7 +20,7 @@ from cmr.estimation.averaging import Posterior, averaged
 from cmr.estimation.candidates import can_be_small
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured, Model, left_out_gains, measure
+from cmr.estimation.measured_gain import Measured, left_out_gains, measure
 from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, left_out_errors
 from cmr.estimation.search.elimination import without
 from cmr.estimation.search.selection import Search
@@ -72,16 +76,17 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
     """
     judge, doubts = _Judge(segments, held_out), whole.found.doubts
     whole = judge.of_use(whole)
-    measured = judge.measured(whole, whole.final)
-    while judge.strays(measured.gain) and (whole.term or _fitted(whole.found)):
-        whole = _as_the_paper_if_alone(judge.without_the_worst(whole))
-        measured = judge.measured(whole, whole.final)
     found = whole.found
+    measured = measure(found.problem, found.base, whole.final, chance_of(found), segments, held_out)
+    while judge.strays(measured.gain) and (whole.term or _fitted(found)):
+        whole = _as_the_paper_if_alone(judge.without_the_worst(whole))
+        found = whole.found
+        measured = measure(found.problem, found.base, whole.final, chance_of(found), segments, held_out)
     if not found.problem.by_moments:
         return Whole(whole, None, found.doubts), measured
     names = [one.candidate.effect.name for one in found.named]
     average = averaged(found.problem, _with_what_is_small(whole), found.inflation, names)
-    of_average = judge.measured(whole, average)
+    of_average = measure(found.problem, found.base, average, chance_of(found), segments, held_out)
     if judge.strays(of_average.gain) and not judge.strays(measured.gain):
         return Whole(whole, None, found.doubts), measured
     return Whole(whole, average, doubts), of_average
@@ -93,10 +98,6 @@ class _Judge:
 
     segments: Sequence[Segment]
     held_out: Sequence[Segment]
-
-    def measured(self, whole: Extended, model: Model) -> Measured:
-        found = whole.found
-        return measure(found.problem, found.base, model, chance_of(found), self.segments, self.held_out)
 
     def strays(self, gain: Gain) -> bool:
         """Return whether the whole model is worse than the paper's."""
@@ -132,16 +133,19 @@ class _Judge:
 
     def _use_in(self, whole: Extended, model: Fit, fitted: Sequence[SelectedEffect]) -> list[_Use]:
         """Return of what use each effect is in a model."""
-        without_it = self._without_each(whole, model, fitted)
+        problem, chance = whole.found.problem, chance_of(whole.found)
+        without_it = problem.without(model, [[one.candidate.effect] for one in fitted])
+        gains = left_out_gains(problem, without_it, model, chance, self.segments, [])
         ratios = [
             {**_in_words(gain), **_of_readings(whole, one, fit, model)}
-            for one, fit, gain in zip(fitted, without_it, self._gains(whole, model, without_it, []), strict=True)
+            for one, fit, gain in zip(fitted, without_it, gains, strict=True)
         ]
         if not self.held_out:
             return [_largest(one) for one in ratios]
+        of_held_out = left_out_gains(problem, without_it, model, chance, self.segments, self.held_out)
         return [
             _vetoed(gain) if _speaks_against(gain) else _largest({**one, **_in_words(gain, " in held-out recordings")})
-            for one, gain in zip(ratios, self._gains(whole, model, without_it, self.held_out), strict=True)
+            for one, gain in zip(ratios, of_held_out, strict=True)
         ]
 
     def without_the_worst(self, whole: Extended) -> Extended:
@@ -149,18 +153,12 @@ class _Judge:
         if whole.term:
             return replace(whole, term=None)
         fitted = _fitted(whole.found)
-        gains = self._gains(whole, whole.final, self._without_each(whole, whole.final, fitted), self.held_out)
+        problem, chance = whole.found.problem, chance_of(whole.found)
+        without_it = problem.without(whole.final, [[one.candidate.effect] for one in fitted])
+        gains = left_out_gains(problem, without_it, whole.final, chance, self.segments, self.held_out)
         worst = int(np.argmin([_of_path(gain) for gain in gains]))
         where = "in the held-out recordings" if self.held_out else "on left-out data"
         return _without(whole, fitted[worst], TAKEN_BACK, _of_little_use(_of_path(gains[worst]), where))
-
-    def _without_each(self, whole: Extended, model: Fit, fitted: Sequence[SelectedEffect]) -> list[Fit]:
-        return whole.found.problem.without(model, [[one.candidate.effect] for one in fitted])
-
-    def _gains(self, whole: Extended, model: Fit, without_it: Sequence[Fit], held_out: Sequence[Segment]) -> list[Gain]:
-        """Return what a model gains over others in free runs, in recordings held out or on parts left out."""
-        problem, chance = whole.found.problem, chance_of(whole.found)
-        return left_out_gains(problem, without_it, model, chance, self.segments, held_out)
 
 
 def _beside_what_is_small(whole: Extended) -> Fit | None:

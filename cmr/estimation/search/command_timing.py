@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 REACH = 0.5  # s after which a command's delay has left no trace
-LEAST_CHANGE = 1e-3  # duty
+LEAST_CHANGE = 1e-3  # duty; a smaller change of a command does not show when it came
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tested
 SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tested
 UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which delays that are all alike may seem to differ
@@ -34,7 +34,7 @@ OUTLYING = 0.05  # s, the standard deviation of theirs
 # the neighbours of a command that was held up seem lost.
 UNSURE_OF_LOSS, UNSURE_OF_JITTER = 0.25, 0.1
 CLEAR = 1.0  # times its variance that the square of what is looked for must be, for a command to count
-FEWEST_CLEAR = 10
+FEWEST_CLEAR = 10  # commands that must count
 PARTS = 4  # of a recording
 PAUSE = 1.5  # times the period that lie between two commands where one was held up
 SHARED = 2.0  # times its deviation a share may be off: neighbours depend on the same readings (8 made-up drives)

@@ -1,4 +1,20 @@
-"""Judge an effect that was tested: is it there, does it hold on other data, are its values possible, does it matter?"""
+"""Judge an effect that was tested: is it there, does it hold on other data, are its values possible, does it matter?
+
+With the drop D = S(before) - S(after) that its k parameters bring, and the inflation of its score (inflation.py):
+
+    is there      D >= inflation (THRESHOLD + PER_PARAMETER (k - 1) + OF_A_PLACE if it chose a place)
+    not unusual   D >= inflation (the same + unlikelihood of its sizes, less what the model had before)
+    holds         G > 0, with G = (S_left_out(before) - S_left_out(after)) / 2
+    possible      values inside their ranges, and the paper's parameters not those of another robot
+    matters       a parameter larger than SMALLEST of its typical size, and than SURE standard deviations
+
+S_left_out predicts each fold f without it, to first order from the fit's errors w (n,) and slopes J (n, p):
+
+    w_f + J_f step_f,    step_f = -(J'J - J_f'J_f)^-1 (J'w - J_f'w_f)
+
+References: S. S. Wilks, Annals of Mathematical Statistics 9, 1938 (likelihood ratio); D. M. Allen, Technometrics 16,
+1974 (errors of prediction of what is left out).
+"""
 
 import math
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,16 @@
-"""Does an effect hold elsewhere? Fitted again on one part of the data, it must predict the other part better."""
+"""Cross-validate an effect: refit on one part of the data, score on the other.
+
+For the parts j = 1, 2 (folds.py), with both models fitted on part j alone:
+
+    drop_j = S_j(before) - S_j(after)                 what it explains of the part it was fitted on
+    gain_j = (S_other(before) - S_other(after)) / 2   log-likelihood that it adds to the other part
+    share  = largest share of any signal's squares that it explains on the part left out
+
+By moments, gain_j >= -LOST drop_j / 2 wherever part j supports the effect by itself; where none does, both drops exceed
+LEAST_SEEN and gain_1 + gain_2 > 0. By courses, also gain_1 + gain_2 > LEAST_GAIN and share >= LEAST_SHARE.
+
+Reference: M. Stone, Journal of the Royal Statistical Society B 36, 1974.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

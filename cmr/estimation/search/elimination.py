@@ -1,11 +1,18 @@
-"""Finish a search: drop what has become redundant or does not matter, make sure of the values, put in order."""
+"""Eliminate backwards: remove what has become redundant or does not matter, make sure of the values, put in order.
+
+For each effect k of the final model, with S the sum of squares of the model and S_k that of the model fitted without k,
+
+    D_k = S_k - S
+
+must pass criteria.py once more beside all others. Of those that fail, the one of least D_k leaves, and the rest is
+judged again. S_k is taken to first order where it exceeds CLEARLY times what is needed, else fitted.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import is_rough, locality
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import (
@@ -20,8 +27,7 @@ from cmr.estimation.search.criteria import (
     why_not,
 )
 from cmr.estimation.search.inflation import Inflation
-from cmr.estimation.search.placement import explored
-from cmr.estimation.search.profile import polished
+from cmr.estimation.search.profile import made_sure
 from cmr.estimation.search.trace import Measure
 from cmr.model.parameters import DEFINITIONS as PAPER
 
@@ -50,7 +56,7 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
     beside_small = current if small and problem.by_moments else None
     doubts: dict[str, float] = {}
     for one in standing:
-        final, doubt = _made_sure(problem, final, one)
+        final, doubt = made_sure(problem, final, one.candidate.effect)
         doubts.update(doubt)
     while standing:
         alone = len(standing) == 1 and not dropped
@@ -90,14 +96,6 @@ def _standing_again(
         candidate = replace(one.candidate, drop=there.drop, held_out=there.held_out)
         standing[failing[index]] = replace(one, candidate=candidate)
     return [failing[index] for index in found]
-
-
-def _made_sure(problem: Problem, fit: Fit, one: SelectedEffect) -> tuple[Fit, dict[str, float]]:
-    effect = one.candidate.effect
-    names = [parameter.name for parameter in effect.parameters]
-    if locality(effect) == "place":
-        return explored(problem, fit, names)
-    return polished(problem, fit, names) if is_rough(effect) else (fit, {})
 
 
 def _at(final: Fit, one: SelectedEffect) -> SelectedEffect:

@@ -2,8 +2,15 @@
 
 Adding one effect at a time fails where effects explain each other's traces: unequal gain and unequal back-EMF are
 first taken for one asymmetry, two asymmetries may each need the other, and slip may be taken for two latencies. The
-screening gives the products of what all effects change in the white errors. From these, the sum of squares that any
-exchange would leave is known to first order without another run of the model; the best exchanges are then fitted.
+screening gives the products of what all effects change in the white errors (linear.py). From these, the sum of squares
+that any exchange would leave is known to first order without another run of the model: for trials A that come,
+
+    S_A = S_left - pull_A' N_A^-1 pull_A
+
+with S_left that of the model without what leaves, pull_A and N_A the trials' products with what is left and with each
+other, beside the parameters that stay. The best exchanges are then fitted; one is made if
+
+    S(exchange) + penalty < S - BETTER inflation.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

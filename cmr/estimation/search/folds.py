@@ -17,7 +17,7 @@ STANDING = 0.05  # of the fastest wheel's speed
 STRAIGHT, SPINNING = 0.15, 3.0  # the wheels' difference over their sum, below and above
 SHARES = 5  # standing, straight, left, right, spinning
 UNLIKE = 0.3  # of the time that two kinds of manoeuvre must spend in another way
-ROUNDS = 10
+ROUNDS = 10  # in which two means are found
 
 
 def two_parts(predictors: Sequence[Predictor], by_kind: bool = True) -> Mask:

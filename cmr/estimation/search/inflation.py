@@ -1,7 +1,12 @@
-"""How much larger scores of effects that explain nothing are than chance would have them.
+"""How much larger scores of effects that explain nothing are than chance would have them (genomic control).
 
-It stands for whatever is not quite as assumed (genomic control; Devlin and Roeder, Biometrics 55, 1999). What is not as
-assumed of the wheels says nothing of gyro and pose: effects that show in these have an inflation of their own.
+    inflation = max(1, median_c(drop_c) / MEDIAN_OF_CHI2)
+
+over the trials c that are left once the ASIDE best have explained their share. It stands for whatever is not quite as
+assumed. What is not as assumed of the wheels says nothing of gyro and pose: effects that show in these have an
+inflation of their own.
+
+Reference: B. Devlin and K. Roeder, Biometrics 55, 1999.
 """
 
 from collections.abc import Sequence

@@ -5,7 +5,7 @@ through all sets; what it finds likeliest is fitted, and taken if it explains th
 model as it stands, and about one that knows nothing of the way that led there.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 
 import numpy as np
@@ -27,11 +27,10 @@ from cmr.estimation.search.exchange import (
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.profile import along
 from cmr.model.catalogue import CATALOGUE
-from cmr.model.effect import Effect
 
 DELAYS = ("command_delay", "gyro_latency", "pose_latency")
 ASIDE = (-8e-3, -4e-3, 4e-3, 8e-3)  # s; less than a step
-SOMEWHAT = 0.03  # s
+SOMEWHAT = 0.03  # s; commands are at least as late where a current limit is tested for a slew limit
 BY_ITS_SIZE = 8.0  # of what an effect must explain, the walk asks so much already: sizes are spread (Occam's factor)
 
 
@@ -40,27 +39,24 @@ def best_leap(
     current: Fit,
     named: Sequence[SelectedEffect],
     inflation: Inflation,
-    about: Sequence[Callable[[], Averaging]],
+    about: Iterable[Averaging],
 ) -> Exchange | None:
     """Return the exchange that leads to the likeliest set of effects, None where it explains the data no better.
 
-    The set is the likeliest of the first linear problem of those `about` which one leads to a better model.
+    The set is the likeliest of the first linear problem of `about` that leads to a better model.
     """
     penalties = {
         effect.name: needed(effect) * inflation.of(effect.name) + inflation.all * rarity(effect.name) - BY_ITS_SIZE
         for effect in problem.effects
     }
     # What a linear problem from afar does not have, as limits and places, is as it stands.
-    likeliest = ((averaging().likeliest(penalties), can_be_small) for averaging in about)
-    for values, concerned in chain(likeliest, ((values, _any) for values in _alike(current.values))):
+    linear = frozenset(name for name, effect in CATALOGUE.items() if can_be_small(effect))
+    likeliest = ((averaging.likeliest(penalties), linear) for averaging in about)
+    for values, concerned in chain(likeliest, ((values, frozenset(CATALOGUE)) for values in _alike(current.values))):
         exchange = _exchange(problem, current, named, inflation, values, concerned)
         if exchange is not None:
             return exchange
     return None
-
-
-def _any(_effect: Effect) -> bool:
-    return True
 
 
 def _alike(values: Mapping[str, float]) -> Iterator[dict[str, float]]:
@@ -89,14 +85,14 @@ def _exchange(
     named: Sequence[SelectedEffect],
     inflation: Inflation,
     values: Mapping[str, float],
-    concerned: Callable[[Effect], bool],
+    concerned: Collection[str],
 ) -> Exchange | None:
     """Return the exchange that leads to the effects that some values switch on, if it explains the data better.
 
-    Effects of which the values have not `concerned` stay as they are.
+    Only effects that are `concerned`, by name, may come or leave; the others stay as they are.
     """
-    here = {_name(one) for one in named if concerned(one.candidate.effect)}
-    there = {effect.name for effect in problem.effects if concerned(effect) and effect.is_on(values)}
+    here = {one.candidate.effect.name for one in named} & {*concerned}
+    there = {effect.name for effect in problem.effects if effect.name in concerned and effect.is_on(values)}
     start = {**current.values, **values}
     while there != here:
         leaving, coming = sorted(here - there), sorted(there - here)
@@ -140,7 +136,3 @@ def _over_edges(problem: Problem, fit: Fit) -> Fit:
     squares = problem.squares(tested, fit.noise) if tested else np.empty(0)
     better = [tested[index] for index in np.flatnonzero(squares < fit.squares - BETTER)]
     return min([fit, *problem.refitted(fit, better)], key=lambda one: one.squares)
-
-
-def _name(one: SelectedEffect) -> str:
-    return one.candidate.effect.name

@@ -12,11 +12,11 @@ from cmr.recordings.signal import Floats, Mask
 
 EDGE = 0.06  # of what an effect does in all; a change in the first or the last part would be an outlier
 CELL = 0.1  # m; places are distinguished as finely
-RADII = (0.2, 0.3, 0.38, 0.46, 0.55)  # m
-MOST_CELLS = 1500
+RADII = (0.2, 0.3, 0.38, 0.46, 0.55)  # m; of the discs that are tested
+MOST_CELLS = 1500  # with more, no place is looked for
 FARTHEST = 1 << 31  # cells from the origin, and more than there are
 LARGEST_PART = 0.6  # of all that a place may hold, the rest being elsewhere, if everywhere would explain as much
-NOTHING = 1e-6
+NOTHING = 1e-6  # white errors squared; a move that changes less says nothing
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
 
 REACHES = (0.2, 0.1, 0.04)  # m; about the best place so far others are tested as far off, ever nearer
-SIDES = (-1.0, -0.5, 0.0, 0.5, 1.0)
+SIDES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # shares of the reach by which the centre is moved, either way
 RADII = (-0.6, 0.0, 0.6)  # shares of the reach by which the radius is changed
-SMALLEST = 0.05  # m
+SMALLEST = 0.05  # m; no place has a smaller radius
 WALKERS, STEPS, SETTLING = 16, 60, 25  # walkers fill one block of the compiled model; steps; those before they count
 ASIDE, SHARE_ASIDE = 0.03, 0.05  # m by which walkers begin apart; share of what is no place
 JITTER = 1e-3  # of that, added to each step
@@ -31,10 +31,8 @@ WARMTH = 2.0  # noise is not quite as assumed: differences of the sum of squares
 
 def placed(problem: Problem, effect: Effect, values: Mapping[str, float], noise: Noise) -> Mapping[str, float]:
     """Return the values from which a fit with an effect begins: with its best place, if it belongs to one."""
-    return _best_place(problem, effect, values, noise) if locality(effect) == "place" else values
-
-
-def _best_place(problem: Problem, effect: Effect, values: Mapping[str, float], noise: Noise) -> dict[str, float]:
+    if locality(effect) != "place":
+        return values
     best = dict(values)
     x, y, radius = (f"{effect.name}_{quantity}" for quantity in ("x", "y", "radius"))
     for reach in REACHES:

@@ -5,13 +5,14 @@ of squares is a valley with steps in it. Slopes do not see them; a scan across t
 open is added to the standard deviations.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
+from cmr.estimation.candidates import is_rough, locality
 from cmr.estimation.gauss_newton import Fit, moved
 from cmr.estimation.problem import Problem
+from cmr.estimation.search.placement import explored
 from cmr.model.catalogue import definition
+from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
 
 POINTS, FEWEST_POINTS = 16, 6  # of a scan, in one block of the compiled model; of those at which the model holds
@@ -27,10 +28,12 @@ LIKELY = 4.0  # above the least: within 95 % limits
 NEAR = 0.25  # of the scan's reach: other starts lie farther from one another
 
 
-def polished(problem: Problem, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[str, float]]:
-    """Return the best fit near a fit, and what roughness adds to the standard deviations of parameters `names`."""
-    doubts = {}
-    for name in names:
+def made_sure(problem: Problem, fit: Fit, effect: Effect) -> tuple[Fit, dict[str, float]]:
+    """Return the best fit near a fit, and what roughness adds to the standard deviations of an effect's parameters."""
+    names, doubts = [parameter.name for parameter in effect.parameters], {}
+    if locality(effect) == "place":
+        return explored(problem, fit, names)
+    for name in names if is_rough(effect) else ():
         left_open = 0.0
         if is_moment(name):
             fit, left_open = _at_the_best_moment(problem, fit, name)

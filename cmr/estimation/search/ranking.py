@@ -1,4 +1,15 @@
-"""Fit the promising effects beside a model, and judge them."""
+"""Fit the promising effects beside a model, and judge them.
+
+1. Of the screening's effects, those with a large score are fitted quickly: their own parameters step by step, what the
+   model's parameters do taken from its last fit (`Problem.fit_beside`).
+2. The FINALISTS are fitted with everything free (Levenberg-Marquardt, gauss_newton.py), from the best place where they
+   belong to one.
+3. Each has its drop of S, D = S(model) - S(model with it), and is ranked by the evidence D - PER_FURTHER (k - 1) -
+   rarity with k parameters of its own (Schwarz, Annals of Statistics 6, 1978).
+4. `judged` adds the verdict of criteria.py and, where there is more to hold it against, of cross_validation.py.
+
+Reference: D. W. Marquardt, Journal of the Society for Industrial and Applied Mathematics 11, 1963.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,7 +30,7 @@ PROMISING_SHARE = 0.08  # if they explain this share of what the best explains
 FINALISTS = 3  # that are fitted with everything free
 TRUSTED_SHARE = 0.3  # of a trial's size: a score made nearer to it than this is to be trusted
 CLOSE = 0.7  # of the best drop: an effect that explains less is no finalist
-LEAST_DROP = 20.0
+LEAST_DROP = 20.0  # of a finalist
 LEAST_SCORE = 10.0  # drop of the sum of squares from which a fit is worth while
 
 

@@ -1,7 +1,22 @@
-"""Try every effect of the catalogue at once: how much of the prediction errors would it explain (score test)?
+"""Screen: try every effect of the catalogue at once; how much of the errors would each explain (score test)?
+
+With n white errors, p free parameters and c trials (an effect at a typical size):
+
+    w (n,)    white errors of the model as it stands
+    J (n, p)  what a step of each free parameter changes of them
+    d (n, c)  what each trial changes of them
+    P         = I - J (J' J)^-1 J', what the free parameters cannot do themselves
+    size_c    = |P d_c|^2,    pull_c = d_c' P w
+    share_c   = -pull_c / size_c, of the trial's size; one sign only where the effect has one
+    drop_c    = -(2 share_c pull_c + share_c^2 size_c), which is pull_c^2 / size_c where the share is free
+
+`drop` estimates by how much S would fall, and chance makes it inflation times chi-squared (inflation.py).
 
 The noise is taken from what is left when all effects together, and the parameters in use, have explained what they can
-(to first order): noise found beside a wrong model would swallow what the model gets wrong.
+(to first order, with a ridge 1 / reach^2 for each trial): noise found beside a wrong model would swallow what the model
+gets wrong.
+
+Reference: C. R. Rao, Proceedings of the Cambridge Philosophical Society 44, 1948 (score test).
 """
 
 from collections.abc import Mapping, Sequence

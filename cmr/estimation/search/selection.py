@@ -1,11 +1,21 @@
-"""Select the effects that the data show, and fit the model with them.
+"""Select the effects that the data show, and fit the model with them (stepwise selection).
 
-From the paper's model on, the effect that explains most comes in, if it also predicts data on which it was not fitted.
-Then whatever the others explain as well leaves again, and effects are exchanged where others explain more. When nothing
-improves any more, each effect is judged once more beside all others.
+From the paper's model on, each step
+
+1. screens all effects beside the model (screening.py),
+2. adds the effect that explains most, if it also predicts data on which it was not fitted (ranking.py, ties.py), or
+3. exchanges effects where others explain more (exchange.py), or leaps to a likelier set (leap.py), and
+4. removes whatever the others explain as well (`pruned` of elimination.py).
+
+A set that was visited before must have a sum of squares lower by BETTER, so the search ends. When nothing improves any
+more, each effect is judged once more beside all others (`finished` of elimination.py). Effects of chance on the
+commands have no fit: they are looked for in what is left, taken out of the data, and the search begins again
+(chance.py).
+
+Reference: M. A. Efroymson, in Ralston and Wilf, Mathematical Methods for Digital Computers, 1960.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -156,7 +166,9 @@ class _Selection:
         much_left = any(score.drop > much for score in screening.scores[:1])
         if len(self.named) == 1 and much_left and self.problem.by_moments and not self._ahead_tried:
             self._ahead_tried = True
-            if self._leapt([self._ahead]):
+            # The likeliest model that is found from the one that stands, without a search.
+            ahead = [relinearised(self.problem, self.current, self.inflation.all)[0]]
+            if self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, ahead)):
                 return True
         chosen, self.others = _next(self.problem, self.current, screening, self.inflation)
         if chosen is not None and len(self.named) < MOST_EFFECTS:
@@ -169,20 +181,14 @@ class _Selection:
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
         if self._exchanged(exchange):
             return True
-        if self.inflation.all <= 1.0 and len(self.named) <= FEW:  # nothing is left, and exchanges reach nearly all sets
-            return self._leapt([])
-        return self._leapt([self._near, lambda: self._afar])
-
-    def _leapt(self, about: Sequence[Callable[[], Averaging]]) -> bool:
+        # Where nothing is left, and exchanges reach nearly all sets, no walk is needed.
+        about = () if self.inflation.all <= 1.0 and len(self.named) <= FEW else self._near_and_afar()
         return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, about))
 
-    def _near(self) -> Averaging:
-        """Return the linear problem about the model as it stands."""
-        return Averaging(self.problem, self.current, self.inflation.all, self.names)
-
-    def _ahead(self) -> Averaging:
-        """Return the linear problem about the likeliest model found from the one that stands, without a search."""
-        return relinearised(self.problem, self.current, self.inflation.all)[0]
+    def _near_and_afar(self) -> Iterator[Averaging]:
+        """Yield the linear problem about the model as it stands, then, if asked for, that about the one from afar."""
+        yield Averaging(self.problem, self.current, self.inflation.all, self.names)
+        yield self._afar
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
         """Make an exchange, if there is one; return whether it leads to a new model."""
@@ -251,16 +257,18 @@ class _Selection:
 
         What explained as much as an effect before others were found may no longer do so.
         """
-        return [self._with_rivals(screening, one) for one in self.named]
-
-    def _with_rivals(self, screening: Screening, one: SelectedEffect) -> SelectedEffect:
-        name = one.candidate.effect.name
-        if name not in self._exchanged_for and not (one.rivals and self.problem.by_moments):
-            return one
-        rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
-        for rival in rivals:
-            self.trace.note(INDISTINCT, [rival, name], float("nan"), reason=f"It explains the data as well as {name}.")
-        return replace(one, rivals=rivals)
+        result = []
+        for one in self.named:
+            name = one.candidate.effect.name
+            if name not in self._exchanged_for and not (one.rivals and self.problem.by_moments):
+                result.append(one)
+                continue
+            rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
+            for rival in rivals:
+                alike = f"It explains the data as well as {name}."
+                self.trace.note(INDISTINCT, [rival, name], float("nan"), reason=alike)
+            result.append(replace(one, rivals=rivals))
+        return result
 
     def _least(self, candidate: CandidateEffect) -> float:
         """Return the drop of the sum of squares below which an effect may be chance."""
