@@ -10,7 +10,6 @@ and Zeger, Biometrika 73, 1986).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem, nearer_to_neutral
 from cmr.model.observer import MOTION, Gains, Observer
 from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats, Mask
 
 MEMORY = 0.1  # s after which the angle of a wheel that runs freely has come to its encoder's: what counts is its speed
@@ -45,7 +45,7 @@ class SimulationErrorProblem(Problem):
         self._rolling = Batch([Predictor(predictor.segment.rolling) for predictor in predictors])
         self._free = Gains(min(1.0, interval_of(predictors) / MEMORY), 0.0, gains.position, gains.theta)
 
-    def _observed(self, values: Mapping[str, Any]) -> Errors:
+    def _observed(self, values: Mapping[str, Quantity]) -> Errors:
         """Return the errors of wheels that run freely, and of gyro and pose beside wheels as they were measured."""
         rolled = self._rolled(_of_rolling(values))
         wheels = any(name in self.batch.signals for name in WHEELS)
@@ -53,7 +53,7 @@ class SimulationErrorProblem(Problem):
         both = {**driven, **rolled.of}
         return Errors({name: both[name] for name in self.batch.signals}, rolled.motion)
 
-    def _rolled(self, values: Mapping[str, Floats]) -> Errors:
+    def _rolled(self, values: Mapping[str, Quantity]) -> Errors:
         """Return the errors of gyro and pose; candidates (C,) that differ in their motors alone are observed once."""
         shape = np.atleast_1d(values["wheel_radius"]).shape
         sets = list(zip(*(np.broadcast_to(value, shape).tolist() for value in values.values()), strict=True))
@@ -150,7 +150,7 @@ def covariance_by_blocks(fit: Fit, blocks: Floats) -> Floats:
     return np.asarray(fit.covariance @ (scores.T @ scores) @ fit.covariance, np.float64)
 
 
-def _of_rolling(values: Mapping[str, Any]) -> dict[str, Any]:
+def _of_rolling(values: Mapping[str, Quantity]) -> dict[str, Quantity]:
     """Return the values without those that mean nothing where the wheels' speeds are given; as many candidates."""
     kept = {name: value for name, value in values.items() if name not in driving_parameters()}
     candidates = np.broadcast_shapes(*(np.shape(value) for value in values.values()))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ LARGEST = 0.9  # quantile by which motions are compared: the rest may be outlier
 BENT, BENT_WITHIN = 0.5, 0.15
 
 Complexes = NDArray[np.complex128]
+Numbers = TypeVar("Numbers", Floats, Complexes)  # of turns [rad], and of ways [m]
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(Generic[Numbers]):
     """The motion from each pose to the next, shape (n - 1,).
 
     `steps` [m, complex, or rad], `doubt` how far wrong the place of a pose may be for its time stamp, `slip` how far
@@ -60,7 +61,7 @@ class Motion:
     run, `unseen` how far the pose at its outer end may be wrong as no neighbour tells what happened there.
     """
 
-    steps: NDArray[Any]
+    steps: Numbers
     doubt: Floats
     slip: Floats
     bend: Floats
@@ -111,7 +112,7 @@ class Steps:
         """Return what is true of groups for each step of them."""
         return np.repeat(of_groups, np.diff(np.append(self.groups, len(self.dt))))
 
-    def over(self, steps: NDArray[Any]) -> NDArray[Any]:
+    def over(self, steps: Numbers) -> Numbers:
         """Return the sums of as many successive steps as motions are compared over, within runs."""
         samples = self._samples
         total = _summed(steps)
@@ -187,7 +188,7 @@ def _sensor(recording: Recording, name: str, origin: int, lag: float, slip: floa
     return Sensor(travel, lag, slip, response)
 
 
-def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion) -> tuple[Floats, Floats]:
+def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion[Numbers]) -> tuple[Floats, Floats]:
     """Return how far values stand off their neighbours, and how much of that the motion may be to blame for."""
     off, near, untold = off_the_ends(time, values, HALF, run)
     off = np.where(near, off, values - running_median(values, HALF, run))
@@ -198,7 +199,7 @@ def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion) -
     return off, np.where(untold, np.inf, doubt + np.where(near, BENT * bend + motion.unseen[inward], 0.0))
 
 
-def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor]) -> Motion:
+def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor]) -> Motion[Floats]:
     """Return the turn from each pose to the next [rad], by the sensor that explains the `measured` one best."""
     motion = _usual(measured, steps, HARDEST_TURN)
     best = EXPLAINED
@@ -213,7 +214,7 @@ def _turned(time: Floats, measured: Floats, steps: Steps, sensors: list[Sensor])
     return motion
 
 
-def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sensor: Sensor | None) -> Motion:
+def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sensor: Sensor | None) -> Motion[Complexes]:
     """Return the way from each pose to the next [m, complex], the robot facing `facing` [rad]."""
     ahead = np.exp(0.5j * (facing[1:] + facing[:-1]))
     usual = _usual(measured / ahead, steps, HARDEST)
@@ -234,7 +235,7 @@ def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sens
     return _preferred(motion, factor * motion_seen * ahead, sides, covered, steps, sensor)
 
 
-def _usual(measured: NDArray[Any], steps: Steps, hardest: float) -> Motion:
+def _usual(measured: Numbers, steps: Steps, hardest: float) -> Motion[Numbers]:
     """Return the motion at the median rate of the steps around; it errs where the rate changes.
 
     The rate changes by no more than `hardest` [m/s^2 or rad/s^2].
@@ -242,12 +243,13 @@ def _usual(measured: NDArray[Any], steps: Steps, hardest: float) -> Motion:
     samples = np.add.reduceat(np.ones(len(steps.dt)), steps.groups)
     together, run = steps.usual * float(samples.max()), steps.run[steps.groups]
     half = int(np.clip(round(USUAL / together), 2, max(np.ceil(HALF / samples.max()), 3)))
-    parts = [measured.real, measured.imag] if np.iscomplexobj(measured) else [measured]
+    parts: list[Floats] = [np.real(measured), *([np.imag(measured)] if np.iscomplexobj(measured) else [])]
     of_groups = [running_median(steps.rates(part), half, run) for part in parts]
     # Within a group, and to the middle of its neighbours, a rate that changes leads astray.
     ranges = steps.each(np.sum([running_range(rate, 1, run) for rate in of_groups], axis=0) * 0.5 * (samples + 1.0))
     rates = [steps.each(rate) for rate in of_groups]
-    usual = np.where(steps.within, rates[0] if len(rates) == 1 else rates[0] + 1j * rates[1], 0.0) * steps.dt
+    rate = rates[0] if len(rates) == 1 else rates[0] + 1j * rates[1]
+    usual = np.asarray(np.where(steps.within, rate, 0.0) * steps.dt, dtype=measured.dtype)
     bend = np.sum([running_range(rate, HALF, steps.run) for rate in rates], axis=0) * steps.reach
     bend = np.maximum(bend - np.median(bend), 0.0)  # what it is throughout is noise
     # What the robot did in the very first steps, or the last, no median tells: it may have gone as fast as ever.
@@ -257,8 +259,8 @@ def _usual(measured: NDArray[Any], steps: Steps, hardest: float) -> Motion:
 
 
 def _preferred(
-    usual: Motion, motion_seen: NDArray[Any], sides: list[Floats], covered: Mask, steps: Steps, sensor: Sensor
-) -> Motion:
+    usual: Motion[Numbers], motion_seen: Numbers, sides: list[Floats], covered: Mask, steps: Steps, sensor: Sensor
+) -> Motion[Numbers]:
     """Return the motion that a sensor reported, where it did; it errs where the pose's time stamp does.
 
     `sides` are the steps of each side of the robot: where one changes its speed, the slip may change.
@@ -295,11 +297,11 @@ def _motion_seen(time: Floats, travel: Travel, travelled: Floats) -> tuple[Float
     return np.diff(np.interp(time, travel.time, travelled)), known[1:] & known[:-1]
 
 
-def _share(left: NDArray[Any], whole: NDArray[Any]) -> float:
+def _share(left: Numbers, whole: Numbers) -> float:
     """Return the size of what is left as a share of the whole; infinite where there is no motion."""
     size = quantile(np.abs(whole), LARGEST)
     return quantile(np.abs(left), LARGEST) / size if size > 0.0 else np.inf
 
 
-def _summed(steps: NDArray[Any]) -> NDArray[Any]:
+def _summed(steps: Numbers) -> Numbers:
     return np.append(0.0, np.cumsum(steps))

@@ -6,7 +6,7 @@ hashed into some two bins for each point, so their number does not depend on how
 different cells may share a bin: distances decide in the end.
 """
 
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from cmr.model.compiled import compiled
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int32]
+Codes = NDArray[np.uint64]
+Bins: TypeAlias = tuple[Codes, Indices, Indices, np.uint64, Codes, np.int64]  # as `_binned` returns them
 
 ALL_PAIRS = 50  # points up to which trying all pairs costs less
 FEWEST_BITS = 6
@@ -29,7 +32,7 @@ SMALLEST = 1e-300  # m; the side of a cell where all points lie in one place
 
 
 @compiled("Tuple((i4[::1], i4[::1]))(f8[::1], f8[::1], f8)")
-def close_pairs(x: Floats, y: Floats, reach: float) -> Any:
+def close_pairs(x: Floats, y: Floats, reach: float) -> tuple[Indices, Indices]:
     """Return all pairs of points at most `reach` [m] apart, each once, as two arrays of indices."""
     n = len(x)
     room = 4 * n + 16
@@ -49,7 +52,7 @@ def close_pairs(x: Floats, y: Floats, reach: float) -> Any:
 
 
 @compiled("i8(f8[::1], f8[::1], f8, i4[::1], i4[::1])")
-def _try_all(x: Floats, y: Floats, nearest: float, first: Any, second: Any) -> int:
+def _try_all(x: Floats, y: Floats, nearest: float, first: Indices, second: Indices) -> int:
     """Write pairs nearer than the root of `nearest`, as many as there is room for; return how many there are."""
     found = 0
     for i in range(len(x)):
@@ -86,7 +89,7 @@ def _try_around(x, y, nearest, code, begin, members, shift, ahead, span, first, 
 
 
 @compiled("Tuple((u8[::1], i4[::1], i4[::1], u8, u8[::1], i8))(f8[::1], f8[::1], f8)")
-def _binned(x: Floats, y: Floats, reach: float) -> Any:
+def _binned(x: Floats, y: Floats, reach: float) -> Bins:
     """Sort points into bins.
 
     Returns each point's code (n,), where each bin begins (bins + 1,), the points bin by bin (n,), by how many bits a
@@ -102,7 +105,7 @@ def _binned(x: Floats, y: Floats, reach: float) -> Any:
     columns, rows = np.floor(width * per_side) + 3.0, np.floor(height * per_side) + 3.0
     hashed = columns * rows > MOST_CELLS * n
     bins = 2.0 * n if hashed else columns * rows
-    bits: Any = FEWEST_BITS
+    bits = FEWEST_BITS
     while 2.0**bits < bins:
         bits += 1
     shift = np.uint64(64 - bits)
@@ -116,7 +119,7 @@ def _binned(x: Floats, y: Floats, reach: float) -> Any:
     begin = np.zeros((1 << bits) + 1, np.int32)
     for i in range(n):
         begin[np.int64(code[i] >> shift)] += 1
-    total: Any = 0
+    total: int | np.integer = 0
     for b in range(1 << bits):
         total += begin[b]
         begin[b] = total
@@ -127,14 +130,14 @@ def _binned(x: Floats, y: Floats, reach: float) -> Any:
         begin[own] -= 1
         members[begin[own]] = i
     if hashed:
-        ahead = np.array([np.uint64(0), column, row - column, row, row + column])
+        ahead: Codes = np.array([np.uint64(0), column, row - column, row, row + column])
     else:
         ahead = np.array([np.uint64(0), row - column])
     return code, begin, members, shift, ahead, np.int64(1 if hashed else 3)
 
 
 @compiled("Tuple((u8[::1], i4[::1], i4[::1], u8, u8[::1], i8))(f8[::1], f8[::1], f8)")
-def binned_around(x: Floats, y: Floats, reach: float) -> Any:
+def binned_around(x: Floats, y: Floats, reach: float) -> Bins:
     """Sort points into bins, to look at all that may be at most `reach` [m] from one of them.
 
     Returns the same as `_binned`, but the codes of all nine cells: those in which the points near point i are begin
