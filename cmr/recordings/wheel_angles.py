@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cmr.recordings.robust import spread
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
 
 SIDES = ("left", "right")
@@ -12,6 +13,7 @@ FEW_LOST = 0.1  # of the readings; where speeds and counts differ in more, speed
 # parts of an interval are a whole number, where logs keep each second or fifth reading, say.
 MOST_DIVISIONS, WHOLE, MOST_WHOLE = 8, 0.1, 0.95  # of the least speed; from a whole number; of the speeds
 BLOCKS, CERTAIN, MOST_OFF = 16, 4.0, 0.3  # of a drive; standard deviations; from a whole number of ticks
+MOST_TICKS = 1e4  # that an encoder counts between two readings
 ENOUGH = 10  # readings of the same count
 MOST_ALIKE = 0.5  # of the readings that agree on the angle of a count: then it is that
 
@@ -84,7 +86,8 @@ def _differing(ticks: Floats, lost: Mask) -> float:
 def _step(speeds: Floats) -> float:
     """Return the step in which speeds (n,), not negative, go up [rad/s]; 0 where they go by none."""
     speeds = speeds[speeds > 0.0]
-    least = float(np.median(speeds[speeds < 1.5 * speeds.min()]))
+    least = float(np.median(speeds[speeds <= 1.5 * speeds.min()]))
+    speeds = speeds[speeds / MOST_TICKS < least]
     for division in range(1, MOST_DIVISIONS + 1):
         steps = speeds * division / least
         whole = np.round(steps)
@@ -116,9 +119,11 @@ def _tick(turned: Floats, ticks: Floats, step: float) -> float:
     uncertain that is.
     """
     tick = float(np.sum(turned) / np.sum(ticks))
+    if not 0.0 < step < MOST_TICKS * tick:  # speeds of the other sign, or broken ones
+        return tick
     blocks = [
         float(np.sum(t) / np.sum(c)) for t, c in zip(*(np.array_split(v, BLOCKS) for v in (turned, ticks)), strict=True)
     ]
     several, whole = step / tick, round(step / tick)
-    doubt = several * float(np.std(blocks)) / tick / BLOCKS**0.5
+    doubt = several * spread(np.array(blocks) - tick) / tick / BLOCKS**0.5
     return step / whole if whole >= 2 and abs(several - whole) < min(CERTAIN * doubt, MOST_OFF) else tick
