@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import can_be_small, lanes_of, rarity
+from cmr.estimation.candidates import NEVER_AHEAD, can_be_small, lanes_of, rarity
 from cmr.estimation.gauss_newton import Fit, moves_of
 from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
@@ -88,7 +88,7 @@ class Averaging:
 
     Parameters that are there in any case: the paper's, and those of effects that are no matter of degree. One walk
     begins with the effects that are `likely`, by name. `seen` are the values of a fit that show how large sizes are; by
-    default those of `fit`.
+    default those of `fit`. Of what is `ahead`, by parameter, see `Sizes`.
     """
 
     def __init__(
@@ -98,6 +98,7 @@ class Averaging:
         inflation: float,
         likely: Collection[str],
         seen: Mapping[str, float] | None = None,
+        ahead: Collection[str] = (),
     ) -> None:
         self._problem, self._inflation = problem, inflation
         self._noise = fit.noise.with_outliers(problem.predictors, problem.errors(fit.values))
@@ -109,7 +110,7 @@ class Averaging:
         ]
         self._likely = np.array([effect.name in likely for effect in self._effects], np.bool_)
         self._seen = fit.values if seen is None else seen
-        self._sizes = Sizes(self._effects, problem.excitation, self._seen)
+        self._sizes = Sizes(self._effects, problem.excitation, ahead)
         sized = {parameter.name for parameter in self._sizes.parameters}
         self._flat = tuple(name for name in fit.names if name not in sized)
         self._names = (*self._flat, *(parameter.name for parameter in self._sizes.parameters))
@@ -209,21 +210,24 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
 
     Those of them that are more likely there than not are there: what is averaged over is what may be hidden besides.
     """
-    averaging, found = relinearised(problem, fit, inflation)
+    ahead = [name for name in NEVER_AHEAD if name in named and fit.values[name] < 0.0]
+    averaging, found = relinearised(problem, fit, inflation, ahead)
     certain = [name for name in named if found.presence.get(name, 0.0) > HALF]
     return replace(averaging.posterior(certain=certain), certain=tuple(certain))
 
 
-def relinearised(problem: Problem, fit: Fit, inflation: float) -> tuple[Averaging, Posterior]:
+def relinearised(
+    problem: Problem, fit: Fit, inflation: float, ahead: Collection[str] = ()
+) -> tuple[Averaging, Posterior]:
     """Return the linear problem about the likeliest values that are found from a fit on, and a rough posterior."""
-    averaging = Averaging(problem, fit, inflation, _on(problem, fit.values))
+    averaging = Averaging(problem, fit, inflation, _on(problem, fit.values), ahead=ahead)
     found = averaging.posterior(steps=FEW_STEPS)
     for number in range(1, MOST_ROUNDS):
         if averaging.predicts(found) and (number >= ROUNDS or averaging.is_about(found)):
             break
         values = found.likeliest
         about = Fit(values, fit.names, fit.rest, fit.slopes, problem.found(problem.errors(values)))
-        averaging = Averaging(problem, about, inflation, found.likely, fit.values)
+        averaging = Averaging(problem, about, inflation, found.likely, fit.values, ahead)
         found = averaging.posterior(steps=FEW_STEPS)
     return averaging, found
 

@@ -6,7 +6,7 @@ is without a trace of most effects (George and McCulloch, 88, 1993): slip in tur
 bends the base width. A trace of either sign is normal; one of a single sign is there or not, like an effect.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,14 +33,14 @@ class SizePosterior(NamedTuple):
 class Sizes:
     """The sizes (p,) of some effects (e,), in their units, on a robot and a drive.
 
-    No sensor reports what has not happened yet, unless a fit has `seen` its clock ahead.
+    No sensor reports what has not happened yet, but for those whose clocks are known to be `ahead`, by parameter.
     """
 
-    def __init__(self, effects: Sequence[Effect], excitation: Excitation, seen: Mapping[str, float]) -> None:
+    def __init__(self, effects: Sequence[Effect], excitation: Excitation, ahead: Collection[str] = ()) -> None:
         parameters = [parameter for effect in effects for parameter in effect.parameters if parameter.switches]
         self.parameters = parameters
         self.usual = np.array([size(parameter, excitation) for parameter in parameters])
-        behind = [name for name in NEVER_AHEAD if not seen.get(name, 0.0) < 0.0]
+        behind = [name for name in NEVER_AHEAD if name not in ahead]
         self._one_sided = np.array([one.lower == one.neutral or one.name in behind for one in parameters], np.bool_)
         self._effects = np.repeat(
             np.arange(len(effects)), [sum(parameter.switches for parameter in effect.parameters) for effect in effects]

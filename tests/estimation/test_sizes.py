@@ -20,7 +20,7 @@ LIKELIHOODS = [(0.0, 0.0), (4.0, -3.0), (100.0, -25.0), (400.0, -40.0)]  # curva
 
 def posterior_of(effect: str, curvature: float, slope: float) -> tuple[SizePosterior, float]:
     """Return what is known of the effect's one size, and the typical one."""
-    sizes = Sizes([CATALOGUE[effect]], EXCITATION, {})
+    sizes = Sizes([CATALOGUE[effect]], EXCITATION)
     (usual,) = sizes.usual
     odds = np.log([PRESENT / (1.0 - PRESENT)])
     normal, pull = np.array([[curvature / usual**2]]), np.array([slope / usual])
@@ -66,7 +66,7 @@ def test_an_effect_of_one_sign_is_there_or_not_as_a_trace_too(curvature: float, 
 
 
 def test_without_traces_what_is_not_present_is_nothing() -> None:
-    sizes = Sizes([CATALOGUE["wheel_radius_asymmetry"], CATALOGUE["coulomb_friction"]], EXCITATION, {})
+    sizes = Sizes([CATALOGUE["wheel_radius_asymmetry"], CATALOGUE["coulomb_friction"]], EXCITATION)
     odds, begin = np.full(2, -1e3), np.zeros(2, np.bool_)
     found = sizes.posterior(np.eye(2), -np.ones(2), SPREAD * sizes.usual, odds, begin, 100, 1, traces=False)
     assert not found.mean.any()
