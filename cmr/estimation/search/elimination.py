@@ -31,6 +31,8 @@ from cmr.estimation.search.profile import made_sure
 from cmr.estimation.search.trace import Measure
 from cmr.model.parameters import DEFINITIONS as PAPER
 
+SLIP, SEEM_LATE = "longitudinal_slip", frozenset(("gyro_latency", "pose_latency"))
+
 
 @dataclass(frozen=True)
 class Finished:
@@ -108,15 +110,13 @@ def _beside_the_others(
 ) -> list[SelectedEffect]:
     """Return each effect with what it explains beside all others, and the fit without it.
 
-    Where the effect is clearly needed, first order is enough for that. Errors of free runs are not linear enough. A fit
-    without an effect begins from where first order leads, and from what the paper's parameters were before the effect
-    came in: from either alone, some are stuck.
+    Where the effect is clearly needed, first order is enough for that; errors of free runs are not linear enough, nor
+    are those of what others stand in for. A fit without an effect begins from where first order leads, and from what
+    the paper's parameters were before the effect came in: from either alone, some are stuck.
     """
     fits = problem.without(final, [[one.candidate.effect] for one in standing])
-    clear = [
-        problem.by_moments and fit.squares - final.squares > CLEARLY * _least(one, inflation)
-        for one, fit in zip(standing, fits, strict=True)
-    ]
+    drops = [fit.squares - final.squares for fit in fits]
+    clear = [_is_clear(problem, one, final, drop, inflation) for one, drop in zip(standing, drops, strict=True)]
     unsure = [number for number in range(len(standing)) if not clear[number]]
     starts = [start for n in unsure for start in (_left_out(standing[n], final), (dict(fits[n].values), fits[n].names))]
     refits = problem.fits(starts, final.noise)
@@ -129,6 +129,12 @@ def _beside(problem: Problem, one: SelectedEffect, before: Fit, final: Fit) -> S
     drop, held_out = before.squares - final.squares, held_out_gain(problem, before, final)
     candidate = CandidateEffect(one.candidate.effect, drop, final.values, final, held_out)
     return replace(one, before=before, candidate=candidate)
+
+
+def _is_clear(problem: Problem, one: SelectedEffect, fit: Fit, drop: float, inflation: Inflation) -> bool:
+    """Return whether an effect is needed, by its `drop` to first order, whatever a fit without it would say."""
+    stands_in = one.candidate.effect.name == SLIP and {*fit.names} >= SEEM_LATE
+    return problem.by_moments and not stands_in and drop > CLEARLY * _least(one, inflation)
 
 
 def _least(one: SelectedEffect, inflation: Inflation) -> float:
@@ -172,7 +178,7 @@ def pruned(
     drops = [
         fit.squares - current.squares for fit in problem.without(current, [[one.candidate.effect] for one in named])
     ]
-    clear = [problem.by_moments and drop > CLEARLY * _least(o, inflation) for o, drop in zip(named, drops, strict=True)]
+    clear = [_is_clear(problem, one, current, drop, inflation) for one, drop in zip(named, drops, strict=True)]
     unsure = [one for one, sure in zip(named, clear, strict=True) if not sure]
     while unsure:
         fits = problem.fits([without(current, [one]) for one in unsure], current.noise)
@@ -188,7 +194,16 @@ def pruned(
 
 
 def without(fit: Fit, effects: Sequence[SelectedEffect]) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return the values of a fit, and the names of what is free in it, without some effects."""
+    """Return the values of a fit, and the names of what is free in it, without some effects.
+
+    Wheels that slip by k times their acceleration move the robot as if it followed them k later: without it, gyro and
+    poses that are free are later by k.
+    """
     own = {parameter.name for one in effects for parameter in one.candidate.effect.parameters}
-    values = {name: value for name, value in fit.values.items() if name not in own}
+    later = fit.values[SLIP] if SLIP in own else 0.0
+    values = {
+        name: value + (later if name in SEEM_LATE and name in fit.names else 0.0)
+        for name, value in fit.values.items()
+        if name not in own
+    }
     return values, tuple(name for name in fit.names if name not in own)
