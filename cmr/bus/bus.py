@@ -6,7 +6,7 @@ from collections import Counter, deque
 
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
-from cmr.bus.preflight import open_lcm, resolve_url, self_test, warnings
+from cmr.bus.preflight import handled, open_lcm, resolve_url, self_test, warnings
 from cmr.bus.streams import WORLD_STATE, Stream
 
 DRAIN_SECONDS = 0.05  # handled in one go at most; a flood must not keep a process from its own work
@@ -74,7 +74,7 @@ class Bus:
         """Wait up to `timeout` seconds for a message; return all that have arrived, oldest first."""
         if timeout <= 0.0 or select.select([self._lcm.fileno()], [], [], timeout)[0]:
             enough = time.monotonic() + DRAIN_SECONDS
-            while self._lcm.handle_timeout(0) > 0 and time.monotonic() < enough:
+            while handled(self._lcm) and time.monotonic() < enough:
                 pass
         arrived, self._arrived = self._arrived, []
         return self.latest(arrived)

@@ -83,6 +83,18 @@ def _scheme(url: str) -> str:
         raise _unreadable(url, error) from error
 
 
+def handled(bus: lcm.LCM, wait_ms: int = 0) -> bool:
+    """Hand on a message, waiting up to `wait_ms` for it; return whether there was one.
+
+    LCM reports a signal that comes while it waits, as SIGTERM does, like a failure. What has failed fails again.
+    Raises OSError then.
+    """
+    try:
+        return bus.handle_timeout(wait_ms) > 0
+    except OSError:
+        return bus.handle_timeout(wait_ms) > 0
+
+
 def open_lcm(url: str) -> lcm.LCM:
     """Return LCM on `url`.
 
@@ -157,7 +169,7 @@ def self_test(bus: lcm.LCM, url: str) -> None:
     deadline = time.monotonic() + SELF_TEST_SECONDS
     while token not in arrived and time.monotonic() < deadline:
         if select.select([bus.fileno()], [], [], 0.05)[0]:
-            bus.handle_timeout(0)
+            handled(bus)
     bus.unsubscribe(subscription)
     if token not in arrived:
         group = parse_udpm(url).group

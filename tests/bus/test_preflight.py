@@ -6,13 +6,14 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import lcm
 import pytest
 
 from cmr.bus import preflight
 from cmr.bus.bus import Bus
-from cmr.bus.preflight import BusError, open_lcm, resolve_url, self_test, warnings
+from cmr.bus.preflight import BusError, handled, open_lcm, resolve_url, self_test, warnings
 from cmr.bus.process import Process
 from cmr.bus.streams import PROCESS_STATUS
 from cmr.cli.configuration import DEFAULT_URL
@@ -184,3 +185,23 @@ def test_a_command_uses_the_bus_of_the_environment(url: str) -> None:
 
 def test_opening_memq_needs_no_network() -> None:
     assert open_lcm("memq://") is not None
+
+
+class Interrupted:
+    """An LCM whose waits end as given: 1 with a message, 0 without one, -1 as where a signal comes."""
+
+    def __init__(self, *ends: int) -> None:
+        self._ends = list(ends)
+
+    def handle_timeout(self, _wait_ms: int) -> int:
+        end = self._ends.pop(0)
+        if end < 0:
+            raise OSError("lcm_handle_timeout() returned -1")
+        return end
+
+
+def test_a_signal_while_lcm_waits_is_no_failure_of_the_bus_but_two_in_a_row_are() -> None:
+    assert handled(cast(lcm.LCM, Interrupted(-1, 1)))
+    assert not handled(cast(lcm.LCM, Interrupted(-1, 0)))
+    with pytest.raises(OSError, match="returned -1"):
+        handled(cast(lcm.LCM, Interrupted(-1, -1)))

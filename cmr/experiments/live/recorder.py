@@ -11,7 +11,7 @@ from pathlib import Path
 import lcm
 
 from cmr.bus.messages import now_utime
-from cmr.bus.preflight import open_lcm
+from cmr.bus.preflight import handled, open_lcm
 from cmr.bus.process import Process
 from cmr.experiments.live.jobs import LOG
 
@@ -53,14 +53,14 @@ class Recorder:
         """Write what has arrived, and close the file."""
         self._is_closing = True
         self._thread.join()
-        while self._error is None and self._lcm.handle_timeout(0) > 0:
+        while self._error is None and handled(self._lcm):
             pass
         self._log.close()
 
     def _listen(self) -> None:
         try:
             while not self._is_closing:
-                self._lcm.handle_timeout(LONGEST_WAIT)
+                handled(self._lcm, LONGEST_WAIT)
         except Exception as error:  # of whatever kind: reported by the thread that looks how it goes
             self._error = error
 

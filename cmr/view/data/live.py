@@ -3,7 +3,7 @@
 import time
 
 from cmr.bus.messages import now_utime
-from cmr.bus.preflight import open_lcm, resolve_url, self_test
+from cmr.bus.preflight import handled, open_lcm, resolve_url, self_test
 from cmr.view.data.intake import Intake
 
 LONGEST = 0.2  # s in one go; a flood must not keep the page from being drawn
@@ -22,7 +22,7 @@ class Ear:
     def listen(self) -> None:
         """Hand on what has arrived."""
         enough = time.monotonic() + LONGEST
-        while self._lcm.handle_timeout(0) > 0 and time.monotonic() < enough:
+        while handled(self._lcm) and time.monotonic() < enough:
             pass
 
     def _take(self, channel: str, data: bytes) -> None:
