@@ -88,7 +88,9 @@ def test_14_bursts_of_five_lines_are_spread_over_the_time_in_which_they_were_mea
     offset = utime_at(0)
     errors = [(message.utime - offset) / 1e6 - moment for message, moment in zip(published, true, strict=True)]
     print(f"largest error {1e3 * max(map(abs, errors[50:])):.2f} ms")
-    assert max(map(abs, errors[50:])) < 0.002
+    # Lines that this computer sent late may be stamped as much too late, no others.
+    held_up = [lateness - min(late) for lateness in late for _ in range(5)]
+    assert all(abs(error) < 0.002 + own for error, own in list(zip(errors, held_up, strict=True))[50:])
     assert all(before.utime < after.utime for before, after in pairwise(published))
 
 
