@@ -47,6 +47,7 @@ DRIVING = frozenset(
 OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
 OF_ONE_FRAME = ("slope", "surface_patch", "pose_distortion")  # belong to places and headings of one frame
 AS_THE_DELAY = ("longitudinal_slip", "pose_latency")  # only wheels, or a gyro, distinguish it from late commands
+SLIP, SEEM_LATE = "longitudinal_slip", frozenset(("gyro_latency", "pose_latency"))
 AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # only commands distinguish it from the wheel radius itself
 # By so much must a rare effect explain more. Wheels differ in size more often than their encoders, which are numbers in
 # a data sheet, count wrongly: unequal motors look to the last bit like unequal encoders beside wheels that are just as
@@ -294,3 +295,11 @@ def worth_naming(values: Mapping[str, float], stds: Mapping[str, float], excitat
         return True
     sizes = {parameter.name: SMALLEST * size(parameter, excitation) for parameter in switches}
     return any(abs(values[name]) > max(least, SURE * stds.get(name, 0.0)) for name, least in sizes.items())
+
+
+def seen_later(values: Mapping[str, float], seconds: float) -> dict[str, float]:
+    """Return the values with gyro and poses later by some seconds, which is nearly what slip does to them.
+
+    Wheels that slip by k times their acceleration move the robot as if it followed them k later.
+    """
+    return {**values, **{name: values.get(name, 0.0) + seconds for name in SEEM_LATE}}

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cmr.estimation.candidates import SEEM_LATE, SLIP, seen_later
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import (
@@ -30,8 +31,6 @@ from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.profile import made_sure
 from cmr.estimation.search.trace import Measure
 from cmr.model.parameters import DEFINITIONS as PAPER
-
-SLIP, SEEM_LATE = "longitudinal_slip", frozenset(("gyro_latency", "pose_latency"))
 
 
 @dataclass(frozen=True)
@@ -133,8 +132,8 @@ def _beside(problem: Problem, one: SelectedEffect, before: Fit, final: Fit) -> S
 
 def _is_clear(problem: Problem, one: SelectedEffect, fit: Fit, drop: float, inflation: Inflation) -> bool:
     """Return whether an effect is needed, by its `drop` to first order, whatever a fit without it would say."""
-    stands_in = one.candidate.effect.name == SLIP and {*fit.names} >= SEEM_LATE
-    return problem.by_moments and not stands_in and drop > CLEARLY * _least(one, inflation)
+    others_do = one.candidate.effect.name == SLIP and {*fit.names} >= SEEM_LATE
+    return problem.by_moments and not others_do and drop > CLEARLY * _least(one, inflation)
 
 
 def _least(one: SelectedEffect, inflation: Inflation) -> float:
@@ -196,14 +195,10 @@ def pruned(
 def without(fit: Fit, effects: Sequence[SelectedEffect]) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return the values of a fit, and the names of what is free in it, without some effects.
 
-    Wheels that slip by k times their acceleration move the robot as if it followed them k later: without it, gyro and
-    poses that are free are later by k.
+    What slip did, gyro and poses do where both are free.
     """
     own = {parameter.name for one in effects for parameter in one.candidate.effect.parameters}
-    later = fit.values[SLIP] if SLIP in own else 0.0
-    values = {
-        name: value + (later if name in SEEM_LATE and name in fit.names else 0.0)
-        for name, value in fit.values.items()
-        if name not in own
-    }
+    values = {name: value for name, value in fit.values.items() if name not in own}
+    if SLIP in own and {*fit.names} - own >= SEEM_LATE:
+        values = seen_later(values, fit.values[SLIP])
     return values, tuple(name for name in fit.names if name not in own)

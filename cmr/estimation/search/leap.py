@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 
 from cmr.estimation.averaging import Averaging
-from cmr.estimation.candidates import can_be_small, rarity
+from cmr.estimation.candidates import SLIP, can_be_small, rarity, seen_later
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import SelectedEffect, needed
@@ -62,15 +62,15 @@ def best_leap(
 def _alike(values: Mapping[str, float]) -> Iterator[dict[str, float]]:
     """Yield values that move a robot nearly alike, but lie too far off for a linear problem.
 
-    Wheels that slip by k times their acceleration move the robot as if it followed them k later, so gyro and poses both
-    seem late by k. Wheels that accelerate within a limit move as if their command rose no faster, somewhat later.
+    Slip and late sensors do (`seen_later`). So do wheels that accelerate within a limit, and a command that rises no
+    faster, somewhat later.
     """
-    gyro, pose, slip = (values.get(name, 0.0) for name in ("gyro_latency", "pose_latency", "longitudinal_slip"))
+    gyro, pose, slip = (values.get(name, 0.0) for name in ("gyro_latency", "pose_latency", SLIP))
     both = min(gyro, pose)
     if both > 0.0 and slip == 0.0:
-        yield {**values, "gyro_latency": gyro - both, "pose_latency": pose - both, "longitudinal_slip": both}
+        yield {**seen_later(values, -both), SLIP: both}
     if slip > 0.0:
-        yield {**values, "gyro_latency": gyro + slip, "pose_latency": pose + slip, "longitudinal_slip": 0.0}
+        yield {**seen_later(values, slip), SLIP: 0.0}
     slew, current = (values.get(name, np.inf) for name in ("slew_limit", "current_limit"))
     motor, late = values["k1"] * values["k2_over_k3"], max(values.get("command_delay", 0.0), SOMEWHAT)
     if slew < np.inf and current == np.inf:
