@@ -48,6 +48,8 @@ def test_the_gain_is_told_with_its_interval_and_how_far_parameters_moved(found: 
 def test_an_error_that_grew_is_not_called_smaller() -> None:
     worse = Gain(ratio=0.8, interval=(0.7, 0.9), signals={})
     assert "none: 1.25 times larger" in Page(report_of(replace(FOUND, gain=worse))).text
+    same = Gain(ratio=0.997, interval=(0.98, 1.03), signals={})
+    assert "unchanged" in Page(report_of(replace(FOUND, gain=same))).text
 
 
 def test_runners_up_say_why_they_were_not_named(found: Page) -> None:

@@ -83,6 +83,8 @@ def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 def _times(ratio: float) -> str:
     """Return in words how an error before compares with that after."""
+    if f"{ratio:.2f}" == "1.00":
+        return "unchanged"
     return f"{number(ratio, 3)} times smaller" if ratio >= 1.0 else f"none: {number(1.0 / ratio, 3)} times larger"
 
 
