@@ -94,13 +94,19 @@ class Calibrator:
 
     @classmethod
     def of(cls, messages: RobotMessages, nominal: ParameterFile | None = None) -> "Calibrator":
-        """Return the calibrator that has seen a whole log; the same as if it had taken message by message."""
+        """Return the calibrator that has seen a whole log; the same as if it had taken message by message.
+
+        Of a recording in pieces that are too short for a figure-eight it takes all: none of them is the drive.
+        """
         calibrator = cls(messages.robot_id, nominal)
         calibrator._log = messages
         number, latest = messages.latest_utime()
         calibrator._latest = int(latest[-1]) if len(latest) else 0
         for utime, left, right in calibrator._motion(messages):
             calibrator._watch(utime, left, right)
+        pieces = Recording.of(messages).pieces
+        if len(pieces) > 1 and pieces.usual < LAP:
+            calibrator._end = None
         if calibrator._end is not None:
             over = int(np.searchsorted(latest, calibrator._end + STRAGGLERS, side="right"))
             if over < len(number):

@@ -10,7 +10,7 @@ from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
 from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
 from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
-from cmr.recordings.faults.checks import check, late_wheels_in_all
+from cmr.recordings.faults.checks import CLOCK, check, lag_sentence, late_wheels_in_all
 from cmr.recordings.faults.findings import Finding, Findings, counted
 from cmr.recordings.faults.late_wheels import together, with_wheels_in_time
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
@@ -268,6 +268,20 @@ def _has_window(looked: Checked, path: bool) -> bool:
     """Return whether there is a window over which free runs can be measured; with `path`, one with poses."""
     observations = [segment.observations for segment in looked.segments]
     return any(len(windows_of(one, WINDOW).begin) for one in observations if len(one.pose) or not path)
+
+
+def with_lags_found(looked: Sequence[Checked], found: Sequence[Lag]) -> list[Checked]:
+    """Return recordings whose checks give the lags that were `found` with everything else that explains the data.
+
+    Two sensors alone show a lag less well. A clock that was set right was found as it stands.
+    """
+    return [one if one.note else replace(one, findings=_with_lags(one.findings, found)) for one in looked]
+
+
+def _with_lags(findings: Findings, found: Sequence[Lag]) -> Findings:
+    sentences = {CLOCK[lag.sensor]: lag_sentence(lag.sensor, lag) for lag in found if findings.lag(lag.sensor)}
+    said = (replace(one, sentence=sentences.get(one.check, one.sentence)) for one in findings.all)
+    return replace(findings, all=tuple(said))
 
 
 def findings_of(looked: Sequence[Checked]) -> tuple[Finding, ...]:

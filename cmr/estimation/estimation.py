@@ -20,6 +20,7 @@ docs/reference/thresholds.md lists the numbers by which they decide; scripts/tra
 control passes through for a log.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -27,7 +28,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cmr.estimation.candidates import size
-from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_use_held_out
+from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_use_held_out, with_lags_found
 from cmr.estimation.criterion import look
 from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.gauss_newton import Fit
@@ -45,8 +46,11 @@ from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.faults.late_wheels import IN_TIME
+from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 
+# Effects that make a sensor's stamps later than what they stand for, by as much as their sizes come to.
+LATE = {"poses": ("pose_latency", "pose_smoothing"), "gyro": ("gyro_latency",)}
 SEEN_IN_A_PATH = 0.02  # of the typical size: more of an effect that was not named changes a path that is predicted
 
 
@@ -178,7 +182,23 @@ def estimate(
         delivered, measured = that_holds(whole, segments, others)
         given = _nominal_values(nominal, ready)
         against = (given, measured, segments, others, delivered.model.values)
-        return Estimation(looked, ready, delivered, measured, measure_nominal(problem, *against) if given else None)
+        nominal_measured = measure_nominal(problem, *against) if given else None
+        return _with_checks(Estimation(looked, ready, delivered, measured, nominal_measured), unseen)
+
+
+def _with_checks(estimation: Estimation, held_out: Sequence[Checked]) -> Estimation:
+    """Return the estimation in which the checks of clocks say what the model says: one number for one thing."""
+    named = {one.candidate.effect.name for one in estimation.found.named}
+    by_sensor = {
+        sensor: [estimation.estimate(name) for name in effects if name in named] for sensor, effects in LATE.items()
+    }
+    lags = [
+        Lag(sensor, "wheels", sum(one.value for one in late), math.hypot(*(one.std for one in late)))
+        for sensor, late in by_sensor.items()
+        if late
+    ]
+    looked = with_lags_found(estimation.looked, lags)
+    return replace(estimation, ready=replace(estimation.ready, checks=findings_of([*looked, *held_out])))
 
 
 def _with_held_out(ready: Ready, fitted: Sequence[Checked], held_out: Sequence[Checked]) -> Ready:

@@ -39,7 +39,8 @@ class Segment:
     `wheel_doubt` [rad], shape (W, 2), is the standard deviation that the encoder's ticks leave of each reading;
     `tick` [rad] their size, 0 where there are none. `first` [us] is the time of the grid's beginning, `recording` the
     number of the recording to which it belongs, `piece` that of the recording's piece in which it lies. `piece_pose`
-    (x, y, theta) [m, m, rad] is the first pose of that piece, which may have come before the commands.
+    (x, y, theta) [m, m, rad] is the first pose of that piece, which may have come before the commands. `rolled`,
+    shape (steps, 2), is how fast [rad/s] the wheels turned by their encoders; empty without them.
     """
 
     observations: Observations
@@ -47,17 +48,14 @@ class Segment:
     tick: float
     first: int
     recording: int
+    rolled: Floats
     piece: int = 0
     piece_pose: tuple[float, float, float] = (np.nan, np.nan, np.nan)
 
     @property
     def rolling(self) -> "Segment":
         """The segment as if the robot had rolled as its wheels did, whatever it was commanded."""
-        if len(self.observations.given):
-            return self
-        own = self.observations
-        given = _rolled(own.wheel_time, own.wheel, self.tick, own.steps, own.dt)
-        return replace(self, observations=replace(own, given=given))
+        return replace(self, observations=replace(self.observations, given=self.rolled))
 
     def with_commands_at(self, time: Floats) -> "Segment":
         """Return the segment with commands that take effect at these times [s], shape (n,), increasing."""
@@ -170,6 +168,8 @@ def _segment(
     pose = np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
     psi = _start_speeds(wheels, first)
     begins = pose[0] if len(pose) else np.zeros(3)
+    # By all readings: the first and the last within the segment say nothing of the time before and after them.
+    rolled = _rolled(recording.wheels, first, tick, steps) if len(recording.wheels) else np.empty((0, 2))
     return Segment(
         Observations(
             dt=STEP,
@@ -184,9 +184,7 @@ def _segment(
             pose_time=_seconds(poses, first),
             pose=np.ascontiguousarray(pose),
             pose_use=_pose_use(poses.utime, splits),
-            given=_given(recording.wheels, first, tick, steps)
-            if len(recording.wheels) and not len(recording.duty)
-            else np.empty((0, 2)),
+            given=np.empty((0, 2)) if len(recording.duty) else rolled,
             time=(first - beginning) * SECONDS,
             kind=recording.command_kind,
             turned=turned,
@@ -195,6 +193,7 @@ def _segment(
         tick,
         first,
         number,
+        rolled,
         piece=(piece := int(recording.pieces.number(np.array([first]))[0])),
         piece_pose=_first_pose(recording, piece),
     )
@@ -275,29 +274,25 @@ def _start_speeds(wheels: Signal, first: int) -> tuple[float, float]:
     return float(near["psi_left"].mean()), float(near["psi_right"].mean())
 
 
-def _given(wheels: Signal, first: int, tick: float, steps: int) -> Floats:
-    """Return the mean speed [rad/s] of each wheel over each step since `first` [us], from its encoder."""
-    angles = np.stack([wheels[name] for name in ANGLES], axis=1)
-    return _rolled(_seconds(wheels, first), angles, tick, steps, STEP)
-
-
-def _rolled(time: Floats, angles: Floats, tick: float, steps: int, dt: float) -> Floats:
-    """Return the mean speed [rad/s] of each wheel, shape (steps, 2), around each step, from `angles` (W, 2) [rad].
+def _rolled(wheels: Signal, first: int, tick: float, steps: int) -> Floats:
+    """Return the mean speed [rad/s] of each wheel, shape (steps, 2), around each step since `first` [us].
 
     It is the mean over a longer time than the step where ticks would else make it noisy. Noise of what a gyro is
     compared with makes the gyro's scale too small, by its share of the squared turn rate (regression dilution; W. A.
     Fuller, Measurement Error Models, 1987, section 1.1).
     """
 
-    def at(times: Floats) -> Floats:
-        return np.stack([np.interp(times, time, angle) for angle in angles.T], axis=1)
+    time = _seconds(wheels, first)
 
-    middle: Floats = (np.arange(steps, dtype=np.float64) + 0.5) * dt
-    from_end: Floats = np.minimum(middle, steps * dt - middle)
+    def at(times: Floats) -> Floats:
+        return np.stack([np.interp(times, time, wheels[name]) for name in ANGLES], axis=1)
+
+    middle: Floats = (np.arange(steps, dtype=np.float64) + 0.5) * STEP
+    from_end: Floats = np.minimum(middle, steps * STEP - middle)
     smooth = (at(middle + 0.5 * LONGEST_MEAN) - at(middle - 0.5 * LONGEST_MEAN)) / LONGEST_MEAN
     turning = float(np.sqrt(np.mean((smooth[:, 1] - smooth[:, 0]) ** 2)))
     noise = 2.0 * UNIFORM * tick  # rad: of the difference of two wheels' ways between two readings
     allowed = NOISY * turning
     span = noise / allowed if noise < allowed * LONGEST_MEAN else LONGEST_MEAN
-    half = np.clip(from_end, 0.5 * dt, max(0.5 * span, 0.5 * dt))
+    half = np.clip(from_end, 0.5 * STEP, max(0.5 * span, 0.5 * STEP))
     return np.asarray((at(middle + half) - at(middle - half)) / (2.0 * half)[:, None], np.float64)

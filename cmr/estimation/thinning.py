@@ -79,7 +79,10 @@ def thinned(segment: Segment, thinning: Thinning) -> Segment:
     pose_use = whole.pose_use[poses_used].copy()
     begins = np.flatnonzero(whole.pose_use == RESTART)
     pose_use[np.minimum(-(-begins // poses), len(pose_use) - 1)] = RESTART
-    given = whole.given[: len(whole.given) // thinning.steps * thinning.steps].reshape(-1, thinning.steps, 2)
+    given, rolled = (
+        one[: len(one) // thinning.steps * thinning.steps].reshape(-1, thinning.steps, 2).mean(axis=1)
+        for one in (whole.given, segment.rolled)
+    )
     return replace(
         segment,
         observations=replace(
@@ -94,7 +97,8 @@ def thinned(segment: Segment, thinning: Thinning) -> Segment:
             pose_time=whole.pose_time[poses_used].copy(),
             pose=np.ascontiguousarray(whole.pose[poses_used]),
             pose_use=pose_use,
-            given=given.mean(axis=1),
+            given=given,
         ),
         wheel_doubt=segment.wheel_doubt[wheels_used],
+        rolled=rolled,
     )

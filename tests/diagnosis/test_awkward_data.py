@@ -231,6 +231,14 @@ def test_a_clock_that_was_set_right_stays_found() -> None:
     assert found.verdict == "no_effect"
 
 
+def test_the_check_of_a_clock_gives_the_lateness_that_the_effect_has() -> None:
+    found = diagnose(later(drive(), "poses", 0.15))
+    (late,) = [effect for effect in found.effects if effect.name == "pose_latency"]
+    (clock,) = [finding for finding in found.checks if finding.check == "poses_clock"]
+    (size,) = late.estimates.values()
+    assert clock.sentence == f"The poses' clock is {size.value:.3f} +- {size.std:.3f} s behind that of the wheels."
+
+
 @pytest.mark.parametrize(("seconds", "said"), [(0.8, "it lasts 0.8 s"), (2.5, "2.5 s of use")])
 def test_a_drive_that_is_too_short_is_called_so_with_how_long_it_must_be(seconds: float, said: str) -> None:
     found = diagnose(drive(20.0, 20.0 + seconds))

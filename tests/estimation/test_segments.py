@@ -29,3 +29,18 @@ def test_a_tick_is_what_the_whole_recording_says_it_is() -> None:
     # Between first and last reading a tick may be missing at either end.
     seconds = float(steady.observations.wheel_time[-1])
     assert steady.observations.wheel[-1] == pytest.approx(SPEED * seconds, rel=0.015, abs=TICK)
+
+
+def test_wheels_that_are_stamped_between_the_commands_roll_as_fast_at_the_ends_of_a_piece() -> None:
+    time = np.concatenate([np.arange(0.0, STEADY, PERIOD), np.arange(0.0, STEADY, PERIOD) + STEADY + PAUSE])
+    utime = np.round(1e6 * (time + 1.0)).astype(np.int64)
+    late = round(0.223e6)  # us, by which an import found the wheels late, and set them right
+    fields = {f"ticks_{side}": np.round((time - 0.5 * time[-1]) * SPEED / 1e-4) for side in SIDES}
+    fields |= {f"psi_{side}": np.full(len(time), SPEED) for side in SIDES}
+    fields |= {f"applied_{side}": np.full(len(time), np.nan) for side in SIDES}
+    nothing = Signal(utime[:0], {name: np.empty(0) for name in ("yaw_rate", "x", "y", "theta")})
+    commands = Signal(utime, {side: np.full(len(time), 0.5) for side in SIDES})
+    recording = Recording(0, commands=commands, wheels=Signal(utime - late, fields), gyro=nothing, poses=nothing)
+    for piece in segments_of(recording, (), 0):
+        given = piece.rolling.observations.given
+        np.testing.assert_allclose(given, SPEED, rtol=0.01)

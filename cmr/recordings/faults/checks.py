@@ -23,6 +23,8 @@ from cmr.recordings.recording import Recording
 
 __all__ = ["Finding", "Findings", "check"]
 
+CLOCK = {"poses": "poses_clock", "gyro": "gyro_clock"}  # the check of each sensor's clock
+
 
 def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     """Find what is wrong in a recording: poses, wheels, clocks, gaps and the log itself.
@@ -160,14 +162,15 @@ def _wheels_finding(late: Lag | None) -> Finding:
 def _lag_findings(lags: list[Lag], rates: Mapping[str, float], slowest: float) -> list[Finding]:
     """Tell where clocks differ; that wheels follow their commands late is how motors are."""
     findings = []
-    for sensor in ("poses", "gyro"):
+    for sensor in CLOCK:
         lag = next((lag for lag in lags if lag.sensor == sensor), None)
         differs = lag is not None and clocks_differ(lag, rates, slowest)
-        findings.append(Finding(f"{sensor}_clock", int(differs), _lag_sentence(sensor, lag)))
+        findings.append(Finding(CLOCK[sensor], int(differs), lag_sentence(sensor, lag)))
     return findings
 
 
-def _lag_sentence(sensor: str, lag: Lag | None) -> str:
+def lag_sentence(sensor: str, lag: Lag | None) -> str:
+    """Say how far the clock of poses or gyro is from that of its reference."""
     subject = "The poses'" if sensor == "poses" else "The gyro's"
     if lag is None:
         return f"{subject} clock has nothing to be compared with."
