@@ -25,12 +25,15 @@ from cmr.estimation.free_runs import Values, free_run, stacked
 from cmr.estimation.segments import segments_of
 from cmr.model.motion import RobotState, drive
 from cmr.model.parameters import RobotParameters
+from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, NEEDED, motor_of
+from cmr.parameters.file import COUNTED_WIDTH
 from cmr.recordings.faults.late_wheels import with_wheels_in_time
 from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, hold
-from scripts.score_real_data import DATA, GRASS_PIECE, MAEBOT_PIECE, Importer
+from scripts.score_real_data import DATA, GRASS_PIECE, MAEBOT_PIECE, Importer, rolling
 from scripts.score_real_data import _optiodom_runs as optiodom_runs
+from scripts.score_real_data import _parameters as parameters_of
 from scripts.score_real_data import _steps_of_grass as steps_of_grass
 from scripts.score_real_data import _thinned as thinned
 from scripts.score_real_data import _windows as windows_of_tile
@@ -112,9 +115,18 @@ def unit_of(effect: str, parameter: str) -> str:
 def models_of(diagnosis: Diagnosis) -> tuple[Values, Values]:
     """Return the values of the paper's model and of the one with effects; a motor that nobody drives is made up."""
     assert diagnosis.baseline is not None, diagnosis.sentence
-    given = {"k2_over_k3": 1.0, "k1": 1.0, "wheel_radius": diagnosis.parameters["wheel_radius"]}
+    whole = dict(diagnosis.parameters)
+    given = {name: whole[name] for name in ("wheel_radius", *CONTROLLER_DEFINITIONS) if name in whole}
     before = {name: estimate.value for name, estimate in diagnosis.baseline.estimates.items()}
-    return given | before, given | dict(diagnosis.parameters)
+    return in_motors(given | before), in_motors(whole)
+
+
+def in_motors(values: Values) -> Values:
+    """Return all values of the model, with a motor in place of a velocity controller."""
+    own = {name: value for name, value in values.items() if name not in CONTROLLER_DEFINITIONS}
+    if set(NEEDED) <= set(values):
+        own |= {**motor_of(values), COUNTED_WIDTH: values.get("command_base_width", values["base_width"])}
+    return parameters_of(own).values
 
 
 def ends_of(recording: Recording, starts: Iterable[int], seconds: float, models: Sequence[Values]) -> Ends:
@@ -168,9 +180,9 @@ def husky_tile(importer: Importer, every: int = 1) -> tuple[Case, Ends]:
     steps = dict(zip([row["window"] for row in rows], [int(row["step"]) for row in rows], strict=True))
     known = sorted(set(steps.values()))
     first_half = [step < known[len(known) // 2] for step in steps.values()]
-    rolled = [replace(window, commands=window.commands.between(0, 0)) for window in windows_of_tile(recording)]
+    rolled = [rolling(window) for window in windows_of_tile(recording)]
     fitted = [window for window, first in zip(rolled, first_half, strict=True) if first]
-    diagnosis = diagnose(_only(replace(recording, commands=recording.commands.between(0, 0)), fitted[::every]))
+    diagnosis = diagnose(_only(rolling(recording), fitted[::every]))
     models = models_of(diagnosis)
     scored = [in_time(window, diagnosis) for window, first in zip(rolled, first_half, strict=True) if not first]
     ends = joined([ends_of(one, [int(one.poses.utime[0])], 2.0, models) for one in scored if len(one.poses)])

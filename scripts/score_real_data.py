@@ -28,6 +28,7 @@ import numpy as np
 from cmr.calibration import calibrate
 from cmr.calibration.motors_alone import fit_motor
 from cmr.calibration.scoring import EndErrors, end_errors, path_rmse, pieces, root_mean_square, wheel_speed_errors
+from cmr.estimation.commanded_speeds import as_duties, as_motor, controller_of
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats, Recording
 from cmr.tools.importing.import_log import main as import_log
@@ -73,11 +74,13 @@ class Importer:
         self._into = into
 
     def read(self, mapping: str, path: Path) -> Recording:
-        """Return the recording at `path`, imported with a shipped mapping."""
+        """Return the recording at `path`, imported with a shipped mapping; duties stand for commanded speeds."""
         log = self._into / f"{mapping}_{path.name.partition('.')[0]}.lcm"
         with redirect_stdout(StringIO()):
             import_log([mapping, str(path), "--out", str(log)])
-        return Recording.read(log)
+        recording = Recording.read(log)
+        assert recording.parameters is not None, "cmr-import announces the nominal parameters"
+        return as_duties(recording, controller_of([recording], recording.parameters))
 
     def rows(self, path: str) -> list[dict[str, str]]:
         """Return the rows of a packed CSV below the data folder."""
@@ -167,7 +170,7 @@ def score_husky_tile(importer: Importer, by_wheels: bool) -> list[Score]:
     fitted = [window for window, step in zip(windows, steps, strict=True) if step < middle]
     scored = [window for window, step in zip(windows, steps, strict=True) if step >= middle]
     if by_wheels:
-        fitted = [replace(window, commands=window.commands.between(0, 0)) for window in fitted]
+        fitted = [rolling(window) for window in fitted]
     result = calibrate(fitted, recording.parameters)
     nominal, found = (
         end_errors(scored, parameters, by_wheels=by_wheels, shortest=1.0)
@@ -221,6 +224,17 @@ def _steps_of_grass(recording: Recording, rows: list[dict[str, str]]) -> Iterato
             yield recording.between(*(start + round(t * 1e6) for t in (seconds[0], seconds[-1])))
 
 
+def rolling(recording: Recording) -> Recording:
+    """Return the recording without what was commanded."""
+    return replace(
+        recording,
+        commands=recording.commands.between(0, 0),
+        wheel_speed_commands=recording.wheel_speed_commands.between(0, 0),
+        velocity_commands=recording.velocity_commands.between(0, 0),
+        converted_from="",
+    )
+
+
 def _thinned(run: Recording) -> Recording:
     return run.where({"poses": np.arange(len(run.poses)) % POSES_THINNED == 0})
 
@@ -235,7 +249,8 @@ def _windows(recording: Recording) -> Iterator[Recording]:
 
 def _nominal(recording: Recording) -> RobotParameters:
     assert recording.parameters is not None, "cmr-import announces the nominal parameters"
-    return _parameters({name: value.value for name, value in recording.parameters.values.items()})
+    nominal = as_motor(recording.parameters, controller_of([recording], recording.parameters))
+    return _parameters({name: value.value for name, value in nominal.values.items()})
 
 
 def _parameters(values: Mapping[str, float]) -> RobotParameters:

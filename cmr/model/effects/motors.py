@@ -139,7 +139,8 @@ MOTOR_COUPLING = Effect(
     group=GROUP,
     cause="Accelerating one side {motor_coupling:pushes back/takes along} the other by {motor_coupling:.1%}: "
     "the robot is {motor_coupling:quicker/slower} to turn than to set off.",
-    with_commands=(DUTY,),
+    cause_of_speed="Accelerating one wheel {motor_coupling:pushes back/takes along} the other by {motor_coupling:.1%}: "
+    "the robot follows a commanded turn {motor_coupling:sooner/later} than a commanded speed.",
     # Both sides at once: domega_L = f_L - c domega_R and domega_R = f_R - c domega_L. For a body of mass m and yaw
     # inertia J on wheels b apart, c = (m b^2 - 4 J) / (m b^2 + 4 J).
     equations={

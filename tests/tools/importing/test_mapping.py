@@ -33,6 +33,11 @@ def test_the_list_shows_a_line_for_each_shipped_mapping(capsys: pytest.CaptureFi
     assert [line.split()[0] for line in lines] == shipped() == sorted(shipped())
 
 
+BODY_SPEEDS = {
+    "channel": "MBOT_WHEEL_CTRL",
+    "v": {"field": "left_wanted", "unit": "m/s"},
+    "omega": {"field": "right_wanted", "unit": "rad/s"},
+}
 BROKEN: list[tuple[str, list[str], Any, str]] = [
     ("mbot", ["format"], "rosbag", "mbot.yaml: line 13: format: is 'rosbag'; allowed are lcm_log, csv, ros_bag"),
     ("mbot", ["poses"], {}, "mbot.yaml: line 49: poses: unknown key; allowed are about, format, channels, nominal"),
@@ -63,8 +68,8 @@ BROKEN: list[tuple[str, list[str], Any, str]] = [
     ("husky_tile", ["time", "start"], "noon", "time: start: must be a time such as"),
     ("husky_tile", ["time"], None, "time: must be a block of keys"),
     ("husky_tile", ["pose", "only_changes"], 3, "pose: only_changes: must be true (of the pose) or a column's name"),
-    ("husky_tile", ["motor_command", "full_scale"], None, "motor_command: left: unit: is 'rad/s'; allowed are duty"),
-    ("husky_wet_grass", ["motor_command", "full_scale"], None, "motor_command: full_scale: is missing"),
+    ("mbot", ["motor_command", "left", "unit"], "rad/s", "motor_command: left: unit: is 'rad/s'; allowed are duty"),
+    ("mbot", ["motor_command"], BODY_SPEEDS, "motor_command: full_scale: is missing"),
     (
         "jackal",
         ["topics", "/imu/data", "time"],
