@@ -43,7 +43,8 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
     assert ready.problem is not None
     assert ready.base is not None
     if not ready.rolling:
-        found = _with_right_gains(search(ready.problem, ready.base, say), ready, say)
+        found = search(ready.problem, ready.base, say, lambda so_far: trusted(so_far, ready))
+        found = _with_right_gains(found, ready, say)
         if trusted(found, ready):
             return found
         say("No model predicts this robot from moment to moment: fitting free runs instead ...")
@@ -67,7 +68,7 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
     if gains == problem.gains:
         return found
     say("The model found calls for another observer: searching again ...")
-    return search(*ready.with_gains(gains), say)
+    return search(*ready.with_gains(gains), say, lambda so_far: trusted(so_far, ready))
 
 
 def trusted(found: Search, ready: Ready) -> bool:

@@ -87,18 +87,23 @@ class Search:
     seen: Fit | None = None
 
 
-def search(problem: Problem, base: Fit, say: Callable[[str], None]) -> Search:
+def search(
+    problem: Problem,
+    base: Fit,
+    say: Callable[[str], None],
+    of_use: Callable[[Search], bool] = lambda _found: True,
+) -> Search:
     """Select effects until nothing significant is left.
 
     Effects of chance on the commands show in what the others leave. What they explain is taken out of the data, and
-    the search begins again.
+    the search begins again, if what was found so far is `of_use`.
     """
     trace = Trace()
     found = _selected(problem, base, say, trace)
     chance = None
     if problem.by_moments and tick_of(problem) <= COARSE:
         chance = chance_on_commands(problem, found.named, found.others, found.final, found.seen or found.final)
-    if chance is None:
+    if chance is None or not of_use(found):
         named = with_jitter_as_rival(problem, found.named, found.final)
     else:
         by_chance, cleaned = chance

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cmr.recordings.faults.commands_in_force import commands_in_force
 from cmr.recordings.faults.findings import Finding, Findings, counted
 from cmr.recordings.faults.gyro_checks import gyro_findings
 from cmr.recordings.faults.heading_checks import turned_headings
@@ -40,6 +41,8 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     sound = _without(recording, [damaged, stale])
     sensors = [*wheel_findings(sound), dead_sensors(sound)]
     plausible = _without(sound, sensors)
+    in_force = commands_in_force(plausible)
+    plausible = _without(plausible, [in_force])
     gyro = gyro_findings(plausible)
     plausible = _without(plausible, gyro)
     lags, rates = _lags_without_repeats(plausible), rates_of(sound)
@@ -60,7 +63,7 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
         _wheels_finding(late),
         *_lag_findings(lags, rates, slowest_response(recording)),
     ]
-    findings += motion_findings(sound)
+    findings += [in_force, *motion_findings(sound)]
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
     return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late, tuple(even))
