@@ -168,8 +168,7 @@ def _segment(
     pose = np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
     psi = _start_speeds(wheels, first)
     begins = pose[0] if len(pose) else np.zeros(3)
-    # By all readings: the first and the last within the segment say nothing of the time before and after them.
-    rolled = _rolled(recording.wheels, first, tick, steps) if len(recording.wheels) else np.empty((0, 2))
+    rolled = _rolled_of(recording, first, end, tick, steps) if len(recording.wheels) else np.empty((0, 2))
     return Segment(
         Observations(
             dt=STEP,
@@ -274,18 +273,29 @@ def _start_speeds(wheels: Signal, first: int) -> tuple[float, float]:
     return float(near["psi_left"].mean()), float(near["psi_right"].mean())
 
 
-def _rolled(wheels: Signal, first: int, tick: float, steps: int) -> Floats:
-    """Return the mean speed [rad/s] of each wheel, shape (steps, 2), around each step since `first` [us].
+def _rolled_of(recording: Recording, first: int, end: int, tick: float, steps: int) -> Floats:
+    """Return how fast the wheels turned [rad/s], (steps, 2), from `first` to `end` [us].
+
+    Readings beside the segment count, too: those within it say nothing of the time before the first and after the last.
+    """
+    wheels = recording.wheels
+    if not len(recording.duty):
+        return _rolled(_seconds(wheels, first), np.stack([wheels[name] for name in ANGLES], axis=1), tick, steps)
+    beside = round(LONGEST_SILENCE / SECONDS)
+    near = wheels.between(first - beside, end + beside)
+    return _rolled(_seconds(near, first), _readings(near, tick)[0], tick, steps)
+
+
+def _rolled(time: Floats, angles: Floats, tick: float, steps: int) -> Floats:
+    """Return the mean speed [rad/s] of each wheel, shape (steps, 2), around each step, from `angles` (W, 2) [rad].
 
     It is the mean over a longer time than the step where ticks would else make it noisy. Noise of what a gyro is
     compared with makes the gyro's scale too small, by its share of the squared turn rate (regression dilution; W. A.
     Fuller, Measurement Error Models, 1987, section 1.1).
     """
 
-    time = _seconds(wheels, first)
-
     def at(times: Floats) -> Floats:
-        return np.stack([np.interp(times, time, wheels[name]) for name in ANGLES], axis=1)
+        return np.stack([np.interp(times, time, angle) for angle in angles.T], axis=1)
 
     middle: Floats = (np.arange(steps, dtype=np.float64) + 0.5) * STEP
     from_end: Floats = np.minimum(middle, steps * STEP - middle)

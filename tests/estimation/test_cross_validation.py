@@ -56,7 +56,7 @@ def test_by_courses_sizes_are_scaled_to_the_robot_of_the_courses(monkeypatch: py
     recording = hidden_recording("coulomb_friction", seed=4).recording
     ready = prepare(looked_at([recording], ["drive"]), nominal_of([recording], None))
     searched: list[tuple[Problem, Fit]] = []
-    monkeypatch.setattr(criterion, "search", lambda problem, base, _say: searched.append((problem, base)))
+    monkeypatch.setattr(criterion, "search", lambda problem, base, *_: searched.append((problem, base)))
     monkeypatch.setattr(criterion, "_with_right_gains", lambda found, _ready, _say: found)
     monkeypatch.setattr(criterion, "trusted", lambda _found, _ready: False)
     criterion.look(ready, lambda _sentence: None)

@@ -47,6 +47,7 @@ FAULTS = {
     "gyro_clock",
     "never_moved",
     "late_start",
+    "commands_not_in_force",
     "cut_off",
     "gaps",
     "uneven_rates",
