@@ -11,11 +11,13 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 
 import pytest
+from _pytest.mark.structures import ParameterSet
 
 from tests.hidden_effects import judging
 from tests.hidden_effects.cases import BEGINNING, EIGHT, EIGHT_OPEN, RICH, Case
 from tests.hidden_effects.diagnosing import diagnosed
 from tests.hidden_effects.rows import Row
+from tests.support.lanes import further
 
 pytestmark = [pytest.mark.hidden_effects, pytest.mark.slow]
 
@@ -29,18 +31,19 @@ ON_RICH_DRIVES = (
 )
 SINGLE = [Case((effect,), RICH, SEED) for effect in ON_RICH_DRIVES]
 # Some that a figure-eight shows, some that it hides, and some that it cannot tell from others.
-ON_EIGHTS = ("wheel_radius_asymmetry", "gyro_bias", "command_delay", "deadband")
-EIGHTS = [Case((effect,), EIGHT, SEED) for effect in ON_EIGHTS]
-NULLS = [
-    Case((), manoeuvre, SEED + number, noise)
-    for number, noise in enumerate(("realistic", "threefold_slow"))
-    for manoeuvre in (RICH, EIGHT)
+EIGHTS = [
+    *(Case((effect,), EIGHT, SEED) for effect in ("wheel_radius_asymmetry", "deadband")),
+    *further(*(Case((effect,), EIGHT, SEED) for effect in ("gyro_bias", "command_delay"))),
 ]
-SHORT_NULLS = [Case((), manoeuvre, SEED) for manoeuvre in (BEGINNING, "ramps")]
-COARSE = [Case((), manoeuvre, SEED, "coarse") for manoeuvre in (RICH, EIGHT_OPEN)]
+LOUD = "threefold_slow"
+NULLS = [
+    *(Case((), RICH, SEED), Case((), EIGHT, SEED + 1, LOUD), Case((), BEGINNING, SEED)),
+    *further(Case((), EIGHT, SEED), Case((), RICH, SEED + 1, LOUD), Case((), "ramps", SEED)),
+]
+COARSE = [Case((), RICH, SEED, "coarse"), *further(Case((), EIGHT_OPEN, SEED, "coarse"))]
 PAIRS = [Case(("command_delay", "wheel_radius_asymmetry"), RICH, SEED)]
-KINDS = ("torque_ripple", "gyro_magnetism")  # weak_reverse and cubic_motor: test_generic.py
-UNKNOWN_PHYSICS = [Case((kind,), RICH, SEED) for kind in KINDS]
+# weak_reverse and cubic_motor: test_generic.py
+UNKNOWN_PHYSICS = [Case(("torque_ripple",), RICH, SEED), *further(Case(("gyro_magnetism",), RICH, SEED))]
 
 Rows = Callable[[Case], Row]
 
@@ -50,7 +53,7 @@ def named(case: Case) -> str:
     return "-".join([*case.effects, case.manoeuvre, case.noise, str(case.seed)])
 
 
-def of(cases: Sequence[Case]) -> pytest.MarkDecorator:
+def of(cases: Sequence[Case | ParameterSet]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("case", cases, ids=named)
 
 
@@ -118,7 +121,7 @@ def test_on_eights_alone_what_is_named_holds_the_truth_and_silence_says_what_to_
         assert row.next_experiment
 
 
-@of([*NULLS, *SHORT_NULLS])
+@of(NULLS)
 def test_nothing_is_named_or_called_unexplained_where_nothing_is_hidden(row_of: Rows, case: Case) -> None:
     row = row_of(case)
     assert judging.silent(row), whole_story(row)
