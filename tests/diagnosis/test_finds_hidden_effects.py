@@ -21,6 +21,8 @@ from tests.support.lanes import further
 
 pytestmark = [pytest.mark.hidden_effects, pytest.mark.slow]
 
+Cases = Sequence[Case | ParameterSet]
+
 SEED = 1000  # the problem's seeds are smaller
 # Some of each group of the catalogue; scripts/study_diagnosis hides them all.
 ON_RICH_DRIVES = (
@@ -31,19 +33,19 @@ ON_RICH_DRIVES = (
 )
 SINGLE = [Case((effect,), RICH, SEED) for effect in ON_RICH_DRIVES]
 # Some that a figure-eight shows, some that it hides, and some that it cannot tell from others.
-EIGHTS = [
+EIGHTS: Cases = [
     *(Case((effect,), EIGHT, SEED) for effect in ("wheel_radius_asymmetry", "deadband")),
     *further(*(Case((effect,), EIGHT, SEED) for effect in ("gyro_bias", "command_delay"))),
 ]
 LOUD = "threefold_slow"
-NULLS = [
+NULLS: Cases = [
     *(Case((), RICH, SEED), Case((), EIGHT, SEED + 1, LOUD), Case((), BEGINNING, SEED)),
     *further(Case((), EIGHT, SEED), Case((), RICH, SEED + 1, LOUD), Case((), "ramps", SEED)),
 ]
-COARSE = [Case((), RICH, SEED, "coarse"), *further(Case((), EIGHT_OPEN, SEED, "coarse"))]
+COARSE: Cases = [Case((), RICH, SEED, "coarse"), *further(Case((), EIGHT_OPEN, SEED, "coarse"))]
 PAIRS = [Case(("command_delay", "wheel_radius_asymmetry"), RICH, SEED)]
 # weak_reverse and cubic_motor: test_generic.py
-UNKNOWN_PHYSICS = [Case(("torque_ripple",), RICH, SEED), *further(Case(("gyro_magnetism",), RICH, SEED))]
+UNKNOWN_PHYSICS: Cases = [Case(("torque_ripple",), RICH, SEED), *further(Case(("gyro_magnetism",), RICH, SEED))]
 
 Rows = Callable[[Case], Row]
 
@@ -53,7 +55,7 @@ def named(case: Case) -> str:
     return "-".join([*case.effects, case.manoeuvre, case.noise, str(case.seed)])
 
 
-def of(cases: Sequence[Case | ParameterSet]) -> pytest.MarkDecorator:
+def of(cases: Cases) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("case", cases, ids=named)
 
 
