@@ -20,6 +20,7 @@ from cmr.bus.messages import now_utime
 from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, PROCESS_STATUS
 from cmr.cli.command_line import guarded
 from cmr.commands.diagnose import main
+from cmr.commands.first_use import ESTIMATOR, compile_first
 from cmr.diagnosis.job import Job, Telling, attempt
 from cmr.diagnosis.result import EFFECTS_FOUND, Diagnosis
 from cmr.diagnosis.summary import summary
@@ -34,6 +35,12 @@ from tests.support.typed_messages import all_of
 
 PATIENCE = 60.0  # s until something that must happen is given up
 WIDEST = 120  # characters of a terminal
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled() -> None:
+    """Have all that the command announces it compiles compiled before: no test is about that."""
+    compile_first([ESTIMATOR], lambda _text: None)
 
 
 @pytest.fixture(scope="module")
