@@ -71,6 +71,7 @@ def test_calibration_and_diagnosis_give_the_same_estimates() -> None:
     assert set(diagnosis.parameters) == set(result.parameters)
 
 
+@pytest.mark.further  # tests/calibration/test_running.py compares both, too
 def test_three_values_alone_predict_worse_than_with_effects() -> None:
     alone = calibrate(robot(ROBOTS[0]).recording, paper_only=True)
     assert alone.parameter_file({}).effects == ()

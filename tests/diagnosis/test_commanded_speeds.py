@@ -103,7 +103,8 @@ def test_an_acceleration_limit_leads_to_no_other_name() -> None:
     assert near(estimates(found)["response_time"], gentle.response_time)
 
 
-@pytest.mark.parametrize(("response_time", "seed"), [(0.3, 3), pytest.param(0.1, 2, marks=pytest.mark.further)])
+@pytest.mark.further  # such a limit, where duties are commanded: tests/estimation/test_search.py
+@pytest.mark.parametrize(("response_time", "seed"), [(0.3, 3), (0.1, 2)])
 def test_a_limit_of_the_wheels_acceleration_is_not_taken_for_one_of_the_commands(
     response_time: float, seed: int
 ) -> None:
