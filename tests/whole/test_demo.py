@@ -24,11 +24,13 @@ from cmr.calibration.calibrator import Calibrator
 from cmr.commands.calibrate import main as calibrate
 from cmr.commands.demo import _commands, before_and_after, command_parser
 from cmr.commands.demo import main as demo
+from cmr.diagnosis.diagnose import diagnose
 from cmr.msg import world_state_t
 from cmr.parameters.file import ParameterFile, load
 from cmr.recordings import Recording
 from cmr.recordings.events import LogReader
 from cmr.world.comparison import Drive, drives_of
+from tests.hidden_effects.chain import OF_DEFAULT
 from tests.support.emulated_drive import IDEAL, NOMINAL, TRUTH, messages, write_log
 from tests.support.lanes import further
 from tests.support.private_bus import private_url
@@ -46,6 +48,7 @@ class Run:
         self.folder = folder
         self.output = output
         self.log = folder / "run.lcm"
+        self.recording = Recording.read(self.log)
         self.found: ParameterFile = load(folder / "robot_0.yaml")
         self.drives: list[Drive] = drives_of(self.log, 0)
 
@@ -145,12 +148,11 @@ def test_the_figure_is_a_picture(default: Run) -> None:
 
 
 def test_motor_feedback_and_gyro_come_at_50_hz_or_more_with_rising_stamps(default: Run) -> None:
-    recording = Recording.read(default.log)
     for signal_name in ("wheels", "gyro"):
-        gaps = np.diff(getattr(recording, signal_name).utime) * 1e-6
+        gaps = np.diff(getattr(default.recording, signal_name).utime) * 1e-6
         assert gaps.min() > 0.0
         assert 1.0 / gaps.mean() > 50.0
-    assert len(recording.commands) > 1000
+    assert len(default.recording.commands) > 1000
 
 
 def test_the_world_is_published_at_20_hz_or_more_and_nothing_is_rejected(default: Run) -> None:
@@ -293,6 +295,11 @@ def test_the_drive_itself_gave_the_parameters_of_its_log(default: Run, from_log:
 
 def spin(share: float) -> tuple[float, float]:
     return (-0.2, 0.2) if share < 0.5 else (0.2, -0.2)
+
+
+def test_of_the_robot_that_was_driven_nothing_untrue_is_named(default: Run) -> None:
+    named = {effect.name for effect in diagnose(default.recording).effects}
+    assert {"motor_gain_asymmetry", "wheel_radius_asymmetry"} <= named <= OF_DEFAULT
 
 
 def test_a_calibrator_killed_while_it_writes_leaves_the_old_file_or_the_new_one(tmp_path: Path) -> None:
