@@ -16,7 +16,7 @@ from cmr.recordings.faults.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Signal
 from tests.hidden_effects import hidden_recording
-from tests.hidden_effects.cases import CONTROLLED_WINDOWS, EIGHT, RICH
+from tests.hidden_effects.cases import BEGINNING, CONTROLLED_WINDOWS, EIGHT, RICH
 from tests.hidden_effects.hiding import HiddenRecording
 from tests.support.lanes import further
 
@@ -40,7 +40,7 @@ def assert_found(found: Diagnosis, hidden: HiddenRecording) -> None:
 @pytest.mark.parametrize(
     ("effects", "manoeuvre", "seed"),
     [
-        ((LATE, "gyro_latency"), RICH, 5),
+        ((LATE, "gyro_latency"), BEGINNING, 5),
         *further(((LATE, "pose_latency"), CONTROLLED_WINDOWS, 1)),
     ],
 )
