@@ -31,14 +31,14 @@ def diagnosed(chain: Chain, seed: int = 1, **hidden: float) -> tuple[Diagnosis, 
     return diagnosis, {effect.name for effect in diagnosis.effects} - LATE_TOO
 
 
-@chains(BUSY, LOSSY)
+@chains(BUSY)
 def test_what_happens_before_the_driver_is_no_effect_of_the_motors(chain: Chain) -> None:
     diagnosis, named = diagnosed(chain)
     assert named == set()
     assert diagnosis.lateness
 
 
-@chains(HOLDING)
+@chains(LOSSY)
 def test_a_constant_delay_is_named_as_such(chain: Chain) -> None:
     diagnosis, named = diagnosed(chain, command_delay=0.04)
     assert named == {"command_delay"}
