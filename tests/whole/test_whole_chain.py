@@ -15,7 +15,8 @@ pytestmark = pytest.mark.slow
 SURE = 3.0  # standard deviations
 
 
-@pytest.mark.parametrize("hardware", ["mbot", *further("roboclaw+kvh-binary")])
+# In real time, and in CI: test_demo.py
+@pytest.mark.parametrize("hardware", further("mbot", "roboclaw+kvh-binary"))
 def test_the_parameters_of_the_emulators_own_robot_are_within_their_intervals(hardware: str, tmp_path: Path) -> None:
     case = ChainCase(DEFAULT, hardware, EIGHTS, seed=24)
     path = tmp_path / "drive.lcm"
