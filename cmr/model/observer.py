@@ -35,6 +35,7 @@ from cmr.model.statements import SIDES, Statements
 Floats = NDArray[np.float64]
 MOTION = (*CHANGED[:9], "yaw_rate")  # columns of the observed motion
 LONGEST_LATENCY = 1.2  # s that the observer looks back
+USUAL_STEP = 0.01  # s; that of long recordings is longer
 RESTART = 0  # in `pose_use`: the observer begins again at this pose
 FOLLOWED = 1
 # What the compiled observer takes from the compiled model.
@@ -288,10 +289,17 @@ def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
     return np.stack([1.0 / encoder_reading(known, side, np.ones(count)) for side in SIDES])
 
 
-@cache
 def _module(model: ExtendedModel, dt: float) -> ModuleType:
-    """Return the compiled observer that looks back LONGEST_LATENCY on a raster of `dt` [s]."""
-    history = 1 << int(np.ceil(np.log2(LONGEST_LATENCY / dt + 3.0)))
+    """Return the compiled observer that looks back LONGEST_LATENCY at least on a raster of `dt` [s].
+
+    For longer steps than the usual one it is the same: to compile another one takes half a minute.
+    """
+    return _composed(model, 1 << int(np.ceil(np.log2(LONGEST_LATENCY / min(dt, USUAL_STEP) + 3.0))))
+
+
+@cache
+def _composed(model: ExtendedModel, history: int) -> ModuleType:
+    """Return the compiled observer that keeps so many steps."""
     sensors = [effect for effect in CATALOGUE.values() if effect.is_sensor]
     return composed_module(lambda: _source(model, history), (model.module.__name__, history, sensors))
 

@@ -91,7 +91,7 @@ def waves(time: Floats) -> tuple[Floats, Floats]:
     return common - difference, common + difference
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, *further(3, 4, 5)])
+@pytest.mark.parametrize("seed", [0, *further(1, 2, 3, 4, 5)])
 def test_a_log_that_begins_in_mid_drive_gives_true_intervals(seed: int) -> None:
     whole = recording(packets(waves, 40.0), {}, 40.0, NOISE, seed)
     begin = int(whole.wheels.utime[0]) + 3_100_000 + 370_000 * seed

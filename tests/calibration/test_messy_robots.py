@@ -40,9 +40,13 @@ def test_a_robot_with_six_imperfections_is_calibrated_and_its_intervals_are_true
     assert result.path_rmse_after < 0.3 * result.path_rmse_before
 
 
-def test_the_file_holds_the_effects_in_use_and_a_replay_gives_the_same_to_the_last_bit() -> None:
-    result, again = calibrated(ROBOTS[0]), calibrate(robot(ROBOTS[0]).recording)
-    assert again.values == result.values
+@pytest.mark.further  # without effects: tests/calibration/test_calibrate.py
+def test_a_replay_gives_the_same_to_the_last_bit() -> None:
+    assert calibrate(robot(ROBOTS[0]).recording).values == calibrated(ROBOTS[0]).values
+
+
+def test_the_file_holds_the_effects_in_use() -> None:
+    result = calibrated(ROBOTS[0])
     file = parse(result.parameter_file({"log": "run.lcm"}).to_yaml())
     # What moves the robot is there; what only its sensors say is not part of a path, unless it was named.
     moving = set(robot(ROBOTS[0]).hidden) - {"gyro_bias", "gyro_latency", "pose_offset"}
@@ -71,6 +75,7 @@ def test_calibration_and_diagnosis_give_the_same_estimates() -> None:
     assert set(diagnosis.parameters) == set(result.parameters)
 
 
+@pytest.mark.further  # tests/calibration/test_running.py compares both, too
 def test_three_values_alone_predict_worse_than_with_effects() -> None:
     alone = calibrate(robot(ROBOTS[0]).recording, paper_only=True)
     assert alone.parameter_file({}).effects == ()

@@ -47,11 +47,11 @@ class SlowComputer:
         return self._time
 
 
-@pytest.mark.parametrize("takes", [0.1, *further(1.5), 3.0])
+@pytest.mark.parametrize("takes", [0.1, *further(1.5, 3.0)])
 def test_averages_begin_at_least_every_five_seconds_however_long_a_look_takes(drive: Recording, takes: float) -> None:
     running = RunningFit(None, clock=SlowComputer(takes))
     began, seconds = [], 20.0
-    while seconds < 40.0:
+    while seconds < 32.0:
         before = running.averages
         running.look(until(drive, seconds))
         if running.averages > before:

@@ -20,6 +20,7 @@ from cmr.bus.messages import now_utime
 from cmr.bus.streams import MOTOR_FEEDBACK, PARAMETERS, PROCESS_STATUS
 from cmr.cli.command_line import guarded
 from cmr.commands.diagnose import main
+from cmr.commands.first_use import ESTIMATOR, compile_first
 from cmr.diagnosis.job import Job, Telling, attempt
 from cmr.diagnosis.result import EFFECTS_FOUND, Diagnosis
 from cmr.diagnosis.summary import summary
@@ -27,6 +28,7 @@ from cmr.estimation.estimates import EstimationError
 from cmr.parameters.file import ParameterFile, load
 from cmr.recordings.recording import Recording
 from tests.hidden_effects import hide
+from tests.hidden_effects.cases import BEGINNING
 from tests.support.emulated_drive import NOMINAL, messages
 from tests.support.logs_of_robots import write_logs
 from tests.support.made_up_diagnosis import BAD, DIAGNOSIS
@@ -34,6 +36,12 @@ from tests.support.typed_messages import all_of
 
 PATIENCE = 60.0  # s until something that must happen is given up
 WIDEST = 120  # characters of a terminal
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled() -> None:
+    """Have all that the command announces it compiles compiled before: no test is about that."""
+    compile_first([ESTIMATOR], lambda _text: None)
 
 
 @pytest.fixture(scope="module")
@@ -303,7 +311,7 @@ def test_live_says_what_it_waits_for_and_what_is_new(url: str, tmp_path: Path) -
 
 @pytest.mark.slow
 def test_friction_hidden_in_a_log_is_named_by_the_command(tmp_path: Path) -> None:
-    log = hide("coulomb_friction", path=tmp_path / "run.lcm", manoeuvre="rich", seed=1)
+    log = hide("coulomb_friction", path=tmp_path / "run.lcm", manoeuvre=BEGINNING, seed=1)
     assert run(log.path, "--out", tmp_path / "out", "--no-report") == 0
     content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert (content["verdict"], content["effects"][0]["name"]) == ("effects_found", "coulomb_friction")

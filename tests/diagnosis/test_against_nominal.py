@@ -61,6 +61,12 @@ def of_a_narrow_robot() -> Diagnosis:
     return diagnose(drive(), given(**{**TRUE, "base_width": 0.8 * TRUE["base_width"]}))
 
 
+@cache
+def of_the_robot_as_it_is() -> Diagnosis:
+    """The diagnosis of a robot without effects that was given as it is."""
+    return diagnose(drive(), given(**TRUE))
+
+
 def test_the_error_of_the_robot_as_it_was_given_is_measured_over_the_same_windows() -> None:
     found = of_a_narrow_robot()
     assert found.nominal is not None
@@ -76,7 +82,7 @@ def test_the_error_of_the_robot_as_it_was_given_is_measured_over_the_same_window
 def test_a_base_width_far_from_the_given_one_is_told() -> None:
     (told,) = [note for note in of_a_narrow_robot().notes if note.startswith("base_width is ")]
     assert "25 % larger than the nominal" in told or "24 % larger than the nominal" in told
-    assert not [note for note in diagnose(drive(), given(**TRUE)).notes if "nominal" in note]
+    assert not [note for note in of_the_robot_as_it_is().notes if "nominal" in note]
 
 
 def test_a_robot_that_is_given_in_part_has_no_error_of_its_own() -> None:
@@ -157,8 +163,7 @@ def test_where_no_effect_is_found_the_errors_are_still_compared_with_the_given_r
     assert "2.00 (1.80 to 2.20)" in page.text
 
 
-def told_to_drive(one: Recording) -> str:
-    found = diagnose(one, given(**TRUE))
+def told_to_drive(found: Diagnosis) -> str:
     assert found.not_visible
     assert document(found)["not_visible"] == list(found.not_visible)
     assert found.next_experiment is not None
@@ -170,15 +175,15 @@ def test_the_pilots_command_is_for_a_robot_whose_driver_takes_commands_and_words
     wheels = imported.wheels
     sent = {**wheels.fields, "applied_utime": (wheels.utime - 2000).astype(np.float64)}
     assert not imported.driven_on_the_bus
-    assert "cmr-" not in told_to_drive(imported)
-    assert "m of free floor around the start" in told_to_drive(imported)
+    assert "cmr-" not in told_to_drive(of_the_robot_as_it_is())
+    assert "m of free floor around the start" in told_to_drive(of_the_robot_as_it_is())
     ours = replace(imported, wheels=replace(wheels, fields=sent))
     assert ours.driven_on_the_bus
-    assert "`cmr-pilot --robot 0 " in told_to_drive(ours)
+    assert "`cmr-pilot --robot 0 " in told_to_drive(diagnose(ours, given(**TRUE)))
 
 
 def test_effects_that_only_commands_show_are_not_recommended_to_be_driven_for() -> None:
-    said = told_to_drive(without(drive(), "commands"))
+    said = told_to_drive(diagnose(without(drive(), "commands"), given(**TRUE)))
     assert "Record the commands that the robot gets, too" in said
     before, _, needed = said.partition("Record the commands")
     assert "command delay" not in before.lower()

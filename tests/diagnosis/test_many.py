@@ -20,6 +20,7 @@ from cmr.diagnosis.job import Job, Outcome, Telling
 from cmr.diagnosis.many import Pool, distinct_names, jobs_of
 from cmr.diagnosis.result import EFFECTS_FOUND
 from cmr.recordings.recording import RecordingError
+from tests.support.lanes import further
 from tests.support.logs_of_robots import write_logs
 from tests.support.project import PROJECT
 from tests.support.terminals import plain, read_all
@@ -243,7 +244,7 @@ def wait_until(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, *further(signal.SIGINT, signal.SIGHUP)])
 def test_a_signal_ends_everything_at_once_with_130(sleepers: Sleepers, number: signal.Signals) -> None:
     sleepers.command.send_signal(number)
     said, errors = sleepers.command.communicate(timeout=PATIENCE)

@@ -46,6 +46,7 @@ def test_the_tracked_point_of_the_husky_is_found_ahead_of_its_turning_centre(imp
     assert score(case, "position after 2 s").gone > 0.6
 
 
+@pytest.mark.further  # twenty seconds; test_commanded_speeds.py finds such a limit and such a delay
 def test_what_limits_and_delays_the_husky_on_wet_grass_is_found(importer: Importer) -> None:
     case = husky_wet_grass(importer)
     assert case.names[:2] == ["turn_rate_limit", "command_delay"]

@@ -20,6 +20,7 @@ from tests.hidden_effects.pieces import in_pieces
 from tests.hidden_effects.robots import draw_nominal, draw_robot
 from tests.reference_plant import drives
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +44,7 @@ def without_commands(recording: Recording) -> Recording:
     return replace(recording, commands=none, wheels=Signal(recording.wheels.utime, {**wheels, **told}))
 
 
-@pytest.mark.parametrize(("seconds", "commanded"), [(2.0, False), (6.0, True)])
+@pytest.mark.parametrize(("seconds", "commanded"), [(2.0, False), *further((6.0, True))])
 def test_poses_are_as_late_as_they_are_however_the_drive_is_cut(seconds: float, commanded: bool) -> None:
     pieces = in_pieces(driven({"pose_latency": 0.22}, 1), seconds)
     found = diagnose([pieces if commanded else without_commands(pieces)])
@@ -78,7 +79,7 @@ def test_a_calibration_that_would_be_worse_than_what_was_given_is_not_taken() ->
         first_that_helps(iter([worst, worse]))
 
 
-@pytest.mark.parametrize("lag", [0.2, 0.4])
+@pytest.mark.parametrize("lag", [*further(0.2), 0.4])
 def test_wheels_that_are_stamped_late_do_not_make_the_robot_worse(lag: float) -> None:
     whole = driven({}, 0)
     late = replace(whole, wheels=Signal(whole.wheels.utime + round(1e6 * lag), dict(whole.wheels.fields)))

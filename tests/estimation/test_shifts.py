@@ -21,7 +21,9 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    "hidden", [("coulomb_friction",), ("coulomb_friction", "gyro_bias")], ids=lambda hidden: "-".join(hidden)
+    "hidden",
+    [("coulomb_friction", "gyro_bias"), pytest.param(("coulomb_friction",), marks=pytest.mark.further)],
+    ids=lambda hidden: "-".join(hidden),
 )
 def test_shifts_add_up_to_what_lies_between_baseline_and_extended_model_but_for_what_may_be_hidden(
     hidden: tuple[str, ...],

@@ -7,6 +7,7 @@ import pytest
 
 from cmr.model import observer as observing
 from cmr.model.commands import Commands
+from cmr.model.extended import model_of
 from cmr.model.motion import RobotState, drive
 from cmr.model.observer import MOTION, RESTART, Gains, Innovations, Observations, Observer, observe
 from cmr.model.parameters import Quantity, RobotParameters
@@ -23,10 +24,12 @@ def observed_finely(what: Observations, values: dict[str, float]) -> Innovations
     """Observe with steps that nobody takes elsewhere: as many of them back as of STEP, for which it is compiled."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(observing, "LONGEST_LATENCY", BACK * what.dt)
-        observing._module.cache_clear()
-        said = observe(what, values, FREE)
-    observing._module.cache_clear()
-    return said
+        return observe(what, values, FREE)
+
+
+def test_one_observer_is_compiled_for_all_recordings_however_long_their_steps_are() -> None:
+    model = model_of(ROBOT)
+    assert len({id(observing._module(model, dt)) for dt in (STEP, 0.012, 0.02, 0.05)}) == 1
 
 
 def observations(**parameters: float) -> Observations:

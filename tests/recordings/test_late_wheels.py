@@ -16,8 +16,9 @@ from cmr.recordings.faults.checks import check
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Signal
 from tests.hidden_effects import hidden_recording
-from tests.hidden_effects.cases import CONTROLLED_WINDOWS, EIGHT, RICH
+from tests.hidden_effects.cases import BEGINNING, CONTROLLED_WINDOWS, EIGHT, RICH
 from tests.hidden_effects.hiding import HiddenRecording
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
@@ -39,8 +40,8 @@ def assert_found(found: Diagnosis, hidden: HiddenRecording) -> None:
 @pytest.mark.parametrize(
     ("effects", "manoeuvre", "seed"),
     [
-        ((LATE, "gyro_latency"), RICH, 5),
-        ((LATE, "pose_latency"), CONTROLLED_WINDOWS, 1),
+        ((LATE, "gyro_latency"), BEGINNING, 5),
+        *further(((LATE, "pose_latency"), CONTROLLED_WINDOWS, 1)),
     ],
 )
 def test_late_wheels_are_told_from_other_latencies(effects: tuple[str, ...], manoeuvre: str, seed: int) -> None:

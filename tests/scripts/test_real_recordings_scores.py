@@ -58,12 +58,14 @@ def test_two_sessions_of_optiodom_give_its_authors_base_width_and_wheel_diameter
             assert score.found < 0.8 * score.nominal
 
 
+@pytest.mark.further  # half a minute; tests/diagnosis/test_real_robots.py diagnoses this drive
 def test_the_husky_on_tile_turns_as_its_wheels_say(importer: Importer) -> None:
     distance, heading = score_husky_tile(importer, by_wheels=True)
     assert distance.found < 0.112
     assert heading.found < 2.0
 
 
+@pytest.mark.further  # tests/diagnosis/test_real_robots.py diagnoses this drive
 def test_commands_predict_the_husky_on_wet_grass(importer: Importer) -> None:
     distance, heading, speed = score_husky_wet_grass(importer)
     assert heading.found < 17.2

@@ -8,13 +8,15 @@ from cmr.calibration.calibrate import calibrate
 from cmr.diagnosis.diagnose import diagnose
 from cmr.recordings import Recording
 from tests.hidden_effects.chain import DEFAULT, EIGHTS, RICH, ChainCase, write_chain_log
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
 SURE = 3.0  # standard deviations
 
 
-@pytest.mark.parametrize("hardware", ["mbot", "roboclaw+kvh-binary"])
+# In real time, and in CI: test_demo.py
+@pytest.mark.parametrize("hardware", further("mbot", "roboclaw+kvh-binary"))
 def test_the_parameters_of_the_emulators_own_robot_are_within_their_intervals(hardware: str, tmp_path: Path) -> None:
     case = ChainCase(DEFAULT, hardware, EIGHTS, seed=24)
     path = tmp_path / "drive.lcm"
@@ -28,7 +30,7 @@ def test_the_parameters_of_the_emulators_own_robot_are_within_their_intervals(ha
         assert estimate.std < 0.01 * true
 
 
-@pytest.mark.parametrize("effect", ["motor_heating", "wheel_wobble", "gyro_bias"])
+@pytest.mark.parametrize("effect", ["motor_heating", "wheel_wobble", *further("gyro_bias")])
 def test_lost_replies_slow_adapters_and_a_busy_computer_hide_nothing(effect: str, tmp_path: Path) -> None:
     """Stamps of a gyro that numbers no readings, gaps in the log, and small effects beside this one each hid one."""
     case = ChainCase(effect, "roboclaw+dsp3000", RICH, "hard", seed=80)
