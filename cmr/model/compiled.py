@@ -1,4 +1,4 @@
-"""Compile a function with Numba: the one place that knows its options.
+"""Compile a function with Numba: the one place that knows its options, and what is done beyond Numba's Python.
 
 `contract` lets a product and a sum become one instruction; anything looser keeps the loops from being vectorised.
 Nothing that is compiled is imported until it is needed, because Numba itself takes half a second to import.
@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
-from numba.core import sigutils
+from numba.core import sigutils, types
+from numba.core.typing import templates
+from numba.extending import lower_builtin, type_callable
 
 from cmr.model.cache import cache_folder
 
@@ -24,6 +26,10 @@ R = TypeVar("R")
 # Numba has annotations from some version on; this way they make no difference.
 jit: Any = numba.njit
 signatures: Any = sigutils
+kinds: Any = types
+typing: Any = templates
+typed: Any = type_callable
+lowered: Any = lower_builtin
 config: Any = numba.config
 OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
@@ -35,15 +41,49 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", jit(inline="always", **OPTIONS)(function))
 
 
-def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Compile a function for one signature when it is first called; later processes find it in Numba's cache."""
+def structure(kind: type[tuple[Any, ...]], *fields: Any) -> Any:
+    """Return Numba's type of a named tuple whose fields have these types: text, or other structures.
+
+    To call a function with one from Python takes some microseconds more; it is for those that work longer.
+    """
+    return kinds.BaseTuple.from_types([_typed(field) for field in fields], kind)
+
+
+def compiled(*signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Compile a function for one signature when it is first called; later processes find it in Numba's cache.
+
+    The signature is one text, or the types of the arguments one by one, each a text or a `structure`.
+    """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         if config.DISABLE_JIT:  # by the environment's NUMBA_DISABLE_JIT, to step through the code
             return function
-        return cast("Callable[P, R]", _Compiled(signature, function))
+        return cast("Callable[P, R]", _Compiled(_argument_types(signature), function))
 
     return decorate
+
+
+def address(function: Callable[P, None]) -> Callable[P, None]:
+    """Return what stands for a compiled function where `call` calls it: in truth a number.
+
+    It is loaded or compiled now, and must be kept as long as it is called. What is not compiled stands for itself.
+    """
+    dispatcher: Any = function.loaded() if isinstance(function, _Compiled) else function
+    if not hasattr(dispatcher, "overloads"):
+        return function
+    [made] = dispatcher.overloads.values()
+    return cast("Callable[P, None]", made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
+
+
+def _argument_types(signature: tuple[Any, ...]) -> tuple[Any, ...]:
+    whole = len(signature) == 1 and isinstance(signature[0], str)
+    known = signatures.normalize_signature(signature[0])[0] if whole else map(_typed, signature)
+    return tuple(known)
+
+
+def _typed(written: Any) -> Any:
+    """Return Numba's type of this name; a type stands for itself."""
+    return signatures.normalize_signature(f"({written},)")[0][0] if isinstance(written, str) else written
 
 
 class _Compiled:
@@ -52,16 +92,16 @@ class _Compiled:
     From then on its name in its module stands for what Numba made of it: a step saves a detour for each call.
     """
 
-    def __init__(self, signature: str, function: Callable[..., Any]) -> None:
+    def __init__(self, arguments: tuple[Any, ...], function: Callable[..., Any]) -> None:
         self.unloaded = True
-        self._signature = signature
+        self._arguments = arguments
         self._module, self._name = function.__module__, function.__qualname__
         self._dispatcher = jit(**OPTIONS)(function)
         folder = cache_folder() / _sources(Path(function.__code__.co_filename).parent)
         self._lock = folder / f"{self._module}.{self._name}.lock"
         with suppress(RuntimeError), _caching_in(folder):
             self._dispatcher.enable_caching()  # an error if nowhere can be written: each process compiles for itself
-        self._call = self._load
+        self._call = self._first_call
 
     def __call__(self, *arguments: Any) -> Any:
         return self._call(*arguments)
@@ -71,17 +111,26 @@ class _Compiled:
         """What Numba takes this for where compiled code calls it."""
         return self._dispatcher._numba_type_
 
-    def _load(self, *arguments: Any) -> Any:
+    def loaded(self) -> Any:
+        """Return what Numba makes of it."""
+        if self.unloaded:
+            self._load()
+        return self._dispatcher
+
+    def _first_call(self, *arguments: Any) -> Any:
+        self._load()
+        return self._call(*arguments)
+
+    def _load(self) -> None:
         # Processes that are begun together would all compile the same: others wait, and load what the first compiled.
         with _without_linear_algebra(), _alone(self._lock):
             # By types alone, as compiled callers ask for it: so both find the same in the cache.
-            self._dispatcher.compile(signatures.normalize_signature(self._signature)[0])
+            self._dispatcher.compile(self._arguments)
         self._dispatcher.disable_compile()
         self._call, self.unloaded = self._dispatcher, False
         module = sys.modules.get(self._module)
         if getattr(module, self._name, None) is self:
             setattr(module, self._name, self._dispatcher)
-        return self._call(*arguments)
 
 
 @cache
@@ -129,3 +178,54 @@ def _without_linear_algebra() -> Iterator[None]:
         yield
     finally:
         del sys.modules[LINEAR_ALGEBRA]
+
+
+def select(condition: bool, one: float, other: float) -> float:
+    """Return one number where the condition holds, the other where it does not; both are computed before."""
+    return one if condition else other
+
+
+def call(function: Callable[P, None], *arguments: P.args, **named: P.kwargs) -> None:
+    """Call a function; in compiled code `function` is its `address`.
+
+    So the loops around the equations of effects are compiled once, whatever effects there are. Its arguments must have
+    just the types of its signature, which nobody checks, and none may be named.
+    """
+    function(*arguments, **named)
+
+
+def _type(context: Any) -> Any:
+    return lambda _condition, one, other: context.unify_types(one, other)
+
+
+def _lower(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    wanted = (types.boolean, signature.return_type, signature.return_type)
+    cast = (context.cast(builder, *each) for each in zip(values, signature.args, wanted, strict=True))
+    return builder.select(*cast)
+
+
+typed(select)(_type)
+lowered(select, types.Any, types.Any, types.Any)(_lower)
+
+
+@typing.infer_global(call)
+class _Call(typing.AbstractTemplate):  # type: ignore[misc]
+    """Numba's question for what a call returns: nothing."""
+
+    def generic(self, arguments: Any, _named: Any) -> Any:
+        """Return the signature of a call with arguments of these types."""
+        return typing.signature(types.none, *arguments)
+
+
+def _lower_call(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    """Write the call as Numba writes those of functions that it knows by name."""
+    convention, expected = context.call_conv, signature.args[1:]
+    kind = convention.get_function_type(types.none, expected)
+    function = builder.inttoptr(values[0], kind.as_pointer())
+    status, _ = convention.call_function(builder, function, types.none, expected, values[1:])
+    with builder.if_then(status.is_error, likely=False):
+        convention.return_status_propagate(builder, status)
+    return context.get_dummy_value()
+
+
+lowered(call, kinds.Integer, kinds.VarArg(kinds.Any))(_lower_call)

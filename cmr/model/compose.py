@@ -10,11 +10,15 @@ The step, for a robot on a span of constant commands:
 4. Wheels, ground and body at the two Gauss-Legendre points; heading and position by collocation.
 
 There is no branch in it: choices become selections, and the loops over LANES robots are vectorised.
+
+Only this, and what else effects say, is composed: `step`, `begin` and `packet`. The loops around it are ordinary
+functions, in cmr.model.stepping; they know the rows that every robot has by the numbers below. The one over blocks is
+composed too: in a function of its own, the compiler makes the step slower by an eighth.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
-from cmr.model.composed_loops import IMPORTS, LOOPS
 from cmr.model.effect import Effect
 from cmr.model.loops import loops
 from cmr.model.parameters import DEFINITIONS as _PAPER
@@ -27,54 +31,118 @@ CHANGED = (
     *("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"),
     *("domega_left", "domega_right", "time"),
 )
-COMMANDS = ("command_left", "command_right", "left_before", "right_before", "dt")
+COMMANDS = ("command_left", "command_right", "left_before", "right_before")
 COEFFICIENTS = tuple(f"{what}_{when}" for when in ("first", "second", "end") for what in ("kept", "gained", "grown"))
+# The rows that every robot has, whatever effects there are, before its memory: see `Layout`.
+ALWAYS = ("dt", *COEFFICIENTS, *_PAPER, *COMMANDS, *CHANGED)
+YAW_RATES = ("yaw_rate_first", "yaw_rate_second", "yaw_rate_end")  # what a step also leaves, behind all rows
+# Where they begin, in numbers, from the beginning of a block. What is `DT` here is `dt` in the statements of effects.
+DT, KEPT_FIRST, GAINED_FIRST, GROWN_FIRST, KEPT_SECOND, GAINED_SECOND, GROWN_SECOND = range(0, 7 * LANES, LANES)
+KEPT_END, GAINED_END, GROWN_END, WHEEL_RADIUS, K2_OVER_K3, K1, BASE_WIDTH = range(7 * LANES, 14 * LANES, LANES)
+COMMAND_LEFT, COMMAND_RIGHT, LEFT_BEFORE, RIGHT_BEFORE, X, Y, THETA = range(14 * LANES, 21 * LANES, LANES)
+PSI_LEFT, PSI_RIGHT, ANGLE_LEFT, ANGLE_RIGHT, DOMEGA_LEFT, DOMEGA_RIGHT, TIME = range(21 * LANES, 28 * LANES, LANES)
+COEFFICIENTS_END = WHEEL_RADIUS
+RECORDED = 7  # rows from X on that a drive records
+FIRST, SECOND = 0.21132486540518713, 0.7886751345948129  # Gauss-Legendre points, as shares of a step
+
+IMPORTS = f'''"""Composed by cmr.model.compose: do not edit, it is written again whenever an effect changes."""
+
+from math import sqrt
+
+from cmr.model.compiled import compiled, select
+from cmr.model.elementary import cos, exp, expm1, sin, sincos
+from cmr.model.step_helpers import after, random_number, share, sign
+
+FIRST, SECOND = {FIRST}, {SECOND}
+first_BY_FIRST, first_BY_SECOND = 0.25, -0.038675134594812866
+second_BY_FIRST, second_BY_SECOND = 0.5386751345948129, 0.25
+end_BY_FIRST, end_BY_SECOND = 0.5, 0.5
+'''
+FUNCTIONS = '''
+
+@compiled("void(f8[::1], f8[::1], i8[::1], i8)")
+def step(rows, work, varying, lanes):
+    """Let a step pass for the first `lanes` robots of each block: all, or as many as ABREAST goes into.
+
+    How long it is, each robot has in its row DT, with the coefficients that go with it.
+    """
+    stride = OWN + len(varying) * LANES
+    for block in range(len(rows) // stride):
+        here = rows[block * stride : (block + 1) * stride]
+        for j in range(OWN):
+            work[j] = here[j]
+        for row in range(len(varying)):
+            place = work[varying[row] : varying[row] + LANES]
+            for i in range(LANES):
+                place[i] = here[OWN + row * LANES + i]
+    STEP
+        for j in range(X, MEMORY):
+            here[j] = work[j]
+
+
+@compiled("void(f8[::1])")
+def begin(rows):
+    """Set the memory of a block of robots to what it is where a drive begins."""
+    for i in range(LANES):
+    START
+
+
+@compiled("void(f8[::1], i8[::1], i8, i8, f8[:, ::1])")
+def packet(rows, robots, seed, count, lateness):
+    """Write how late the next command comes to each robot of a block, and whether it is lost, as 1.0."""
+    for i in range(LANES):
+        robot, dt = robots[i], rows[DT + i]
+    PACKET
+        lateness[0, i], lateness[1, i] = delay, 1.0 if lost else 0.0
+'''
+
+
+class Layout(NamedTuple):
+    """Where something ends in a block of robots with some effects, in numbers from the block's beginning.
+
+    First come the rows of `ALWAYS`, then memory, up to `memory`; what late commands depend on, up to `own`: so much
+    each robot has for itself; and the other parameters, up to `size`. Behind that a step leaves YAW_RATES.
+    """
+
+    memory: int
+    own: int
+    size: int
 
 
 def rows_of(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> list[str]:
-    """Return the names of a robot's rows: what a step changes, commands, coefficients, parameters."""
-    return [*CHANGED, *memories(effects), *COMMANDS, *COEFFICIENTS, *definitions]
+    """Return the names of a robot's rows: those of all robots, memory, and the parameters of effects."""
+    return [*ALWAYS, *memories(effects), *(name for name in definitions if name not in _PAPER)]
+
+
+def layout_of(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> Layout:
+    """Return where the parts of a block end."""
+    memory = len(ALWAYS) + len(memories(effects))
+    own = memory + sum(len(effect.parameters) for effect in late(effects))
+    return Layout(*(LANES * rows for rows in (memory, own, len(rows_of(effects, definitions)))))
 
 
 def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> str:
-    """Return the source of a module that advances and drives robots with these effects.
+    """Return the source of a module with what these effects do in a step, where a drive begins, and to a command.
 
     `definitions` are the parameters that robots have: the paper's first, then those of effects with a stage `packet`.
     Those of sensors need not be among them. Raises ValueError where a statement reads a name that nothing gives it.
     """
     statements = Statements(effects, definitions)
-    rows = rows_of(effects, definitions)
-    remembered = memories(effects)
-    own = [*_PAPER, *(parameter.name for effect in late(effects) for parameter in effect.parameters)]
-    body, extra = loops(_step(statements), rows, (*CHANGED, *remembered, "yaw_rate_end"))
-    constants = {name.upper(): LANES * i for i, name in enumerate((*rows, *extra))}
-    constants["COEFFICIENTS_END"] = LANES * (rows.index(COEFFICIENTS[-1]) + 1)
-    constants["CHANGED"] = LANES * (len(CHANGED) + len(remembered))
-    constants["OWN"] = LANES * rows.index(own[-1]) + LANES
-    constants["SIZE"] = LANES * len(rows)
-    constants["WORK"] = LANES * len((*rows, *extra))
-    start = [
-        *(f"{name} = rows[first + {name.upper()} + i]" for name in ("psi_left", "psi_right", *definitions)),
-        *(f"{name} = 0.0" for name in remembered),
-        *(f"duty_{side} = k1 * psi_{side}" for side in SIDES),
-        *(f"rows[first + {side.upper()}_BEFORE + i] = duty_{side}" for side in SIDES),
-        *statements.both("start"),
-        *(f"rows[first + {name.upper()} + i] = {name}" for name in remembered),
-    ]
-    packet = [
-        *(f"{name} = here[{name.upper()} + i]" for name in own),
-        "delay = 0.0",
-        "lost = False",
-        *statements.of("packet"),
-    ]
-    functions = LOOPS
-    for place, lines, depth in (("STEP", body, 8), ("START", start, 8), ("PACKET", packet, 12)):
+    rows = [*rows_of(effects, definitions), *YAW_RATES]
+    body, extra = loops(_step(statements), rows, (*CHANGED, *memories(effects), "yaw_rate_end"))
+    layout, functions = layout_of(effects, definitions), FUNCTIONS
+    for place, lines, depth in (
+        ("STEP", body, 8),
+        ("START", _start(statements, effects, definitions), 8),
+        ("PACKET", _packet(statements, effects), 8),
+    ):
         functions = functions.replace(f"    {place}\n", _indented(lines, depth))
+    constants = {name.upper(): LANES * i for i, name in enumerate((*rows, *extra))}
     return "\n".join(
         [
-            *(IMPORTS, f"LANES, ABREAST = {LANES}, {ABREAST}"),
+            *(IMPORTS, f"LANES = {LANES}"),
             *(f"{name} = {value}" for name, value in constants.items()),
-            f"LASTING = {tuple(constants[name.upper()] for name in memories(effects, lasting=True))}",
+            f"MEMORY, OWN, WORK = {layout.memory}, {layout.own}, {LANES * len(constants)}",
             functions,
         ]
     )
@@ -83,6 +151,32 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
 def late(effects: Iterable[Effect]) -> list[Effect]:
     """Return the effects that make commands late or lose them."""
     return [effect for effect in effects if "packet" in effect.equations]
+
+
+def _start(
+    statements: Statements, effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]
+) -> list[str]:
+    """Return the lines that set the memory of a robot where a drive begins."""
+    remembered = memories(effects)
+    return [
+        *(f"{name} = rows[{name.upper()} + i]" for name in ("psi_left", "psi_right", *definitions)),
+        *(f"{name} = 0.0" for name in remembered),
+        *(f"duty_{side} = k1 * psi_{side}" for side in SIDES),
+        *(f"rows[{side.upper()}_BEFORE + i] = duty_{side}" for side in SIDES),
+        *statements.both("start"),
+        *(f"rows[{name.upper()} + i] = {name}" for name in remembered),
+    ]
+
+
+def _packet(statements: Statements, effects: Sequence[Effect]) -> list[str]:
+    """Return the lines that say how late a robot's command comes, or that it is lost."""
+    own = [*_PAPER, *(parameter.name for effect in late(effects) for parameter in effect.parameters)]
+    return [
+        *(f"{name} = rows[{name.upper()} + i]" for name in own),
+        "delay = 0.0",
+        "lost = False",
+        *statements.of("packet"),
+    ]
 
 
 def _indented(lines: Iterable[str], by: int) -> str:

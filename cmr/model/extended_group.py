@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.model import stepping
 from cmr.model.compose import LANES
 from cmr.model.extended import START, model_of
 from cmr.model.statements import memories
@@ -24,7 +25,7 @@ class ExtendedGroup:
         self._slots = np.arange(len(robots))
         chosen = {name: numbers[robots] for name, numbers in values.items() if name in self._model.definitions}
         self._blocks = self._model.robots(chosen, state[:, robots], 0.0)
-        self._model.module.prepare(self._blocks.arguments[0], self._blocks.stride, dt)
+        stepping.prepare(self._blocks.arguments.rows, self._blocks.stride, dt)
         # One packet a step reaches back as far as the longest delay in a row of steps that is long enough.
         self._ring = self._model.packets_under_way(chosen, np.full(MOST_PACKETS, dt))
         self._packets = np.empty(self._ring * 3 * LANES * len(self._blocks.rows))
@@ -32,6 +33,10 @@ class ExtendedGroup:
         self._duty = np.zeros((2, len(self._blocks.rows) * LANES))
         self._luck = np.zeros(self._duty.shape[1], dtype=np.int64)
         self._luck[: len(robots)] = robots
+        # Looked up once: with a single robot that takes as long as a step.
+        rows, stride = self._blocks.arguments.rows, self._blocks.stride
+        self._sending = (self._model.equations.packet, rows, stride, self._duty, self._luck)
+        self._step, self._stepped = self._model.step, (*self._blocks.arguments, LANES)
         # Robots that follow one another are read as a slice, which costs less than looking up each.
         first, last = int(robots[0]), int(robots[-1])
         self._columns: slice | NDArray[np.int64] = slice(first, last + 1) if last - first + 1 == len(robots) else robots
@@ -58,11 +63,10 @@ class ExtendedGroup:
     def advance(self, count: int) -> None:
         """Let the step number `count` of the fleet pass."""
         if self._ring:
-            rows = self._blocks.arguments[0], self._blocks.stride, self._duty, self._luck
             packets = self._packets, self._ring, self._number
-            self._model.module.send(*rows, self._seed, count, *packets, self._dt)
+            stepping.send(*self._sending, self._seed, count, *packets, self._dt)
             self._number += 1
-        self._model.module.advance(*self._blocks.arguments, LANES)
+        self._step(*self._stepped)
 
     def write(self, state: Floats, chosen: NDArray[np.bool_] | None = None, domega: Floats | None = None) -> None:
         """Write x, y, theta and both psi into the fleet's state (5, robots), for `chosen` ones by index; and domega."""

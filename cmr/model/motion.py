@@ -146,6 +146,7 @@ def _drive_mixed(
     """Drive candidates, those with effects by the extended model and the others by the paper's."""
     from cmr.model import extended
     from cmr.model.catalogue import definition
+    from cmr.model.compose import RECORDED
 
     values = {definition(name).name: row for name, row in zip(effects, _lanes(effects.values(), shape), strict=True)}
     model = extended.model_of(values)
@@ -154,7 +155,7 @@ def _drive_mixed(
         return _drive_paper(spans, paper, start, at)
     values.update(zip(DEFINITIONS, paper, strict=True))
     chosen = {name: values[name][on] for name in model.definitions if name in values}
-    recorded = np.empty((extended.RECORDED, len(at), paper.shape[1]))
+    recorded = np.empty((RECORDED, len(at), paper.shape[1]))
     recorded[:, :, on] = extended.drive(*spans, chosen, start[:, on], at, time, seed, model)
     if not np.all(on):
         off = ~on

@@ -27,37 +27,16 @@ from cmr.model.commands import Commands, fixed_delays
 from cmr.model.compose import CHANGED, LANES
 from cmr.model.drives import Drives
 from cmr.model.evaluating import mean_radii, slip_time
-from cmr.model.extended import START, Candidates, ExtendedModel, composed_module, model_of
+from cmr.model.extended import START, Candidates, aligned, composed_module, model_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import Quantity
-from cmr.model.statements import SIDES, Statements
+from cmr.model.statements import SIDES, Statements, memories
 
 Floats = NDArray[np.float64]
 MOTION = (*CHANGED[:9], "yaw_rate")  # columns of the observed motion
 LONGEST_LATENCY = 1.2  # s that the observer looks back
-USUAL_STEP = 0.01  # s; that of long recordings is longer
 RESTART = 0  # in `pose_use`: the observer begins again at this pose
 FOLLOWED = 1
-# What the compiled observer takes from the compiled model.
-OF_MODEL = (
-    *("X", "Y", "THETA", "PSI_LEFT", "PSI_RIGHT", "ANGLE_LEFT", "ANGLE_RIGHT", "COMMAND_LEFT", "COMMAND_RIGHT"),
-    *("LEFT_BEFORE", "RIGHT_BEFORE"),
-    *(
-        "TIME",
-        "DT",
-        "KEPT_END",
-        "COEFFICIENTS_END",
-        "YAW_RATE_FIRST",
-        "YAW_RATE_SECOND",
-        "YAW_RATE_END",
-        "LANES",
-        "ABREAST",
-        "OWN",
-        "SIZE",
-        "LASTING",
-    ),
-    *("advance", "prepare", "prepare_each", "send", "start"),
-)
 # What the compiled observer keeps of each candidate beside the model's rows: what changes, and then what is given. They
 # are rows of one array, as the model's are: only so does the compiler see that none overlap, and vectorises.
 CHANGING = (
@@ -203,18 +182,15 @@ class Observer:
         delays, which = np.unique(np.broadcast_to(delays, count), return_inverse=True)
         profiles = np.stack([drives.profile(float(delay)) for delay in delays])
         profile = np.ascontiguousarray(which.ravel()[self._lanes])
-        result = Innovations(
-            np.empty((len(drives.wheel_time), 2, count)),
-            np.empty((len(drives.gyro_time), count)),
-            np.empty((len(drives.pose_time), 3, count)),
-            np.empty((drives.steps + len(drives.start), len(MOTION))),
-        )
-        ends, compiled = drives.ends, _module(self._model, drives.dt).observe
-        at_rest, (rows, work, varying) = candidates.rows.copy(), blocks.arguments
+        result = _to_fill(drives, count)
+        ends, compiled, model = drives.ends, _module().observe, self._model
+        at_rest, robots = candidates.rows.copy(), blocks.arguments
+        lasting = np.array([LANES * model.row[name] for name in memories(model.effects, lasting=True)], np.int64)
 
         def observe_blocks(first: int, last: int) -> None:
             compiled(
-                at_rest, rows, work.copy(), varying, first, min(last * LANES, count),
+                model.equations, model.layout, lasting, _history(drives.dt),
+                at_rest, robots._replace(work=_aligned_copy(robots.work)), first, min(last * LANES, count),
                 profiles, profile, drives.dt, ring, seed, chosen, self._numbers,
                 drives.start, drives.began, drives.continued, ends.steps, ends.wheel, ends.gyro, ends.pose, ends.given,
                 drives.given, drives.wheel_time, drives.wheel, drives.wheel_use,
@@ -262,6 +238,23 @@ def in_two_threads(work: Callable[[int, int], None], count: int) -> None:
         second.result()
 
 
+def _to_fill(drives: Drives, count: int) -> Innovations:
+    """Return arrays for the innovations of `count` candidates on these drives."""
+    return Innovations(
+        np.empty((len(drives.wheel_time), 2, count)),
+        np.empty((len(drives.gyro_time), count)),
+        np.empty((len(drives.pose_time), 3, count)),
+        np.empty((drives.steps + len(drives.start), len(MOTION))),
+    )
+
+
+def _aligned_copy(numbers: Floats) -> Floats:
+    """Return a copy that begins where a line of a processor's cache does, as `numbers` do."""
+    copy = aligned(len(numbers))
+    copy[:] = numbers
+    return copy
+
+
 def _split(innovations: Innovations, drives: Drives) -> list[Innovations]:
     """Return the innovations of each drive."""
     ends = drives.ends
@@ -289,29 +282,24 @@ def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
     return np.stack([1.0 / encoder_reading(known, side, np.ones(count)) for side in SIDES])
 
 
-def _module(model: ExtendedModel, dt: float) -> ModuleType:
-    """Return the compiled observer that looks back LONGEST_LATENCY at least on a raster of `dt` [s].
-
-    For longer steps than the usual one it is the same: to compile another one takes half a minute.
-    """
-    return _composed(model, 1 << int(np.ceil(np.log2(LONGEST_LATENCY / min(dt, USUAL_STEP) + 3.0))))
+def _history(dt: float) -> int:
+    """Return how many steps of `dt` [s] the observer looks back, a power of two, for LONGEST_LATENCY."""
+    return 1 << int(np.ceil(np.log2(LONGEST_LATENCY / dt + 3.0)))
 
 
 @cache
-def _composed(model: ExtendedModel, history: int) -> ModuleType:
-    """Return the compiled observer that keeps so many steps."""
-    sensors = [effect for effect in CATALOGUE.values() if effect.is_sensor]
-    return composed_module(lambda: _source(model, history), (model.module.__name__, history, sensors))
+def _module() -> ModuleType:
+    """Return the compiled observer, with all effects of sensors; those on the motion are compiled apart."""
+    return composed_module(_source, [effect for effect in CATALOGUE.values() if effect.is_sensor])
 
 
-def _source(model: ExtendedModel, history: int) -> str:
-    """Return the source of the observer with all effects of the catalogue."""
+def _source() -> str:
+    """Return the source of the observer with all effects of sensors of the catalogue."""
     loops = observer_helpers.HELPERS + observer_loops.LOOPS
     for place, lines in _sensor_lines().items():
         loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
     rows = (*CHANGING, *GIVEN, *_sensor_parameters())
     constants = {
-        "HISTORY": history,
         "CHANGED_FIELDS": len(MOTION) - 1,
         **{name.upper(): LANES * i for i, name in enumerate(rows)},
         "OWN_ROWS": len(rows),
@@ -319,8 +307,6 @@ def _source(model: ExtendedModel, history: int) -> str:
     return "\n".join(
         [
             observer_loops.IMPORTS,
-            f"from {model.module.__name__} import {', '.join(OF_MODEL)}",
-            "",
             *(f"{name} = {value}" for name, value in constants.items()),
             loops,
         ]

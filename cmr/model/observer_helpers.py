@@ -14,10 +14,11 @@ SPLIT_AT, MEAN_BEFORE, GROWTH_BEFORE, MEAN, GROWTH, CURVE_BEFORE, CURVE, KEPT_OF
 TWELFTH = 1.0 / 12.0
 STEEP = 1.7320508075688772  # from two Gauss points to the ends of a step, a line grows by so many times as much
 
+
 @inlined
-def where(condition, yes, no):
-    """Return one of two values."""
-    return yes if condition else no
+def place(step, mask):
+    """Return where the past has this step: unsigned, or each access would take a negative one to count from the end."""
+    return np.uint64(step & mask)
 
 
 @inlined

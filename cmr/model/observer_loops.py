@@ -7,42 +7,50 @@ from math import inf, pi
 import numpy as np
 from numpy import floor
 
-from cmr.model.compiled import compiled, inlined
+from cmr.model.compiled import call, compiled, inlined
+from cmr.model.compose import (
+    ABREAST, ANGLE_LEFT, ANGLE_RIGHT, COEFFICIENTS_END, COMMAND_LEFT, COMMAND_RIGHT, DT, KEPT_END, LANES, LEFT_BEFORE,
+    PSI_LEFT, PSI_RIGHT, RIGHT_BEFORE, THETA, TIME, X, Y,
+)
 from cmr.model.elementary import cos, exp, sin
 from cmr.model.stages import FILTER_AGES, FILTER_WEIGHTS
-from cmr.model.step_helpers import sign
+from cmr.model.step_helpers import sign, where
+from cmr.model.stepping import EQUATIONS, LAYOUT, ROBOTS, prepare, prepare_each, send
 '''
 
 LOOPS = '''
 @compiled(
-    "void(f8[::1], f8[::1], f8[::1], i8[::1], i8, i8, f8[:, :, ::1], i8[::1], f8, i8, i8, i8[::1], f8[:, ::1],"
-    "f8[:, ::1], f8[::1], u1[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
-    "f8[:, ::1], f8[::1], f8[:, ::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], u1[::1],"
-    "f8[:, :, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])"
+    EQUATIONS, LAYOUT, "i8[::1]", "i8", "f8[::1]", ROBOTS, "i8", "i8", "f8[:, :, ::1]", "i8[::1]", "f8", "i8", "i8",
+    "i8[::1]", "f8[:, ::1]", "f8[:, ::1]", "f8[::1]", "u1[::1]", *["i8[::1]"] * 5,
+    "f8[:, ::1]", "f8[::1]", "f8[:, ::1]", "u1[:, ::1]", "f8[::1]", "f8[::1]", "f8[::1]", "f8[:, ::1]", "u1[::1]",
+    "f8[:, :, ::1]", "f8[:, ::1]", "f8[:, :, ::1]", "f8[:, ::1]",
 )
 def observe(
-    at_rest, rows, work, varying, first_block, robots, commands, profile, dt, ring, seed, luck, numbers,
-    starts, begins, continued, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
+    equations, layout, lasting, history, at_rest, robots, first_block, count, commands, profile, dt, ring, seed,
+    luck, numbers, starts, begins, continued, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
     given, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
     wheel_error, gyro_error, pose_error, motion,
 ):
     """Observe K drives, one after another; see `cmr.model.observer.observe`, which prepares the arguments.
 
-    Observed are the robots below this number from `first_block` on.
-
-    `at_rest` are the blocks with all rows, from which each drive starts.
+    Observed are the robots below number `count` from `first_block` on, by effects whose `equations` are compiled
+    elsewhere. `at_rest` are the blocks with all rows, from which each drive starts; rows of memory at `lasting` outlast
+    the gap before a drive that continues another. The observer looks back `history` steps, a power of two.
     """
-    stride = OWN + len(varying) * LANES
+    rows, work, varying = robots.rows, robots.work, robots.varying
+    remembered, size, mask = layout.memory, layout.size, history - 1
+    yaw_rates = work[size : size + 3 * LANES]  # of the last step; `size + i` would be checked for being negative
+    stride = layout.own + len(varying) * LANES
     packets = np.empty(ring * 3 * LANES)
     duty = np.empty((2, LANES))
-    past = np.zeros((HISTORY, KEPT_OF_STEPS, LANES))
+    past = np.zeros((history, KEPT_OF_STEPS, LANES))
     own = np.empty(OWN_ROWS * LANES)
-    for block in range(first_block, (robots + LANES - 1) // LANES):
+    for block in range(first_block, (count + LANES - 1) // LANES):
         here = rows[block * stride : (block + 1) * stride]
         index = luck[block * LANES : (block + 1) * LANES]
-        lanes = min(LANES, robots - block * LANES)
+        lanes = min(LANES, count - block * LANES)
         filled = (lanes + ABREAST - 1) // ABREAST * ABREAST
-        begun = at_rest[block * SIZE : (block + 1) * SIZE]
+        begun = at_rest[block * size : (block + 1) * size]
         prepare(here, stride, dt)
         whole = here[DT:COEFFICIENTS_END].copy()
         before, behind = whole.copy(), whole.copy()
@@ -55,13 +63,13 @@ def observe(
                 begun[X + i], begun[Y + i], begun[THETA + i] = starts[drive, 0], starts[drive, 1], starts[drive, 2]
                 begun[PSI_LEFT + i], begun[PSI_RIGHT + i] = starts[drive, 3], starts[drive, 4]
                 begun[TIME + i] = begins[drive]
-            start(begun, LANES)
+            call(equations.begin, begun)
             for i in range(LANES):
                 begun[ANGLE_LEFT + i], begun[ANGLE_RIGHT + i] = starts[drive, 5], starts[drive, 6]
             if continued[drive] > 0:
-                for row in LASTING:
+                for row in lasting:
                     begun[row : row + LANES] = here[row : row + LANES]
-            here[:DT] = begun[:DT]
+            here[COMMAND_LEFT:remembered] = begun[COMMAND_LEFT:remembered]
             began, first_step = begins[drive], step_ends[drive]
             steps = step_ends[drive + 1] - first_step
             speeds = given[given_ends[drive] : given_ends[drive + 1]]
@@ -71,8 +79,8 @@ def observe(
             for i in range(LANES):
                 # The first poses of a late sensor show the robot before the beginning, at its first speeds.
                 left, right = own[RADIUS_LEFT + i] * here[PSI_LEFT + i], own[RADIUS_RIGHT + i] * here[PSI_RIGHT + i]
-                for h in range(HISTORY):
-                    ago = (HISTORY - h) % HISTORY * dt
+                for h in range(history):
+                    ago = ((history - h) & mask) * dt
                     turned = ago * (right - left) / own[BASE_WIDTH + i]
                     rolled, along = 0.5 * ago * (left + right), here[THETA + i] - 0.5 * turned
                     past[h, 0, i], past[h, 1, i] = here[X + i] - rolled * cos(along), here[Y + i] - rolled * sin(along)
@@ -80,7 +88,7 @@ def observe(
                     for row in range(SPLIT_AT, KEPT_OF_STEPS):
                         past[h, row, i] = 0.0
             for border in range(steps + 1):
-                newest = past[border % HISTORY]
+                newest = past[place(border, mask)]
                 if border > 0:
                     for i in range(filled):
                         own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
@@ -106,7 +114,8 @@ def observe(
                         for side in range(2):
                             first, last = known(duties[FIRST + side], 0.0), known(duties[LAST + side], 0.0)
                             duty[side] = last + duties[SPLIT] * (first - last)
-                        send(here, stride, duty, index, seed, border - 1, packets, ring, border - 1, dt)
+                        late, step = equations.packet, border - 1
+                        send(late, here, stride, duty, index, seed, step, packets, ring, step, dt)
                         splits, comes = False, False
                     if splits:
                         # Robots to which no command comes within the step take it in two halves.
@@ -124,7 +133,7 @@ def observe(
                             prepare_each(here, shares * dt)
                             before[:] = here[DT:COEFFICIENTS_END]
                         here[DT:COEFFICIENTS_END] = before
-                        advance(here, work, varying, filled)
+                        call(equations.step, here, work, varying, filled)
                         for i in range(LANES):
                             own[HALF + i] = shares[i]
                             own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
@@ -132,19 +141,19 @@ def observe(
                             way_right = own[MIDDLE_RIGHT + i] - own[BEFORE_RIGHT + i]
                             own[BOW_BEFORE_LEFT + i] = shares[i] * dt * here[PSI_LEFT + i] - way_left
                             own[BOW_BEFORE_RIGHT + i] = shares[i] * dt * here[PSI_RIGHT + i] - way_right
-                            turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
+                            turning[i] = 0.5 * (yaw_rates[i] + yaw_rates[LANES + i])
                             newest[SPLIT_AT, i], newest[MEAN_BEFORE, i] = shares[i], turning[i]
-                            grown = STEEP * (work[YAW_RATE_SECOND + i] - work[YAW_RATE_FIRST + i])
+                            grown = STEEP * (yaw_rates[LANES + i] - yaw_rates[i])
                             newest[GROWTH_BEFORE, i] = grown
-                            newest[CURVE_BEFORE, i] = 6.0 * (work[YAW_RATE_END + i] - turning[i]) - 3.0 * grown
+                            newest[CURVE_BEFORE, i] = 6.0 * (yaw_rates[2 * LANES + i] - turning[i]) - 3.0 * grown
                             duties = commands[profile[block * LANES + min(i, filled - 1)], first_step + border - 1]
                             here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
                             here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
                         here[DT:COEFFICIENTS_END] = behind
-                        advance(here, work, varying, filled)
+                        call(equations.step, here, work, varying, filled)
                         here[DT:COEFFICIENTS_END] = whole
                     else:
-                        advance(here, work, varying, filled)
+                        call(equations.step, here, work, varying, filled)
                         for i in range(LANES):
                             newest[SPLIT_AT, i] = 0.0
                             own[HALF + i] = 0.0
@@ -156,9 +165,9 @@ def observe(
                         own[BOW_LEFT + i] = length * here[PSI_LEFT + i] - way_left
                         own[BOW_RIGHT + i] = length * here[PSI_RIGHT + i] - way_right
                     for i in range(LANES):
-                        turning[i] = 0.5 * (work[YAW_RATE_FIRST + i] + work[YAW_RATE_SECOND + i])
-                        growing[i] = STEEP * (work[YAW_RATE_SECOND + i] - work[YAW_RATE_FIRST + i])
-                        curving[i] = 6.0 * (work[YAW_RATE_END + i] - turning[i]) - 3.0 * growing[i]
+                        turning[i] = 0.5 * (yaw_rates[i] + yaw_rates[LANES + i])
+                        growing[i] = STEEP * (yaw_rates[LANES + i] - yaw_rates[i])
+                        curving[i] = 6.0 * (yaw_rates[2 * LANES + i] - turning[i]) - 3.0 * growing[i]
                     if len(speeds) > 0:
                         # Given speeds are means over steps; at a border the wheels turn half as one step says, half
                         # as the next.
@@ -223,19 +232,19 @@ def observe(
     GYRO_NUMBERS
     GYRO_TIME
                         position = border + (moment - began - now) / dt
-                        position = min(max(position, border - (HISTORY - 2.0), 0.0), border + EARLY)
+                        position = min(max(position, border - (history - 2.0), 0.0), border + EARLY)
                         own[GYRO_AT + i] = position
                         earliest, latest = min(earliest, position), max(latest, position)
                     step = min(max(int(np.ceil(latest - EARLY)), 1), border)
                     if earliest - EARLY > step - 1.0 or step == 1:
-                        one = past[step % HISTORY]
+                        one = past[place(step, mask)]
                         for i in range(filled):
                             reading = yaw_rate_within(one, i, own[GYRO_AT + i] - step + 1.0)
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     else:
                         for i in range(filled):
                             step = min(max(int(np.ceil(own[GYRO_AT + i] - EARLY)), 1), border)
-                            one = past[step % HISTORY]
+                            one = past[place(step, mask)]
                             reading = yaw_rate_within(one, i, own[GYRO_AT + i] - step + 1.0)
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     for i in range(filled):
@@ -318,10 +327,10 @@ def observe(
                             part = FILTER_WEIGHTS[number] if filtered > 0.0 else 1.0
                             at = moment - FILTER_AGES[number] * filtered if filtered > 0.0 else moment
                             # A moment still to come lies on the line through the last two borders.
-                            position = max(border + (at - began - now) / dt, border - (HISTORY - 2.0))
+                            position = max(border + (at - began - now) / dt, border - (history - 2.0))
                             first = min(int(floor(position)), border - 1)
                             share = position - first
-                            one, other = past[first % HISTORY], past[(first + 1) % HISTORY]
+                            one, other = past[place(first, mask)], past[place(first + 1, mask)]
                             own[AT_X + i] += part * (one[0, i] + share * (other[0, i] - one[0, i]))
                             own[AT_Y + i] += part * (one[1, i] + share * (other[1, i] - one[1, i]))
                             turned = one[2, i] + share * (other[2, i] - one[2, i]) + beside_line(other, i, share, dt)
@@ -371,7 +380,7 @@ def observe(
                             gyro_error[sample, block * LANES + i] = 0.0
                 if block == 0:
                     for field in range(CHANGED_FIELDS):
-                        motion[first_step + drive + border, field] = here[field * LANES]
-                    yaw_rate = past[border % HISTORY, MEAN, 0] + own[OFFSET_YAW_RATE]
+                        motion[first_step + drive + border, field] = here[X + field * LANES]
+                    yaw_rate = past[place(border, mask), MEAN, 0] + own[OFFSET_YAW_RATE]
                     motion[first_step + drive + border, CHANGED_FIELDS] = yaw_rate
 '''

@@ -26,6 +26,12 @@ def share(before: float, behind: float) -> float:
 
 
 @inlined
+def where(condition: bool, yes: float, no: float) -> float:
+    """Return one of two values."""
+    return yes if condition else no
+
+
+@inlined
 def random_number(seed: int, number: int, robot: int, stream: int) -> float:
     """Return a number in [0, 1) that the four arguments fix (SplitMix64; Steele et al., OOPSLA 2014)."""
     z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(number) * np.uint64(0xD1B54A32D192ED03)

@@ -1,0 +1,240 @@
+"""The loops around the composed step: over blocks of robots, commands under way and spans of a drive.
+
+They are compiled once, whatever effects there are, and call what those do: the functions of `Equations`, which
+`cmr.model.compose` composes.
+"""
+
+from collections.abc import Callable
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.model.compiled import call, compiled, inlined, structure
+from cmr.model.compose import (
+    COMMAND_LEFT,
+    COMMAND_RIGHT,
+    DT,
+    FIRST,
+    GAINED_END,
+    GAINED_FIRST,
+    GAINED_SECOND,
+    GROWN_END,
+    GROWN_FIRST,
+    GROWN_SECOND,
+    K1,
+    K2_OVER_K3,
+    KEPT_END,
+    KEPT_FIRST,
+    KEPT_SECOND,
+    LANES,
+    LEFT_BEFORE,
+    RECORDED,
+    RIGHT_BEFORE,
+    SECOND,
+    TIME,
+    Layout,
+    X,
+)
+from cmr.model.elementary import expm1
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class Equations(NamedTuple):
+    """What effects do, each as the address of a composed function."""
+
+    step: Callable[[Floats, Floats, Indices, int], None]
+    begin: Callable[[Floats], None]
+    packet: Callable[[Floats, Indices, int, int, Floats], None]
+
+
+class Robots(NamedTuple):
+    """Robots in blocks of LANES, as `cmr.model.extended.Blocks` puts them.
+
+    In `rows` a block has what each robot has for itself, and then the rows of `varying`, by their place in `work`,
+    where a block is computed. It holds the other parameters, which all robots share.
+    """
+
+    rows: Floats
+    work: Floats
+    varying: Indices
+
+
+class Spans(NamedTuple):
+    """Commands of T spans, and how long each is [s]; shape (T,)."""
+
+    left: Floats
+    right: Floats
+    dt: Floats
+
+
+EQUATIONS = structure(Equations, "i8", "i8", "i8")
+LAYOUT = structure(Layout, "i8", "i8", "i8")
+ROBOTS = structure(Robots, "f8[::1]", "f8[::1]", "i8[::1]")
+SPANS = structure(Spans, "f8[::1]", "f8[::1]", "f8[::1]")
+
+
+@inlined
+def _coefficients(rate: float, t: float, dt: float) -> tuple[float, float, float]:
+    """Return how a wheel speed is kept over t [s], and how it responds to a constant and to a growing source."""
+    lost = expm1(-rate * t)
+    z = rate * t
+    gained = -lost / rate
+    series = t * t * (0.5 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z / 720)))) / dt
+    return 1.0 + lost, gained, series if z < 0.02 else (t - gained) / (rate * dt)
+
+
+@inlined
+def _prepare(rows: Floats, i: int, dt: float) -> None:
+    """Compute the coefficients of the robot in place `i` for a step of dt [s]."""
+    rate = rows[K1 + i] * rows[K2_OVER_K3 + i]
+    rows[DT + i] = dt
+    rows[KEPT_FIRST + i], rows[GAINED_FIRST + i], rows[GROWN_FIRST + i] = _coefficients(rate, FIRST * dt, dt)
+    rows[KEPT_SECOND + i], rows[GAINED_SECOND + i], rows[GROWN_SECOND + i] = _coefficients(rate, SECOND * dt, dt)
+    rows[KEPT_END + i], rows[GAINED_END + i], rows[GROWN_END + i] = _coefficients(rate, dt, dt)
+
+
+@compiled("void(f8[::1], i8, f8)")
+def prepare(rows: Floats, stride: int, dt: float) -> None:
+    """Prepare all robots for steps of dt [s]; a block takes `stride` numbers."""
+    for block in range(len(rows) // stride):
+        for i in range(block * stride, block * stride + LANES):
+            _prepare(rows, i, dt)
+
+
+@compiled("void(f8[::1], f8[::1])")
+def prepare_each(here: Floats, durations: Floats) -> None:
+    """Prepare the robots of one block for steps of `durations` [s], (LANES,)."""
+    for i in range(LANES):
+        _prepare(here, i, durations[i])
+
+
+@compiled("void(i8, f8[::1], i8)")
+def start(begin: Callable[[Floats], None], rows: Floats, size: int) -> None:
+    """Set the memory of all robots to what it is where a drive begins; blocks have all rows here, `size` numbers."""
+    for block in range(len(rows) // size):
+        call(begin, rows[block * size : (block + 1) * size])
+
+
+@compiled("void(i8, f8[::1], i8, f8[:, ::1], i8[::1], i8, i8, f8[::1], i8, i8, f8)")
+def send(
+    packet: Callable[[Floats, Indices, int, int, Floats], None],
+    rows: Floats,
+    stride: int,
+    duty: Floats,
+    robots: Indices,
+    seed: int,
+    count: int,
+    packets: Floats,
+    ring: int,
+    number: int,
+    dt: float,
+) -> None:
+    """Send each robot its `duty` (2, robots), and set its commands to the mean over the step of those in force.
+
+    In force is the newest packet that has arrived; before the first, the duty that held the speed at the start.
+    `packets` holds the last `ring` ones of each block: left, right, arrival. `number` is 0 for the first packet;
+    seed, count and the index in `robots` fix a packet's random numbers.
+    """
+    length = 3 * LANES
+    lateness = np.empty((2, LANES))
+    mean = np.empty(length)  # of left, of right; and until when the step's commands are not known yet
+    for block in range(len(rows) // stride):
+        here = rows[block * stride : (block + 1) * stride]
+        first = block * LANES
+        sent = packets[block * ring * length : (block + 1) * ring * length]
+        if number == 0:
+            _forget(here, sent, ring)
+        call(packet, here, robots[first : first + LANES], seed, count, lateness)
+        newest, before = _packet(sent, ring, number), _packet(sent, ring, number + ring - 1)
+        _put(here, newest, before, duty, first, lateness)
+        for i in range(LANES):
+            mean[i], mean[LANES + i], mean[2 * LANES + i] = 0.0, 0.0, here[TIME + i] + dt
+        _average(here, sent, ring, number, mean, 1.0 / dt)
+        for i in range(LANES):
+            arrived = newest[2 * LANES + i] <= here[TIME + i]
+            here[COMMAND_LEFT + i] = newest[i] if arrived else mean[i]
+            here[COMMAND_RIGHT + i] = newest[LANES + i] if arrived else mean[LANES + i]
+
+
+@inlined
+def _packet(sent: Floats, ring: int, number: int) -> Floats:
+    """Return the packets with this number of a block's robots."""
+    position = number % ring * 3 * LANES
+    return sent[position : position + 3 * LANES]
+
+
+@inlined
+def _put(here: Floats, newest: Floats, before: Floats, duty: Floats, first: int, lateness: Floats) -> None:
+    """Put a block's `newest` packets under way; a lost one leaves the one `before` in force."""
+    for i in range(LANES):
+        lost, now = lateness[1, i] > 0.0, here[TIME + i]
+        newest[i] = before[i] if lost else duty[0, first + i]
+        newest[LANES + i] = before[LANES + i] if lost else duty[1, first + i]
+        newest[2 * LANES + i] = before[2 * LANES + i] if lost else now + lateness[0, i]
+
+
+@inlined
+def _forget(here: Floats, sent: Floats, ring: int) -> None:
+    """Fill a block's packets with the duties that hold its speeds, as if they had always been in force."""
+    for k in range(0, ring * 3 * LANES, 3 * LANES):
+        for i in range(k, k + LANES):
+            sent[i] = here[LEFT_BEFORE + i - k]
+            sent[LANES + i] = here[RIGHT_BEFORE + i - k]
+            sent[2 * LANES + i] = -inf
+
+
+@inlined
+def _average(here: Floats, sent: Floats, ring: int, number: int, mean: Floats, per_dt: float) -> None:
+    """Add each packet of a block to the `mean` by the share of the step during which it is in force, newest first."""
+    for k in range(ring):
+        one = _packet(sent, ring, number + ring - k)
+        for i in range(LANES):
+            since = max(one[2 * LANES + i], here[TIME + i])
+            share = max(mean[2 * LANES + i] - since, 0.0) * per_dt
+            mean[i] += share * one[i]
+            mean[LANES + i] += share * one[LANES + i]
+            mean[2 * LANES + i] = min(mean[2 * LANES + i], since)
+
+
+@compiled(EQUATIONS, "i8", ROBOTS, "i8", SPANS, "i8", "i8", "i8[::1]", "f8[:, :, ::1]")
+def drive(
+    equations: Equations,
+    own: int,
+    robots: Robots,
+    count: int,
+    spans: Spans,
+    ring: int,
+    seed: int,
+    at: Indices,
+    recorded: Floats,
+) -> None:
+    """Drive T spans with `count` robots and record their states at the borders `at`, ascending.
+
+    `own` is that of `Layout`; `recorded` has shape (len(at), count, RECORDED). `ring` is the number of packets that may
+    be under way, 0 where none is late. All robots have the same luck.
+    """
+    stride = own + len(robots.varying) * LANES
+    packets, index, duty = np.empty(ring * 3 * LANES), np.zeros(LANES, dtype=np.int64), np.empty((2, LANES))
+    for first in range(0, count, LANES):
+        here = robots.rows[first // LANES * stride : (first // LANES + 1) * stride]
+        prepared, border = -1.0, 0
+        for r in range(len(at)):
+            while border < at[r]:
+                left, right, dt = spans.left[border], spans.right[border], spans.dt[border]
+                if dt != prepared:
+                    prepared = dt
+                    prepare(here, stride, dt)
+                for i in range(LANES):
+                    here[COMMAND_LEFT + i], here[COMMAND_RIGHT + i] = left, right
+                if ring > 0:
+                    duty[0], duty[1] = left, right
+                    send(equations.packet, here, stride, duty, index, seed, border, packets, ring, border, dt)
+                call(equations.step, here, robots.work, robots.varying, LANES)
+                border += 1
+            for i in range(min(LANES, count - first)):
+                for field in range(RECORDED):
+                    recorded[r, first + i, field] = here[X + field * LANES + i]
