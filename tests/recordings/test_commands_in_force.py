@@ -78,5 +78,11 @@ def test_commands_to_a_robot_that_was_stopped_are_set_aside_from_when_it_slows_d
     assert times.min() > EMERGENCY_STOP[0] - 1.0
 
 
+def test_a_command_that_is_recorded_once_is_in_force_although_the_robot_stands_when_it_comes() -> None:
+    whole = drive()
+    changes = np.any(np.diff([whole.commands[side] for side in ("left", "right")], prepend=-1.0) != 0.0, axis=0)
+    assert len(set_aside(whole.where({"commands": changes}))) == 0
+
+
 def test_of_duties_nothing_is_set_aside() -> None:
     assert len(set_aside(replace(drive(joystick=True), converted_from=""))) == 0

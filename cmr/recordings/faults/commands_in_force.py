@@ -25,6 +25,7 @@ CLEARLY = 0.25  # of the fastest command; with less a wheel may stand
 LEAST = 2.0  # s for which wheels must do what they were not commanded to
 FAST = 0.99  # quantile of the speeds that is fast driving
 SLOWING = 1.0  # s for which a robot may slow down before it stands
+LONGEST_PERIOD = 0.5  # s that a reading says something of
 
 
 def commands_in_force(recording: Recording) -> Finding:
@@ -76,7 +77,9 @@ def _stopped(recording: Recording, speed: Floats, noise: float) -> Mask:
     stands = (asked > CLEARLY * asked.max()) & (speed[at] < noise)
     begins = np.append(True, stands[1:] != stands[:-1]) | recording.pieces.borders(commands.utime)
     number = np.cumsum(begins) - 1
-    lasting = np.bincount(number, _periods(recording, commands)) * np.bincount(number, stands) / np.bincount(number)
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], len(stands)) - 1
+    lasting = (commands.utime[last] - commands.utime[first]) * SECONDS
     times = commands.utime[stands & (lasting[number] >= LEAST)]
     following = np.append(times, np.iinfo(np.int64).max)[np.searchsorted(times, commands.utime)]
     near = following - commands.utime <= SLOWING / SECONDS
@@ -89,6 +92,6 @@ def _largest(commands: Signal) -> Floats:
 
 
 def _periods(recording: Recording, signal: Signal) -> Floats:
-    """Return the time [s] that ends with each sample of a signal, shape (n,): 0 over a pause."""
-    periods = np.diff(signal.seconds, prepend=0.0)
+    """Return the time [s] that ends with each sample of a signal, shape (n,): 0 over a pause, and of a gap a part."""
+    periods = np.minimum(np.diff(signal.seconds, prepend=0.0), LONGEST_PERIOD)
     return np.where(recording.pieces.borders(signal.utime), 0.0, periods)
