@@ -49,8 +49,6 @@ from cmr.recordings.faults.late_wheels import IN_TIME
 from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 
-# Effects that make a sensor's stamps later than what they stand for, by as much as their sizes come to.
-LATE = {"poses": ("pose_latency", "pose_smoothing"), "gyro": ("gyro_latency",)}
 SEEN_IN_A_PATH = 0.02  # of the typical size: more of an effect that was not named changes a path that is predicted
 
 
@@ -188,14 +186,13 @@ def estimate(
 
 def _with_checks(estimation: Estimation, held_out: Sequence[Checked]) -> Estimation:
     """Return the estimation in which the checks of clocks say what the model says: one number for one thing."""
-    named = {one.candidate.effect.name for one in estimation.found.named}
-    by_sensor = {
-        sensor: [estimation.estimate(name) for name in effects if name in named] for sensor, effects in LATE.items()
-    }
+    late: dict[str, list[Estimate]] = {}
+    for effect in (one.candidate.effect for one in estimation.found.named):
+        if effect.lateness_of:
+            late.setdefault(effect.lateness_of, []).append(estimation.estimate(effect.name))
     lags = [
-        Lag(sensor, "wheels", sum(one.value for one in late), math.hypot(*(one.std for one in late)))
-        for sensor, late in by_sensor.items()
-        if late
+        Lag(sensor, "wheels", sum(one.value for one in found), math.hypot(*(one.std for one in found)))
+        for sensor, found in late.items()
     ]
     looked = with_lags_found(estimation.looked, lags)
     return replace(estimation, ready=replace(estimation.ready, checks=findings_of([*looked, *held_out])))

@@ -42,6 +42,7 @@ class Effect:
     The effect may show `with_commands` of these kinds: a velocity controller in the robot makes up for many. Where
     speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
     `{parameter_acceleration}` the acceleration from rest in rad/s^2.
+    One with `lateness_of` a sensor, "poses" or "gyro", has one parameter: how much older [s] readings are than stamps say.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Effect:
     beside: str = ""
     with_commands: tuple[str, ...] = KINDS
     cause_of_speed: str = ""
+    lateness_of: str = ""
 
     def __post_init__(self) -> None:
         if self.group not in (*GROUPS, GENERIC):

@@ -125,6 +125,7 @@ GYRO_LATENCY = Effect(
     group=GROUP,
     cause="The gyro is {gyro_latency:.3f} s {gyro_latency:late/early}.",
     equations={"gyro_time": "moment = moment - gyro_latency"},
+    lateness_of="gyro",
     parameters=(ParameterDefinition("gyro_latency", "s", "age of a reading at its stamp", -0.5, 0.5, 0.0, 0.02),),
     needs="sudden turns",
     shows_in="the gyro where turns begin and end",
@@ -150,6 +151,7 @@ POSE_LATENCY = Effect(
     group=GROUP,
     cause="Poses are {pose_latency:.3f} s {pose_latency:older/younger} than their stamps say.",
     equations={"pose_time": "moment = moment - pose_latency"},
+    lateness_of="poses",
     parameters=(
         ParameterDefinition(
             "pose_latency", "s", "age of a pose at its stamp; 0.2 from a slow lidar", -1.0, 1.0, 0.0, 0.04
@@ -165,6 +167,7 @@ POSE_SMOOTHING = Effect(
     group=GROUP,
     cause="The tracker smooths its poses with a time constant of {pose_smoothing:.3f} s.",
     equations={"pose_time": "filtered = filtered + pose_smoothing"},
+    lateness_of="poses",
     parameters=(
         ParameterDefinition("pose_smoothing", "s", "time constant of the filter of the poses", 0.0, 0.35, 0.0, 0.1),
     ),
