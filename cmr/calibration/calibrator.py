@@ -96,7 +96,8 @@ class Calibrator:
     def of(cls, messages: RobotMessages, nominal: ParameterFile | None = None) -> "Calibrator":
         """Return the calibrator that has seen a whole log; the same as if it had taken message by message.
 
-        Of a recording in pieces that are too short for a figure-eight it takes all: none of them is the drive.
+        Only where a drive would end in another piece of the recording than it began, and these are shorter than a lap,
+        it takes all of them.
         """
         calibrator = cls(messages.robot_id, nominal)
         calibrator._log = messages
@@ -104,9 +105,8 @@ class Calibrator:
         calibrator._latest = int(latest[-1]) if len(latest) else 0
         for utime, left, right in calibrator._motion(messages):
             calibrator._watch(utime, left, right)
-        pieces = Recording.of(messages).pieces
-        if len(pieces) > 1 and pieces.usual < LAP:
-            calibrator._end = None
+        if calibrator._end is not None and calibrator._in_short_pieces(Recording.of(messages)):
+            calibrator._end, calibrator.state = None, calibration_status_t.COLLECTING
         if calibrator._end is not None:
             over = int(np.searchsorted(latest, calibrator._end + STRAGGLERS, side="right"))
             if over < len(number):
@@ -115,6 +115,13 @@ class Calibrator:
                 calibrator._latest = int(latest[over])
             calibrator._log = messages
         return calibrator
+
+    def _in_short_pieces(self, recording: Recording) -> bool:
+        """Return whether the manoeuvre spans pieces of a recording that are too short to be one."""
+        assert self._onset is not None
+        assert self._end is not None
+        begin, end = recording.pieces.number(np.array([self._onset, self._end]))
+        return bool(begin != end) and recording.pieces.usual < LAP
 
     @property
     def complete(self) -> bool:

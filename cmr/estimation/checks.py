@@ -271,15 +271,16 @@ def _has_window(looked: Checked, path: bool) -> bool:
 
 
 def with_lags_found(looked: Sequence[Checked], found: Sequence[Lag]) -> list[Checked]:
-    """Return recordings whose checks give the lags that were `found` with everything else that explains the data.
+    """Return recordings whose checks of clocks give the lags to the wheels that were `found` with the model.
 
-    Two sensors alone show a lag less well. A clock that was set right was found as it stands.
+    Two sensors alone show a lag less well. Where times were set right, checks stay those of the recording as it came.
     """
     return [one if one.note else replace(one, findings=_with_lags(one.findings, found)) for one in looked]
 
 
 def _with_lags(findings: Findings, found: Sequence[Lag]) -> Findings:
-    sentences = {CLOCK[lag.sensor]: lag_sentence(lag.sensor, lag) for lag in found if findings.lag(lag.sensor)}
+    before = {lag.sensor for lag in findings.lags if lag.known and lag.reference == "wheels"}
+    sentences = {CLOCK[lag.sensor]: lag_sentence(lag.sensor, lag) for lag in found if lag.sensor in before}
     said = (replace(one, sentence=sentences.get(one.check, one.sentence)) for one in findings.all)
     return replace(findings, all=tuple(said))
 

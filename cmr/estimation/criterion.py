@@ -35,7 +35,7 @@ ASTRAY = 2.5  # factor by which the paper's parameters may differ from those of 
 # most; of the robots of docs/measurements/real_recordings.md the Husky on grass, for which moments say nothing, by
 # 13 %, the MBot by 90 %.
 STRAYING = 0.11
-FURTHER = 1.5  # times as far as with the paper's model, by which positions or headings are clearly further off
+FURTHER = 1.5  # ratio to the errors of the paper's model from which positions or headings are clearly worse
 
 
 def look(ready: Ready, say: Callable[[str], None]) -> Search:
@@ -76,7 +76,7 @@ def trusted(found: Search, ready: Ready) -> bool:
 
     v are the speeds of the wheels [rad/s], v_free those that run freely with the model. Coarse ticks do not say whether
     wheels stray; there the paper's parameters must be such as free runs allow. Where the body strays further than with
-    the paper's model, moments were explained by what is not there.
+    the paper's model, one-step errors were explained by effects that do not exist.
     """
     segments = [predictor.segment for predictor in found.problem.predictors]
     fold = Fold((dict(found.base.values), dict(found.final.values)))

@@ -276,7 +276,7 @@ def _start_speeds(wheels: Signal, first: int) -> tuple[float, float]:
 def _rolled_of(recording: Recording, first: int, end: int, tick: float, steps: int) -> Floats:
     """Return how fast the wheels turned [rad/s], (steps, 2), from `first` to `end` [us].
 
-    Readings beside the segment count, too: those within it say nothing of the time before the first and after the last.
+    Readings shortly before and after the segment are used as well, so that its first and last steps are covered.
     """
     wheels = recording.wheels
     if not len(recording.duty):

@@ -42,7 +42,7 @@ class Effect:
     The effect may show `with_commands` of these kinds: a velocity controller in the robot makes up for many. Where
     speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
     `{parameter_acceleration}` the acceleration from rest in rad/s^2.
-    One with `lateness_of` a sensor, "poses" or "gyro", has one parameter: by how much [s] readings are older than stamps.
+    One with `lateness_of` a sensor, "poses" or "gyro", has one parameter: how much older [s] readings are.
     """
 
     name: str

@@ -84,5 +84,57 @@ def test_a_command_that_is_recorded_once_is_in_force_although_the_robot_stands_w
     assert len(set_aside(whole.where({"commands": changes}))) == 0
 
 
+def with_wheels(whole: Recording, keep: Floats) -> Recording:
+    return whole.where({"wheels": np.asarray(keep, np.bool_)})
+
+
+def rests(seconds: float, share: float) -> Recording:
+    """Return 20 s of a drive, then a rest in which a tick comes and goes in this `share` of the readings."""
+    short = drive()
+    short = short.between(int(short.wheels.utime[0]), int(short.wheels.utime[0]) + 20_000_000)
+    time = np.arange(0.0, 20.0 + seconds, PERIOD)
+    count, rng = len(short.wheels), np.random.default_rng(5)
+    asked, speeds = np.zeros((2, len(time), 2))
+    asked[:count] = np.stack([short.commands[side] for side in ("left", "right")], axis=1)
+    speeds[:count] = np.stack([short.wheels[f"psi_{side}"] for side in ("left", "right")], axis=1)
+    speeds[count:] = np.where(rng.uniform(size=(len(time) - count, 2)) < share, 1.0, 0.0)
+    return recording(time, asked, speeds, VELOCITY)
+
+
+@pytest.mark.parametrize(
+    "whole",
+    [
+        rests(2000.0, 0.0),
+        rests(100.0, 0.05),
+        recording(np.arange(0.0, 60.0, PERIOD), np.zeros((1200, 2)), np.full((1200, 2), 0.02), VELOCITY),
+        with_wheels(drive(), (drive().wheels.seconds < 64.0) | (drive().wheels.seconds > 74.0)),
+        with_wheels(drive(), drive().wheels.seconds < 14.0),
+        replace(drive(), wheels=replace(drive().wheels, utime=drive().wheels.utime + 2_300_000)),
+        replace(drive(), wheels=replace(drive().wheels, utime=drive().wheels.utime - 1_500_000)),
+    ],
+    ids=["long rest", "ticks at rest", "never driven", "gap of wheels", "wheels end", "clock late", "clock early"],
+)
+def test_what_else_recordings_have_sets_no_command_aside(whole: Recording) -> None:
+    assert len(set_aside(whole)) == 0
+
+
+def test_slow_driving_beside_a_fast_joystick_is_no_standing() -> None:
+    whole = drive(joystick=True)
+    slow = {f"psi_{side}": np.where(abs(whole.wheels[f"psi_{side}"]) > 2.0, 10.0, 0.1) for side in ("left", "right")}
+    hand = (whole.wheels.seconds > JOYSTICK[0] + 5.0) & (whole.wheels.seconds < JOYSTICK[1] - 2.0)
+    fields = {name: np.where(hand, slow[name], 0.05 * whole.wheels[name]) for name in slow}
+    times = set_aside(replace(whole, wheels=replace(whole.wheels, fields={**whole.wheels.fields, **fields})))
+    assert len(times) > 0
+    assert np.all((times > JOYSTICK[0] - 8.0) & (times < JOYSTICK[1] + 8.0))
+
+
+def test_a_damaged_command_beside_a_joystick_is_set_aside_with_the_others() -> None:
+    whole = drive(joystick=True)
+    left = whole.commands["left"].copy()
+    left[100] = 1e10
+    damaged = replace(whole, commands=replace(whole.commands, fields={**whole.commands.fields, "left": left}))
+    assert len(check(damaged).cleaned(damaged).commands) == len(left) - 1 - len(set_aside(damaged))
+
+
 def test_of_duties_nothing_is_set_aside() -> None:
     assert len(set_aside(replace(drive(joystick=True), converted_from=""))) == 0

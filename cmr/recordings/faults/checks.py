@@ -41,7 +41,7 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     sound = _without(recording, [damaged, stale])
     sensors = [*wheel_findings(sound), dead_sensors(sound)]
     plausible = _without(sound, sensors)
-    in_force = commands_in_force(plausible)
+    in_force = commands_in_force(plausible, rates_of(sound))
     plausible = _without(plausible, [in_force])
     gyro = gyro_findings(plausible)
     plausible = _without(plausible, gyro)
@@ -54,7 +54,7 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     pose_lag, gyro_lag = _pose_and_gyro_lag(lags)
     faults = path_faults(plausible, pose_lag, gyro_lag)
     turned = turned_headings(plausible, faults, pose_lag)
-    findings = [*_pose_findings(faults), turned, *sensors, *gyro]
+    findings = [*_pose_findings(faults), turned, *sensors, *gyro, in_force]
     findings = [_over_all(finding, [damaged, stale], recording) for finding in findings]
     findings += [
         damaged,
@@ -63,7 +63,7 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
         _wheels_finding(late),
         *_lag_findings(lags, rates, slowest_response(recording)),
     ]
-    findings += [in_force, *motion_findings(sound)]
+    findings += motion_findings(sound)
     findings += [*gap_findings(sound), held_up_finding(sound), *log_findings(sound)]
     begins = faults.jumps | sound.pieces.borders(sound.poses.utime)
     return Findings(tuple(findings), sound.poses.utime[begins], tuple(lags), rates, late, tuple(even))

@@ -7,91 +7,133 @@ that is commanded to stand comes to rest, at the slowest by
 
 t [s] since the command to stand, psi [rad/s] the wheels' speeds. One that turns its wheels faster was driven otherwise.
 One that stands though it is commanded to drive was stopped. Duties are none of these: without one a robot may roll on,
-and with a small one it may stand.
+and with a small one it may stand. Of pieces shorter than DELAY and LEAST together nothing is concluded.
 """
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.model.command_kinds import DUTY
 from cmr.recordings.faults.findings import Finding
-from cmr.recordings.lags import SLOWEST_CONTROLLER
+from cmr.recordings.lags import SLOWEST_CONTROLLER, clocks_differ, lags_of
 from cmr.recordings.recording import Recording
-from cmr.recordings.robust import quantile
+from cmr.recordings.robust import quantile, running_median
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
 
 DELAY = 1.0  # s after which a command has taken effect at the latest
 TURNING = 0.1  # of fast driving; a wheel that turns more slowly may be noise
+FAST = 0.9  # quantile of the speeds while the robot is commanded to drive
 CLEARLY = 0.25  # of the fastest command; with less a wheel may stand
-LEAST = 2.0  # s for which wheels must do what they were not commanded to
-FAST = 0.99  # quantile of the speeds that is fast driving
-SLOWING = 1.0  # s for which a robot may slow down before it stands
-LONGEST_PERIOD = 0.5  # s that a reading says something of
+NOTHING = 1e-3  # of the fastest command; less is a command to stand
+LEAST = 2.0  # s at a stretch for which wheels must do what they were not commanded to
+SLOWING = 1.0  # s for which a robot may set off, or slow down, before and after that
+LONGEST_PERIOD, PERIODS = 0.5, 4.0  # s, and usual periods, for which a sample says something of what follows
+HALF = 2  # readings on either side, of which the median is taken
+
+Numbers = NDArray[np.int64]
 
 
-def commands_in_force(recording: Recording) -> Finding:
-    """Find the commands that were not in force, which are set aside."""
-    commands = recording.commands
-    driven = stopped = np.zeros(len(commands), np.bool_)
-    if len(commands) and len(recording.wheels) and recording.command_kind != DUTY:
-        speed = np.max(np.abs([recording.wheels[f"psi_{side}"] for side in ("left", "right")]), axis=0)
-        noise = TURNING * quantile(speed, FAST)
-        driven, stopped = _driven(recording, speed, noise), _stopped(recording, speed, noise)
-    seconds = [float(_periods(recording, commands)[mask].sum()) for mask in (driven, stopped)]
-    what = ("it drives although it is commanded to stand", "it stands although it is commanded to drive")
-    said = " and ".join(f"for {s:.0f} s {how}" for s, how in zip(seconds, what, strict=True) if s)
+def commands_in_force(recording: Recording, rates: Mapping[str, float]) -> Finding:
+    """Find the commands that were not in force, which are set aside; `rates` [Hz] are those of the signals."""
+    driven, stopped = _found(recording)
+    if (driven | stopped).any():  # a clock that is far off looks the same
+        lag = next((lag for lag in lags_of(recording) if lag.sensor == "wheels"), None)
+        if lag is not None and clocks_differ(lag, rates, SLOWEST_CONTROLLER):
+            late = round(lag.seconds / SECONDS)
+            wheels = replace(recording.wheels, utime=recording.wheels.utime - late)
+            driven, stopped = _found(replace(recording, wheels=wheels))
+    seconds = [float(_until_next(recording)[mask].sum()) for mask in (driven, stopped)]
+    what = ("drove although it was commanded to stand", "stood although it was commanded to drive")
+    said = " and ".join(f"for {s:.0f} s it {how}" for s, how in zip(seconds, what, strict=True) if s)
     either = driven | stopped
     return Finding(
         "commands_not_in_force",
         int(np.count_nonzero(either)),
-        f"Not all commands moved the robot: {said}. Something else drove or stopped it, such as a joystick. The "
-        "commands of these times were set aside.",
+        f"Some commands were not in force when the robot moved or stood: {said}. Something else drove or stopped it, "
+        "such as a joystick. These commands were set aside.",
         {"commands": either} if either.any() else {},
     )
 
 
-def _driven(recording: Recording, speed: Floats, noise: float) -> Mask:
-    """Return which commands to stand are those of a time in which the robot was driven otherwise, shape (n,).
+def _found(recording: Recording) -> tuple[Mask, Mask]:
+    """Return which commands were given while something else drove the robot, and while it was stopped; (n,) each."""
+    commands, wheels = recording.commands, recording.wheels
+    none = np.zeros(len(commands), np.bool_)
+    asked = np.maximum(np.abs(commands["left"]), np.abs(commands["right"])) if len(commands) else np.zeros(0)
+    drives = asked > NOTHING * asked.max(initial=0.0)
+    if not drives.any() or len(wheels) < 2 or recording.command_kind == DUTY:
+        return none, none
+    speed = np.max(np.abs([wheels["psi_left"], wheels["psi_right"]]), axis=0)
+    speed = running_median(speed, HALF, np.cumsum(recording.pieces.borders(wheels.utime)))
+    command, since = _in_force(recording, drives)
+    known = command >= 0
+    driving = known & drives[command]
+    if not driving.any():
+        return none, none
+    noise = TURNING * quantile(speed[driving], FAST)
+    too_fast = known & ~drives[command] & (since > DELAY) & (speed > _allowed(speed, command, since, drives) + noise)
+    large = known & (asked[command] > CLEARLY * asked.max()) & (since > DELAY)
+    driven = _around(recording, _lasting(recording, too_fast)) & ~drives
+    return driven, _around(recording, _lasting(recording, large & (speed < noise))) & drives
 
-    `speed` [rad/s] is that of the faster wheel at each reading, `noise` [rad/s] what a wheel at rest may show.
+
+def _in_force(recording: Recording, drives: Mask) -> tuple[Numbers, Floats]:
+    """Return the number of the command in force at each reading of the wheels, -1 where none is, shape (n,).
+
+    And for how long [s] the robot had been commanded to drive, or to stand, as then.
     """
-    commands, wheels = recording.commands, recording.wheels
-    stands = _largest(commands) == 0.0
-    begins = np.append(True, stands[1:] != stands[:-1]) | recording.pieces.borders(commands.utime)
-    number, first = np.cumsum(begins) - 1, commands.utime[begins]
-    stretch = np.searchsorted(first, wheels.utime, side="right") - 1
-    since = (wheels.utime - first[stretch]) * SECONDS
-    at_first = np.zeros(len(first))
-    early = (stretch >= 0) & (since <= DELAY)
+    commands, wheels, pieces = recording.commands, recording.wheels, recording.pieces
+    piece = pieces.number(commands.utime)
+    number = np.searchsorted(commands.utime, wheels.utime, side="right") - 1
+    usual = float(np.median(np.diff(commands.utime))) * SECONDS if len(commands) > 1 else np.inf
+    old = (wheels.utime - commands.utime[number]) * SECONDS > max(LONGEST_PERIOD, PERIODS * usual)
+    begins = np.append(True, (drives[1:] != drives[:-1]) | (piece[1:] != piece[:-1]))
+    first = commands.utime[begins][np.cumsum(begins) - 1]
+    since = (wheels.utime - first[number]) * SECONDS
+    number[old | (number >= 0) & (piece[number] != pieces.number(wheels.utime))] = -1
+    return number, np.asarray(since, np.float64)
+
+
+def _allowed(speed: Floats, command: Numbers, since: Floats, drives: Mask) -> Floats:
+    """Return how fast a wheel may still turn at each reading, (n,), from its speed in the first DELAY."""
+    begins = np.append(True, np.diff(drives.astype(np.int8)) != 0)
+    stretch = (np.cumsum(begins) - 1)[command]
+    at_first = np.full(int(begins.sum()), -np.inf)
+    early = (command >= 0) & (since <= DELAY)
     np.maximum.at(at_first, stretch[early], speed[early])
-    allowed = at_first[stretch] * np.exp(-np.maximum(since - DELAY, 0.0) / SLOWEST_CONTROLLER) + noise
-    fast = (stretch >= 0) & (since > DELAY) & (speed > allowed)
-    lasting = np.bincount(stretch[fast], _periods(recording, wheels)[fast], minlength=len(first))
-    return np.asarray(stands & (lasting[number] >= LEAST))
+    at_first[np.isinf(at_first)] = np.inf  # of a stretch of which the beginning was not seen
+    return np.asarray(at_first[stretch] * np.exp(-np.maximum(since - DELAY, 0.0) / SLOWEST_CONTROLLER), np.float64)
 
 
-def _stopped(recording: Recording, speed: Floats, noise: float) -> Mask:
-    """Return which commands to drive are those of a time in which the robot stands, or slows down to it, shape (n,)."""
-    commands, wheels = recording.commands, recording.wheels
-    asked = _largest(commands)
-    at = np.minimum(np.searchsorted(wheels.utime, commands.utime), len(wheels) - 1)
-    stands = (asked > CLEARLY * asked.max()) & (speed[at] < noise)
-    begins = np.append(True, stands[1:] != stands[:-1]) | recording.pieces.borders(commands.utime)
-    number = np.cumsum(begins) - 1
-    first = np.flatnonzero(begins)
-    last = np.append(first[1:], len(stands)) - 1
-    lasting = (commands.utime[last] - commands.utime[first]) * SECONDS
-    times = commands.utime[stands & (lasting[number] >= LEAST)]
-    following = np.append(times, np.iinfo(np.int64).max)[np.searchsorted(times, commands.utime)]
-    near = following - commands.utime <= SLOWING / SECONDS
-    return np.asarray(near & (asked > 0.0) & ~recording.pieces.borders(commands.utime))
+def _lasting(recording: Recording, marked: Mask) -> list[tuple[int, int]]:
+    """Return first and last time [us] of each run of marked readings that lasts LEAST."""
+    utime = recording.wheels.utime
+    breaks = np.append(True, np.diff(utime) > LONGEST_PERIOD / SECONDS) | recording.pieces.borders(utime)
+    begins = np.flatnonzero(np.append(True, marked[1:] != marked[:-1]) | breaks)
+    ends = np.append(begins[1:], len(marked)) - 1
+    runs = [(int(utime[a]), int(utime[b])) for a, b in zip(begins, ends, strict=True) if marked[a]]
+    return [(first, last) for first, last in runs if last - first >= LEAST / SECONDS]
 
 
-def _largest(commands: Signal) -> Floats:
-    """Return the larger of both sides' commands, as a size, shape (n,)."""
-    return np.asarray(np.maximum(np.abs(commands["left"]), np.abs(commands["right"])), np.float64)
+def _around(recording: Recording, runs: list[tuple[int, int]]) -> Mask:
+    """Return which commands belong to these runs, or to the time in which the robot sets off or slows down; (n,)."""
+    utime, pieces = recording.commands.utime, recording.pieces
+    piece, slowing = pieces.number(utime), round((DELAY + SLOWING) / SECONDS)
+    inside = np.zeros(len(utime), np.bool_)
+    for first, last in runs:
+        near = (utime >= first - slowing) & (utime <= last + slowing)
+        inside |= near & (piece == pieces.number(np.array([first]))[0])
+    return inside
 
 
-def _periods(recording: Recording, signal: Signal) -> Floats:
-    """Return the time [s] that ends with each sample of a signal, shape (n,): 0 over a pause, and of a gap a part."""
-    periods = np.minimum(np.diff(signal.seconds, prepend=0.0), LONGEST_PERIOD)
-    return np.where(recording.pieces.borders(signal.utime), 0.0, periods)
+def _until_next(recording: Recording) -> Floats:
+    """Return the time [s] from each command to the next one, or to the end of its piece, shape (n,)."""
+    commands: Signal = recording.commands
+    if not len(commands):
+        return np.zeros(0)
+    following = np.append(commands.utime[1:], np.iinfo(np.int64).max)
+    ends = np.minimum(following, recording.pieces.last[recording.pieces.number(commands.utime)])
+    return np.asarray((ends - commands.utime) * SECONDS, np.float64)
