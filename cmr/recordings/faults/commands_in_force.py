@@ -46,14 +46,14 @@ def commands_in_force(recording: Recording, rates: Mapping[str, float]) -> Findi
             wheels = replace(recording.wheels, utime=recording.wheels.utime - late)
             driven, stopped = _found(replace(recording, wheels=wheels))
     seconds = [float(_until_next(recording)[mask].sum()) for mask in (driven, stopped)]
-    what = ("drove although it was commanded to stand", "stood although it was commanded to drive")
-    said = " and ".join(f"for {s:.0f} s it {how}" for s, how in zip(seconds, what, strict=True) if s)
+    what = ("the robot drove although it was commanded to stand", "it stood although it was commanded to drive")
+    said = " and ".join(f"for {s:.0f} s {how}" for s, how in zip(seconds, what, strict=True) if s)
     either = driven | stopped
     return Finding(
         "commands_not_in_force",
         int(np.count_nonzero(either)),
-        f"Some commands were not in force when the robot moved or stood: {said}. Something else drove or stopped it, "
-        "such as a joystick. These commands were set aside.",
+        f"Some commands were not in force: {said}. Something else drove or stopped it, such as a joystick. These "
+        "commands were set aside.",
         {"commands": either} if either.any() else {},
     )
 
