@@ -8,7 +8,7 @@ import pytest
 from cmr.model.command_kinds import VELOCITY
 from cmr.recordings.faults.checks import check
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import Floats, Signal
+from cmr.recordings.signal import Floats, Mask, Signal
 
 PERIOD, RESPONSE, NOISE = 0.05, 0.3, 0.05  # s, s, rad/s
 SECONDS = 120.0
@@ -84,8 +84,8 @@ def test_a_command_that_is_recorded_once_is_in_force_although_the_robot_stands_w
     assert len(set_aside(whole.where({"commands": changes}))) == 0
 
 
-def with_wheels(whole: Recording, keep: Floats) -> Recording:
-    return whole.where({"wheels": np.asarray(keep, np.bool_)})
+def with_wheels(whole: Recording, keep: Mask) -> Recording:
+    return whole.where({"wheels": keep})
 
 
 def rests(seconds: float, share: float) -> Recording:
