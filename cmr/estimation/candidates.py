@@ -13,6 +13,7 @@ from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
 from cmr.model.parameters import ParameterDefinition, Quantity
 from cmr.model.statements import changed_by
+from cmr.parameters.file import MOTOR
 
 # The robot that typical sizes stand for; those of others are scaled by dimension.
 USUAL_ACCELERATION, USUAL_RATE, USUAL_WIDTH, USUAL_TURN = 118.0, 118.0 * 0.054, 0.16, 2.0  # rad/s^2, 1/s, m, rad/s
@@ -44,6 +45,8 @@ DRIVING = frozenset(
         *("memory", "robot_memory"),
     )
 )
+OF_WHEELS = (*DRIVING, "place", "encoder_time", "encoder")
+OF_PLACE = frozenset(("x", "y", "theta", "cosine", "sine"))  # where a robot is, and heads, in words of statements
 OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
 OF_ONE_FRAME = ("slope", "surface_patch", "pose_distortion")  # belong to places and headings of one frame
 AS_THE_DELAY = ("longitudinal_slip", "pose_latency")  # only wheels, or a gyro, distinguish it from late commands
@@ -186,6 +189,25 @@ def driving_parameters() -> frozenset[str]:
         for parameter in effect.parameters
         if all(stage in DRIVING for stage, lines in effect.equations.items() if _speaks_of(lines, parameter.name))
     )
+
+
+def wheel_parameters(values: Mapping[str, float]) -> frozenset[str]:
+    """Return the parameters, of `values` by name, on which depends how the wheels turn and what encoders read.
+
+    On place and heading it depends only with effects whose statements speak of these; then on all parameters.
+    """
+    spoken: set[str] = set(MOTOR)
+    for effect in CATALOGUE.values():
+        if effect.is_on(values):
+            spoken |= _words_of_wheels(effect.name)
+    return frozenset(values) if spoken & OF_PLACE else frozenset(spoken & set(values))
+
+
+@cache
+def _words_of_wheels(name: str) -> frozenset[str]:
+    """Return the words of an effect's statements on the wheels and their encoders."""
+    equations = CATALOGUE[name].equations
+    return frozenset(word for stage in OF_WHEELS for word in re.findall(r"\w+", equations.get(stage, "")))
 
 
 def _speaks_of(lines: str, name: str) -> bool:

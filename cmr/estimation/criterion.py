@@ -35,6 +35,8 @@ ASTRAY = 2.5  # factor by which the paper's parameters may differ from those of 
 # most; of the robots of docs/measurements/real_recordings.md the Husky on grass, for which moments say nothing, by
 # 13 %, the MBot by 90 %.
 STRAYING = 0.11
+LONG, TRIAL = 240.0, 120.0  # s of driving of which moments are tried on a part first, and of that part
+SAME = 0.01  # share by which gains may differ because readings of a part do not come exactly as often
 FURTHER = 1.5  # ratio to the errors of the paper's model from which positions or headings are clearly worse
 
 
@@ -43,9 +45,8 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
     assert ready.problem is not None
     assert ready.base is not None
     if not ready.rolling:
-        found = search(ready.problem, ready.base, say, lambda so_far: trusted(so_far, ready))
-        found = _with_right_gains(found, ready, say)
-        if trusted(found, ready):
+        found = _by_moments(ready, say)
+        if found is not None:
             return found
         say("No model predicts this robot from moment to moment: fitting free runs instead ...")
     courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
@@ -53,6 +54,23 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
     # Errors of moments may suggest a robot that hardly moves: typical sizes of effects are those on this one.
     courses.excitation = replace(courses.excitation, parameters=base.values)
     return search(courses, base, say)
+
+
+def _by_moments(ready: Ready, say: Callable[[str], None]) -> Search | None:
+    """Return what errors of moments lead to; None where that is of no use.
+
+    Robots with a velocity controller of their own are often such: of a long recording, a part is tried first.
+    """
+    assert ready.problem is not None
+    assert ready.base is not None
+    seconds = sum(predictor.segment.observations.seconds for predictor in ready.problem.predictors)
+    if ready.problem.excitation.controlled and seconds > LONG:
+        say(f"Trying {TRIAL:.0f} s of the recording ...")
+        if _by_moments(ready.part(TRIAL), say) is None:
+            return None
+    found = search(ready.problem, ready.base, say, lambda so_far: trusted(so_far, ready))
+    found = _with_right_gains(found, ready, say)
+    return found if trusted(found, ready) else None
 
 
 def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -> Search:
@@ -65,7 +83,7 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
     if not problem.excitation.controlled:
         return found
     gains = choose_gains(problem.predictors, found.final.values)
-    if gains == problem.gains:
+    if np.allclose(gains, problem.gains, rtol=SAME):
         return found
     say("The model found calls for another observer: searching again ...")
     return search(*ready.with_gains(gains), say, lambda so_far: trusted(so_far, ready))

@@ -13,15 +13,14 @@ from cmr.estimation.initial_guess import guess_base_width, guess_motor, turn_rat
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Errors, Predictor, errors_of, predictors
 from cmr.estimation.problem import Problem
-from cmr.estimation.thinning import thinned, thinning_of
+from cmr.estimation.thinning import part_of, thinned, thinning_of
 from cmr.geometry.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.command_kinds import DUTY
 from cmr.model.observer import MOTION, Gains
-from cmr.parameters.file import ParameterFile
+from cmr.parameters.file import MOTOR, ParameterFile
 from cmr.recordings.faults.findings import Finding
 
-MOTOR = ("k2_over_k3", "k1")
 THINNED = "More was recorded than is needed. Used are: {shares}."
 GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
 TURNING = 0.05  # rad/s above which a robot turns
@@ -69,9 +68,18 @@ class Ready:
     def with_gains(self, gains: Gains) -> tuple[Problem, Fit]:
         """Return the same problem for an observer with other gains, and the paper's model fitted by it."""
         assert self.problem is not None
+        return self._fitted(Problem(self.problem.predictors, gains, self.problem.excitation))
+
+    def part(self, seconds: float) -> "Ready":
+        """Return a part of the recordings, that lasts so long."""
+        assert self.problem is not None
+        segments = part_of([predictor.segment for predictor in self.problem.predictors], seconds)
+        problem, base = self._fitted(Problem(predictors(segments), self.problem.gains, self.problem.excitation))
+        return replace(self, problem=problem, base=base)
+
+    def _fitted(self, problem: Problem) -> tuple[Problem, Fit]:
         assert self.base is not None
-        problem = Problem(self.problem.predictors, gains, self.problem.excitation)
-        errors = errors_of(problem.predictors, self.start, gains)
+        errors = errors_of(problem.predictors, self.start, problem.gains)
         return problem, _first_fit(problem, self.start, self.base.names, errors)
 
 

@@ -13,11 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from cmr.estimation.candidates import Excitation, driving_parameters, lanes_of
+from cmr.estimation.candidates import Excitation, driving_parameters, lanes_of, wheel_parameters
 from cmr.estimation.gains import interval_of
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import FOREIGN, SPANS, Noise, SignalNoise, size_found
-from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
+from cmr.estimation.prediction import SIGNALS, WHEELS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem, nearer_to_neutral
 from cmr.model.observer import MOTION, Gains, Observer
 from cmr.model.parameters import DEFINITIONS as PAPER
@@ -47,20 +47,16 @@ class SimulationErrorProblem(Problem):
 
     def _observed(self, values: Mapping[str, Quantity]) -> Errors:
         """Return the errors of wheels that run freely, and of gyro and pose beside wheels as they were measured."""
-        rolled = self._rolled(_of_rolling(values))
-        wheels = any(name in self.batch.signals for name in WHEELS)
-        driven = self.batch.errors(Observer(values, self._free)).of if wheels else {}
-        both = {**driven, **rolled.of}
+        sets = _sets(values)
+        of_motors = driving_parameters()
+        without_motors = [{name: one for name, one in of.items() if name not in of_motors} for of in sets]
+        rolled = _observed_once(self._rolling, without_motors, without_motors, self.gains)
+        if not any(name in self.batch.signals for name in WHEELS):
+            return rolled
+        of_wheels = [{name: of[name] for name in wheel_parameters(of)} for of in sets]
+        driven = _observed_once(self.batch, sets, of_wheels, self._free, WHEELS)
+        both = {**driven.of, **rolled.of}
         return Errors({name: both[name] for name in self.batch.signals}, rolled.motion)
-
-    def _rolled(self, values: Mapping[str, Quantity]) -> Errors:
-        """Return the errors of gyro and pose; candidates (C,) that differ in their motors alone are observed once."""
-        shape = np.atleast_1d(values["wheel_radius"]).shape
-        sets = list(zip(*(np.broadcast_to(value, shape).tolist() for value in values.values()), strict=True))
-        number = {one: index for index, one in enumerate(dict.fromkeys(sets))}
-        different = dict(zip(values, np.array(list(number)).T, strict=True))
-        observed, columns = self._rolling.errors(Observer(different, self.gains)), [number[one] for one in sets]
-        return replace(observed, of={name: np.take(of, columns, axis=1) for name, of in observed.of.items()})
 
     def by_moments_of(self, fit: Fit) -> tuple[Problem, Fit]:
         """Return the problem of the body's motion beside wheels as they were measured, and the same model fitted there.
@@ -68,7 +64,7 @@ class SimulationErrorProblem(Problem):
         What the motors do is not judged by it.
         """
         body = Problem(self._rolling.predictors, self.gains, self.excitation)
-        values = {name: float(np.max(value)) for name, value in _of_rolling(fit.values).items()}
+        values = {name: value for name, value in fit.values.items() if name not in driving_parameters()}
         names = [name for name in fit.names if name in values]
         return body, body.fit(values, names, body.found(body.errors(values)))
 
@@ -150,11 +146,27 @@ def covariance_by_blocks(fit: Fit, blocks: Floats) -> Floats:
     return np.asarray(fit.covariance @ (scores.T @ scores) @ fit.covariance, np.float64)
 
 
-def _of_rolling(values: Mapping[str, Quantity]) -> dict[str, Quantity]:
-    """Return the values without those that mean nothing where the wheels' speeds are given; as many candidates."""
-    kept = {name: value for name, value in values.items() if name not in driving_parameters()}
-    candidates = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
-    return kept | {"wheel_radius": np.broadcast_to(np.asarray(values["wheel_radius"], np.float64), candidates)}
+def _sets(values: Mapping[str, Quantity]) -> list[dict[str, float]]:
+    """Return the values of each candidate, by name."""
+    columns = np.broadcast_arrays(*(np.atleast_1d(value) for value in values.values()))
+    return [dict(zip(values, one, strict=True)) for one in np.stack(columns, axis=1).tolist()]
+
+
+def _observed_once(
+    batch: Batch,
+    sets: Sequence[Mapping[str, float]],
+    matters: Sequence[Mapping[str, float]],
+    gains: Gains,
+    signals: Sequence[str] = SIGNALS,
+) -> Errors:
+    """Return the errors of these signals of candidates, of which those alike in what `matters` are observed once."""
+    keys = [tuple(sorted(of.items())) for of in matters]
+    number = {key: index for index, key in enumerate(dict.fromkeys(keys))}
+    different = [sets[keys.index(key)] for key in number]
+    errors = batch.errors(Observer(lanes_of(different), gains))
+    columns = [number[key] for key in keys]
+    of = {name: np.take(of, columns, axis=1) for name, of in errors.of.items() if name in signals}
+    return replace(errors, of=of)
 
 
 def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:

@@ -42,6 +42,7 @@ EVERY_READING = PerSensor(1, 1, 1)
 ALL = Thinning(EVERY_READING)
 USEFUL = PerSensor(50, 50, 25)  # Hz
 NUMBERS = PerSensor(2, 1, 3)  # that each reading holds
+MANY = 10  # segments among which some stand for all
 
 
 def thinning_of(segments: Sequence[Segment]) -> Thinning:
@@ -62,16 +63,25 @@ def thinning_of(segments: Sequence[Segment]) -> Thinning:
     return Thinning(PerSensor(*(one * further for one in every)), LONGER)
 
 
-def thinned(segment: Segment, thinning: Thinning) -> Segment:
+def part_of(segments: Sequence[Segment], seconds: float) -> list[Segment]:
+    """Return `seconds` of drives that last longer: of many segments one in so many, of few the beginning of each."""
+    whole = sum(segment.observations.seconds for segment in segments)
+    if len(segments) * seconds >= MANY * whole:
+        return list(segments[:: round(whole / seconds)])
+    return [thinned(one, ALL, one.observations.seconds * seconds / whole) for one in segments]
+
+
+def thinned(segment: Segment, thinning: Thinning, seconds: float = np.inf) -> Segment:
     """Return a segment with every so many-th reading of each sensor; where the path breaks it still does.
 
-    What remains at the end of less than a step of the coarser raster is left out.
+    Only its first `seconds` are used. What remains at the end of less than a step of the coarser raster is left out.
     """
-    if thinning == ALL:
+    whole = segment.observations
+    if thinning == ALL and seconds >= whole.seconds:
         return segment
     wheels, gyro, poses = thinning.readings
-    whole = segment.observations
-    steps, dt = whole.steps // thinning.steps, whole.dt * thinning.steps
+    dt = whole.dt * thinning.steps
+    steps = int(min(whole.steps // thinning.steps, seconds / dt))
     wheels_used, gyro_used, poses_used = (
         slice(0, int(np.searchsorted(time, steps * dt, side="right")), every)
         for time, every in ((whole.wheel_time, wheels), (whole.gyro_time, gyro), (whole.pose_time, poses))
@@ -80,7 +90,7 @@ def thinned(segment: Segment, thinning: Thinning) -> Segment:
     begins = np.flatnonzero(whole.pose_use == RESTART)
     pose_use[np.minimum(-(-begins // poses), len(pose_use) - 1)] = RESTART
     given, rolled = (
-        one[: len(one) // thinning.steps * thinning.steps].reshape(-1, thinning.steps, 2).mean(axis=1)
+        one[: steps * thinning.steps].reshape(-1, thinning.steps, 2).mean(axis=1)
         for one in (whole.given, segment.rolled)
     )
     return replace(
