@@ -23,12 +23,15 @@ import numpy as np
 
 from cmr.estimation.free_runs import Errors, Fold, errors_of
 from cmr.estimation.gains import COARSE, choose_gains
+from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.prediction import WHEELS
 from cmr.estimation.preparation import Ready
+from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, search
 from cmr.estimation.segments import Segment
 from cmr.estimation.simulation_error import SimulationErrorProblem
 from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.recordings.signal import Floats
 
 ASTRAY = 2.5  # factor by which the paper's parameters may differ from those of free runs, where ticks are coarse
 # Share of the usual speed by which wheels may stray: models without the physics of tests/hidden_effects stray by 9 % at
@@ -59,7 +62,8 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
 def _by_moments(ready: Ready, say: Callable[[str], None]) -> Search | None:
     """Return what errors of moments lead to; None where that is of no use.
 
-    Robots with a velocity controller of their own are often such: of a long recording, a part is tried first.
+    Robots with a velocity controller of their own are often such: of a long recording, a part is tried first, and no
+    search goes on after a step that made free runs worse.
     """
     assert ready.problem is not None
     assert ready.base is not None
@@ -68,9 +72,46 @@ def _by_moments(ready: Ready, say: Callable[[str], None]) -> Search | None:
         say(f"Trying {TRIAL:.0f} s of the recording ...")
         if _by_moments(ready.part(TRIAL), say) is None:
             return None
-    found = search(ready.problem, ready.base, say, lambda so_far: trusted(so_far, ready))
-    found = _with_right_gains(found, ready, say)
+    try:
+        found = _with_right_gains(_searched(ready.problem, ready.base, ready, say), ready, say)
+    except _AstrayError:
+        return None
     return found if trusted(found, ready) else None
+
+
+def _searched(problem: Problem, base: Fit, ready: Ready, say: Callable[[str], None]) -> Search:
+    """Search by errors of moments; raises _AstrayError where free runs of a velocity controller get worse."""
+    after_step = _Watch(problem, base) if problem.excitation.controlled else _unwatched
+    return search(problem, base, say, lambda so_far: trusted(so_far, ready), after_step)
+
+
+def _unwatched(_fit: Fit) -> None:
+    """Let any model pass."""
+
+
+class _AstrayError(Exception):
+    """A step of a search led to a model whose free runs are clearly worse than those of a model before it."""
+
+
+class _Watch:
+    """The least errors of free runs that a search by errors of moments has come to so far."""
+
+    def __init__(self, problem: Problem, base: Fit) -> None:
+        self._segments = [predictor.segment for predictor in problem.predictors]
+        self._least = self._of(base)
+
+    def __call__(self, fit: Fit) -> None:
+        """Look at the next model; raises _AstrayError."""
+        now = self._of(fit)
+        clearly = now > FURTHER * self._least
+        if (clearly[0] and now[0] > STRAYING) or np.any(clearly[1:]):
+            raise _AstrayError
+        self._least = np.fmin(now, self._least)
+
+    def _of(self, fit: Fit) -> Floats:
+        """Return how far wheels stray as a share of their speed, and medians of position [m] and heading [rad]."""
+        (errors,) = errors_of(self._segments, [[Fold((fit.values,))]] * len(self._segments))
+        return np.array([_straying(self._segments, errors), errors.median("position"), errors.median("heading")])
 
 
 def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -> Search:
@@ -83,10 +124,10 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
     if not problem.excitation.controlled:
         return found
     gains = choose_gains(problem.predictors, found.final.values)
-    if np.allclose(gains, problem.gains, rtol=SAME):
+    if np.allclose(np.array(gains, np.float64), np.array(problem.gains, np.float64), rtol=SAME):
         return found
     say("The model found calls for another observer: searching again ...")
-    return search(*ready.with_gains(gains), say, lambda so_far: trusted(so_far, ready))
+    return _searched(*ready.with_gains(gains), ready, say)
 
 
 def trusted(found: Search, ready: Ready) -> bool:

@@ -34,7 +34,7 @@ from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.measured_gain import Measured, NominalMeasured, measure_nominal
 from cmr.estimation.model_error import inexactness
-from cmr.estimation.preparation import MOTOR, Ready, prepare
+from cmr.estimation.preparation import Ready, prepare
 from cmr.estimation.search.late_wheels import with_late_wheels
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
@@ -44,7 +44,7 @@ from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.velocity_controller import VelocityController
-from cmr.parameters.file import ParameterFile
+from cmr.parameters.file import MOTOR, ParameterFile
 from cmr.recordings.faults.late_wheels import IN_TIME
 from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording

@@ -7,7 +7,7 @@ import pytest
 
 from cmr.estimation import thinning
 from cmr.estimation.segments import Segment, segments_of
-from cmr.estimation.thinning import ALL, PerSensor, Thinning, thinned, thinning_of
+from cmr.estimation.thinning import ALL, PerSensor, Thinning, part_of, thinned, thinning_of
 from cmr.model.observer import RESTART
 from tests.hidden_effects import hidden_recording
 
@@ -67,3 +67,21 @@ def test_a_coarser_raster_covers_the_same_drive_and_holds_all_its_readings(segme
     # The wheels have turned as far at each border of the coarser raster.
     turned = np.cumsum(observations.given, axis=0)[2::3] * observations.dt
     np.testing.assert_allclose(np.cumsum(coarse.given, axis=0) * coarse.dt, turned, rtol=1e-9, atol=1e-9)
+
+
+def test_a_beginning_has_the_readings_of_its_time(segment: Segment) -> None:
+    observations = segment.observations
+    beginning = thinned(segment, ALL, 20.0)
+    assert beginning.observations.seconds == pytest.approx(20.0)
+    assert len(beginning.rolled) == beginning.observations.steps
+    for name in ("wheel", "gyro", "pose"):
+        times, used = getattr(observations, f"{name}_time"), getattr(beginning.observations, f"{name}_time")
+        np.testing.assert_array_equal(used, times[times <= 20.0])
+    assert thinned(segment, ALL, observations.seconds) is segment
+
+
+def test_a_part_is_the_beginnings_of_few_segments_and_some_of_many(segment: Segment) -> None:
+    few = part_of([segment] * 2, 30.0)
+    assert [one.observations.seconds for one in few] == pytest.approx([15.0, 15.0])
+    pieces = [replace(thinned(segment, ALL, 2.0), first=number) for number in range(100)]
+    assert [one.first for one in part_of(pieces, 50.0)] == [*range(0, 100, 4)]

@@ -92,14 +92,15 @@ def search(
     base: Fit,
     say: Callable[[str], None],
     of_use: Callable[[Search], bool] = lambda _found: True,
+    after_step: Callable[[Fit], None] = lambda _fit: None,
 ) -> Search:
-    """Select effects until nothing significant is left.
+    """Select effects until nothing significant is left; `after_step` is given the fit of each model on the way.
 
     Effects of chance on the commands show in what the others leave. What they explain is taken out of the data, and
-    the search begins again, if what was found so far is `of_use`.
+    the search begins again, if what was found so far is `of_use`. Raises what `after_step` raises, to end the search.
     """
     trace = Trace()
-    found = _selected(problem, base, say, trace)
+    found = _selected(problem, base, say, trace, after_step)
     chance = None
     if problem.by_moments and tick_of(problem) <= COARSE:
         chance = chance_on_commands(problem, found.named, found.others, found.final, found.seen or found.final)
@@ -112,7 +113,7 @@ def search(
         trace.note(ADDED, [name], by_chance.candidate.drop, reason=CLEANED)
         clean_base = cleaned.fit(base.values, base.names, found.final.noise, renew=0)
         least = LEFT_BY_CHANCE * by_chance.candidate.drop / THRESHOLD
-        found = replace(_selected(cleaned, clean_base, say, trace, least), base=base)
+        found = replace(_selected(cleaned, clean_base, say, trace, after_step, least), base=base)
         named = with_jitter_as_rival(cleaned, [by_chance, *found.named], found.final)
     coarse = coarse_ticks(problem, found.final)
     if coarse:
@@ -281,7 +282,12 @@ class _Selection:
 
 
 def _selected(
-    problem: Problem, base: Fit, say: Callable[[str], None], trace: Trace, least_inflation: float = 1.0
+    problem: Problem,
+    base: Fit,
+    say: Callable[[str], None],
+    trace: Trace,
+    after_step: Callable[[Fit], None],
+    least_inflation: float = 1.0,
 ) -> Search:
     """Select effects where none acts by chance; the inflation of what shows in the wheels is at least this."""
     state = _Selection(problem, base, trace, least_inflation)
@@ -291,6 +297,7 @@ def _selected(
         say(f"Testing {len(problem.effects) - len(state.names)} effects beside {taken} ...")
         if not state.improved(screening):
             break
+        after_step(state.current)
         screening = state.screened()
     last = finished(problem, state.with_rivals(screening), state.current, state.inflation)
     for candidate, why in last.dropped:
