@@ -14,9 +14,8 @@ from cmr.recordings import Recording
 from tests.hidden_effects.chain import DEFAULT, EIGHTS, ChainCase, hidden_robot
 from tests.hidden_effects.real_time import drive_in_real_time
 
-# A minute and a half. In CI, test_demo.py diagnoses a robot that was driven in real time, and test_whole_chain.py such
-# robots in simulated time.
-pytestmark = [pytest.mark.real_time, pytest.mark.further]
+# A minute and a half, most of it driving. Beside it CI computes, at idle priority.
+pytestmark = pytest.mark.waits
 
 DELAY = 0.04  # s
 
