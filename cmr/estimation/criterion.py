@@ -38,7 +38,7 @@ ASTRAY = 2.5  # factor by which the paper's parameters may differ from those of 
 # most; of the robots of docs/measurements/real_recordings.md the Husky on grass, for which moments say nothing, by
 # 13 %, the MBot by 90 %.
 STRAYING = 0.11
-LONG, TRIAL = 240.0, 120.0  # s of driving of which moments are tried on a part first, and of that part
+LONG, TRIAL = 400.0, 120.0  # s of driving of which moments are tried on a part first, and of that part
 SAME = 0.01  # share by which gains may differ because readings of a part do not come exactly as often
 FURTHER = 1.5  # ratio to the errors of the paper's model, or of one before, from which free runs are clearly worse
 
