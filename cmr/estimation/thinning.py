@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.estimation.segments import Segment
 from cmr.model.observer import RESTART
@@ -86,9 +87,6 @@ def thinned(segment: Segment, thinning: Thinning, seconds: float = np.inf) -> Se
         slice(0, int(np.searchsorted(time, steps * dt, side="right")), every)
         for time, every in ((whole.wheel_time, wheels), (whole.gyro_time, gyro), (whole.pose_time, poses))
     )
-    pose_use = whole.pose_use[poses_used].copy()
-    begins = np.flatnonzero(whole.pose_use == RESTART)
-    pose_use[np.minimum(-(-begins // poses), len(pose_use) - 1)] = RESTART
     given, rolled = (
         one[: steps * thinning.steps].reshape(-1, thinning.steps, 2).mean(axis=1)
         for one in (whole.given, segment.rolled)
@@ -106,9 +104,17 @@ def thinned(segment: Segment, thinning: Thinning, seconds: float = np.inf) -> Se
             gyro=whole.gyro[gyro_used].copy(),
             pose_time=whole.pose_time[poses_used].copy(),
             pose=np.ascontiguousarray(whole.pose[poses_used]),
-            pose_use=pose_use,
+            pose_use=_beginning_again(whole.pose_use, poses_used),
             given=given,
         ),
         wheel_doubt=segment.wheel_doubt[wheels_used],
         rolled=rolled,
     )
+
+
+def _beginning_again(use: NDArray[np.uint8], used: slice) -> NDArray[np.uint8]:
+    """Return the use of those poses that are used: where one of the others began the path again, the next one does."""
+    result = use[used].copy()
+    begins = np.flatnonzero(use[: used.stop] == RESTART)
+    result[np.minimum(-(-begins // used.step), len(result) - 1)] = RESTART
+    return result

@@ -78,6 +78,11 @@ def test_a_beginning_has_the_readings_of_its_time(segment: Segment) -> None:
         times, used = getattr(observations, f"{name}_time"), getattr(beginning.observations, f"{name}_time")
         np.testing.assert_array_equal(used, times[times <= 20.0])
     assert thinned(segment, ALL, observations.seconds) is segment
+    # Where the path begins again later is of no account, and there need be no pose at all.
+    later = float(observations.pose_time[EVERY.poses * 100])
+    assert np.count_nonzero(thinned(segment, ALL, later).observations.pose_use == RESTART) == 1
+    late = replace(segment, observations=replace(observations, pose_time=observations.pose_time + 1.0))
+    assert len(thinned(late, ALL, 0.5).observations.pose_use) == 0
 
 
 def test_a_part_is_the_beginnings_of_few_segments_and_some_of_many(segment: Segment) -> None:

@@ -100,7 +100,7 @@ def search(
     the search begins again, if what was found so far is `of_use`. Raises what `after_step` raises, to end the search.
     """
     trace = Trace()
-    found = _selected(problem, base, say, trace, after_step)
+    found = _selected(_Selection(problem, base, trace), say, after_step)
     chance = None
     if problem.by_moments and tick_of(problem) <= COARSE:
         chance = chance_on_commands(problem, found.named, found.others, found.final, found.seen or found.final)
@@ -113,7 +113,7 @@ def search(
         trace.note(ADDED, [name], by_chance.candidate.drop, reason=CLEANED)
         clean_base = cleaned.fit(base.values, base.names, found.final.noise, renew=0)
         least = LEFT_BY_CHANCE * by_chance.candidate.drop / THRESHOLD
-        found = replace(_selected(cleaned, clean_base, say, trace, after_step, least), base=base)
+        found = replace(_selected(_Selection(cleaned, clean_base, trace, least), say, after_step), base=base)
         named = with_jitter_as_rival(cleaned, [by_chance, *found.named], found.final)
     coarse = coarse_ticks(problem, found.final)
     if coarse:
@@ -125,11 +125,14 @@ def search(
 
 
 class _Selection:
-    """The model as it stands during a search: its fit, the effects selected, and what was rejected last."""
+    """The model as it stands during a search: its fit, the effects selected, and what was rejected last.
 
-    def __init__(self, problem: Problem, base: Fit, trace: Trace, least_inflation: float) -> None:
+    The inflation of what shows in the wheels is at least `least_inflation`.
+    """
+
+    def __init__(self, problem: Problem, base: Fit, trace: Trace, least_inflation: float = 1.0) -> None:
         self.problem, self.trace = problem, trace
-        self._base = self.current = base
+        self.base = self.current = base
         self.named: list[SelectedEffect] = []
         self.others: list[tuple[CandidateEffect, str]] = []
         self.inflation = Inflation(1.0)
@@ -141,7 +144,7 @@ class _Selection:
     @cached_property
     def _afar(self) -> Averaging:
         """The linear problem about the likeliest model that is found from the paper's on, without any search."""
-        return relinearised(self.problem, self._base, 1.0)[0]
+        return relinearised(self.problem, self.base, 1.0)[0]
 
     @property
     def names(self) -> list[str]:
@@ -281,16 +284,9 @@ class _Selection:
         return needed(candidate.effect) * self.inflation.of(candidate.effect.name)
 
 
-def _selected(
-    problem: Problem,
-    base: Fit,
-    say: Callable[[str], None],
-    trace: Trace,
-    after_step: Callable[[Fit], None],
-    least_inflation: float = 1.0,
-) -> Search:
-    """Select effects where none acts by chance; the inflation of what shows in the wheels is at least this."""
-    state = _Selection(problem, base, trace, least_inflation)
+def _selected(state: _Selection, say: Callable[[str], None], after_step: Callable[[Fit], None]) -> Search:
+    """Select effects where none acts by chance."""
+    problem, trace = state.problem, state.trace
     screening = state.screened()
     for _ in range(MOST_STEPS):
         taken = ", ".join(state.names) or "the paper's model"
@@ -307,7 +303,7 @@ def _selected(
     unseen = _unseen(problem, screening, [one.candidate.effect.name for one in last.named])
     return Search(
         problem,
-        base,
+        state.base,
         last.final,
         last.named,
         others,
